@@ -52,7 +52,7 @@ def test_sa1_fire_in_a_hold_and_ra1_and_pc_at_its_onset_and_end():
     assert sent[-1].mean[SA1] > 0.0 and len(sent[-1].rate) == len(kind)
 
 
-def test_the_rates_are_those_of_the_spikes():
+def test_the_rates_match_the_spikes():
     unit, moment, kind, sent = run(np.full(600, 2.0))
     late = moment > 0.1
     assert sent[-1].mean[SA1] == approx(np.sum(late & (kind[unit] == SA1)) / np.sum(kind == SA1) / 0.5, rel=0.2)
@@ -70,8 +70,8 @@ def test_spikes_are_reproducible_and_differ_by_seed():
     assert np.array_equal(node.population.at, Afferents().made().at)
 
 
-def test_the_answer_at_5_khz_is_that_at_1_khz_where_the_stress_is_as_smooth():
-    """A ramp whose corners lie on ticks of both is the same line."""
+def test_spikes_at_5_khz_equal_those_at_1_khz_for_the_same_stress():
+    """A ramp with corners on ticks of both rates is the same line."""
     settings = {"densities": (0.2e6, 0.2e6, 0.2e6)}
     coarse = run(np.interp(np.arange(300), [0, 100, 150, 300], [0, 0, 2, 2]), **settings)
     fine = run(np.interp(np.arange(1500), [4, 504, 754, 1504], [0, 0, 2, 2]), rate=5000.0, **settings)
@@ -80,13 +80,13 @@ def test_the_answer_at_5_khz_is_that_at_1_khz_where_the_stress_is_as_smooth():
     assert len(coarse[0]) == approx(len(fine[0]), rel=0.03)
 
 
-def test_messages_at_another_rate_leave_no_sample_out():
+def test_messages_at_another_rate_omit_no_sample():
     node = Afferents(densities=(0.3e6, 0, 0))
     run(np.full(1701, 2.0), node=node, rate=1700.0)
     assert int(node.own["sample"]) == approx(5000, abs=4)
 
 
-def test_shear_alone_is_felt():
+def test_shear_alone_causes_spikes():
     node = Afferents(densities=(0.3e6, 0.3e6, 0))
     bus = FakeBus(node)
     sent = [bus.publish(pressed((0, 0, 0, 0, 1e4, 0), scale=min(k / 50, 1.0)))[0] for k in range(300)]
@@ -94,13 +94,13 @@ def test_shear_alone_is_felt():
     assert (np.bincount(kinds, minlength=2) > 50).all()
 
 
-def test_rates_of_each_unit_are_computed_where_they_are_read():
+def test_rates_of_each_unit_are_computed_only_if_they_are_read():
     node = Afferents(densities=(0.3e6, 0, 0))
     node.wanted = {"unit", "moment"}
     assert not len(FakeBus(node).publish(pressed(scale=2.0))[0].rate)
 
 
-def test_the_stress_alone_may_be_read():
+def test_only_the_stress_may_be_read():
     node = Stress(depths=(1e-3,), spacing=4e-3, reach=8e-3)
     node.wanted = {"points", "stress"}
     load = Load(nodes=np.zeros(1, "<i4"), forces=np.array([[0, 0, -1.0]]), foot=(0, 0, 0), normal=(0, 0, 1.0))
@@ -109,7 +109,7 @@ def test_the_stress_alone_may_be_read():
     assert len(FakeBus(Afferents(depths=(1e-3, 1e-3, 1e-3))).publish(sent)[0].mean) == 3
 
 
-def test_a_gap_ends_with_spikes_of_its_end_alone():
+def test_a_gap_of_messages_gives_spikes_at_its_end_only():
     node = Afferents(densities=(0.3e6, 0, 0))
     bus = FakeBus(node)
     bus.publish(pressed(scale=3.0))
@@ -127,12 +127,12 @@ def test_a_gap_ends_with_spikes_of_its_end_alone():
         ({"units": "/nowhere/units.csv"}, "'units': .*nowhere"),
     ],
 )
-def test_bad_settings_are_refused(given, says):
+def test_bad_settings_are_errors(given, says):
     with pytest.raises(SettingError, match=says):
         FakeBus(Afferents(**given))
 
 
-def test_receptors_of_a_file(tmp_path):
+def test_receptors_are_read_from_a_file(tmp_path):
     file = tmp_path / "units.csv"
     file.write_text("type,x,y,depth\nPC,0.001,0,\nSA1,0,0.002,0.0005\n")
     node = Afferents(units=str(file))
@@ -156,11 +156,11 @@ def test_receptors_of_a_file(tmp_path):
         (np.zeros((0, 3)), "is empty"),
     ],
 )
-def test_stress_that_does_not_cover_the_receptors_is_refused(points, says):
+def test_stress_that_does_not_cover_the_receptors_is_an_error(points, says):
     with pytest.raises(MessageError, match=says):
         FakeBus(Afferents()).publish(pressed(points=points))
 
 
-def test_no_receptors_fire_nothing():
+def test_without_receptors_no_spikes_are_sent():
     sent = FakeBus(Afferents(densities=(0.0, 0.0, 0.0))).publish(pressed())[0]
     assert not len(sent.unit) and sent.mean == (0.0, 0.0, 0.0)

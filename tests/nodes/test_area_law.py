@@ -48,7 +48,7 @@ def test_a_rigid_tip_with_a_law_is_within_its_range():
 
 
 @pytest.mark.parametrize("radius", [0.2e-3, 60e-3])
-def test_a_radius_that_does_not_fit_the_mesh_is_refused(radius):
+def test_a_radius_that_does_not_fit_the_mesh_is_an_error(radius):
     spread = Kernel(**PLANE, area="table", area_forces=(1.0,), area_radii=(radius,))
     with pytest.raises(SettingError, match=f"reaches a radius of {1e3 * radius:.2g} mm, expected one between"):
         spread.start()
@@ -63,12 +63,12 @@ def test_a_radius_that_does_not_fit_the_mesh_is_refused(radius):
         ((1e-4, 2e-2), "grows at most as"),
     ],
 )
-def test_what_is_no_law_is_refused(kind, radii, said):
+def test_an_invalid_law_is_an_error(kind, radii, said):
     with pytest.raises(SettingError, match=f"'area_forces' and 'area_radii': .*{said}"):
         kind(area="table", area_forces=(0.1, 1.0), area_radii=radii)
 
 
-def test_other_bodies_refuse_it_or_keep_their_law():
+def test_other_bodies_reject_the_law_or_keep_theirs():
     for body in (BeamBundle(area="ball"), ReducedFE(surface="fingertip", model="sampled", young=160.0, area="ball")):
         with pytest.raises(SettingError, match="'area': found 'ball', expected 'fixed'"):
             body.start()
@@ -105,14 +105,14 @@ def test_a_scene_gives_the_law_to_both():
         (["spread.area_radius=4 mm"], ""),
     ],
 )
-def test_laws_that_differ_are_reported(sets, said):
+def test_different_laws_are_reported(sets, said):
     notes = chosen("kidney", ["tissue.use=deformation.ReducedFE", *sets], None, None, False).plan().graph.notes
     found = [note for note in notes if "contact area" in note]
     assert len(found) == bool(said) and all(said in note for note in found)
 
 
 @pytest.mark.parametrize("name", ["ReducedFE", "ReducedFE-linear"])
-def test_the_ball_of_the_bench_is_hertz(name):
+def test_the_ball_of_the_bench_follows_hertz(name):
     """On the slab, which is not quite a half-space; a patch of fixed width has an error of 222 %."""
     method = next(m for m in reduced_fe.methods() if m.name == name)
     outcome = method.compute(TOUCHES["ball"], Fidelity("as it is"), 1)

@@ -1,5 +1,5 @@
-"""Every node of the kidney graph under inputs that no touch would bring: steps of no or negative length, huge and
-denormal numbers, points a million kilometres away, missing senders. No exception, no NaN, and the same bytes twice."""
+"""Every node of the kidney graph with extreme inputs: steps of zero or negative length, huge and denormal numbers,
+points a million kilometres away, missing senders. No exception, no NaN, and reproducible bytes."""
 
 import functools
 import math
@@ -22,7 +22,7 @@ STEPS = st.sampled_from([0, 1, -1, 1_000_000, 1_000_000, 1_300_000, -5_000_000, 
 
 
 def number(most: float, least: float | None = None):
-    """A number with the ends of its range and the neighbourhood of zero well represented."""
+    """A number, often near the ends of its range or near zero."""
     least = -most if least is None else least
     special = [x for x in (0.0, 5e-324, -5e-324, 1e-300, 1e-12, -1e-12, 1e-3, most, least) if least <= x <= most]
     return st.sampled_from(special) | st.floats(least, most, allow_nan=False)
@@ -140,7 +140,7 @@ def bad_days(draw, name: str) -> list[tuple[int, dict]]:
 
 
 def live(name: str, days: list[tuple[int, dict]]) -> list[bytes]:
-    """Run the node through these steps; FakeBus refuses what is not finite."""
+    """Run the node through these steps; FakeBus rejects values that are not finite."""
     it = bus(name)
     it.node.start()
     it.slot.time, it.tick, time = None, 0, 0
@@ -167,7 +167,7 @@ def live(name: str, days: list[tuple[int, dict]]) -> list[bytes]:
 
 @EXAMPLES
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_but_finite_answers_and_the_same_again(name, examples):
+def test_outputs_are_finite_and_reproducible(name, examples):
     @settings(max_examples=examples, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @given(bad_days(name))
     def check(days):
@@ -178,7 +178,7 @@ def test_nothing_but_finite_answers_and_the_same_again(name, examples):
 
 
 @EXAMPLES
-def test_the_force_on_the_hand_is_never_more_than_the_limit(examples):
+def test_the_force_on_the_hand_never_exceeds_the_limit(examples):
     @settings(max_examples=examples, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @given(bad_days("held free"))
     def check(days):

@@ -26,7 +26,7 @@ DEEP = (
 
 
 def pressed(*depths, **settings):
-    """Notes and conditions of a finger that a plate compresses by these depths [m], one after the other."""
+    """Notes and conditions of a finger compressed by these depths [m], in order."""
     bus = FakeBus(Series(**settings), body=PLATE)
     printed = []
     for depth in depths:
@@ -36,8 +36,8 @@ def pressed(*depths, **settings):
     return printed
 
 
-def test_a_compression_within_the_tissue_says_nothing_and_one_beyond_it_is_said_once_with_its_force():
-    printed = pressed(1e-3, 3.9e-3, 4.6e-3, 4.8e-3, *[1e-3] * 10)  # it recovers by 0.125 mm a step
+def test_a_compression_beyond_the_tissue_is_reported_once_with_its_force():
+    printed = pressed(1e-3, 3.9e-3, 4.6e-3, 4.8e-3, *[1e-3] * 10)  # it recovers by 0.125 mm per step
     assert [len(notes) for notes, _, _ in printed] == [0, 0, 1] + [0] * 11
     assert [bool(condition) for _, condition, _ in printed][:4] == [False, False, True, True] and not printed[-1][1]
     (note,), _, contact = printed[2]
@@ -49,7 +49,7 @@ def test_the_limit_is_the_thickness_of_the_scene(thickness, said):
     assert bool(pressed(4.6e-3, thickness=thickness)[0][0]) is said
 
 
-def test_run_replay_and_compare_say_it(tmp_path):
+def test_run_replay_and_compare_report_it(tmp_path):
     file = tmp_path / "touch.mcap"
     ran = execute(find("kidney").but(record=file, place="fused", duration=0.4, overrides=DEEP)).result
     assert ran.ok and not any("meaningless" in note for note in ran.notes)

@@ -1,4 +1,4 @@
-"""The collision nodes: gap, approach, slip, and the hard places of a surface."""
+"""The collision nodes: gap, approach, slip, and difficult points of a surface."""
 
 import numpy as np
 import pytest
@@ -46,14 +46,14 @@ def test_the_slip_is_the_tangential_part_of_the_velocity(kind):
 
 
 @BOTH
-def test_at_the_default_place_a_finger_at_the_centre_is_free_and_touches_a_little_below(kind):
+def test_at_the_default_pose_a_finger_at_the_centre_touches_slightly_below(kind):
     high, low = send(kind(), [(0, 0, 0.110), (0, 0, 0.108)])
     assert high.approach == 0.0 and low.approach > 5e-4
     assert low.normal[2] > 0.99
 
 
 @BOTH
-def test_position_and_rotation_move_the_surface_alike_for_every_node(kind):
+def test_position_and_rotation_move_the_surface_equally_for_every_node(kind):
     turn = (0.0, 0.0, np.pi / 2)
     moved, still = kind(position=(0.05, -0.02, 0.1), rotation=turn), kind(position=(0, 0, 0))
     p = np.array([0.02, 0.011, 0.024])
@@ -92,7 +92,7 @@ def test_inside_the_gap_is_negative_and_the_normal_still_points_out(kind):
         assert np.dot(answer.normal, normal) > 0.999
 
 
-def test_the_normal_turns_continuously_over_seam_and_poles():
+def test_the_normal_rotates_continuously_over_seam_and_poles():
     patch = surface_patch("kidney", PLACE)
     v = np.linspace(-0.02, 0.02, 800)
     over_pole = [
@@ -132,7 +132,7 @@ def test_the_coordinates_lead_back_to_the_foot(kind):
 
 
 @BOTH
-def test_wild_positions_give_finite_answers_and_leave_no_trace(kind):
+def test_extreme_positions_give_finite_results_without_later_effect(kind):
     bus = FakeBus(kind())
     (before,) = bus.publish(pose((0.01, 0, 0.108)))
     bus.publish(pose((1e12, 0, 0)), pose((0, -1e300, 5)), pose(PLACE), pose((1e-300, 0, 0)))
@@ -169,25 +169,25 @@ def test_start_is_a_reset_and_runs_repeat_to_the_byte(kind):
     "given", [{"thickness": 0.06}, {"thickness": -1e-3}, {"hysteresis": -1.0}, {"position": (1, 2)}, {"thikness": 1e-3}]
 )
 @BOTH
-def test_settings_out_of_their_limits_are_refused(kind, given):
+def test_settings_out_of_their_limits_are_errors(kind, given):
     with pytest.raises(SettingError, match=next(iter(given))):
         kind(**given)
 
 
 @BOTH
-def test_an_unknown_surface_is_named_at_the_start(kind):
+def test_an_unknown_surface_is_an_error_at_the_start(kind):
     with pytest.raises(SettingError, match="kidny"):
         kind(surface="kidny").start()
 
 
 @BOTH
 @pytest.mark.parametrize("name", ["position", "rotation"])
-def test_a_place_that_is_not_finite_is_refused(kind, name):
+def test_a_position_that_is_not_finite_is_an_error(kind, name):
     with pytest.raises(SettingError, match=f"{name}.*finite"):
         kind(**{name: (0.0, float("nan"), 0.0)}).start()
 
 
-def test_every_foot_lies_on_the_surface_with_the_connection_along_the_normal():
+def test_every_foot_is_on_the_surface_with_the_connection_along_the_normal():
     path = np.array(PLACE) + np.random.default_rng(2).uniform(-0.07, 0.07, (300, 3))
     closest = ClosestPoint(surface_patch("kidney", PLACE))
     for p, answer in zip(path, send(Nurbs(hysteresis=0.0), path), strict=True):
@@ -199,7 +199,7 @@ def test_every_foot_lies_on_the_surface_with_the_connection_along_the_normal():
 @BOTH
 @pytest.mark.parametrize("height", [3e-3, 1e-3, 0.0, -2e-3, -6e-3])
 def test_contact_ends_beyond_the_border_of_a_plate(kind, height):
-    """The plate ends at x = 50 mm: a finger slides off it, at a height over it or pressed in."""
+    """The plate ends at x = 50 mm: a finger slides off, above it or pressed in."""
     x = np.linspace(0.03, 0.09, 1200)
     path = np.concatenate([[(0.03, 0.002, z) for z in np.linspace(5e-3, height, 200)], [(a, 0.002, height) for a in x]])
     answers = send(kind(surface="plane", position=(0, 0, 0)), path)
@@ -215,9 +215,9 @@ def test_contact_ends_beyond_the_border_of_a_plate(kind, height):
 
 
 @pytest.mark.parametrize("lost", [0, 17, 40])
-def test_a_finger_deep_inside_takes_its_foot_along_after_samples_were_lost(lost):
-    """Deeper in the kidney than a quarter of its width, 120 mm/s. The foot stayed behind, came after 13 mm in one step,
-    and the contact had 36 N."""
+def test_a_finger_deep_inside_moves_its_foot_after_lost_samples(lost):
+    """Regression at 120 mm/s, deeper in the kidney than 25 % of its width: the foot stayed behind, then moved 13 mm in
+    one step, and the contact had 36 N."""
     node = FakeBus(Nurbs())
     for z in np.linspace(0.12, 0.091, 60):  # from outside
         node.publish(Pose(position=(0.0, 0.0, z), velocity=(0.0, 0.0, -0.5), dt=1e-3))

@@ -24,7 +24,7 @@ FAST = 100.0  # [m/s]
 
 
 class Pull(CompiledNode):
-    """A force towards the start, as strong as the longest way was; friction sums up what contacts push."""
+    """A force towards the start, proportional to the longest path so far; friction is the sum of the contact forces."""
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 300.0
     kind: Annotated[Literal["soft", "hard"], "1"] = "soft"
@@ -98,7 +98,7 @@ def started(**settings: Any) -> Pull:
     return node
 
 
-def test_the_kernel_is_the_wiring():
+def test_the_kernel_defines_the_wiring():
     drives, several, optional = inputs(Pull)
     assert (drives.name, drives.type, drives.wants) == ("pose", Pose, {"position", "velocity"})
     assert (several.many, several.optional, optional.optional) == (True, True, True)
@@ -106,7 +106,7 @@ def test_the_kernel_is_the_wiring():
     assert [(e.name, e.fields) for e in effects(Pull)] == [("energy", ("stored",))]
 
 
-def test_the_record_has_settings_that_are_numbers_parts_and_state():
+def test_the_record_has_numeric_settings_parts_and_state():
     own = started(kind="hard", axis=(0.0, 1.0, 0.0)).own
     assert set(own.dtype.names) == {
         "fault", "stiffness", "kind", "count", "strict", "axis", "energy", *Pull.State
@@ -134,14 +134,14 @@ def test_a_step_reads_and_writes_words_vectors_groups_arrays_and_several_outputs
     assert node.own["steps"] == 0 and not node.own["seen"]["times"].any() and node.memory[0] == 0.0
 
 
-def test_a_part_that_nobody_reads_is_not_computed():
+def test_an_unread_part_is_not_computed():
     node = Pull()
     node.wanted = frozenset({"force"})
     node.start()
     assert not node.own["energy"] and node.step(pose(1.0), [], None, dt=0.5)[1].stored == ()
 
 
-def test_over_the_wire_it_answers_as_called_by_hand_and_sleeps_where_it_rests():
+def test_results_over_the_wire_equal_direct_calls_and_a_resting_node_sleeps():
     bus, node = FakeBus(Pull(), contact=[contact(1.0)]), started()
     for speed in (1.0, 2.0, -1.0, 0.0, 0.0, 0.0, 0.0):
         (sent,) = bus.publish(pose(speed))
@@ -164,7 +164,7 @@ def test_a_fault_is_explained_and_changes_nothing():
     assert node.own["steps"] == 2
 
 
-def test_a_kernel_that_raises_is_told_with_its_node_and_tick():
+def test_an_exception_in_a_kernel_is_an_error_with_node_and_tick():
     slot = Slot(NodeJob("spring-7", "", {}, 1, (), ("spring-7.Force", "spring-7.Friction")), started(), ())
     slot.takes((-1, 0, -1))
     slot.step(3, 3_000_000, [pose(1.0, tick=3, time=3_000_000), None], 1e-3)
@@ -173,7 +173,7 @@ def test_a_kernel_that_raises_is_told_with_its_node_and_tick():
     assert isinstance(told.value.cause, ValueError)
 
 
-def test_an_input_beyond_what_a_record_holds_is_refused_by_name():
+def test_an_input_too_long_for_a_record_is_an_error_with_its_name():
     node = started()
     long = msgspec.structs.replace(contact(1.0), stored=(0.0,) * 17)
     with pytest.raises(MessageError, match=r"Contact\.stored: found 17 numbers; a compiled node takes 16 at most"):
@@ -265,7 +265,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("given", "told"), REFUSED.values(), ids=REFUSED)
-def test_what_a_record_cannot_hold_is_refused_when_the_class_is_defined(given, told):
+def test_unsupported_fields_of_a_record_are_errors_at_class_definition(given, told):
     with pytest.raises(TypeError, match=told):
         type("Odd", (CompiledNode,), {"compute": _compute, "__module__": __name__, **given})
 
@@ -284,7 +284,7 @@ from palpate.messages import Force, Pose
 from palpate.nodes.base import CompiledNode, Out
 from palpate.physics.kernel import kernel
 class Mine(CompiledNode):
-    """A node of a user."""
+    """A custom node."""
     State = STATE
     @kernel
     def compute(own, pose: Pose, out: Out[Force], dt):
@@ -295,7 +295,7 @@ LAYOUT = {"state": '{"second": ()}', "gain": "2.0", "push": "x + 10.0"}
 
 
 def answers(folder: Path, **shared: str) -> tuple[list[float], bool]:
-    """Two answers of the user's node as a new process would compute them; whether its code came from the disk."""
+    """Two results of the custom node in a new process, and whether its code came from the disk cache."""
     (folder / "mylab_shared.py").write_text(SHARED.format(**LAYOUT | shared))
     for name in ("mylab_shared", "mylab_node"):
         sys.modules.pop(name, None)
@@ -307,10 +307,10 @@ def answers(folder: Path, **shared: str) -> tuple[list[float], bool]:
     return found, bool(kind.compute.entry.stats.cache_hits)
 
 
-def test_the_code_of_a_user_is_kept_on_disk_and_never_that_of_another_layout_or_value(tmp_path, monkeypatch):
-    """The file of the node stays as it is: only what it imports changes, which numba does not look at."""
+def test_custom_code_is_cached_on_disk_by_layout_and_values(tmp_path, monkeypatch):
+    """The file of the node is unchanged; only its import changes, which numba does not check."""
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # two edits within a second would look alike to Python
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python does not distinguish two edits within a second
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kernels"))
     (tmp_path / "mylab_node.py").write_text(NODE)
     assert answers(tmp_path) == ([12.0, 14.0], False)

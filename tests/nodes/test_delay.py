@@ -1,5 +1,5 @@
-"""transport.Delay on any edge: what arrives when, types through the loader, replay, placement; and a hand that feels an
-organ over a bad network."""
+"""transport.Delay on any edge: arrival times, types in the loader, replay, placement; and a hand that touches an organ
+over a poor network."""
 
 import numpy as np
 import pytest
@@ -27,30 +27,30 @@ def _long(*given: float):
 
 
 def arrived(count, **settings):
-    """Number of the message that is sent on at each tick, of messages numbered from 0."""
+    """Number of the message that is forwarded at each tick, counted from 0."""
     bus = FakeBus(Delay.of(Pose)(**settings))
     still = {"velocity": (0, 0, 0), "dt": 1e-3}
     return [round(p.position[0]) for p in bus.publish(*(Pose(position=(k, 0, 0), **still) for k in range(count)))]
 
 
-def test_a_message_comes_as_late_as_it_is_told_and_the_first_one_stands_until_then():
+def test_messages_are_delayed_and_the_first_one_is_used_until_then():
     assert arrived(8, delay=3e-3) == [0, 0, 0, 0, 1, 2, 3, 4]
     assert arrived(8, delay=2.5e-3) == [0, 0, 0, 0, 1, 2, 3, 4]
     assert arrived(4) == [0, 1, 2, 3]
 
 
-def test_with_jitter_delays_are_uniform_and_nothing_overtakes_what_was_sent_on():
+def test_with_jitter_delays_are_uniform_and_messages_stay_in_order():
     came = np.array(arrived(6000, delay=40e-3, jitter=20e-3, seed=3))
     assert (np.diff(came) >= 0).all()
     age = np.arange(6000)[100:] - came[100:]
     assert 20 <= age.min() <= 22
-    # Older than a where none of those sent up to a ticks ago has arrived, each by the chance (j - 20)/40.
+    # Older than a if no message sent up to a ticks ago has arrived, each with the probability (j - 20)/40.
     older = np.cumprod(1.0 - np.clip((np.arange(61) - 20.0) / 40.0, 0.0, 1.0))
     assert age.mean() == pytest.approx(older.sum(), abs=0.4)
     assert (age > 30).mean() == pytest.approx(older[30], abs=0.05)
 
 
-def test_the_share_that_is_lost_is_the_chance_and_the_last_one_stands_meanwhile():
+def test_the_lost_fraction_is_the_probability_and_the_last_message_is_held():
     came = np.array(arrived(4000, loss=0.3, seed=1))
     lost = came != np.arange(4000)
     assert lost.mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.3 * 0.7 / 4000))
@@ -58,7 +58,7 @@ def test_the_share_that_is_lost_is_the_chance_and_the_last_one_stands_meanwhile(
     assert arrived(200, loss=1.0) == [0] * 200
 
 
-def test_the_same_seed_loses_the_same_and_another_others():
+def test_losses_depend_on_the_seed():
     one, again, other = (arrived(500, delay=5e-3, jitter=5e-3, loss=0.1, seed=seed) for seed in (4, 4, 5))
     assert one == again != other
 
@@ -74,8 +74,8 @@ def test_the_same_seed_loses_the_same_and_another_others():
         (("controller.delay=0", "controller.passivity=false"), None),
     ],
 )
-def test_a_controller_that_is_told_of_too_short_a_delay_is_reported(sets, samples):
-    """At 5 kHz the 40 samples of the graph are 8 ms, and a held finger swung by 0.7 N."""
+def test_a_controller_with_too_short_a_delay_is_reported(sets, samples):
+    """At 5 kHz the 40 samples of the graph are 8 ms, and the force on a held finger oscillated by 0.7 N."""
     notes = [note for note in load("remote", overrides=sets).notes if "network" in note]
     assert len(notes) == (samples is not None)
     assert samples is None or f"--set controller.delay={samples}`" in notes[0]
@@ -94,7 +94,7 @@ def test_a_controller_that_is_told_of_too_short_a_delay_is_reported(sets, sample
         ({"seed": -1}, "'seed'"),
     ],
 )
-def test_what_no_network_does_is_refused(settings, text):
+def test_impossible_network_settings_are_errors(settings, text):
     with pytest.raises(SettingError, match=text):
         Delay.of(Pose)(**settings)
 
@@ -112,7 +112,7 @@ def test_a_recording_imports_no_code_for_the_type_of_a_message():
         recorded_class("palpate.nodes.transport.Delay[evil.code.Message]", Node)
 
 
-def test_it_takes_the_type_of_its_sender_through_others_of_its_kind(write):
+def test_the_type_is_that_of_the_sender_through_a_chain_of_delays(write):
     path = write(
         "g.yaml",
         """\
@@ -145,7 +145,7 @@ def test_it_takes_the_type_of_its_sender_through_others_of_its_kind(write):
         ("d: {use: transport.Delay, delay: 1 N, in: {message: finger}}", "a force; expected a time"),
     ],
 )
-def test_a_graph_is_told_what_is_wrong_with_it(line, text, write):
+def test_wiring_faults_are_errors(line, text, write):
     collision = "collision: {use: collision.Nurbs, in: {pose: d}, with: [$surface, $finger]}"
     with pytest.raises(GraphError, match=text):
         find(str(write("g.yaml", f"extends: kidney\nnodes:\n  {line}\n  {collision}\n"))).load()
@@ -165,7 +165,7 @@ def test_placement_changes_no_byte_and_a_replay_computes_the_same(tmp_path):
     assert len(np.unique(tick["position"], axis=0)) < 0.95 * len(np.unique(one.columns("finger")["position"], axis=0))
 
 
-def test_a_message_of_your_own_crosses_too(tmp_path, write, monkeypatch):
+def test_a_custom_message_is_forwarded(tmp_path, write, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(
         "ownlab_delay.py",
@@ -206,12 +206,12 @@ def test_a_message_of_your_own_crosses_too(tmp_path, write, monkeypatch):
     assert verify(recording, plan_of(recording)).ok
 
 
-# -- a hand that feels an organ over a bad network --------------------------------------------------------------------
+# -- a hand that touches an organ over a poor network -----------------------------------------------------------------
 
 
 def felt(delay, jitter, loss, known=True, passivity=True, drag=2.0):
-    """Energy [J] that the display generates, alone and beyond what the drag [N s/m] takes up; swing [m] of the grip
-    while the hand holds still, forces on the hand [N] (k,3), and the reach of the contact's force [N]."""
+    """Energy [J] generated by the display, alone and beyond the dissipation of the drag [N s/m]; oscillation [m] of the
+    grip while the hand is still, forces on the hand [N] (k,3), and the range of the contact force [N]."""
     sets = [f"scene.network.delay={delay}", f"scene.network.jitter={jitter}", f"scene.network.loss={loss}"]
     sets += [f"controller.delay={round(2e3 * delay) if known else 0}", f"controller.passivity={str(passivity).lower()}"]
     launch = described("remote", scene=None, duration=None, sets=[*sets, f"controller.drag={drag}"], nodes={})
@@ -233,7 +233,7 @@ def felt(delay, jitter, loss, known=True, passivity=True, drag=2.0):
     ("delay", "jitter", "loss"),
     [_long(0.1, 0.0, 0.2), (0.1, 0.05, 0.9), (0.1, 0.1, 0.3), _long(0.02, 0.02, 0.3)],
 )
-def test_over_100_ms_with_losses_the_hand_comes_to_rest_and_is_given_no_energy(delay, jitter, loss):
+def test_over_100_ms_with_losses_the_hand_comes_to_rest_without_injected_energy(delay, jitter, loss):
     generated, beyond, swing, force = felt(delay, jitter, loss)
     assert beyond < 1e-6
     assert generated < 2e-3
@@ -248,8 +248,8 @@ def test_with_the_drag_of_the_device_alone_the_display_generates_nothing(delay):
     assert generated < 1e-6
 
 
-def test_a_controller_that_does_not_know_of_the_delay_is_not_passive():
-    """Why the graph tells it: the page says so, and the tests above could fail."""
+def test_a_controller_without_the_delay_is_not_passive():
+    """Shows why the graph sets the delay, and that the tests above can fail."""
     bare, *_ = felt(0.02, 0.0, 0.0, passivity=False)
     unknown, *_ = felt(0.02, 0.0, 0.0, known=False)
     assert bare > 0.05

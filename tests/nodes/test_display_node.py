@@ -61,7 +61,7 @@ def test_settings_choose_finger_tissue_and_grid():
     assert pins.heights == approx(pad_displacement(r, state)) and pins.heights.shape == (2, 3)
 
 
-def test_no_force_means_flat_pins_and_a_negative_one_is_shown_as_none_and_flagged():
+def test_zero_force_gives_flat_pins_and_a_negative_one_is_flagged():
     bus = FakeBus(PinArray(**QUICK))
     nothing, tiny, negative = bus.publish(touch(0.0), touch(1e-9), touch(-1.0))
     assert not nothing.heights.any() and nothing.actuator == 0 and nothing.valid
@@ -76,7 +76,7 @@ def test_a_short_stroke_moves_the_mean_into_the_actuator():
     assert short.heights.mean() - short.actuator == approx(free.heights.mean() - free.actuator, abs=1e-12)
 
 
-def test_pins_keep_to_their_speed_whatever_the_step():
+def test_pins_keep_their_speed_limit_with_any_step():
     bus = FakeBus(PinArray(rate=0.05, actuator_rate=0.2))
     bus.late(0.03)
     answers = bus.publish(*(touch(2.0) for _ in range(60)))
@@ -88,7 +88,7 @@ def test_pins_keep_to_their_speed_whatever_the_step():
     assert np.all(np.abs(np.diff(actuator)) <= 0.2 * steps + 1e-15)
 
 
-def test_a_message_that_comes_twice_or_late_moves_nothing_backwards():
+def test_duplicate_and_late_messages_move_nothing_backwards():
     bus = FakeBus(PinArray(rate=0.05))
     bus.twice()
     first, again = bus.publish(touch(1.0))
@@ -107,7 +107,7 @@ def test_shape_memory_pins_lag_and_cool_slowly():
     assert down.heights == approx(up.heights * np.exp(-1.0))
 
 
-def test_heights_are_whole_steps_of_the_resolution():
+def test_heights_are_multiples_of_the_resolution():
     pins = one(PinArray(resolution=0.1e-3, **QUICK), touch(1.0))
     assert pins.heights / 0.1e-3 == approx(np.rint(pins.heights / 0.1e-3))
     assert pins.heights == approx(pad_displacement(DISTANCE, pad_contact(1.0, 15e3)), abs=0.051e-3)
@@ -119,11 +119,11 @@ def test_the_same_run_gives_the_same_bytes():
     assert [pack(a) for a in runs[0]] == [pack(a) for a in runs[1]]
 
 
-# --- what lies below the surface -------------------------------------------------------------------------------------
+# --- below the surface -----------------------------------------------------------------------------------------------
 
 
 def springs(hard, force=0.3, reach=6.8e-3):
-    """Surface of springs F = 3000 k u^1.5 that share a force by a biweight, as a kernel-loaded body does."""
+    """Surface of springs F = 3000 k u^1.5 that share a force by a biweight kernel, like a body."""
     mesh = surface_mesh("plane", 10000)
     weight = mesh.areas * np.maximum(1 - (np.linalg.norm(mesh.vertices, axis=1) / reach) ** 2, 0) ** 2
     inward = (force * weight / weight.max() / (3000.0 * hard)) ** (2 / 3)
@@ -131,7 +131,7 @@ def springs(hard, force=0.3, reach=6.8e-3):
     return body(nodes, -inward[nodes, None] * mesh.normals[nodes]), float(inward.max())
 
 
-def test_a_nodule_stands_out_on_the_pins_where_it_lies():
+def test_a_nodule_is_visible_on_the_pins_at_its_position():
     mesh = surface_mesh("plane", 10000)
     centre = nodule_centre(mesh.vertices, mesh.normals, [3e-3, 1e-3, 0.0], 6e-3)
     plain, sunk = springs(np.ones(len(mesh.vertices)))
@@ -145,11 +145,11 @@ def test_a_nodule_stands_out_on_the_pins_where_it_lies():
     assert rise[0] == approx(np.zeros(8), abs=1e-12)
 
 
-def test_the_actuator_shows_the_measured_approach_where_a_body_is_simulated():
+def test_the_actuator_shows_the_approach_of_a_simulated_body():
     plain, sunk = springs(np.ones(10000))
     pins = one(PinArray(shows="surface", **QUICK, **FLAT), touch(0.3, 1.8e-3, sunk), plain)
     assert pins.valid and pins.actuator == approx(1.8e-3 + sunk)
-    assert pins.heights[2:4, 2:4] == approx(1.8e-3, rel=0.05)  # the fingerpad gives way by its compression
+    assert pins.heights[2:4, 2:4] == approx(1.8e-3, rel=0.05)  # the fingerpad deforms by its compression
 
 
 def test_a_hertz_pressure_on_the_mesh_gives_the_pins_of_the_force():
@@ -170,7 +170,7 @@ def test_without_a_body_the_shape_comes_from_the_force_and_is_flagged(shows):
     assert pins.heights == approx(pad_displacement(DISTANCE, pad_contact(0.05, 15e3))) and not pins.valid
 
 
-def test_a_body_of_another_mesh_is_refused_with_what_to_do():
+def test_a_body_of_another_mesh_is_an_error_with_a_remedy():
     sent = body([20000], [[0.0, 0.0, -1e-3]])
     with pytest.raises(SettingError, match="has 10000 vertices, but the tissue sends vertex 20000"):
         one(PinArray(shows="surface", **FLAT), touch(0.3, 1e-3, 1e-3), sent)
@@ -192,7 +192,7 @@ def test_the_frame_of_the_pins_is_orthonormal_and_right_handed(normal):
         ({"curvature": -125.0}, "'curvature' .1/m.: found -125.0, expected more than -125"),
     ],
 )
-def test_wrong_settings_are_refused_by_name(given, text):
+def test_wrong_settings_are_errors_with_their_names(given, text):
     with pytest.raises(SettingError, match=text):
         PinArray(**given)
 
@@ -206,12 +206,12 @@ def test_the_sensor_follows_its_points_and_then_holds():
     assert forces == approx(np.interp(np.arange(25) / 10, [0, 1, 2], [0, 4, 1]))
 
 
-def test_the_sensor_repeats_where_asked():
+def test_the_sensor_repeats_on_request():
     bus = FakeBus(ForceSensor(times=(0, 1), forces=(0, 2), repeat=True), rate=4.0)
     assert [m.force for m in bus.run(9)] == approx([0, 0.5, 1, 1.5, 2, 0.5, 1, 1.5, 2])
 
 
-def test_a_press_of_four_newton_drives_the_display():
+def test_a_press_of_4_newtons_drives_the_display():
     sensor = FakeBus(ForceSensor(), rate=100.0)
     display = FakeBus(PinArray(), rate=100.0)
     pins = [a for m in sensor.run(500) for a in display.publish(m)]
@@ -230,7 +230,7 @@ def test_a_press_of_four_newton_drives_the_display():
         ({"normal": (0, 0, 0)}, "expected a direction"),
     ],
 )
-def test_the_sensor_refuses_what_is_no_force(given, text):
+def test_invalid_forces_of_the_sensor_are_errors(given, text):
     with pytest.raises(SettingError, match=text):
         ForceSensor(**given)
 

@@ -1,4 +1,4 @@
-"""Effects inside the fingertip: what is off changes what it should, costs nothing, and is never ignored."""
+"""Effects inside the fingertip: a disabled effect changes the result, costs nothing, and is never ignored."""
 
 import msgspec
 import numpy as np
@@ -19,7 +19,7 @@ GRAPHS = ("kidney", "nodule", "fingertip", "fingertip-slide", "softness", "pinch
 
 
 def pressed_and_slid(*sets):
-    """Answers (contact, friction, slip, surface) of the shipped finger with these overrides, pressed by 2 mm, held,
+    """Messages (contact, friction, slip, surface) of the shipped finger with these overrides, pressed by 2 mm, held,
     slid by 1.5 mm."""
     run = plan(load("fingertip-slide", overrides=sets))
     finger = BundleContact(**run.graph.nodes["finger"].settings)
@@ -36,17 +36,17 @@ def whole():
     return pressed_and_slid()
 
 
-def test_without_friction_nothing_holds_the_finger_and_no_solver_runs(whole):
+def test_without_friction_the_finger_slides_freely_and_no_solver_runs(whole):
     without = pressed_and_slid("effects.friction=off")
     assert max(np.hypot(*f.force[:2]) for _, f, _, _ in whole) > 0.1
     assert all(f.force == (0.0, 0.0, 0.0) and s.iterations == 0 for _, f, s, _ in without)
     assert [c.force for c, *_ in without] == [c.force for c, *_ in whole], "the press is the same"
-    # Each node in contact slides by what the finger moves, and by nothing else.
+    # Each node in contact slides exactly by the motion of the finger.
     slip = without[-1][2]
     assert slip.gross and slip.path[slip.state > 0] == approx(1.5e-3, rel=1e-6)
 
 
-def test_frictionless_is_the_limit_of_little_friction(whole):
+def test_the_frictionless_case_is_the_limit_of_small_friction(whole):
     del whole
     little = pressed_and_slid("finger.friction=1e-9")
     without = pressed_and_slid("effects.friction=off")
@@ -65,13 +65,13 @@ def test_without_relaxation_the_force_is_that_of_the_springs_in_series(whole):
     assert max(c.force for c, *_ in whole) > 3.0 * contact.force
 
 
-def test_without_the_sheet_each_beam_holds_alone(whole):
+def test_without_the_sheet_each_beam_sticks_separately(whole):
     without = pressed_and_slid("effects.sheet=off")
     assert [c.force for c, *_ in without] == [c.force for c, *_ in whole]
     assert abs(without[-1][1].force[1] - whole[-1][1].force[1]) > 0.01
 
 
-def test_slip_is_the_record_of_each_node_and_no_force_needs_it(whole):
+def test_slip_is_recorded_for_each_node_and_not_needed_by_forces(whole):
     without = pressed_and_slid("effects.slip=off")
     assert [(c.force, f.force, f.stick) for c, f, *_ in without] == [(c.force, f.force, f.stick) for c, f, *_ in whole]
     assert len(without[-1][2].state) == len(without[-1][2].path) == len(without[-1][3].slipped) == 0
@@ -79,8 +79,8 @@ def test_slip_is_the_record_of_each_node_and_no_force_needs_it(whole):
 
 
 @pytest.mark.parametrize("graph", GRAPHS)
-def test_an_effect_that_is_off_changes_the_plan_or_is_refused(graph):
-    """In every graph, for every effect of the catalogue: never silence."""
+def test_a_disabled_effect_changes_the_plan_or_is_an_error(graph):
+    """For every graph and every effect of the catalogue."""
     before = plan(load(graph, overrides=["log.fields=all"] if graph != "softness" else []))
     settings = {name: spec.settings for name, spec in before.graph.nodes.items()}
     sets = ["log.fields=all"] if graph != "softness" else []
@@ -97,19 +97,19 @@ def test_an_effect_that_is_off_changes_the_plan_or_is_refused(graph):
 
 
 @pytest.mark.parametrize("effect", ["friction", "slip", "sheet", "relaxation"])
-def test_effects_of_the_bundle_can_be_switched_on_too(effect):
+def test_effects_of_the_bundle_can_be_enabled(effect):
     assert "finger" in plan(load("fingertip-slide", overrides=[f"effects.{effect}=on"])).order
 
 
 @pytest.mark.parametrize("graph", ["kidney", "pinch"])
-def test_relaxation_of_the_fingertip_is_off_with_that_of_the_tissue(graph):
+def test_disabling_relaxation_of_the_tissue_disables_that_of_the_fingertip(graph):
     settings = load(graph, overrides=["effects.relaxation=off"]).nodes
     name = "contact" if graph == "kidney" else "joint"
     assert settings[name].settings["finger_damping"] == settings["tissue"].settings["damping"] == 0.0
 
 
 def test_a_press_without_relaxation_dissipates_nothing():
-    """Work over a closed press on an elastic body: what implicit steps take falls with their length, to nothing."""
+    """Work of a closed press on an elastic body: the dissipation of implicit steps goes to zero with their length."""
 
     def lost(damping, rate):
         t = np.arange(1, round(0.6 * rate)) / rate

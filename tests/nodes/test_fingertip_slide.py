@@ -1,4 +1,4 @@
-"""The nodes of the fingertip that is pressed on a plate and slid."""
+"""The nodes of the fingertip pressed on a plate and slid."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def pose(depth, x=0.0, y=0.0):
 
 
 def run(finger, seconds=3.5, **motion):
-    """Answers (contact, friction, slip, surface) of a finger that a hand moves."""
+    """Messages (contact, friction, slip, surface) of a finger that a hand moves."""
     hand = FakeBus(Slide(**{"hold": 0.2, **motion}))
     return FakeBus(finger).publish(*hand.run(round(seconds * 1000)))
 
@@ -47,7 +47,7 @@ def test_the_hand_presses_holds_and_slides_at_the_given_speeds():
     assert poses[1200].velocity[0] == approx(2e-3 * np.cos(0.3))
 
 
-def test_the_dome_has_its_closed_force_and_lets_go_from_the_rim(dome_run):
+def test_the_dome_has_its_closed_form_force_and_slips_from_the_rim(dome_run):
     contact, friction, slip, _ = dome_run[690]
     assert contact.force == approx(0.861, abs=5e-4) and friction.force == (0, 0, 0)
     assert slip.contacts == 69 and slip.fraction == 0 and slip.front == approx(np.sqrt(69 / np.pi) * 1.2e-3)
@@ -60,7 +60,7 @@ def test_the_dome_has_its_closed_force_and_lets_go_from_the_rim(dome_run):
     assert np.all(slip.state == 2) and np.all(slip.path > 0)
 
 
-def test_the_warning_of_incipient_slip_comes_well_before_gross_slip(dome_run):
+def test_the_warning_of_incipient_slip_precedes_gross_slip(dome_run):
     warned = [s.incipient for _, _, s, _ in dome_run].index(True)
     gross = [s.gross for _, _, s, _ in dome_run].index(True)
     assert gross - warned > 800
@@ -83,7 +83,7 @@ def test_the_law_of_the_finger_is_the_tangent_of_its_next_step():
     assert np.median(error[:299]) < 0.02
 
 
-def test_friction_acts_along_the_slide_and_never_passes_its_limit():
+def test_friction_acts_along_the_slide_and_never_exceeds_its_limit():
     for direction in (0.0, 2.0):
         slid = run(BundleContact(), 1.6, direction=direction)[::50]
         assert np.hypot(*slid[-1][1].force[:2]) > 0.1
@@ -95,7 +95,7 @@ def test_friction_acts_along_the_slide_and_never_passes_its_limit():
                 assert along > 0.99 * size
 
 
-def test_surface_tells_pressure_and_slip_of_the_touching_nodes(dome_run):
+def test_surface_has_pressure_and_slip_of_the_nodes_in_contact(dome_run):
     contact, _, slip, surface = dome_run[1200]
     assert len(surface.nodes) == len(surface.pressure) == len(surface.slipped) == slip.contacts
     assert surface.pressure.sum() * (1.2e-3) ** 2 == approx(contact.force)
@@ -121,8 +121,8 @@ def test_pressing_beyond_the_reach_is_bounded_and_flagged():
     assert inside[0].force < beyond[0].force <= 69 * 0.9 * 3.4e4 * 1.2e-3**2 * (1 + 1e-9)
 
 
-def test_pressing_deeper_than_the_pad_is_meshed_for_is_flagged_before_any_beam_is_at_its_limit():
-    """There the rim beams are missing: the force is finite, and smaller than that of a pad that has them."""
+def test_pressing_deeper_than_the_meshed_pad_is_flagged_before_beams_reach_their_limit():
+    """Beams at the rim are missing there: the force is finite, and smaller than with a larger pad."""
     seen = [FakeBus(BundleContact(reach=reach)).publish(*[pose(3e-3)] * 3)[-1] for reach in (2e-3, 3e-3, 4e-3)]
     assert [s[2].deeper for s in seen] == [True, False, False]
     assert not any(s[2].limited for s in seen)
@@ -142,7 +142,7 @@ def test_the_hand_lifts_the_finger_once_the_slide_has_ended():
     assert FakeBus(Slide(speed=0.0, lift=1e-3)).run(5000)[-1].position[2] == approx(3e-3)
 
 
-def test_duplicates_reordered_and_late_messages_do_no_harm():
+def test_duplicate_reordered_and_late_messages_are_ignored():
     bus = FakeBus(Dome(reach=2e-3))
     bus.publish(*[pose(1e-3, 1e-5 * k) for k in range(50)])
     bus.twice()
@@ -157,7 +157,7 @@ def test_duplicates_reordered_and_late_messages_do_no_harm():
 
 
 @pytest.mark.parametrize("dt", [1e-9, 1e-3, 10.0])
-def test_wild_poses_give_finite_bounded_answers(dt):
+def test_extreme_poses_give_finite_bounded_results(dt):
     random = np.random.default_rng(3)
     bus = FakeBus(BundleContact(), rate=1 / dt)
     for scale in 10.0 ** random.uniform(-9, 300, 60):
@@ -175,7 +175,7 @@ def test_zero_friction_slips_everywhere_without_force():
     assert answers[-1][2].gross
 
 
-def test_a_saved_fingertip_feels_as_the_one_it_was_made_of(tmp_path):
+def test_a_saved_fingertip_gives_the_same_forces(tmp_path):
     Anatomy().fingertip().save(tmp_path / "finger.npz")
     kinds = BundleContact(), BundleContact(shape=str(tmp_path / "finger.npz"))
     forces = [FakeBus(k).publish(*[pose(1e-3, 1e-5 * n) for n in range(20)])[-1][0].force for k in kinds]
@@ -192,6 +192,6 @@ def test_a_saved_fingertip_feels_as_the_one_it_was_made_of(tmp_path):
         (dict(angle=2.0), "angle"),
     ],
 )
-def test_settings_that_make_no_finger_are_refused(given, text):
+def test_invalid_settings_of_the_finger_are_errors(given, text):
     with pytest.raises(SettingError, match=text):
         BundleContact(**given).start()

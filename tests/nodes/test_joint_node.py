@@ -1,4 +1,4 @@
-"""contact.Joint and contact.Share on bodies that are given: no graph, no mesh."""
+"""contact.Joint and contact.Share on given bodies, without graph and mesh."""
 
 import msgspec
 import numpy as np
@@ -22,14 +22,14 @@ def near(depth, name="a", tick=-1):
 
 
 def tissue(count=1, coupling=None, laws=None, **more):
-    """A body under `count` fingers that have the same law unless `laws` says which."""
+    """A body under `count` fingers with the same law, or with `laws`."""
     laws = np.array(laws) if laws is not None else np.tile([*LAW.values()], (count, 1))
     several = {"laws": laws, "slopes": np.zeros((count, 12)), "coupling": coupling}
     given = (LAW | several if count > 1 else LAW) | more
     return Surface(nodes=[], displacement=np.zeros((0, 3)), source="tissue", **given)
 
 
-def test_one_finger_is_to_the_bit_what_series_says():
+def test_one_finger_is_bit_equal_to_series():
     alone, joint = Series(), Joint()
     alone.start()
     joint.start()
@@ -43,7 +43,7 @@ def test_one_finger_is_to_the_bit_what_series_says():
         assert several.lateral_force.tolist() == [list(one.lateral_force)]
 
 
-def test_fingers_that_do_not_act_on_each_other_feel_what_each_feels_alone():
+def test_uncoupled_fingers_have_the_forces_of_single_fingers():
     depths, joint = (1e-3, 2e-3, 3e-3), FakeBus(Joint(), body=tissue(3, np.eye(3)))
     (together,) = joint.publish([near(depth) for depth in depths])
     alone = [FakeBus(Series(), body=tissue()).publish(near(depth))[0] for depth in depths]
@@ -51,7 +51,7 @@ def test_fingers_that_do_not_act_on_each_other_feel_what_each_feels_alone():
     assert together.lateral_force.shape == (3, 3) and len(together.stored) == 3
 
 
-def test_the_more_they_share_the_less_each_presses_and_sixteen_are_solved():
+def test_coupling_reduces_the_force_of_each_of_sixteen_fingers():
     def pressed(share, count):
         coupling = np.full((count, count), share)
         return FakeBus(Joint(), body=tissue(count, coupling)).publish([near(3e-3)] * count)[0].force
@@ -62,7 +62,7 @@ def test_the_more_they_share_the_less_each_presses_and_sixteen_are_solved():
     assert len(many) == 16 and min(many) == pytest.approx(max(many), rel=1e-9) and min(many) > 0.0
 
 
-def test_each_share_has_the_contact_of_its_place():
+def test_each_share_has_the_contact_of_its_finger():
     (solved,) = FakeBus(Joint(), body=tissue(2, np.eye(2))).publish([near(1e-3), near(2e-3)])
     solved = msgspec.structs.replace(solved, tick=-1, time=-1)
     for place in (0, 1):
@@ -77,7 +77,7 @@ def test_each_share_has_the_contact_of_its_place():
 
 
 @pytest.mark.parametrize("place", [-1, 2])
-def test_a_share_of_a_finger_that_the_joint_does_not_have_is_refused(place):
+def test_a_share_of_an_unknown_finger_is_an_error(place):
     zero = (0.0, 0.0)
     of_two = Contacts(force=zero, compression=zero, indentation=zero, compression_rate=zero, indentation_rate=zero,
                       lateral_force=np.zeros((2, 3)), source="joint")  # fmt: skip
@@ -89,12 +89,12 @@ def test_a_share_of_a_finger_that_the_joint_does_not_have_is_refused(place):
         Share(finger=16)
 
 
-def test_a_body_that_does_not_know_all_contacts_is_refused_by_name():
+def test_a_body_without_all_contacts_is_an_error_with_its_name():
     with pytest.raises(InputError, match=r"'tissue'.*laws of 0 contacts, expected 2"):
         FakeBus(Joint(), body=tissue()).publish([near(1e-3), near(1e-3)])
 
 
-def test_a_wrong_law_for_one_of_several_is_told_by_the_name_of_its_message():
+def test_a_wrong_law_of_one_contact_is_an_error_with_the_name_of_its_message():
     body = tissue(2, np.eye(2), laws=[[1e3, 1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0, 0.0]], tick=3)
     joint = Joint()
     joint.start()
@@ -103,7 +103,7 @@ def test_a_wrong_law_for_one_of_several_is_told_by_the_name_of_its_message():
     assert not joint.own["finger"]["hears"].any()  # nothing has changed
 
 
-def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds():
+def test_without_the_body_all_forces_are_zero_within_8_ms():
     joint = Joint()
     joint.start()
     pressing = [near(3e-3), near(2e-3)]
@@ -113,7 +113,7 @@ def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds()
     assert gone[-1] == (0.0, 0.0) and (np.diff(gone, axis=0) <= 0.0).all()
 
 
-def test_it_sleeps_where_all_are_far_and_at_rest_and_not_where_one_is_near():
+def test_the_joint_sleeps_only_if_all_fingers_are_far_and_at_rest():
     joint, body = Joint(), tissue(2, np.eye(2))
     joint.start()
     for _ in range(400):
@@ -123,7 +123,7 @@ def test_it_sleeps_where_all_are_far_and_at_rest_and_not_where_one_is_near():
     assert not joint.rests([near(-5e-3), near(-5e-3)], None) and not joint.rests([near(-5e-3)] * 2, tissue())
 
 
-def test_each_finger_that_is_beyond_its_law_is_noted_once():
+def test_each_finger_beyond_its_law_is_reported_once():
     hard = tissue(2, np.eye(2), laws=[[1e9, 1.0, 0.0, 0.0, 0.0]] * 2)
     bus = FakeBus(Joint(), body=hard)
     assert not bus.node.notes() and not bus.node.condition()

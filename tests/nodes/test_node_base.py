@@ -15,7 +15,7 @@ from palpate.nodes.deformation import MassSpring
 
 
 class Drag(Node):
-    """Viscous drag [N] on a finger that remembers how far it has gone."""
+    """Viscous drag [N] on a finger, with its path so far as state."""
 
     coefficient: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 2.0
     label: Annotated[str, "1"] = "drag"
@@ -33,7 +33,7 @@ class Drag(Node):
 
 
 class Quiet(Node):
-    """Answers the first message only."""
+    """Sends only one message, at the first step."""
 
     mute: Annotated[bool, "1"] = False
 
@@ -67,7 +67,7 @@ def test_ports_and_settings_come_from_the_class():
         ({"coefficient": -1.0}, ">= 0"),
     ],
 )
-def test_a_wrong_setting_is_refused_by_name(given, text):
+def test_a_wrong_setting_is_an_error_with_its_name(given, text):
     with pytest.raises(SettingError, match=text):
         Drag(**given)
 
@@ -85,7 +85,7 @@ def test_the_bus_runs_a_step_for_each_driving_message():
     assert second.bristle[0] == approx(3e-3)
 
 
-def test_bad_days():
+def test_faults_of_messages_are_simulated():
     bus = FakeBus(Drag(), torque=Torque(torques=(0, 0, 0)))
     bus.drop(2)
     assert bus.publish(pose(1), pose(1)) == []
@@ -99,13 +99,13 @@ def test_bad_days():
     (late,) = bus.publish(pose(1))
     assert late.time == 26_000_000
     assert not late.stick
-    assert bus.publish(pose(5))[0].force == late.force  # its stamp is before that of the late one
+    assert bus.publish(pose(5))[0].force == late.force  # its time is before that of the late one
     bus.kill("torque")
     (orphan,) = bus.publish(pose(1, tick=30))
     assert orphan.stick and orphan.used == (30, -1)
 
 
-def test_a_repeated_or_late_message_gives_the_last_answer_and_moves_nothing():
+def test_a_repeated_or_late_message_repeats_the_last_output():
     bus, other = FakeBus(Drag()), FakeBus(Drag())
     bus.twice()
     first, again = bus.publish(pose(1.0))
@@ -117,7 +117,7 @@ def test_a_repeated_or_late_message_gives_the_last_answer_and_moves_nothing():
     assert after.bristle == other.publish(pose(1.0), pose(3.0, tick=2), pose(4.0, tick=3))[-1].bristle
 
 
-def test_no_answer_means_the_same_as_before_as_in_a_run():
+def test_a_step_without_output_repeats_the_last_one_as_in_a_run():
     bus = FakeBus(Quiet())
     first, second = bus.publish(pose(1.0), pose(2.0))
     assert second.force == first.force == (1.0, 0.0, 0.0) and (second.tick, second.used) == (1, (1,))
@@ -126,7 +126,7 @@ def test_no_answer_means_the_same_as_before_as_in_a_run():
 
 
 @pytest.mark.parametrize("use", [entry.use for entry in catalogue()[0]])
-def test_every_default_lies_within_its_own_limits(use):
+def test_every_default_is_within_its_limits(use):
     for setting in settings(find_class(use)).values():
         if setting.default is not ...:
             convert(setting, setting.default)

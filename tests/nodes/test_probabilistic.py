@@ -1,4 +1,4 @@
-"""The force as a probability: the published table, the law cut off at zero, replayable draws, the node."""
+"""The probabilistic force: the published table, the law truncated at zero, reproducible draws, the node."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def bands(node, *contacts):
     return FakeBus(node).publish(*contacts)
 
 
-def test_the_published_table_is_met():
+def test_the_law_equals_the_published_table():
     mean, deviation, inside = band_at(np.arange(6) * 1e-3)
     assert mean == approx(MEAN, abs=6e-6) and deviation == approx(DEVIATION, abs=6e-6) and inside.all()
 
@@ -37,26 +37,26 @@ def test_the_mean_grows_over_the_measured_range():
     assert np.all(np.diff(mean) > 0) and np.all(np.diff(deviation) > 0)
 
 
-def test_beyond_the_measured_range_the_law_is_held_and_flagged():
+def test_beyond_the_measured_range_the_law_is_constant_and_flagged():
     mean, deviation, inside = band_at([-1e-3, 5e-3, 5.001e-3, 1.0])
     assert mean[1] == mean[2] == mean[3] and deviation[1] == deviation[3]
     assert inside.tolist() == [False, True, False, False]
 
 
 @pytest.mark.parametrize(("mean", "sigma"), [(0.021, 0.02272), (1.384, 0.0703), (-0.1, 0.05), (0.0, 1.0)])
-def test_quantiles_are_those_of_the_law_cut_off_at_zero(mean, sigma):
+def test_quantiles_are_those_of_the_law_truncated_at_zero(mean, sigma):
     levels = np.array([1e-6, 0.025, 0.18, 0.5, 0.975, 1 - 1e-9])
     other = truncnorm(-mean / sigma, np.inf, mean, sigma)
     assert truncated_quantile(levels, mean, sigma) == approx(other.ppf(levels), rel=1e-6, abs=1e-12)
 
 
-def test_quantiles_stay_finite_however_far_below_zero_the_mean_lies():
+def test_quantiles_are_finite_for_any_negative_mean():
     quantiles = truncated_quantile([0.025, 0.5, 0.975], -5.0, np.array([[1.0], [1e-3], [1e-9]]))
     assert np.isfinite(quantiles).all() and np.all(quantiles >= 0) and np.all(np.diff(quantiles, axis=1) >= 0)
     assert truncated_quantile(0.5, [-1.0, 0.3], 0.0).tolist() == [0.0, 0.3]
 
 
-def test_the_part_below_zero_is_18_percent_at_no_depth():
+def test_at_zero_depth_18_percent_of_the_law_is_below_zero():
     (mean, deviation, _) = band_at([0.0, 0.5e-3])
 
     assert ndtr(-mean / deviation) == approx([0.18, 1.4e-4], rel=0.03)
@@ -71,7 +71,7 @@ def test_the_node_sends_mean_deviation_and_quantiles():
         assert a.quantiles == approx([a.mean - 0.99446 * a.deviation, a.mean, a.mean + 0.99446 * a.deviation], rel=1e-5)
 
 
-def test_apart_all_is_zero_and_too_deep_is_flagged():
+def test_out_of_contact_all_is_zero_and_too_deep_is_flagged():
     apart, deep, deepest = bands(Probabilistic(draw="tick"), touch(0.0), touch(7e-3), touch(5e-3))
     assert (apart.mean, apart.deviation, apart.sample, apart.valid) == (0, 0, 0, True)
     assert apart.quantiles == (0, 0, 0)
@@ -85,7 +85,7 @@ def test_the_setting_depth_chooses_finger_or_tissue():
 
 
 @pytest.mark.parametrize("depth", [0.05e-3, 2e-3])
-def test_draws_follow_the_law_cut_off_at_zero(depth):
+def test_draws_follow_the_law_truncated_at_zero(depth):
     node = Probabilistic(draw="tick", seed=5)
     node.start()
     draws = np.array([node.step(touch(depth, tick=t), dt=1e-3).sample for t in range(4000)])
@@ -97,12 +97,12 @@ def test_draws_follow_the_law_cut_off_at_zero(depth):
         assert np.mean(np.abs(draws - mean) < 1.96 * sigma) == approx(0.95, abs=0.012)
 
 
-def test_the_same_seed_gives_the_same_bytes_alone_and_in_a_row():
+def test_the_same_seed_gives_the_same_bytes_singly_and_in_sequence():
     contacts = [touch(2e-3, tick=t) for t in range(30)]
     first = bands(Probabilistic(draw="tick", seed=9), *contacts)
     again = bands(Probabilistic(draw="tick", seed=9), *contacts)
     assert [pack(a) for a in first] == [pack(a) for a in again]
-    for contact, answer in zip(contacts, first, strict=True):  # alone, without the ones before it
+    for contact, answer in zip(contacts, first, strict=True):  # singly, without the previous ones
         assert bands(Probabilistic(draw="tick", seed=9), contact)[0].sample == answer.sample
     other = bands(Probabilistic(draw="tick", seed=10), *contacts)
     assert all(a.sample != b.sample for a, b in zip(first, other, strict=True))
@@ -119,7 +119,7 @@ def test_uniform_numbers_fill_the_unit_interval():
     assert numbers.min() >= 0 and numbers.max() < 1 and kstest(numbers, "uniform").pvalue > 1e-3
 
 
-def test_a_fitted_law_that_runs_below_zero_is_held_at_zero():
+def test_a_fitted_law_below_zero_is_limited_to_zero():
     node = Probabilistic(
         mean="linear", mean_parameters=(500.0, -0.4), deviation="linear", deviation_parameters=(20.0, -0.01)
     )
@@ -142,7 +142,7 @@ def test_a_file_of_laws_becomes_settings(tmp_path):
     path = tmp_path / "law.yaml"
     path.write_text(LAW)
     node = Probabilistic(model=str(path))
-    path.unlink()  # what the node was made with travels in its settings, not in the file
+    path.unlink()  # the node's law is stored in its settings, not in the file
     assert (node.model, node.mean, node.depth_limit) == ("", "quadratic", 0.004)
     inside, outside = bands(node, touch(2e-3), touch(4.1e-3))
     assert inside.mean == approx(0.76) and inside.valid and not outside.valid
@@ -160,14 +160,14 @@ def test_a_file_of_laws_becomes_settings(tmp_path):
         (LAW.replace("0.004", "-1.0"), "", "'depth_limit' .m.: found -1.0"),
     ],
 )
-def test_a_wrong_file_is_refused_with_what_is_wrong(tmp_path, text, subject, error):
+def test_a_wrong_file_is_an_error_with_the_reason(tmp_path, text, subject, error):
     path = tmp_path / "law.yaml"
     path.write_text(text)
     with pytest.raises(SettingError, match=error):
         Probabilistic(model=str(path), subject=subject)
 
 
-def test_a_missing_file_and_wrong_levels_are_refused():
+def test_a_missing_file_and_wrong_levels_are_errors():
     with pytest.raises(SettingError, match=r"cannot read 'nix\.yaml': No such file"):
         Probabilistic(model="nix.yaml")
     for levels in ((0.0, 0.5), (0.5, 1.0), tuple([0.5] * 17)):

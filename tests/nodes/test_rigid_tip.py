@@ -1,4 +1,4 @@
-"""A patch of fixed width under a tip that does not give: reported once, with the error that Hertz's law confirms."""
+"""A patch of fixed width under a rigid tip: reported once, with an error that Hertz's law confirms."""
 
 import math
 
@@ -32,7 +32,7 @@ def pressed(compression, indentation=5e-4):
     )
 
 
-def test_a_finger_that_does_not_give_is_reported_once_and_as_long_as_it_presses():
+def test_a_rigid_finger_is_noted_once_and_marked_while_it_presses():
     spread = Kernel(**PLANE)
     spread.start()
     spread.step(pressed(1e-3), None, dt=1e-3)
@@ -55,15 +55,15 @@ def test_a_finger_that_does_not_give_is_reported_once_and_as_long_as_it_presses(
     assert len(spread.notes()) == 1
 
 
-def test_a_light_touch_on_tissue_that_still_comes_back_is_none_of_a_rigid_tip():
+def test_a_light_touch_on_recovering_tissue_is_not_reported_as_a_rigid_tip():
     spread = Kernel(**PLANE)
     spread.start()
     spread.step(msgspec.structs.replace(pressed(2e-5, indentation=5e-3), force=1e-3), None, dt=1e-3)
     assert spread.condition() == "" and spread.notes() == []
 
 
-def test_the_force_under_a_rigid_ball_is_off_by_what_the_note_says():
-    """The ball of `bench accuracy`, against Hertz's closed form at its deepest."""
+def test_the_force_error_under_a_rigid_ball_is_that_of_the_note():
+    """The ball of `bench accuracy`, compared with Hertz's closed form at its largest depth."""
     touch = TOUCHES["ball"]
     body = {"model": "linear", "young": YOUNG, "poisson": POISSON, "retardation": 0.0}
     outcome = chain.run(touch, ReducedFE, Fidelity("as it is", settings={"body": body}), chain.BALL, 1)
@@ -74,7 +74,7 @@ def test_the_force_under_a_rigid_ball_is_off_by_what_the_note_says():
 
 
 @pytest.mark.parametrize("stiffness", [100.0, 3000.0])
-def test_the_fingertip_of_the_scenes_is_not_taken_for_a_rigid_one(stiffness):
+def test_the_fingertip_of_the_scenes_does_not_count_as_rigid(stiffness):
     contact, spread = Series(), Kernel(**PLANE)
     contact.start(), spread.start()
     for approach in np.linspace(1e-6, 6e-3, 200):

@@ -1,4 +1,4 @@
-"""One finger that meets several organs: contact.Sum, and the graph `organs`."""
+"""One finger on several organs: contact.Sum, and the graph `organs`."""
 
 import numpy as np
 import pytest
@@ -27,13 +27,13 @@ def rubbing(*force):
     return Friction(force=force, bristle=(0.0, 0.0, 0.0), stick=True)
 
 
-def test_the_organ_that_is_touched_alone_is_the_contact():
+def test_a_single_touched_organ_gives_the_contact():
     one, none = contact(0.7, LEFT), contact(0.0, RIGHT)
     ((heard, _),) = FakeBus(Sum()).publish([none, one])
     assert (heard.force, heard.normal, heard.foot, heard.compression) == (0.7, LEFT, LEFT, 1e-3)
 
 
-def test_two_at_once_add_up():
+def test_contacts_with_two_organs_are_added():
     bus = FakeBus(Sum(), friction=[rubbing(0.1, 0.0, 0.0), rubbing(0.0, 0.2, 0.0)])
     ((heard, rubbed),) = bus.publish([contact(0.6, LEFT, 1e-3, (0.0, 0.1, 0.0)), contact(0.3, RIGHT, 4e-3)])
     total = 0.6 * np.array(LEFT) + 0.3 * np.array(RIGHT)
@@ -44,13 +44,13 @@ def test_two_at_once_add_up():
     assert heard.stored[0] == approx(0.6e-3 + 1.2e-3)
 
 
-def test_forces_that_cancel_and_a_friction_that_is_gone_are_no_fault():
+def test_cancelling_forces_and_a_missing_friction_are_valid():
     bus = FakeBus(Sum(), friction=[None, rubbing(0.0, 0.2, 0.0)])
     ((heard, rubbed),) = bus.publish([contact(0.5, (1.0, 0.0, 0.0)), contact(0.5, (-1.0, 0.0, 0.0))])
     assert heard.force == 0.0 and heard.normal == (1.0, 0.0, 0.0) and rubbed.force == (0.0, 0.2, 0.0)
 
 
-def test_a_finger_goes_from_one_organ_over_both_to_the_other_without_a_jump(tmp_path):
+def test_a_finger_moves_from_one_organ_to_the_other_without_a_jump(tmp_path):
     sets = ("scene.surface.vertices=1500", "scene.liver-surface.vertices=1500")
     assert execute(find("organs").but(record=tmp_path / "organs.mcap", place="fused", overrides=sets)).result.ok
     recording = Recording(tmp_path / "organs.mcap")
@@ -73,7 +73,7 @@ def test_a_finger_goes_from_one_organ_over_both_to_the_other_without_a_jump(tmp_
     assert report.ok, report.first
 
 
-def test_an_organ_whose_force_is_left_out_of_the_sum_is_refused(tmp_path):
+def test_an_organ_missing_in_the_sum_is_an_error(tmp_path):
     path = tmp_path / "organs.yaml"
     path.write_text("extends: organs\nnodes: {both: {in: {contact: contact-kidney}}}\n")
     with pytest.raises(GraphError) as error:

@@ -34,7 +34,7 @@ def rubbed(force, mu=0.5, **more):
 
 
 def stroke(node, speed, force, time, rate=50.0):
-    """Samples [N] of a steady stroke, of which the first step is a prelude."""
+    """Samples [N] of a steady stroke after a first step."""
     bus = FakeBus(node, rate=rate, contact=press(force), proximity=near(speed))
     answers = bus.publish(*[rubbed(force)] * (1 + round(time * rate)))
     return np.concatenate([vibration.lateral for _, vibration in answers[1:]])
@@ -42,8 +42,8 @@ def stroke(node, speed, force, time, rate=50.0):
 
 @pytest.mark.parametrize("force", [0.3, 1.0, 4.0])
 @pytest.mark.parametrize("speed", [0.02, 0.05, 0.1, 0.2, 0.3])
-def test_the_rendered_spectrum_is_the_wanted_one_in_every_third_octave(speed, force):
-    """S_f(f) = f_n^2 S(f/v)/v, integrated over each band by a fine sum; over one period of the surface."""
+def test_the_rendered_spectrum_equals_the_target_in_every_third_octave(speed, force):
+    """S_f(f) = f_n^2 S(f/v)/v, integrated over each band by a fine sum, over one period of the surface."""
     sampling, rms = 10e3, 0.05
     x = stroke(Spectral(spectrum=SPECTRUM, roughness=rms, seed=3), speed, force, PERIOD / speed)
     power = 2.0 * np.abs(np.fft.rfft(x)) ** 2 / len(x) ** 2
@@ -61,24 +61,24 @@ def test_the_rendered_spectrum_is_the_wanted_one_in_every_third_octave(speed, fo
 
 def test_twice_the_speed_gives_every_second_sample():
     slow, fast = (stroke(Spectral(spectrum=SPECTRUM), speed, 1.0, 0.4) for speed in (0.05, 0.1))
-    place = 2 * np.arange(200, 900) + 1 + 200  # the prelude of 200 samples has half of the path
+    place = 2 * np.arange(200, 900) + 1 + 200  # the first 200 samples have half of the path
     assert slow[place] == approx(fast[200:900], abs=1e-10)
 
 
-def test_a_grating_is_felt_at_speed_over_wavelength():
+def test_a_grating_has_the_frequency_speed_over_wavelength():
     x = stroke(Spectral(wavelength=1e-3, roughness=0.1), 0.08, 2.0, 1.0)
     level = np.abs(np.fft.rfft(x)) * 2 / len(x)
     assert np.argmax(level) == 80 and level[80] == approx(0.1 * 2.0 * np.sqrt(2), rel=2e-3)
 
 
-def test_powers_of_force_and_speed():
+def test_the_fluctuation_scales_with_powers_of_force_and_speed():
     one = Spectral(wavelength=1e-3, force_exponent=0.5, speed_exponent=2.0)
     at = {key: stroke(one, *key, 0.5).std() for key in ((0.1, 1.0), (0.1, 4.0), (0.2, 1.0))}
     assert at[0.1, 1.0] == approx(0.05, rel=1e-2)
     assert at[0.1, 4.0] == approx(2 * at[0.1, 1.0], rel=1e-2) and at[0.2, 1.0] == approx(4 * at[0.1, 1.0], rel=1e-2)
 
 
-def test_it_is_silent_at_rest_in_the_air_and_in_a_contact_that_sticks():
+def test_the_texture_is_silent_at_rest_in_the_air_and_while_sticking():
     bus = FakeBus(Spectral(roughness=1.0), contact=press(2.0), proximity=near(0.1))
     assert np.any(bus.publish(rubbed(2.0))[0][1].lateral)
     for held, friction_ in (
@@ -94,7 +94,7 @@ def test_it_is_silent_at_rest_in_the_air_and_in_a_contact_that_sticks():
 
 
 def test_presliding_moves_the_bristles_and_not_the_surface():
-    """A finger that moves by as much as its bristles strain does not slide."""
+    """A finger that moves only by the strain of its bristles does not slide."""
     bus = FakeBus(Spectral(roughness=1.0), contact=press(2.0), proximity=near(0.01))
     strained = [rubbed(2.0, bristle=(1e-5 * (i + 1), 0, 0), stored=(1e-9 * i,)) for i in range(5)]
     answers = [bus.publish(message)[0] for message in strained]
@@ -103,8 +103,8 @@ def test_presliding_moves_the_bristles_and_not_the_surface():
 
 @pytest.mark.parametrize("law", ["LuGre", "ElastoPlastic", "Coulomb"])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_friction_and_texture_never_give_out_energy(law, seed):
-    """D = W - V of both together never falls, under a random stroke, a load that swings and an absurd roughness."""
+def test_friction_and_texture_never_generate_energy(law, seed):
+    """D = W - V of both together never falls, under a random stroke, an oscillating load and an extreme roughness."""
     node = getattr(friction, law)()
     law_bus = FakeBus(node, contact=press(1.0), proximity=near(0.0))
     bus = FakeBus(Spectral(roughness=10.0, share=1.0, spectrum=SPECTRUM), contact=press(1.0), proximity=near(0.0))
@@ -147,7 +147,7 @@ def test_friction_gets_the_mean_of_each_block_along_the_slip():
 
 
 @pytest.mark.parametrize("sampling", [10e3, 44.1e3, 1234.5])
-def test_blocks_join_whatever_the_rate_of_the_graph(sampling):
+def test_blocks_are_continuous_at_any_rate_of_the_graph(sampling):
     node = Spectral(wavelength=5e-3, sampling=sampling)
     quick, slow = (stroke(node, 0.1, 1.0, 1.0 - 1.0 / rate, rate) for rate in (1000.0, 100.0))
     assert len(quick) + 1e-3 * sampling == approx(sampling, abs=1.01)
@@ -158,7 +158,7 @@ def test_blocks_join_whatever_the_rate_of_the_graph(sampling):
     assert np.abs(np.diff(quick)).max() < 1.01 * np.abs(quick).max() * 2 * np.pi * 20.0 / sampling
 
 
-def test_with_a_direction_a_stroke_back_feels_the_same_surface():
+def test_with_a_direction_a_reverse_stroke_meets_the_same_surface():
     node = Spectral(spectrum=SPECTRUM, direction=(2.0, 0.0, 0.0), roughness=0.05)
     bus = FakeBus(node, contact=press(1.0), proximity=near(0.1))
     forth = np.concatenate([v.lateral for _, v in bus.publish(*[rubbed(1.0)] * 20)])
@@ -168,7 +168,7 @@ def test_with_a_direction_a_stroke_back_feels_the_same_surface():
     assert returned[:180] == approx(forth[::-1][1:181], abs=1e-9)
 
 
-def test_a_profile_is_felt_as_its_slope(tmp_path):
+def test_a_profile_acts_by_its_slope(tmp_path):
     s = np.linspace(0.0, 0.05, 4001)
     rows = np.column_stack([s, 1e-5 * np.sin(2 * np.pi * s / 2e-3) + 0.01 * s])
     np.savetxt(tmp_path / "p.csv", rows, delimiter=",", header="s,height", comments="")
@@ -178,7 +178,7 @@ def test_a_profile_is_felt_as_its_slope(tmp_path):
     assert np.argmax(level) == 50 and level[50] == approx(1e-5 * 2 * np.pi / 2e-3, rel=0.02)
 
 
-def test_a_seed_is_a_surface():
+def test_a_seed_defines_a_surface():
     one, again, other = (stroke(Spectral(seed=seed), 0.1, 1.0, 0.1) for seed in (1, 1, 2))
     assert one.tobytes() == again.tobytes() and np.abs(one - other).max() > 0.01
 
@@ -196,7 +196,7 @@ def test_a_seed_is_a_surface():
         ({"wavelength": 1e-3, "profile": "p.csv"}, "found both"),
     ],
 )
-def test_bad_settings_say_what_would_work(given, told):
+def test_bad_settings_are_errors_with_a_remedy(given, told):
     with pytest.raises(SettingError, match=told):
         Spectral(**given)
 
@@ -212,7 +212,7 @@ def test_bad_settings_say_what_would_work(given, told):
         ("s,height\n" + "".join(f"{i}e-3,1\n" for i in range(9)), "flat"),
     ],
 )
-def test_a_bad_profile_says_what_is_wrong(tmp_path, text, told):
+def test_a_bad_profile_is_an_error_with_the_reason(tmp_path, text, told):
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(SettingError, match=told):
         Spectral(profile=str(tmp_path / "p.csv")).start()
@@ -222,7 +222,7 @@ def test_a_bad_profile_says_what_is_wrong(tmp_path, text, told):
         Spectral(spectrum=((1.0, 1.0), (1e4, 1.0))).start()
 
 
-def test_a_finger_that_is_too_fast_is_told_and_feels_nothing():
+def test_a_finger_that_is_too_fast_is_reported_without_vibration():
     node = Spectral()
     bus = FakeBus(node, contact=press(1.0), proximity=near(3.0))
     passed, vibration = bus.publish(*[rubbed(1.0)] * 3)[-1]
@@ -270,7 +270,7 @@ def test_an_autoregressive_texture_is_silent_at_rest_and_ends_its_fluctuation_wi
     assert light[1] == approx(0.1 * light[0], rel=1e-6)
 
 
-def test_a_sound_card_gets_the_vibration_at_its_own_rate():
+def test_a_sound_card_gets_the_vibration_at_its_rate():
     from palpate.messages.vibration import Vibration
     from palpate.nodes.actuator import SoundCard
 
@@ -288,7 +288,7 @@ def test_a_sound_card_gets_the_vibration_at_its_own_rate():
     assert not out[node.written :].any()
 
 
-def test_a_sound_card_that_nobody_empties_does_not_grow():
+def test_the_buffer_of_an_unread_sound_card_does_not_grow():
     from palpate.messages.vibration import Vibration
     from palpate.nodes.actuator import SoundCard
 
@@ -299,7 +299,7 @@ def test_a_sound_card_that_nobody_empties_does_not_grow():
     assert node.written <= len(node.ring) and node.ring.max() == 1.0
 
 
-def test_without_its_package_the_sound_card_says_what_to_install(monkeypatch):
+def test_without_its_package_the_sound_card_names_the_package(monkeypatch):
     import sys
 
     from palpate.nodes.actuator import SoundCard

@@ -1,5 +1,5 @@
-"""What each node says that it reads of its inputs, `Wants`, is what its code reads: a field too few would be left out
-by its sender, a field too many is computed for nobody."""
+"""The `Wants` of each node equal the fields that its code reads: a sender would omit a missing field, and compute an
+extra field without need."""
 
 import ast
 import inspect
@@ -19,15 +19,15 @@ PRICED = {
     for field in effect.fields
     for kind in outputs(entry.cls)
 }
-"""Fields that a sender leaves out where nobody reads them."""
+"""Fields that a sender omits if no node reads them."""
 
 
 def reads(cls, function, name, seen=()):
-    """The fields that a function reads of its argument `name`, by its source and that of what it is passed on to; None
-    where it is passed to something whose source is not known."""
+    """The fields that a function reads of its argument `name`, from its source and that of functions that receive the
+    argument; None if the source of one is unknown."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(_plain(function))))
     names, found, inside = {name}, set(), set()
-    for node in ast.walk(tree):  # another name for it: `b = body`, `b = body or NONE`, `for b in (body, x)`
+    for node in ast.walk(tree):  # another name of it: `b = body`, `b = body or NONE`, `for b in (body, x)`
         if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(_target(node), ast.Name):
             value = node.value
             if isinstance(value, ast.BinOp) and isinstance(value.left, ast.List):  # `seen = [body] * count`
@@ -58,7 +58,7 @@ def reads(cls, function, name, seen=()):
 
 
 def _plain(function):
-    """A function before it was wrapped or compiled."""
+    """The original of a wrapped or compiled function."""
     return getattr(inspect.unwrap(function), "py_func", inspect.unwrap(function))
 
 
@@ -79,7 +79,7 @@ def _one(value):
 
 
 def _each(target, source, name):
-    """Names of what a loop takes from a list: `for each in load`, `for body, each in zip(bodies, load)`."""
+    """Loop variables of a list: `for each in load`, `for body, each in zip(bodies, load)`."""
     if isinstance(source, ast.Name):
         return {target.id} if source.id == name and isinstance(target, ast.Name) else set()
     if not (isinstance(source, ast.Call) and isinstance(source.func, ast.Name) and isinstance(target, ast.Tuple)):
@@ -101,7 +101,7 @@ def _called(cls, function, called):
         return None
     if isinstance(called.value, ast.Name) and inspect.ismodule(known.get(called.value.id)):
         return getattr(known[called.value.id], called.attr)
-    if isinstance(called.value, ast.Name):  # of its own, or of another of its kind
+    if isinstance(called.value, ast.Name):  # a method of this or of another object
         return getattr(cls, called.attr, None)
     if isinstance(called.value, ast.Call) and ast.unparse(called.value) == "super()":
         owner = next(c for c in cls.__mro__ if function.__qualname__.startswith(f"{c.__name__}."))
@@ -110,7 +110,7 @@ def _called(cls, function, called):
 
 
 @pytest.mark.parametrize("use", NODES)
-def test_a_node_wants_what_its_step_reads(use):
+def test_the_wants_of_a_node_are_the_fields_that_its_step_reads(use):
     cls = find_class(use)
     for port in inputs(cls):
         read = reads(cls, cls.wiring(), port.name)

@@ -1,4 +1,4 @@
-"""Stored bases: found by all that they depend on, refused where they do not fit, and as the code would build them."""
+"""Stored bases: their key includes all inputs, unsuitable bases are errors, and shipped bases are up to date."""
 
 import dataclasses
 import hashlib
@@ -29,7 +29,7 @@ SMALL = {"surface": "plane", "coarse": 80, "vertices": 400}
 
 @lru_cache
 def small():
-    """A basis without numbers of its own: where it lies is what is looked at."""
+    """An empty basis; the tests check only its path."""
     mesh = surface_mesh("plane", 80)
     return Basis(mesh.vertices, mesh.triangles, np.eye(3 * len(mesh.vertices), dtype=np.float32))
 
@@ -42,7 +42,7 @@ def cache(monkeypatch, tmp_path):
 
 @lru_cache
 def slab():
-    """What bases of another version would be built of."""
+    """Inputs of the bases, as of another version."""
     return of_organ(Organ(surface_mesh("plane", 80)))
 
 
@@ -51,7 +51,7 @@ def node_of(command):
     return ReducedFE(**settings_of([word for word in shlex.split(command)[2:] if word != "--set"]))
 
 
-def test_every_shipped_basis_is_in_the_index_and_is_the_one_for_its_command():
+def test_every_shipped_basis_is_in_the_index_with_its_command():
     printed = basis_store.shipped()
     assert {path.name for path in basis_store.SHIPPED.glob("*.npz")} == set(printed)
     for name, about in printed.items():
@@ -84,7 +84,7 @@ def test_the_last_bits_of_a_vertex_do_not_change_the_key():
     assert basis_store.digest(shaken) == basis_store.digest(mesh)
 
 
-def test_a_basis_of_another_place_is_refused_with_the_command_that_rebuilds_it(cache):
+def test_a_basis_at_another_path_is_an_error_with_the_command_to_rebuild_it(cache):
     node, one = ReducedFE(**SMALL), small()
     one.save(cache / node.filename())
     FakeBus(node)
@@ -95,14 +95,14 @@ def test_a_basis_of_another_place_is_refused_with_the_command_that_rebuilds_it(c
         FakeBus(ReducedFE(**SMALL))
 
 
-def test_what_the_shipped_basis_was_made_from_is_told_where_it_does_not_serve(cache):
+def test_the_inputs_of_an_unsuitable_shipped_basis_are_reported(cache):
     with pytest.raises(
         SettingError, match=r"of the shipped kidney-condensed\.npz, bed was 50\.0, is 60\.0.*--set bed=60\.0"
     ):
         FakeBus(ReducedFE(bed=60.0))
 
 
-def test_a_basis_says_what_it_was_made_from(tmp_path):
+def test_a_basis_contains_its_inputs(tmp_path):
     small().save(tmp_path / "one.npz", json.dumps({"key": "0" * 16}))
     assert basis_store.about(tmp_path / "one.npz") == {"key": "0" * 16}
     (tmp_path / "none.npz").write_bytes(b"no archive")
@@ -130,12 +130,12 @@ def constants(modules):
 
 
 @pytest.mark.parametrize(("kind", "modules"), [("condensed", ORGAN), ("sampled", SAMPLED)])
-def test_another_constant_of_a_builder_asks_for_another_version(kind, modules):
+def test_a_changed_constant_of_a_builder_requires_another_version(kind, modules):
     text = "\n".join(constants(modules))
     assert (basis_store.BUILDERS[kind], hashlib.sha256(text.encode()).hexdigest()[:16]) == VERSIONS[kind], RAISE
 
 
-def test_the_constants_of_a_builder_are_seen(monkeypatch):
+def test_the_constants_of_a_builder_are_detected(monkeypatch):
     usual = constants(SAMPLED)
     for module, name in ((organ, "SHELLS"), (reduction, "ROUND"), (fingertip, "CORE")):
         with monkeypatch.context() as patch:
@@ -144,12 +144,12 @@ def test_the_constants_of_a_builder_are_seen(monkeypatch):
     assert "FingertipDimensions.dermis 0.00093" in usual
 
 
-def test_other_numbers_of_a_condensed_basis_ask_for_another_version():
+def test_changed_numbers_of_a_condensed_basis_require_another_version():
     assert basis_store.BUILDERS["condensed"] == 4
     assert np.trace(slab().compliance()) == approx(28157.1478336, rel=1e-6), RAISE
 
 
-def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
+def test_changed_numbers_of_a_sampled_basis_require_another_version():
     body = slab()
     presses = snapshots.press_from_rest(body, reduction.organ_touches(body, 4))
     basis = reduction.build(body, presses[:3], presses[3:], 6, tolerance=3e-2)
@@ -167,11 +167,11 @@ def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["plane-condensed.npz", "plane-nodule-condensed.npz"])
-def test_a_shipped_basis_is_the_one_that_would_be_built_now(name):
+def test_a_shipped_basis_equals_a_new_build(name):
     """The slab, without and with its nodule: its compliance at three vertices."""
     node = node_of(basis_store.shipped()[name]["command"])
     basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(_organ(node, silent))
-    half = 0.51 * float(np.abs(basis.compliance).max()) / 32767  # of the steps that it is stored in
+    half = 0.51 * float(np.abs(basis.compliance).max()) / 32767  # half of the quantization step of the file
     for v in (0, 100, 300):
         load = np.zeros_like(organ.mesh.points)
         load[:, 2] = organ.hats[:, v]

@@ -1,4 +1,4 @@
-"""One contract for every deformable body: a body can stand in for any other in a graph.
+"""One contract for every deformable body: each can replace any other in a graph.
 
 Every class of `palpate.nodes.deformation` is found and tried with its default settings on a small plane.
 """
@@ -33,7 +33,7 @@ def make(kind):
 
 
 class Loop:
-    """Contact, spreading and one body, step by step; the body of the last step answers the contact of the next."""
+    """Contact, spreading and one body, step by step; the contact uses the body's message of the previous step."""
 
     def __init__(self, kind):
         self.contact, self.spread, self.body = Series(), Kernel(**PLANE), make(kind)
@@ -55,7 +55,7 @@ def nothing():
     return Load(nodes=[], forces=np.zeros((0, 3)), foot=(0, 0, 0), normal=UP)
 
 
-def test_a_finger_that_lifts_off_a_nodule_leaves_the_law_that_it_pressed():
+def test_a_finger_that_lifts_off_a_nodule_keeps_its_last_law():
     body = deformation.MassSpring(**PLANE, nodule_radius=4e-3)
     body.start()
     middle = int(np.argmin((body.mesh().vertices ** 2).sum(axis=1)))
@@ -80,7 +80,7 @@ def check_law(surface):
 
 
 @every_body
-def test_it_takes_a_load_and_sends_a_surface(kind):
+def test_a_body_receives_a_load_and_sends_a_surface(kind):
     assert inputs(kind)[0].type is Load and outputs(kind) == (Surface,)
     (surface,) = FakeBus(make(kind)).publish(nothing())
     check_law(surface)
@@ -114,7 +114,7 @@ def test_pressing_holding_and_releasing_stays_finite_and_dissipates(kind):
 
 
 @every_body
-def test_the_surface_goes_in_under_the_finger_and_comes_back(kind):
+def test_the_surface_indents_under_the_finger_and_recovers(kind):
     loop = Loop(kind)
     for _ in range(200):
         loop.press(6e-3)
@@ -140,7 +140,7 @@ def test_random_jumps_and_steps_stay_finite(kind, path):
 
 @every_body
 @pytest.mark.parametrize("dt", [1e-6, 1e-4, 1e-3, 1e-2, 0.1])
-def test_a_closed_cycle_never_gives_energy_whatever_the_step(kind, dt):
+def test_a_closed_cycle_never_generates_energy_with_any_step(kind, dt):
     loop = Loop(kind)
     path = np.concatenate([np.linspace(0, 5e-3, 20)[1:], np.linspace(5e-3, 0, 20)[1:], np.zeros(3)])
     forces = np.array([loop.press(float(e), dt).force for e in path])
@@ -160,7 +160,7 @@ def test_a_duplicate_message_changes_nothing(kind):
 
 
 @every_body
-def test_starting_again_is_a_reset(kind):
+def test_a_restart_is_a_reset(kind):
     node = make(kind)
     on = Load(nodes=[3, 4], forces=[[0, 0, -0.5], [0, 0, -0.5]], foot=(0, 0, 0), normal=UP)
     (first,) = FakeBus(node).publish(on)
@@ -169,9 +169,9 @@ def test_starting_again_is_a_reset(kind):
 
 
 @every_body
-def test_the_surface_is_not_torn_at_the_rim_of_what_is_sent(kind):
-    """A body whose vertices move by themselves lists all that move; of one that moves as a whole the vertices that it
-    leaves out lie between those that it lists."""
+def test_the_surface_is_continuous_at_the_rim_of_the_sent_vertices(kind):
+    """A body with independent vertices lists all that move; a body that moves as a whole omits vertices only between
+    listed ones."""
     loop = Loop(kind)
     for _ in range(100):
         loop.press(6e-3)
@@ -197,7 +197,7 @@ def test_the_surface_is_not_torn_at_the_rim_of_what_is_sent(kind):
     assert np.linalg.norm(shown.displacement - whole.surface.displacement, axis=1).max() < 0.02 * greatest
 
 
-def test_the_pressure_that_reduced_fe_sends_is_that_of_the_load_and_sums_to_its_force():
+def test_the_pressure_of_reduced_fe_is_that_of_the_load_and_sums_to_its_force():
     loop = Loop(deformation.ReducedFE)
     for _ in range(60):
         contact = loop.press(5e-3)

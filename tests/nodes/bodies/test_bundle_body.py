@@ -1,4 +1,4 @@
-"""The bed of beams as the body of a touch: its pressures, a nodule in it, the energy of a whole run."""
+"""The beam foundation as the body of a touch: its pressures, a nodule in it, the energy of a whole run."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def pressed(force, foot=(0.0, 0.0, 0.0)):
     return contact, Load(nodes=load.nodes, forces=load.forces, foot=foot, normal=UP)
 
 
-def test_the_pressures_are_those_of_the_displaced_nodes_and_sum_to_the_force():
+def test_the_pressures_belong_to_the_displaced_nodes_and_sum_to_the_force():
     _, load = pressed(0.8)
     answer = FakeBus(BeamBundle(**FLAT)).publish(load, load)[-1]
     assert len(answer.pressure) == len(answer.nodes) > 20
@@ -39,7 +39,7 @@ def test_the_pressures_are_those_of_the_displaced_nodes_and_sum_to_the_force():
     assert answer.pressure == approx(expected)
 
 
-def test_nodes_that_still_recover_have_no_pressure():
+def test_recovering_nodes_have_no_pressure():
     bus = FakeBus(BeamBundle(**FLAT))
     _, here = pressed(0.8)
     _, there = pressed(0.8, (0.02, 0.0, 0.0))
@@ -53,14 +53,14 @@ def test_nodes_that_still_recover_have_no_pressure():
     assert not bus.publish(empty)[-1].pressure.any()
 
 
-def test_a_load_that_names_a_node_twice_presses_it_twice():
+def test_a_node_listed_twice_in_a_load_is_loaded_twice():
     bus = FakeBus(BeamBundle(**FLAT))
     (answer,) = bus.publish(Load(nodes=[7, 7], forces=[[0, 0, -0.1], [0, 0, -0.2]], foot=(0, 0, 0), normal=UP))
     assert answer.nodes.tolist() == [7] and answer.pressure == approx(0.3 / MESH.areas[7])
 
 
-def test_the_pins_take_the_pressure_from_the_nodes_that_the_body_names():
-    """The pins under a load to the side stand highest on that side, and nothing else but the load moves them."""
+def test_the_pins_use_the_pressure_of_the_listed_nodes():
+    """The pins under an eccentric load are highest on that side, and only the load moves them."""
     display = PinArray(shows="pressure", rows=8, columns=8, rate=1e3, **FLAT)
     contact, load = pressed(0.8)
     _, aside = pressed(0.8, (4e-3, 0.0, 0.0))
@@ -73,8 +73,8 @@ def test_the_pins_take_the_pressure_from_the_nodes_that_the_body_names():
 
 
 @pytest.mark.parametrize("kind", [BeamBundle, MassSpring])
-def test_a_nodule_holds_the_surface_up_and_makes_the_body_stiffer(kind):
-    """The same force: above the nodule the surface goes in less, elsewhere as without it."""
+def test_a_nodule_reduces_the_indentation_and_stiffens_the_body(kind):
+    """At the same force the surface indents less above the nodule, and equally elsewhere."""
     _, load = pressed(0.4)
     plain, hard = (FakeBus(kind(**FLAT, **more)).publish(*[load] * 20)[-1] for more in ({}, NODULE))
     assert (plain.nodes == hard.nodes).all()
@@ -85,7 +85,7 @@ def test_a_nodule_holds_the_surface_up_and_makes_the_body_stiffer(kind):
     assert hard.previous_indentation < plain.previous_indentation and hard.stiffness > plain.stiffness
 
 
-def test_beams_over_a_nodule_give_way_by_the_factor_less():
+def test_beams_over_a_nodule_deform_less_by_the_factor():
     _, load = pressed(0.1)
     plain, hard = (FakeBus(BeamBundle(**FLAT, **more)).publish(load)[-1] for more in ({}, NODULE))
     factor = WithNodule(**FLAT, **NODULE).hardness()[plain.nodes]
@@ -120,4 +120,6 @@ def test_its_pressures_carry_the_contact_force_at_each_tick(kidney):
     for tick, surface in list(enumerate(kidney.messages("tissue")))[300:2000:97]:
         assert isinstance(surface, Surface) and len(surface.pressure) == len(surface.nodes)
         carried = (surface.pressure * areas[surface.nodes]).sum()
-        assert carried == approx(force[tick], rel=0.1, abs=1e-9)  # the vertices' normals spread round the contact's
+        assert carried == approx(
+            force[tick], rel=0.1, abs=1e-9
+        )  # the normals of the vertices scatter around that of the contact

@@ -1,5 +1,5 @@
-"""The contact between the steps of a body: at a divisor, or while a message is held, it feels what it would with a body
-that answers every tick."""
+"""The contact between the steps of a body: with a divisor or a held message, the force is the same as with a body that
+runs at every tick."""
 
 import math
 from functools import cache
@@ -26,7 +26,7 @@ PATHS = {
 
 
 class Timed(Loop):
-    """A touch in which the body runs every so many ticks, and its message reaches the contact unless it is held."""
+    """A touch with a divisor `every` of the body, whose message reaches the contact unless it is held."""
 
     def __init__(self, kind, every, held=()):
         super().__init__(kind)
@@ -82,15 +82,15 @@ def test_the_reduced_body_gives_the_fine_force_at_a_divisor(path, most):
 
 
 @pytest.mark.parametrize(("path", "most"), [("press", 0.12), ("hold", 0.05)])
-def test_beams_come_to_the_fine_force_with_the_divisor(path, most):
+def test_beams_converge_to_the_fine_force_with_the_divisor(path, most):
     fine = fine_forces("BeamBundle", path)
     errors = [np.abs(forces(named("BeamBundle"), PATHS[path], every) - fine).max() / fine.max() for every in (10, 2)]
     assert errors[0] < most and errors[1] < 0.6 * errors[0]
 
 
 @pytest.mark.parametrize("kind", BODIES, ids=lambda kind: kind.__name__)
-def test_messages_that_are_held_now_and_then_hardly_change_the_force(kind):
-    """Short of the strain limit of the beams, which a held law cannot foresee."""
+def test_messages_held_at_some_ticks_hardly_change_the_force(kind):
+    """Below the strain limit of the beams, which a held law cannot predict."""
     rng = np.random.default_rng(5)
     held = {int(start + k) for start in rng.integers(5, 480, 40) for k in range(rng.integers(1, 9))}
     path = np.interp(TIME, [0, 0.2, 0.4, 0.5], [0, 4e-3, 4e-3, 3e-3])
@@ -100,7 +100,7 @@ def test_messages_that_are_held_now_and_then_hardly_change_the_force(kind):
 
 @pytest.mark.parametrize("kind", BODIES, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("every", [3, 10])
-def test_a_closed_touch_absorbs_work_at_a_divisor(kind, every):
+def test_a_closed_touch_dissipates_work_with_a_divisor(kind, every):
     for path in PATHS.values():
         force = forces(kind, path, every)
         assert np.isfinite(force).all() and (force >= 0).all()
@@ -110,7 +110,7 @@ def test_a_closed_touch_absorbs_work_at_a_divisor(kind, every):
 @pytest.mark.parametrize("tau", [1e-3, 0.02, 1.4])
 @pytest.mark.parametrize("step", [1e-3, 10e-3])
 @pytest.mark.parametrize("age", [0.5e-3, 1e-3, 4e-3, 10e-3, 30e-3])
-def test_of_a_kelvin_voigt_body_the_law_at_an_age_is_the_step_of_that_length(tau, step, age):
+def test_the_law_of_a_kelvin_voigt_body_at_an_age_equals_a_step_of_that_length(tau, step, age):
     """f = k s + k tau s', by implicit Euler: s = (s_prev tau + f/k a)/(a + tau)."""
     k, before, force = 300.0, 2e-3, 0.7
 
@@ -124,7 +124,7 @@ def test_of_a_kelvin_voigt_body_the_law_at_an_age_is_the_step_of_that_length(tau
         assert free + force / stiffness == pytest.approx(after(age, force, start))
 
 
-def test_a_law_without_times_is_taken_as_it_is():
+def test_a_law_without_times_is_used_unchanged():
     law = Terminal(3e3, 1.5, 0.0, 1e-3, 2e-3)
     assert law_at(5e-3, 2e-3, law, 0.0, 0.02) == (3e3, 1e-3)
     assert law_at(5e-3, 2e-3, law, 1e-3, 0.0) == (3e3, 1e-3)
@@ -137,8 +137,8 @@ STROKE = (
 )
 
 
-def test_a_whole_run_feels_the_same_with_a_body_at_a_divisor(tmp_path):
-    """The kidney, pressed, stroked and left by a hand that yields, friction included."""
+def test_a_whole_run_has_the_same_forces_with_a_divisor_of_the_body(tmp_path):
+    """A compliant hand presses, strokes and leaves the kidney, with friction."""
     runs = []
     for every in (1, 10):
         file = tmp_path / f"{every}.mcap"

@@ -1,4 +1,4 @@
-"""A finger driven through an organ and back: pushed back all the way, by a finite force, and nothing is given out."""
+"""A finger driven through an organ and back: it is pushed back by a finite force, without generated energy."""
 
 import numpy as np
 import pytest
@@ -33,15 +33,15 @@ def driven(kind, collision, start, end, speed=0.1):
 @pytest.mark.parametrize("kind", BODIES, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("collision", [Nurbs, Mesh])
 @pytest.mark.parametrize("place", [(0.003, 0.004), (-0.03, 0.0)])
-def test_the_force_never_turns_and_no_energy_comes_out(kind, collision, place):
+def test_the_force_never_flips_and_no_energy_is_generated(kind, collision, place):
     forces, path = driven(kind, collision, (*place, 0.115), (place[0] + 2e-3, place[1], 0.055))
     assert np.isfinite(forces).all()
     assert (forces[:, 2] >= 0).all() and forces[:, 2].max() > 5.0
     given = np.cumsum(-np.einsum("ij,ij->i", forces[1:], np.diff(path, axis=0)))
     assert given.min() > -1e-6 and given[-1] > 0
     assert (forces[-1] == 0).all()
-    if kind.__name__ == "ReducedFE":  # 225 N in a tick, where the foot jumped to the other side
+    if kind.__name__ == "ReducedFE":  # 225 N in a tick if the foot jumped to the other side
         inward = np.linalg.norm(forces, axis=1)[: np.argmax(-path[:, 2])]
-        assert np.abs(np.diff(inward)).max() < 10.0  # steps of the foot deep inside a mesh give up to 5 N
-        # It stiffens beyond its deepest press: 60 mm are driven in, five times as deep.
+        assert np.abs(np.diff(inward)).max() < 10.0  # steps of the foot deep inside a mesh cause up to 5 N
+        # It stiffens beyond its deepest press: 60 mm is five times as deep.
         assert inward.max() < 120.0

@@ -1,4 +1,4 @@
-"""A finely meshed surface: loads and displacements on some of its vertices against all of them, for every body."""
+"""A fine surface mesh: loads and displacements on some vertices compared with all of them, for every body."""
 
 from functools import cache
 
@@ -53,7 +53,7 @@ def whole(kind, foot, vertices):
 @pytest.mark.long
 @pytest.mark.parametrize("kind", [MassSpring, BeamBundle, ReducedFE])
 @pytest.mark.parametrize("vertices", [70_000, 150_000])
-def test_a_body_answers_some_of_the_vertices_as_it_answers_all(kind, vertices):
+def test_a_body_gives_the_same_result_for_some_vertices_as_for_all(kind, vertices):
     for foot in FEET:
         (loaded, surface, mesh), (some, answer, thin) = (
             whole(kind, foot, vertices),
@@ -70,7 +70,7 @@ def test_a_body_answers_some_of_the_vertices_as_it_answers_all(kind, vertices):
         assert apart.max() < 0.03 * np.linalg.norm(field, axis=1).max()
 
 
-def test_force_of_the_default_body_does_not_depend_on_the_vertices_at_all():
+def test_the_force_of_the_default_body_does_not_depend_on_the_vertices():
     for foot in FEET:
         _, surface, _ = whole(MassSpring, foot, 70_000)
         _, answer, _ = touched(MassSpring, foot, vertices=70_000)
@@ -78,7 +78,7 @@ def test_force_of_the_default_body_does_not_depend_on_the_vertices_at_all():
             assert getattr(answer, field) == approx(getattr(surface, field), rel=1e-12)
 
 
-def test_loads_and_messages_do_not_grow_with_the_mesh_and_the_foot_is_that_of_all_triangles():
+def test_loads_and_messages_do_not_grow_with_the_mesh_and_the_foot_is_exact():
     sizes = [len(touched(MassSpring, FEET[0], 2, vertices=count)[0]) for count in (70_000, 150_000)]
     assert max(sizes) < 1.2 * min(sizes)
     assert len(NearestOnMesh(vertices=70_000).mesh().vertices) == approx(70_000, rel=0.01)

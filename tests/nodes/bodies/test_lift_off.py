@@ -1,4 +1,4 @@
-"""A body keeps its dent when the load is gone: no load is a load of zero, not a new body."""
+"""A body keeps its indentation after the load ends: a missing load is a load of zero, not a reset."""
 
 import numpy as np
 import pytest
@@ -23,8 +23,8 @@ def lifted(kind, back, speed, hold=300):
 @every_body
 @pytest.mark.parametrize("back", [1e-3, 3e-3, 5e-3])
 @pytest.mark.parametrize("speed", [0.02, 0.2])
-def test_a_finger_lifted_a_little_is_not_struck_again(kind, back, speed):
-    """The surface may come up and meet the finger once; it does not come and go."""
+def test_a_slightly_lifted_finger_is_not_hit_repeatedly(kind, back, speed):
+    """The recovering surface may meet the finger once, without chatter."""
     forces, path = lifted(kind, back, speed)
     on = (forces > 0).astype(int)[150:]
     assert np.abs(np.diff(on)).sum() <= 2
@@ -43,7 +43,7 @@ def empty(foot):
     return Load(nodes=[], forces=np.zeros((0, 3)), foot=foot, normal=UP)
 
 
-def test_the_dent_is_told_while_it_recovers_and_only_where_it_is():
+def test_only_the_recovering_indentation_is_sent():
     bus = FakeBus(make(BeamBundle))
     here = (0.0, 0.0, 0.0)
     held = bus.publish(*[spread(0.5, here)] * 100)[-1]
@@ -58,7 +58,7 @@ def test_the_dent_is_told_while_it_recovers_and_only_where_it_is():
     assert back.rest_indentation == pytest.approx(gone[-1].rest_indentation, rel=0.02)
 
 
-def test_the_law_passes_smoothly_from_the_last_patch_to_the_one_below_the_finger():
+def test_the_law_changes_smoothly_from_the_last_patch_to_the_one_below_the_finger():
     bus = FakeBus(make(BeamBundle))
     bus.publish(*[spread(0.5, (0.0, 0.0, 0.0))] * 100)
     laws = bus.publish(*[empty((x, 0.0, 0.0)) for x in np.linspace(0, 0.02, 400)])

@@ -27,13 +27,14 @@ VERTICES = 3000
 
 
 def made(kind, mesh, **more):
-    """The body; beams without viscosity: what is compared here has come to rest, which takes viscous ones seconds."""
+    """The body; beams without viscosity, since the comparisons are at rest, which viscous beams reach only in
+    seconds."""
     elastic = {"relaxations": (0.0, 0.0)} if kind is BeamBundle else {}
     return kind(**({} if kind is Rigid else mesh), **elastic, **more)
 
 
 class Hand:
-    """Fingers over the kidney, or a mesh, each with collision and spread of its own, on one body."""
+    """Fingers on the kidney or a mesh, each with a separate collision and spread, on one body."""
 
     def __init__(self, kind, count, mesh=None, **more):
         finds = [collision.Nurbs() if mesh is None else collision.Mesh(**mesh) for _ in range(count)]
@@ -45,7 +46,7 @@ class Hand:
         self.surface = None
 
     def step(self, places):
-        """One tick with the bones [m] (c,3) here; the contacts."""
+        """One tick with the bones [m] (c,3) at these positions; returns the contacts."""
         near = [
             msgspec.structs.replace(find.publish(Pose(position=tuple(p), velocity=(0.0, 0.0, 0.0), dt=1e-3))[0],
                                     source=f"collision-{i}", tick=-1)
@@ -65,7 +66,7 @@ class Hand:
         return contacts
 
     def hold(self, places, ticks=200):
-        """The forces [N] (c,) in the end, by which all but viscous beams have come to rest to 1e-8 of them."""
+        """The final forces [N] (c,), at rest to 1e-8 except with viscous beams."""
         for _ in range(ticks):
             contacts = self.step(places)
         return np.array([c.force for c in contacts])
@@ -83,7 +84,7 @@ def lone(kind, x, depth):
 
 
 @pytest.mark.parametrize("kind", BODIES)
-def test_one_finger_feels_what_it_feels_without_a_joint(kind):
+def test_one_finger_has_the_same_force_with_and_without_a_joint(kind):
     hand = Hand(kind, 1)
     alone, spread, other = Series(), Kernel(vertices=VERTICES), made(kind, {"vertices": VERTICES})
     for node in (alone, spread, other):
@@ -104,7 +105,7 @@ def test_one_finger_feels_what_it_feels_without_a_joint(kind):
 
 
 @pytest.mark.parametrize("kind", [MassSpring, BeamBundle, pytest.param(ReducedFE, marks=pytest.mark.long), Rigid])
-def test_two_fingers_sixty_millimetres_apart_feel_what_each_feels_alone(kind):
+def test_two_fingers_60_mm_apart_have_the_forces_of_single_fingers(kind):
     places = [(-0.03, 7e-3), (0.03, 6e-3)]
     both = Hand(kind, 2).hold([bone(*place) for place in places])
     each = [lone(kind, *place) for place in places]
@@ -113,15 +114,15 @@ def test_two_fingers_sixty_millimetres_apart_feel_what_each_feels_alone(kind):
 
 
 @pytest.mark.parametrize("kind", COUPLED)
-def test_the_nearer_they_are_the_less_each_bears(kind):
+def test_the_force_of_each_finger_decreases_with_their_distance(kind):
     hand = Hand(kind, 2)
     forces = [hand.hold([bone(-d / 2, 6e-3), bone(d / 2, 6e-3)]).sum() for d in (0.0, 5e-3, 10e-3, 20e-3)]
     assert (np.diff(forces) > 0.0).all()
 
 
 @pytest.mark.parametrize("kind", COUPLED)
-def test_on_one_place_they_share_the_force(kind):
-    """Two fingertips and one body: half the compliance of the fingertip, and the whole of the body."""
+def test_fingers_at_one_point_share_the_force(kind):
+    """Two fingertips on one body have half the compliance of the fingertip and the full compliance of the body."""
     first, second = Hand(kind, 2).hold([bone(0.0, 6e-3), bone(0.0, 6e-3)])
     alone = lone(kind, 0.0, 6e-3)
     assert first == approx(second, rel=1e-9)
@@ -129,13 +130,13 @@ def test_on_one_place_they_share_the_force(kind):
 
 
 @pytest.mark.parametrize("kind", COUPLED)
-def test_a_finger_that_hovers_changes_nothing_and_one_over_a_dent_touches_later(kind):
+def test_a_hovering_finger_has_no_effect_and_one_above_an_indentation_touches_later(kind):
     alone = lone(kind, 0.0, 7e-3)
     hand = Hand(kind, 2)
     beside, hovering = hand.hold([bone(0.0, 7e-3), bone(4e-3, -1e-3)])
     assert beside == approx(alone, rel=1e-3) and hovering == 0.0
     _, light = hand.hold([bone(0.0, 7e-3), bone(4e-3, 0.3e-3)], 50)
-    assert light == 0.0  # it would touch an undeformed surface
+    assert light == 0.0  # it would touch the undeformed surface
 
 
 @pytest.mark.parametrize("kind", BODIES)
@@ -151,8 +152,8 @@ def test_one_lifts_while_the_other_presses(kind):
 
 
 @pytest.mark.parametrize("kind", BODIES)
-def test_fingers_that_cross_stay_finite_and_change_places(kind):
-    """Each goes along the kidney through the place of the other, at 0.2 m/s."""
+def test_crossing_fingers_have_finite_forces_and_exchange_their_positions(kind):
+    """Each moves along the kidney through the position of the other, at 0.2 m/s."""
     hand, forces = Hand(kind, 2), []
     hand.hold([bone(-20e-3, 6e-3), bone(20e-3, 6e-3)], 100)
     for tick in range(200):
@@ -160,7 +161,7 @@ def test_fingers_that_cross_stay_finite_and_change_places(kind):
         forces.append([c.force for c in hand.step([bone(x, 6e-3), bone(-x, 6e-3)])])
     forces = np.array(forces)
     assert np.isfinite(forces).all() and (forces >= 0.0).all()
-    # no jump in a tick once they move, the moment of passing included
+    # no jump in a tick during the motion, including the crossing
     assert np.abs(np.diff(forces[5:], axis=0)).max() < 0.04 * forces.max()
     ended = hand.hold([bone(20e-3, 6e-3), bone(-20e-3, 6e-3)])
     alone = [lone(kind, x, 6e-3) for x in (20e-3, -20e-3)]
@@ -179,8 +180,8 @@ def test_five_fingers_press_lift_and_come_to_rest(kind):
 
 
 @pytest.mark.parametrize("kind", BODIES)
-def test_from_opposite_sides_they_hold_the_organ_between_them(kind):
-    """On ReducedFE each pushes the organ against the other; the springs of the other bodies know of no other side."""
+def test_fingers_on_opposite_sides_grip_the_organ(kind):
+    """With ReducedFE each pushes the organ against the other; the springs of the other bodies have only one side."""
     top, below = bone(0.0, 6e-3), [0.0, 0.0, TOP - 42e-3 - 4e-3 + 6e-3]
     hand, alone = Hand(kind, 2), lone(kind, 0.0, 6e-3)
     both = hand.hold([top, below])
@@ -191,8 +192,8 @@ def test_from_opposite_sides_they_hold_the_organ_between_them(kind):
 
 
 @pytest.mark.parametrize("kind", [MassSpring, Rigid])
-def test_through_a_thin_organ_each_stays_on_its_side(kind, tmp_path):
-    """A sheet of 2 mm: each bone goes 6 mm beyond touching, past that of the other, and neither slips through."""
+def test_in_a_thin_organ_each_finger_stays_on_its_side(kind, tmp_path):
+    """In a sheet of 2 mm each bone moves 6 mm beyond first touch, past the other, and neither passes through."""
     trimesh = pytest.importorskip("trimesh")
     sheet = trimesh.creation.box((0.06, 0.04, 0.002)).subdivide_to_size(5e-3)
     sheet.export(tmp_path / "sheet.stl")
@@ -207,8 +208,8 @@ def test_through_a_thin_organ_each_stays_on_its_side(kind, tmp_path):
 
 
 @pytest.mark.parametrize("kind", COUPLED)
-def test_a_slow_cycle_of_two_fingers_gives_out_no_energy(kind):
-    """Press with one, then the other, let go in the same order: the work of both fingertips on the body."""
+def test_a_slow_cycle_of_two_fingers_generates_no_energy(kind):
+    """Press with one finger, then the other, release in the same order; the work is that of both fingertips."""
     hand, work, before = Hand(kind, 2), 0.0, np.zeros(2)
     corners = np.array([[0, 0], [6, 0], [6, 6], [0, 6], [0, 0]]) * 1e-3 - 0.5e-3
     for start, end in pairwise(corners):
@@ -218,22 +219,22 @@ def test_a_slow_cycle_of_two_fingers_gives_out_no_energy(kind):
             s = np.array([c.indentation for c in contacts])
             work += np.dot([c.force for c in contacts], s - before)
             before = s
-    assert work > -2e-6  # [J] of some 2 mJ that went in and out
+    assert work > -2e-6  # [J] of about 2 mJ put in and returned
 
 
-def test_a_body_says_what_it_is_in_the_message_of_several_contacts_over_the_wire():
+def test_the_message_for_several_contacts_survives_the_wire():
     hand = Hand(ReducedFE, 2)
     hand.hold([bone(-8e-3, 6e-3), bone(8e-3, 6e-3)], 20)
     came = unpack(pack(hand.surface), Surface)
     assert came.laws.shape == (2, 5) and came.slopes.shape == (2, 12) and came.coupling.shape == (2, 2)
     assert came.laws[0, 0] == came.stiffness and came.slopes[0, :3].tolist() == list(came.tangential_gradient)
     a = came.coupling / came.laws[:, :1]
-    assert a[0, 1] == approx(a[1, 0], rel=1e-12)  # compliances between the two, reciprocal
+    assert a[0, 1] == approx(a[1, 0], rel=1e-12)  # reciprocal compliances
     with pytest.raises(MessageError, match="coupling"):
         msgspec.structs.replace(came, coupling=np.ones((2, 3)))
 
 
-def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds():
+def test_without_the_body_all_forces_are_zero_within_8_ms():
     hand = Hand(MassSpring, 2)
     near = [bone(-8e-3, 6e-3), bone(8e-3, 6e-3)]
     assert (hand.hold(near, 200) > 0.3).all()
@@ -245,7 +246,7 @@ def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds()
     assert max(back) < 0.05 and (hand.hold(near, 300) > 0.3).all()
 
 
-def test_ports_that_take_many_are_read_from_the_signature():
+def test_multiple_inputs_are_found_by_the_signature():
     (port,) = inputs(MassSpring)
     assert (port.name, port.type, port.many, port.optional, port.expects) == ("load", Load, True, False, "list[Load]")
     assert [p.many for p in inputs(Joint)] == [True, False]
@@ -262,7 +263,7 @@ def over_pulp(x, depth):
     return [away * np.sin(angle), -2e-3, away * np.cos(angle)]
 
 
-def test_two_fingers_on_a_body_in_modes_feel_one_another():
+def test_two_fingers_on_a_body_in_modes_are_coupled():
     more = {"model": "sampled", "young": 160.0}
     hand = Hand(ReducedFE, 2, FINGERTIP, **more)
     (alone,) = Hand(ReducedFE, 1, FINGERTIP, **more).hold([over_pulp(-3e-3, 4e-3)])
@@ -277,8 +278,8 @@ def test_two_fingers_on_a_body_in_modes_feel_one_another():
     assert again == approx([alone, 0.0], rel=5e-3)
 
 
-def test_fingers_on_elastic_beams_feel_what_their_springs_in_series_say():
-    """Every beam and both fingertips solved at once by a general solver, the weights taken from the loads."""
+def test_fingers_on_elastic_beams_have_the_force_of_springs_in_series():
+    """Compared with a general solver for all beams and both fingertips, with the weights of the loads."""
     mesh = {"surface": "plane", "vertices": 2500, "position": (0.0, 0.0, 0.0)}
     layers, moduli = (1e-3, 9e-3), (1.36e5, 3.4e4)
     hand = Hand(BeamBundle, 2, mesh, layers=layers, moduli=moduli)

@@ -1,4 +1,4 @@
-"""A body that declares a `rank` is found wherever bodies are listed: a file in nodes/deformation is all it takes."""
+"""A body with a `rank` is found in all lists of bodies; it takes only a file in nodes/deformation."""
 
 import sys
 
@@ -34,7 +34,7 @@ def softer(tmp_path, monkeypatch):
     vars(deformation).pop("softer", None)
 
 
-def test_the_nearest_to_full_elements_comes_first_and_a_rank_is_not_inherited():
+def test_bodies_are_sorted_by_rank_and_a_rank_is_not_inherited():
     assert list(deformation.bodies()) == ["deformation.ReducedFE", "deformation.BeamBundle", "deformation.MassSpring"]
 
 

@@ -1,4 +1,4 @@
-"""The stiffness map of MassSpring: stiffness of the organ under each place, and an energy that depends on it alone."""
+"""The stiffness map of MassSpring: stiffness of the organ at each point, and an energy that depends only on it."""
 
 from functools import lru_cache
 
@@ -31,7 +31,7 @@ def ground(surface):
 
 
 class Hand:
-    """A hand that moves a fingertip over mapped springs, the work that it puts in and the work that it gets out [J]."""
+    """A hand that moves a fingertip over springs with a map, and its positive and negative work [J]."""
 
     def __init__(self, surface, slopes=True, **law):
         self.mesh, self.closest, self.spread = ground(surface)
@@ -59,7 +59,7 @@ class Hand:
         self.at, self.force = at, force
 
     def gained(self, path, approach, steps=150):
-        """Work out beyond the work in, over the latter: down at the first point, along the path, up at the last."""
+        """Generated energy over the work put in: down at the first point, along the path, up at the last."""
         feet, normals, *_ = self.closest.find(path)
         ramp = np.linspace(0.0, approach, steps)
         for e in ramp:
@@ -85,27 +85,27 @@ def closed_path(seed, steps=600):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("law", [{}, {"exponent": 1.5, "stiffness": 3e3}, {"retardation": 0.02}])
 def test_a_closed_path_over_the_edge_at_constant_depth_gains_no_energy(seed, law):
-    """Elastic springs lose 0.01 to 0.4 % of the work, in proportion to the step."""
+    """Elastic springs lose 0.01 to 0.4 % of the work, proportional to the step."""
     gained = Hand("plane", **law).gained(closed_path(seed), 10e-3)
     assert gained <= 0.0
     assert gained > -5e-3 or "retardation" in law
 
 
 @pytest.mark.parametrize("there", [1, -1])
-def test_nor_does_a_press_here_a_slide_and_a_lift_there_which_the_normal_force_alone_gains(there):
+def test_pressing_sliding_and_lifting_elsewhere_gains_energy_only_without_the_lateral_force(there):
     path = np.linspace((0.0, 0.0, 0.0), (0.05, 0.02, 0.0), 500)[::there]
     assert -1e-3 < Hand("plane").gained(path, 10e-3) <= 0.0
     assert abs(Hand("plane", slopes=False).gained(path, 10e-3)) > 0.3
 
 
 @pytest.mark.parametrize("there", [1, -1])
-def test_over_a_curved_surface_what_is_gained_is_that_of_its_triangles(there):
-    """0.62 % with 3000 vertices; 2.9 % by the normal force alone."""
+def test_the_energy_gain_on_a_curved_surface_comes_from_its_triangles(there):
+    """The gain is 0.62 % with 3000 vertices, and 2.9 % with the normal force alone."""
     path = np.linspace((-0.0432, -0.0027, 0.0145), (0.0275, -0.0076, 0.0195), 500)[::there]
     assert abs(Hand("kidney").gained(path, 10e-3)) < 0.01 < 0.025 < abs(Hand("kidney", False).gained(path, 10e-3))
 
 
-def test_the_factor_depends_on_the_place_alone_and_its_gradient_is_its_derivative():
+def test_the_factor_depends_only_on_the_position_and_its_gradient_is_right():
     hand, at, step = Hand("plane"), np.array([0.041, 0.013, 0.0]), 1e-5
     up, out, factors = np.array([0.0, 0.0, 1.0]), np.zeros(12), hand.body.hardness()
     table = np.hstack([hand.mesh.vertices, factors[:, None], np.zeros((len(factors), 9))])
@@ -121,13 +121,13 @@ def test_the_factor_depends_on_the_place_alone_and_its_gradient_is_its_derivativ
     assert change[0] < -3.0 and 0.7 < mean < 1.0
 
 
-def test_a_gradient_of_a_linear_field_is_exact():
+def test_the_gradient_of_a_linear_field_is_exact():
     mesh = plane(0.02, 100)
     field = np.stack([3.0 * mesh.vertices[:, 0] - mesh.vertices[:, 1], mesh.vertices[:, 1]], axis=1)
     assert surface_gradient(mesh, field) == approx(np.tile([[3.0, -1.0, 0.0], [0.0, 1.0, 0.0]], (100, 1, 1)), abs=1e-9)
 
 
-def test_a_surface_without_a_basis_is_refused_with_the_command_that_builds_it(tmp_path, monkeypatch):
+def test_a_surface_without_a_basis_is_an_error_with_the_command_to_build_it(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for call in (MassSpring.check, MassSpring.start):
         with pytest.raises(SettingError, match="palpate build basis --set surface=fingertip"):

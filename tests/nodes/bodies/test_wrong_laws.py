@@ -1,4 +1,4 @@
-"""Terminal laws out of range are refused where they arrive, and the body that sent them is named."""
+"""Terminal laws out of range are errors at the receiver that name the sending body."""
 
 import dataclasses
 import math
@@ -34,7 +34,7 @@ NEAR = Proximity(foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0
         ("previous_indentation", math.inf), ("step", -1e-3), ("relaxation", math.nan),
     ],
 )  # fmt: skip
-def test_a_law_out_of_range_is_refused_with_the_sender_and_the_number(name, value):
+def test_a_law_out_of_range_is_an_error_with_sender_and_value(name, value):
     wrong = msgspec.structs.replace(GOOD, **{name: value})
     bus = FakeBus(Series(), body=wrong)
     with pytest.raises(
@@ -47,7 +47,7 @@ def test_a_law_out_of_range_is_refused_with_the_sender_and_the_number(name, valu
 @pytest.mark.parametrize(
     "given", [{}, {"rest_indentation": -1e-3}, {"exponent": 3.0}, {"stiffness": 1e12}, {"damping": 0.0}]
 )
-def test_a_law_within_its_range_is_taken(given):
+def test_a_law_within_its_range_is_accepted(given):
     (answer,) = FakeBus(Series(), body=msgspec.structs.replace(GOOD, **given)).publish(NEAR)
     assert answer.force > 0
 
@@ -65,7 +65,7 @@ def test_a_run_ends_and_names_the_body_without_a_traceback(place):
     assert "Traceback" not in console.export_text()
 
 
-def test_a_mesh_without_area_is_refused(tmp_path):
+def test_a_mesh_without_area_is_an_error(tmp_path):
     path = tmp_path / "flat.obj"
     path.write_text("".join(f"v {x} {2 * x} 0\n" for x in (0.0, 0.01, 0.02, 0.05)) + "f 1 2 3\nf 2 3 4\n")
     with pytest.raises(SettingError, match="no area"):

@@ -1,4 +1,4 @@
-"""The controller node: its two laws and the switch between them, limits, and walls that would give out energy."""
+"""The controller node: its two laws and the switch between them, limits, and walls that would generate energy."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ def touch(b: FakeBus, z: float, force: float = 0.0, approach: float = 0.0, speed
 
 @dataclass
 class Touch:
-    """What a wall and a grip did to each other: positions [m], forces [N], true and observed energy [J]."""
+    """A grip at a wall: positions [m], forces [N], true and observed energy [J]."""
 
     z: np.ndarray
     force: np.ndarray
@@ -95,7 +95,7 @@ def press(
     return Touch(*np.array(records).T)
 
 
-def test_contact_force_is_normal_force_less_friction():
+def test_the_contact_force_is_the_normal_force_minus_friction():
     b = bus()
     b.hold("friction", friction(0.3, -0.4, 0.0))
     answer = touch(b, -1e-3, 1.5, 1e-3)
@@ -108,14 +108,14 @@ def test_contact_adds_its_damping():
     assert touch(b, 0.0, 1.0, 1e-3, speed=-0.1).force[2] == approx(1.0 + 0.2)
 
 
-def test_free_motion_is_a_spring_and_damper_about_where_it_began():
+def test_free_motion_is_a_spring_and_damper_around_its_start():
     b = bus(stiffness=50.0, damping=2.0, passivity=False)
     touch(b, 0.010)
     answer = touch(b, 0.012, speed=0.1)
     assert answer.force[2] == approx(-50.0 * 0.002 - 2.0 * 0.1) and answer.state == "free"
 
 
-def test_free_motion_gives_back_no_more_than_it_took():
+def test_free_motion_generates_no_energy():
     b = bus(stiffness=50.0, damping=2.0, passivity=False)
     z = 0.01 * np.sin(np.linspace(0.0, 2 * np.pi, 629))
     answers = [touch(b, a, speed=(a - c) / T) for a, c in zip(z, np.append(0.0, z), strict=False)]
@@ -125,7 +125,7 @@ def test_free_motion_gives_back_no_more_than_it_took():
 def test_spring_and_damper_bring_a_thrown_grip_back():
     motion = press(Haptic(stiffness=100.0, damping=4.0, passivity=False), 0.0, push=0.0, speed=0.2, drag=0.0)
     reference = np.exp(-20.0 * 0.02) * 0.2 / np.sqrt(600.0) * np.sin(np.sqrt(600.0) * 0.02)
-    assert motion.z[19] == approx(-reference, rel=0.15)  # the filter's delay is what is left
+    assert motion.z[19] == approx(-reference, rel=0.15)  # the remaining difference is the delay of the filter
     assert motion.z[-1] == approx(motion.z[0], abs=1e-6) and np.ptp(motion.z[1000:]) < 1e-5
 
 
@@ -155,7 +155,7 @@ def test_position_noise_of_one_count_does_not_chatter():
     assert sum(a != c for a, c in pairwise(states)) <= 1
 
 
-def test_the_switch_makes_no_bump():
+def test_the_switch_causes_no_jump():
     b = bus(stiffness=100.0, damping=3.0, contact_damping=1.0, slew=1e9, passivity=False)
     z = 2e-3 - 0.1 * T * np.arange(60)
     answers = [touch(b, a, 400.0 * max(-a, 0.0), max(-a, 0.0), speed=-0.1) for a in z]
@@ -163,13 +163,13 @@ def test_the_switch_makes_no_bump():
     assert states[0] == "free" and states[-1] == "contact"
     forces = np.array([f.force[2] for f in answers])
     at_switch = states.index("contact")
-    # 100 N/m and 400 N/m at 0.1 mm a step, and the old law's 0.5 N fading over 10 ms
+    # 100 N/m and 400 N/m at 0.1 mm per step, and the decay of the old law's 0.5 N over 10 ms
     assert abs(forces[at_switch] - forces[at_switch - 1]) < 0.06
     assert np.abs(np.diff(forces)).max() < 0.1
     assert forces[-1] == approx(400.0 * -z[-1] + 0.1, abs=0.02)
 
 
-def test_a_switch_drops_a_credit_and_keeps_a_debt():
+def test_a_switch_resets_absorbed_energy_and_keeps_generated_energy():
     b = bus(passivity=False)
     touch(b, 0.0)
     touch(b, -1e-3, 1.0, 1e-3)
@@ -183,7 +183,7 @@ def test_a_switch_drops_a_credit_and_keeps_a_debt():
     assert touch(b, 0.1e-3).energy == 0.0
 
 
-def test_the_force_is_bounded_in_size_with_its_direction_kept():
+def test_the_force_limit_keeps_the_direction():
     b = bus(slew=1e9)
     b.hold("friction", friction(60.0, 0.0, 0.0))
     force = touch(b, -0.03, 80.0, 0.03).force
@@ -192,13 +192,13 @@ def test_the_force_is_bounded_in_size_with_its_direction_kept():
     assert np.linalg.norm(touch(b, -0.03, 1e200, 0.03).force) <= 9.0 + 1e-9
 
 
-def test_the_force_is_bounded_in_change():
+def test_the_change_of_the_force_is_limited():
     b = bus(slew=2000.0)
     forces = [touch(b, -0.03, f, 0.03).force[2] for f in (9, 9, 9, 9, 9, 9, 0, 0)]
     assert forces == approx([2, 4, 6, 8, 9, 9, 7, 5])
 
 
-def test_an_impact_that_jumps_thirty_millimetres_stays_bounded():
+def test_an_impact_with_a_jump_of_30_mm_gives_a_bounded_force():
     b = bus()
     for z, speed in [(0.0, 0.0), (-0.03, -3.0), (-0.03, 3.0), (0.03, 3.0), (0.06, 0.0)]:
         e = max(-z, 0.0)
@@ -207,7 +207,7 @@ def test_an_impact_that_jumps_thirty_millimetres_stays_bounded():
 
 
 @pytest.mark.parametrize("port", ["contact", "pose"])
-def test_the_force_falls_to_zero_when_what_it_needs_is_gone(port):
+def test_the_force_falls_to_zero_without_a_required_input(port):
     b = bus()
     assert touch(b, -3e-3, 4.0, 3e-3).force[2] == 4.0
     b.kill(port)
@@ -255,7 +255,7 @@ def test_steps_from_a_microsecond_to_ten_seconds_stay_finite():
             assert np.isfinite(answer.energy)
 
 
-def test_an_input_that_is_not_finite_gives_no_force_and_is_forgotten():
+def test_a_non_finite_input_gives_no_force_and_has_no_later_effect():
     node = Haptic(slew=1e9)
     node.start()
     for bad in (float("nan"), float("inf")):
@@ -265,7 +265,7 @@ def test_an_input_that_is_not_finite_gives_no_force_and_is_forgotten():
     assert node.step(contact(1.0, 1e-3), None, pose(-1e-3), dt=T).force == (0.0, 0.0, 1.0)
 
 
-def test_the_energy_is_observed_only_where_somebody_needs_it():
+def test_the_energy_is_observed_only_on_demand():
     for wanted, passivity, expected in [({"force"}, False, 0.0), ({"energy"}, False, 1e-3), ({"force"}, True, 1e-3)]:
         node = Haptic(passivity=passivity)
         node.wanted = frozenset(wanted)
@@ -275,7 +275,7 @@ def test_the_energy_is_observed_only_where_somebody_needs_it():
         assert answer.energy == approx(expected)
 
 
-def test_a_thrown_mass_leaves_a_sampled_spring_faster_than_it_came_unless_controlled():
+def test_only_the_controller_keeps_a_thrown_mass_from_gaining_speed():
     def restitution(**settings):
         node = Haptic(resolution=0.0, **settings)
         motion = press(node, 1000.0, steps=200, mass=0.3, drag=0.0, push=0.0, speed=0.2)
@@ -286,7 +286,7 @@ def test_a_thrown_mass_leaves_a_sampled_spring_faster_than_it_came_unless_contro
         assert restitution(delay=delay) < 1.001
 
 
-def test_the_published_bounce_grows_without_the_controller_and_dies_down_with_it():
+def test_the_published_bounce_grows_without_the_controller_and_decays_with_it():
     off = press(Haptic(passivity=False), 3000.0)
     assert off.swing(0.75) == approx(22e-3, abs=2e-3) and off.swing(0.0) < off.swing(0.25) < off.swing(0.5)
     late = press(Haptic(passivity=False), 3000.0, delay=1)
@@ -307,7 +307,7 @@ FIRST = ((440.0, 0), (440.0, 5), (1000.0, 2), (3000.0, 0), (3000.0, 1), (3000.0,
         for delay in range(6)
     ],
 )
-def test_no_growing_oscillation_with_delay(stiffness, delay):
+def test_oscillations_do_not_grow_with_delay(stiffness, delay):
     on = press(Haptic(delay=delay), stiffness, delay=delay)
     assert on.swing(0.75) <= 1.02 * on.swing(0.25) + 1e-6
     assert on.swing(0.75) < 4e-3 and np.abs(on.force).max() <= 9.0 + 1e-12
@@ -316,7 +316,7 @@ def test_no_growing_oscillation_with_delay(stiffness, delay):
 
 
 @pytest.mark.parametrize("delay", [0, *(pytest.param(delay, marks=pytest.mark.long) for delay in (1, 3)), 5])
-def test_no_growing_oscillation_on_a_bad_day(delay):
+def test_oscillations_do_not_grow_with_faults_of_the_device(delay):
     day = {"delay": delay, "count": 60e-6, "jitter": True, "lost": 0.01}
     on = press(Haptic(delay=delay), 440.0, **day)
     assert on.swing(0.75) <= max(on.swing(0.25), 0.2e-3)
@@ -331,7 +331,7 @@ def test_a_delay_set_too_large_is_safe():
         assert on.swing(0.75) <= 1.02 * on.swing(0.25) + 1e-6
 
 
-def test_a_closed_cycle_gives_no_energy_beyond_the_leak_of_one_step():
+def test_a_closed_cycle_generates_at_most_the_energy_of_one_step():
     stiffness, depth, steps = 440.0, 8e-3, 400
     z = -depth * np.sin(np.linspace(0.0, np.pi, steps + 1))
     b = bus(passivity=False)
@@ -347,7 +347,7 @@ def test_the_same_inputs_give_the_same_bytes():
     assert first.force.tobytes() == second.force.tobytes() and first.energy.tobytes() == second.energy.tobytes()
 
 
-def test_by_default_it_shows_the_stiffest_wall_of_a_falcon_and_no_more_than_its_motors_give():
+def test_the_defaults_render_the_stiffest_wall_and_the_largest_force_of_a_falcon():
     b = bus()
     rise = [touch(b, -1e-6 * k, 0.1 * k, 1e-6 * k).force[2] for k in range(1, 101)]
     assert np.diff(rise) == approx(stiffest(0.1, 0.2, 60e-6, 0.5 * T) * 1e-6)
@@ -357,7 +357,7 @@ def test_by_default_it_shows_the_stiffest_wall_of_a_falcon_and_no_more_than_its_
 
 
 @pytest.mark.parametrize("ramp", [0.0, 0.05])
-def test_after_a_trip_of_the_ledger_the_force_falls_evenly_within_the_ramp_and_stays_away(ramp):
+def test_after_a_trip_of_the_ledger_the_force_ramps_down_and_stays_zero(ramp):
     node = Haptic(ramp=ramp, passivity=False)
     node.start()
     node.step(contact(2.0, 1e-3), None, pose(), dt=T)
@@ -366,8 +366,8 @@ def test_after_a_trip_of_the_ledger_the_force_falls_evenly_within_the_ramp_and_s
     assert forces == approx(np.maximum(2.0 * (1.0 - np.arange(1, 61) * T / max(ramp, T)), 0.0), abs=1e-12)
 
 
-def test_a_debt_takes_from_the_force_only_after_an_outage():
-    b = bus(mass=1e-9)  # the controller cannot take it back
+def test_generated_energy_reduces_the_force_only_after_an_outage():
+    b = bus(mass=1e-9)  # the controller cannot dissipate it
     for k in range(5):
         touch(b, 1e-3 * k, 2.0, 1e-2)
     node = b.node
@@ -376,7 +376,7 @@ def test_a_debt_takes_from_the_force_only_after_an_outage():
     )
 
 
-def test_at_rest_in_debt_after_an_outage_the_force_stays_as_it_is():
+def test_generated_energy_does_not_change_the_force_at_rest_after_an_outage():
     node = Haptic()
     node.start()
     for given in [contact(2.0, 1e-3)] * 3 + [None] * 3 + [contact(2.0, 1e-3)] * 4:
@@ -387,7 +387,7 @@ def test_at_rest_in_debt_after_an_outage_the_force_stays_as_it_is():
 
 
 @pytest.mark.parametrize(("energy", "least"), [(0.3, -LENT), (-1e-3, -1e-3 - LENT)])
-def test_an_outage_may_lend_no_more_than_half_a_millijoule_below_zero_or_the_debt_there_was(energy, least):
+def test_an_outage_permits_at_most_half_a_millijoule_of_generated_energy(energy, least):
     node = Haptic()
     node.start()
     node.step(contact(2.0, 1e-3), None, pose(), dt=T)

@@ -1,4 +1,4 @@
-"""The simulated device: the motion of a held grip, its path, bad days, and the closed loop through all hand nodes."""
+"""The simulated device: the motion of a held grip, its path, faults, and the closed loop through all hand nodes."""
 
 import msgspec
 import numpy as np
@@ -58,11 +58,11 @@ def test_minimum_jerk_starts_and_ends_at_rest():
     x = np.array([wanted(a, ends, points, shapes)[1] for a in t])
     v = np.gradient(x, t)
     assert abs(v[0]) < 1e-5 and abs(v[-1]) < 1e-5
-    assert v.max() == approx(1.875 * 0.04 / 0.5, rel=1e-4)  # of the quintic, at half time
+    assert v.max() == approx(1.875 * 0.04 / 0.5, rel=1e-4)  # peak of the quintic, at half time
     assert np.all(np.diff(x) >= 0) and x[250] == approx(0.02)
 
 
-def test_a_way_goes_along_all_three_axes_segment_by_segment():
+def test_a_path_follows_all_three_axes_segment_by_segment():
     points, ends = np.random.default_rng(0).normal(size=(4, 3)), np.array([0.5, 0.8, 2.0])
     shapes = np.array([LINEAR, MINIMUM_JERK, LINEAR])
     for time, i, share in ((0.1, 0, 0.2), (0.65, 1, 0.5), (0.575, 1, 0.103515625), (1.7, 2, 0.75), (2.0, 2, 1.0)):
@@ -84,7 +84,7 @@ def test_a_stiff_hand_follows_its_path_and_stays_at_the_end():
     assert place(states[-1]) == approx((0.01, 0.02, 0.12), abs=1e-8)
 
 
-def test_the_path_is_the_same_whatever_the_period():
+def test_the_path_is_the_same_for_any_period():
     def end(period, steps):
         node = Simulated(path=[{"to": [0.02, 0.0, 0.10], "time": 0.2}], resolution=0.0)
         node.start()
@@ -97,7 +97,7 @@ def test_the_path_is_the_same_whatever_the_period():
     assert end(0.15, 1) == approx(fine, abs=2e-6)
 
 
-def test_the_path_lies_in_the_world():
+def test_the_path_is_in_the_world_frame():
     origin = np.array([0.3, -0.1, 0.05])
     node = Simulated(
         begin=(origin + HOME).tolist(),
@@ -108,7 +108,7 @@ def test_the_path_lies_in_the_world():
     assert place(FakeBus(node).run(300)[-1]) == approx((0.01, 0.0, 0.12), abs=1e-8)
 
 
-def test_a_hand_at_twice_the_speed_goes_the_same_path_in_half_the_time():
+def test_a_hand_at_twice_the_speed_takes_half_the_time():
     slow, fast = (FakeBus(Simulated(path=DOWN, speed_factor=speed, **STIFF)).run(240) for speed in (1.0, 2.0))
     for k in (40, 80, 119):
         assert place(fast[k]) == approx(place(slow[2 * k + 1]), abs=2e-5)
@@ -116,7 +116,7 @@ def test_a_hand_at_twice_the_speed_goes_the_same_path_in_half_the_time():
         Simulated(speed_factor=0.0)
 
 
-def test_angles_come_in_whole_counts():
+def test_angles_are_multiples_of_a_count():
     for state in FakeBus(Simulated(path=DOWN)).run(150):
         n = (np.array(state.joints) - FALCON.zero) / FALCON.count
         assert n == approx(np.rint(n), abs=1e-9) and state.homed
@@ -135,7 +135,7 @@ def test_a_torque_pushes_a_free_grip_with_its_force(axis):
     assert place(state) - HOME == approx(push / 0.2 * t * t / 2, abs=1e-8)
 
 
-def test_a_hand_gives_way_by_force_over_stiffness():
+def test_a_force_moves_the_hand_by_force_over_stiffness():
     node = Simulated(hand_stiffness=400.0, resolution=0.0)
     node.start()
     push = np.array([0.4, 0.0, 1.2])
@@ -144,7 +144,7 @@ def test_a_hand_gives_way_by_force_over_stiffness():
     assert place(state) == approx(np.array(HOME) + push / 400.0, abs=1e-8)
 
 
-def test_without_a_torque_nothing_pushes():
+def test_without_a_torque_the_grip_is_not_pushed():
     bus = FakeBus(Simulated())
     first = bus.run(5)[0]
     assert bus.run(50)[-1].joints == first.joints
@@ -157,8 +157,8 @@ def test_without_a_torque_nothing_pushes():
 @pytest.mark.parametrize("without", range(1, 8))
 @pytest.mark.parametrize("after", [0.0, 0.1, -0.2])
 def test_the_applied_torque_never_jumps_around_an_outage(without, after):
-    """Also if the sender returns with another command while the last one still falls: each tick changes the torque by
-    at most the fraction T / FALL of the two commands."""
+    """Also if the sender returns with another command while the last one is falling: each tick changes the torque by at
+    most the fraction T / FALL of the two commands."""
     node = Simulated()
     node.start()
     applied = []
@@ -177,7 +177,7 @@ def test_motors_saturate_as_a_whole():
     assert way(1e6) == approx(way(FALCON.limit), abs=1e-12)
 
 
-def test_the_end_of_the_reach_is_a_stop():
+def test_the_end_of_the_workspace_is_a_stop():
     bus = FakeBus(Simulated(hand_stiffness=0.0), torque=Torque(torques=(0.4, 0.4, 0.4)))
     for state in bus.run(3000):
         assert np.all(np.isfinite(state.joints))
@@ -185,7 +185,7 @@ def test_the_end_of_the_reach_is_a_stop():
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, float("nan"), float("inf"), 1e-9, 10.0, 1e6, 1e300])
-def test_any_period_is_taken(dt):
+def test_any_period_is_accepted(dt):
     node = Simulated(path=DOWN)
     node.start()
     first = node.step(None, dt=T)
@@ -196,13 +196,13 @@ def test_any_period_is_taken(dt):
         assert state.joints == first.joints
 
 
-def test_a_late_device_reports_what_was():
+def test_a_device_with_delay_reports_earlier_states():
     now, late = FakeBus(Simulated(path=DOWN)).run(100), FakeBus(Simulated(path=DOWN, delay=5)).run(100)
     assert [s.joints for s in late[5:]] == [s.joints for s in now[:-5]]
     assert late[0].joints == late[4].joints
 
 
-def test_bad_days_come_from_the_seed_alone():
+def test_faults_depend_only_on_the_seed():
     def day(**settings):
         return [s.joints for s in FakeBus(Simulated(path=DOWN, **settings)).run(200)]
 
@@ -215,7 +215,7 @@ def test_bad_days_come_from_the_seed_alone():
     assert set(off) == {0, 1000} and 2 <= off.count(1000) <= 25
 
 
-def test_start_is_reset():
+def test_start_is_a_reset():
     bus = FakeBus(Simulated(path=DOWN, lost=0.1, delay=2))
     first = [s.joints for s in bus.run(100)]
     bus.node.start()
@@ -237,12 +237,12 @@ def test_start_is_reset():
         ([{"hold": 1.0}, {"to": [0, 0, 0.5], "time": 1}], r"'path\[1\].to' .*out of its reach"),
     ],
 )
-def test_a_wrong_path_is_refused_with_its_segment(path, text):
+def test_a_wrong_path_is_an_error_with_its_segment(path, text):
     with pytest.raises(SettingError, match=text):
         Simulated(path=path)
 
 
-def test_a_first_point_out_of_reach_is_refused():
+def test_a_first_point_out_of_reach_is_an_error():
     with pytest.raises(SettingError, match=r"'begin' .*out of its reach.* 'origin' places the device"):
         Simulated(begin=(0, 0, 0))
 
@@ -252,7 +252,7 @@ def test_segments_may_be_given_as_objects():
 
 
 class Loop:
-    """Device, kinematics, a wall at z = 0.11, controller and statics, called one after the other."""
+    """Device, kinematics, a wall at z = 0.11, controller and statics, called in order."""
 
     def __init__(self, stiffness: float, device: Simulated, controller: Haptic, **finger) -> None:
         self.stiffness = stiffness
@@ -296,7 +296,7 @@ def test_the_closed_loop_presses_holds_and_releases_with_a_balanced_account(coun
     for _ in range(600):
         before, after, force, energy = loop.step()
         place, last = loop.nodes[1].own["last"].copy(), place
-        # The force sent a tick ago acted during this one, along the true way and along the one told.
+        # The force sent one tick ago acted during this one, along the true path and along the reported one.
         records.append((after[2], force[2], -previous @ (after - before), -previous @ (place - last), energy, place[2]))
         previous = force
     z, push, true, heard, seen, printed = np.array(records).T
@@ -304,16 +304,18 @@ def test_the_closed_loop_presses_holds_and_releases_with_a_balanced_account(coun
     share = hand / (hand + stiffness) * 0.01
     assert push[290] == approx(stiffness * share, abs=stiffness * 60e-6)
     assert z[290] == approx(0.11 - share, abs=60e-6)
-    assert push.min() > -0.2 and push[-1] == 0.0  # a lossless spring's leak is taken back as the finger leaves
+    assert (
+        push.min() > -0.2 and push[-1] == 0.0
+    )  # the energy generated by a lossless spring is dissipated as the finger leaves
     held = slice(60, 290)
     assert np.abs((heard - heard[40]) - (seen - seen[40]))[held].max() < 2 * 44e-6 * push.max()
-    # What no encoder shows: the grip meets the wall at speed, and is told up to 4 counts of 44 um off for milliseconds.
+    # Not visible to the encoder: at the wall the reported position has errors up to 4 counts for some milliseconds.
     off = np.abs(printed - z)[held].max()
     assert off < (4 * 44e-6 if counts else 1e-9)
     assert true.min() > -0.1e-3 - off * push.max() and seen.min() > -0.1e-3
 
 
-def test_a_wall_of_three_newtons_a_millimetre_needs_the_controller():
+def test_a_wall_of_3_newtons_per_millimetre_needs_the_controller():
     def swing(passivity, **exact):
         device = Simulated(
             begin=(0, 0, 0.111),
@@ -330,13 +332,13 @@ def test_a_wall_of_three_newtons_a_millimetre_needs_the_controller():
         return np.ptp(z[:500]), np.ptp(z[1000:1500]), np.ptp(z[1500:])
 
     on, off, still = swing(True), swing(False), swing(True, resolution=0.0)
-    # Under an encoder a hand without damping continues to swing.
+    # With an encoder a hand without damping continues to oscillate.
     assert on[2] <= 1.1 * on[1] + 1e-5 and on[2] < 1e-3
     assert off[2] > 5 * on[2]
     assert still[2] < 0.1 * 60e-6, "exact positions come to rest"
 
 
-def test_the_closed_loop_survives_a_bad_day():
+def test_the_closed_loop_is_stable_with_faults_of_the_device():
     device = Simulated(begin=(0, 0, 0.115), path=TOUCH, delay=5, lost=0.01, glitches=0.01, seed=4)
     loop = Loop(440.0, device, Haptic(delay=5))
     forces = np.array([loop.step()[2] for _ in range(900)])
@@ -345,8 +347,8 @@ def test_the_closed_loop_survives_a_bad_day():
     assert np.all(forces[-100:] == 0.0)
 
 
-def test_a_grip_dragged_along_an_even_way_is_the_solution_of_its_equation_of_motion():
-    """m x'' = -b x' + k (p - x) + c (p' - x') with p moving evenly, by a general solver for differential equations."""
+def test_a_grip_dragged_at_constant_speed_solves_its_equation_of_motion():
+    """m x'' = -b x' + k (p - x) + c (p' - x') with p at constant speed, by a general ODE solver."""
     mass, drag, k, c = 0.2, 3.0, 400.0, 2.0
     begin, end, time = np.array(HOME) - (0, 0, 0.02), np.array(HOME) - (0.02, -0.01, 0.03), 0.2
     way = ({"to": tuple(end.tolist()), "time": time, "shape": "linear"},)

@@ -12,9 +12,9 @@ from palpate.nodes.kinematics import Cartesian, FalconKinematics, FalconStatics
 from palpate.physics.device.falcon import FALCON, HOME
 
 ENCODERS = pytest.mark.parametrize("encoder", [False, True], ids=["exact", "encoder"])
-"""Exact angles taken as they are must be followed exactly; those that a Falcon counts, within counts."""
+"""Exact angles must be followed exactly, quantized angles of a Falcon within counts."""
 STARTS, MOVES = 5.0, 1.75
-"""[counts] that the observer may be off while the speed jumps, and after a tenth of a second at one speed."""
+"""[counts] Largest error of the observer during a jump of the speed, and after 0.1 s at constant speed."""
 
 
 def device(point, encoder=False, **given) -> DeviceState:
@@ -34,7 +34,7 @@ def poses(points, bus=None, encoder=False) -> list[Pose]:
 
 
 def off(pose, point) -> float:
-    """How far [counts] the pose is from the point, at the leg where it is farthest."""
+    """Largest distance [counts] of the pose from the point, over the legs."""
     return np.abs(inverse(pose.position)[0] - inverse(point)[0]).max() / FALCON.count
 
 
@@ -76,8 +76,8 @@ def test_the_origin_places_the_device_in_the_world():
 @ENCODERS
 @pytest.mark.parametrize("leg", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_an_encoder_glitch_is_refused(leg, sign, encoder):
-    """All that follows is, bit for bit, as if the glitch had been a lost sample."""
+def test_an_encoder_glitch_is_rejected(leg, sign, encoder):
+    """All later values are bit-equal to those after a lost sample."""
     points = glide(160)
     states = [device(p, encoder) for p in points]
     bad = list(states[120].joints)
@@ -101,7 +101,7 @@ def test_an_encoder_glitch_is_refused(leg, sign, encoder):
         assert apart < 1e-6 and max(speeds) == approx(0.1, abs=1e-6)
 
 
-def test_a_real_jump_is_believed_after_four_samples():
+def test_a_real_jump_is_accepted_after_four_samples():
     there = np.tile((0.03, 0.0, 0.12), (10, 1))
     motion = poses([*glide(20), *there])
     assert [f.position[2] > 0.115 for f in motion[20:24]] == [False, False, False, True]
@@ -109,7 +109,7 @@ def test_a_real_jump_is_believed_after_four_samples():
     assert motion[-1].position == approx(there[0], abs=1e-9) and motion[-1].velocity == approx((0, 0, 0), abs=1e-6)
 
 
-def test_wild_samples_that_do_not_agree_are_never_believed():
+def test_inconsistent_samples_are_never_accepted():
     rng = np.random.default_rng(0)
     wild = rng.uniform((-0.05, -0.05, 0.09), (0.05, 0.05, 0.14), (60, 3))
     keep = [wild[0]]
@@ -121,14 +121,14 @@ def test_wild_samples_that_do_not_agree_are_never_believed():
 
 
 @ENCODERS
-def test_a_fast_hand_is_no_glitch(encoder):
-    """From rest to 4 m/s within one sample: none is refused. No observer between counts can know the speed at once."""
+def test_a_fast_hand_is_not_a_glitch(encoder):
+    """From rest to 4 m/s within one sample: no sample is rejected. The observer cannot follow the speed at once."""
     motion = poses(glide(8, speed=4.0), encoder=encoder)
     assert [pose.dt for pose in motion[1:]] == approx([1e-3] * 7)
     assert motion[-1].velocity[0] == approx(4.0, rel=0.1 if encoder else 1e-6)
 
 
-def test_angles_that_no_position_has_leave_the_pose_standing():
+def test_angles_without_a_position_do_not_change_the_pose():
     impossible = DeviceState(joints=(-1.5, 1.5, 3.0))
     bus = FakeBus(FalconKinematics())
     (first,) = bus.publish(impossible)
@@ -156,7 +156,7 @@ def test_doubled_reordered_and_late_samples_are_not_differentiated(encoder):
     motion = bus.publish(*[device(p, encoder) for p in points[123:]])
     assert motion[0].dt == approx(1.5e-3) and motion[1].dt == approx(0.5e-3)
     speeds = [np.linalg.norm(f.velocity) for f in motion]
-    # By these stamps the hand was slow, then fast: so is the difference of exact positions, not what is observed.
+    # By these stamps the hand was slow, then fast; this applies to differences of exact positions, not to the observer.
     assert max(speeds) < 0.11 if encoder else speeds == approx([0.1 / 1.5, 0.2] + [0.1] * 35, abs=1e-6)
 
 
@@ -171,7 +171,7 @@ def test_lost_samples_are_bridged_by_their_stamps(encoder):
     assert all(f.velocity == approx((0.1, 0, 0), abs=0.01 if encoder else 1e-6) for f in motion)
 
 
-def test_a_device_that_is_not_homed_holds_the_last_pose_and_begins_anew():
+def test_a_device_that_is_not_homed_holds_the_last_pose_and_restarts():
     bus = FakeBus(FalconKinematics())
     before = poses(glide(20), bus)[-1]
     (lost,) = bus.publish(device((0.03, 0.02, 0.12), homed=False))
@@ -180,7 +180,7 @@ def test_a_device_that_is_not_homed_holds_the_last_pose_and_begins_anew():
     assert again[0].position == approx((0.03, 0.02, 0.12)) and again[1].velocity == approx((0, 0, 0), abs=1e-9)
 
 
-def test_the_wrong_device_is_named_with_the_right_node():
+def test_an_unsuitable_device_is_an_error_with_the_right_node():
     with pytest.raises(MessageError, match=r"found 0 angles, expected 3 .*kinematics\.Cartesian"):
         FakeBus(FalconKinematics()).publish(DeviceState(position=(0, 0, 0)))
     with pytest.raises(MessageError, match=r"found 0 numbers, expected 3 .*kinematics\.Falcon"):
@@ -195,7 +195,7 @@ def test_a_device_that_reports_a_position_gets_the_same_filter():
     assert motion[-1].velocity == approx((0.1, 0, 0), abs=1e-9)
 
 
-def test_a_position_that_is_not_finite_is_left_out():
+def test_a_position_that_is_not_finite_is_ignored():
     bus = FakeBus(Cartesian())
     for bad in (float("nan"), float("inf")):
         (pose,) = bus.publish(DeviceState(position=(bad, 0.0, 0.0)))
@@ -215,7 +215,7 @@ def test_torques_give_the_force_at_the_pose():
         assert force_of(torques, inside)[0] == approx(wish, abs=1e-12)
 
 
-def test_a_force_beyond_the_motors_keeps_its_direction():
+def test_a_limited_force_keeps_its_direction():
     wish = np.array([20.0, -10.0, 40.0])
     torques = pushed(wish, HOME)
     assert np.abs(torques).max() == approx(FALCON.limit, rel=1e-12)
@@ -223,7 +223,7 @@ def test_a_force_beyond_the_motors_keeps_its_direction():
     assert force / np.linalg.norm(force) == approx(wish / np.linalg.norm(wish), abs=1e-9)
 
 
-def test_no_torque_without_a_force_or_in_an_impossible_place():
+def test_the_torque_is_zero_without_a_force_or_at_an_impossible_position():
     assert np.all(pushed((1, 1, 1), (0, 0, 9.0)) == 0.0)
     bus = FakeBus(FalconStatics(), pose=Pose(position=HOME, velocity=(0, 0, 0), dt=1e-3))
     assert bus.run()[0].torques == (0.0, 0.0, 0.0)

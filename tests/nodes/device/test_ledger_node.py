@@ -1,4 +1,4 @@
-"""The ledger in a graph: it closes on a touch, catches a body that gives out energy, and the force goes to zero."""
+"""The ledger in a graph: its balance closes, and it detects a body that generates energy and removes the force."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ STROKE = (
 
 @pytest.fixture
 def kidney(tmp_path):
-    """Runs the kidney with these settings; its recording and its result."""
+    """Runs the kidney with these settings; returns its recording and its result."""
 
     def run(*sets, duration=0.7):
         file = tmp_path / "kidney.mcap"
@@ -46,7 +46,7 @@ def kidney(tmp_path):
 
 
 @pytest.mark.parametrize("body", ["MassSpring", "ReducedFE", "BeamBundle"])
-def test_the_books_of_a_stroke_close_and_no_part_makes_energy(kidney, body):
+def test_the_balance_of_a_stroke_closes_and_no_part_generates_energy(kidney, body):
     recording, result = kidney(*STROKE, f"tissue.use=deformation.{body}")
     last, every = (messages := list(recording.messages("ledger")))[-1], recording.messages("ledger")
     parts = sum(
@@ -60,7 +60,7 @@ def test_the_books_of_a_stroke_close_and_no_part_makes_energy(kidney, body):
     assert not any("above the bound" in note for note in result.notes)
 
 
-def test_a_body_that_gives_out_energy_trips_it_and_the_force_is_gone_within_the_ramp(kidney):
+def test_a_body_that_generates_energy_trips_the_ledger_and_the_force_ramps_down(kidney):
     recording, result = kidney(*BOUNCE, *GIVING, "scene.energy.bound=2 mJ", duration=1.4)
     ledger = list(recording.messages("ledger"))
     tripped = next(m.tick for m in ledger if m.tripped)
@@ -75,13 +75,13 @@ def test_a_body_that_gives_out_energy_trips_it_and_the_force_is_gone_within_the_
     assert result.health["ledger"]["state"] == "tripped" and result.health["tissue"]["state"] == "ready"
 
 
-def test_the_same_body_without_a_bound_goes_on(kidney):
+def test_the_same_body_without_a_bound_continues(kidney):
     recording, _ = kidney(*BOUNCE, *GIVING, "scene.energy.bound=0", duration=1.4)
     assert not any(m.tripped for m in recording.messages("ledger"))
     assert max(m.generated for m in recording.messages("ledger")) > 2e-3
 
 
-def test_without_a_ledger_nothing_of_it_is_computed(kidney):
+def test_without_a_ledger_its_inputs_are_not_computed(kidney):
     sets = [s for s in STROKE if "ledger" not in s]
     recording, _ = kidney(*sets)
     assert "ledger" not in recording.streams
@@ -113,12 +113,12 @@ def test_the_controller_ramps_down_and_stays_down():
     assert full[-1] == approx(1.0) and np.diff(down).max() <= 0.0
     assert down[24] == approx(0.5, abs=0.03) and not any(down[50:])
     back = [bus.publish(good, contact)[-1].force[2] for _ in range(3)]
-    assert not any(back)  # a ledger that was started again does not give the force back
+    assert not any(back)  # a restarted ledger does not restore the force
     bus = FakeBus(Haptic(passivity=False, ramp=0.0, slew=1e6), pose=pose)
     assert [bus.publish(ledger, contact)[-1].force[2] for ledger in (good, bad, good)] == [1.0, 0.0, 0.0]
 
 
-def test_an_outage_is_no_way_of_the_hand():
+def test_an_outage_does_not_count_as_motion_of_the_hand():
     body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0,
                    rest_indentation=0.0, previous_indentation=0.0, stored=(0.0,))  # fmt: skip
     contact = Contact(foot=(0, 0, 0), normal=UP, force=0.0, compression=0.0, indentation=0.0, compression_rate=0.0,

@@ -41,7 +41,7 @@ def pointer(tmp_path):
     node.stop()
 
 
-def test_a_pointer_tells_its_begin_and_then_the_newest_sample(pointer):
+def test_a_pointer_sends_its_start_and_then_the_newest_sample(pointer):
     assert pointer.step(dt=T) == Pointed(position=BEGIN)
     for number in (1, 2, 3):
         send(pointer.socket, msgspec.msgpack.encode([number, [0.0, 0.0, 0.1 * number], 1]))
@@ -55,7 +55,7 @@ def test_a_pointer_tells_its_begin_and_then_the_newest_sample(pointer):
     "data",
     [b"", b"\xff", *(msgspec.msgpack.encode([1, [0.0, x, 0.0]]) for x in (math.nan, -math.inf, 1e23)), b"x" * 2000],
 )
-def test_what_is_no_sample_is_dropped_and_said_once_and_then_counted(pointer, data):
+def test_invalid_samples_are_dropped_reported_once_and_counted(pointer, data):
     notes = []
     for _ in range(20):
         send(pointer.socket, data)
@@ -67,14 +67,14 @@ def test_what_is_no_sample_is_dropped_and_said_once_and_then_counted(pointer, da
     assert note.startswith("the pointer's socket: 20 dropped")
 
 
-def test_samples_that_are_right_are_not_mentioned(pointer):
+def test_valid_samples_are_not_reported(pointer):
     send(pointer.socket, msgspec.msgpack.encode([1, [0.0, 0.0, 0.1], 0]))
     pointer.step(dt=T)
     pointer.stop()
     assert pointer.notes() == []
 
 
-def test_a_socket_that_cannot_be_made_is_told(tmp_path):
+def test_a_socket_that_cannot_be_created_is_an_error(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     for path in (tmp_path / "notes.txt", tmp_path / "none" / "pointer", tmp_path / ("x" * 120)):
         with pytest.raises(SettingError, match="socket"):
@@ -82,8 +82,8 @@ def test_a_socket_that_cannot_be_made_is_told(tmp_path):
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_the_hand_follows_as_the_equations_say():
-    """Two linear equations, solved on their own; the goal is a line over each step, an error of T^2."""
+def test_the_hand_follows_its_equations():
+    """Two linear equations, solved separately; the target is linear over each step, with an error of T^2."""
     node = Mouse(begin=BEGIN, speed=2.0, resolution=0.0)
     bus = FakeBus(node)
     ways = [bus.publish(Pointed(position=AIM))[0].position for _ in range(80)]
@@ -108,7 +108,7 @@ def test_a_pointer_that_jumps_moves_the_goal_at_the_speed_of_a_hand():
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
-def test_the_arm_gives_way_by_force_over_stiffness(kind):
+def test_a_force_moves_the_arm_by_force_over_stiffness(kind):
     node = Mouse(begin=BEGIN, hand_stiffness=400.0, hand_damping=15.0, resolution=0.0)
     push = np.array([0.0, 0.3, 2.0])
     bus = FakeBus(node)
@@ -133,8 +133,8 @@ def test_out_of_reach_the_grip_stops_and_stays_finite():
         Mouse(begin=(1.0, 0.0, 0.0)).start()
 
 
-def test_what_was_touched_is_computed_again_bit_for_bit(tmp_path):
-    """A whole graph on the real clock, steered by another program while it runs; the hand is computed again, too."""
+def test_a_steered_touch_replays_bit_for_bit(tmp_path):
+    """A whole graph on the real clock, steered by another program during the run; the replay includes the hand."""
     inlet, record = tmp_path / "pointer", tmp_path / "touch.mcap"
     graph = tmp_path / "touch.yaml"
     graph.write_text(f"""extends: kidney

@@ -1,4 +1,4 @@
-"""The controller after an outage: its force comes in over the ramp, and gives the hand little energy."""
+"""The controller after an outage: its force ramps up, and injects little energy into the hand."""
 
 from functools import cache
 
@@ -38,7 +38,7 @@ LACKING = (contact(0.0, 2e-3, whole=False), POSE)
 def sizes(
     outage: list[tuple[Contact | None, Pose | None]], before: int = 300, dt: float = T, **settings
 ) -> tuple[list[float], list[float]]:
-    """Size of the force [N] during an outage, and from the first whole input after it on; 8 N before and after."""
+    """Size of the force [N] during an outage, and from the first complete input after it; 8 N before and after."""
     node = Haptic(**settings)
     node.start()
     for _ in range(before):
@@ -58,14 +58,14 @@ OUTAGES = {
 @pytest.mark.parametrize("missing", OUTAGES)
 @pytest.mark.parametrize("ramp", [0.02, 0.1])
 @pytest.mark.parametrize("length", [1, 2, 3, 4, 20])
-def test_the_force_falls_within_4_ms_and_rises_over_the_ramp_from_where_it_is(missing, ramp, length):
+def test_the_force_falls_within_4_ms_and_rises_from_its_value_over_the_ramp(missing, ramp, length):
     during, after = sizes([OUTAGES[missing]] * length, ramp=ramp, passivity=False)
     assert during == approx([8.0 * max(1.0 - k / 4.0, 0.0) for k in range(1, length + 1)], abs=1e-12)
     left = max(1.0 - length / 4.0, 0.0)
     assert after == approx([8.0 * min(left + k * T / ramp, 1.0) for k in range(1, 301)])
 
 
-def test_a_device_without_its_command_is_an_outage_and_one_that_never_had_one_is_none():
+def test_a_lost_command_is_an_outage_and_a_missing_first_one_is_not():
     node = Haptic(passivity=False)
     node.start()
     without, given = DeviceState(tick=1, used=(-1,)), DeviceState(tick=1, used=(0,))
@@ -82,15 +82,15 @@ def test_a_device_without_its_command_is_an_outage_and_one_that_never_had_one_is
     assert [size(given) for _ in range(3)] == approx([0.08, 0.16, 0.24])
 
 
-def test_a_pause_in_which_the_device_has_let_go_is_an_outage():
+def test_a_pause_without_torque_is_an_outage():
     assert sizes([], dt=0.008, passivity=False)[1][:2] == [8.0, 8.0]
     after = sizes([], dt=0.012, passivity=False)[1]
     assert after[:3] == approx([0.0, 0.08, 0.16]) and after[-1] == approx(8.0)
 
 
 @pytest.mark.parametrize("passivity", [False, True])
-def test_a_pause_through_which_the_device_kept_its_torque_is_none(passivity):
-    """The whole loop stood still, and the simulated hand with it."""
+def test_a_pause_with_torque_is_not_an_outage(passivity):
+    """The whole loop stalled, including the simulated hand."""
     node = Haptic(passivity=passivity)
     node.start()
 
@@ -103,7 +103,7 @@ def test_a_pause_through_which_the_device_kept_its_torque_is_none(passivity):
     assert [size(0.041, used=-1), size(T)] == approx([0.0, 9.0 * T / 0.1 if not passivity else 0.0], abs=0.08)
 
 
-def test_a_step_that_comes_late_changes_the_force_by_no_more_than_one_in_time():
+def test_a_late_step_changes_the_force_at_most_like_one_in_time():
     node = Haptic(passivity=False, slew=1000.0)
     node.start()
     for _ in range(300):
@@ -112,14 +112,14 @@ def test_a_step_that_comes_late_changes_the_force_by_no_more_than_one_in_time():
     assert forces == approx([2.0, 3.0, 4.0])
 
 
-def test_slow_steps_are_no_outage():
+def test_slow_steps_are_not_an_outage():
     node = Haptic(passivity=False)
     node.start()
     assert [node.step(contact(8.0, 2e-3), None, POSE, dt=0.05).force[2] for _ in range(5)] == [8.0] * 5
 
 
-def test_what_was_never_there_is_no_outage():
-    """The first contact of a run has no tissue yet; that of a graph without one never has."""
+def test_an_input_that_never_existed_is_not_an_outage():
+    """The first contact of a run has no tissue yet, and a graph may have none."""
     node = Haptic(passivity=False)
     node.start()
     assert node.step(*LACKING[:1], None, POSE, dt=T).force == (0.0, 0.0, 0.0)
@@ -162,44 +162,44 @@ def held(normal, ramp: float, stiffness: float, damping: float, depth: float, ou
         for j in range(3)
     ],
 )
-def test_a_force_that_comes_back_pushes_gently_and_gives_little_energy(normal, hand):
-    """The hand sinks in while the force is gone, and has to be pushed out again where it is to balance as before."""
+def test_a_recovering_force_rises_slowly_and_injects_little_energy(normal, hand):
+    """The hand sinks in without the force, and must be pushed out again to restore the balance."""
     (_, slowly), (_, at_once) = (held(normal, ramp, *hand, outages=[1000], steps=3000) for ramp in (0.1, 0.0))
     assert slowly[1031:].max() < 0.35 * at_once[1031:].max()
     assert slowly.cumsum().max() < 0.5e-3
 
 
 def bound(given, outage, force=0.0, speed=0.0):
-    """[J] that the display may give out by each tick: 0.5 mJ, and 10 mW from 0.5 s after an outage on; and what flows
-    in the 25 ms in which a force [N] yields to a motion [m/s]."""
+    """[J] Limit of the generated energy at each tick: 0.5 mJ, plus 10 mW from 0.5 s after an outage, plus the energy of
+    the 25 ms in which a force [N] yields to a motion [m/s]."""
     since = T * (np.arange(len(given)) - outage)
     return 0.55e-3 + 1e-2 * np.maximum(since - 0.5, 0.0) + 0.5 * force * speed * 25e-3
 
 
 @cache
 def undisturbed(hand):
-    """The force [N] in the end without an outage."""
+    """The final force [N] without an outage."""
     return held((0.0, 0.0, 1.0), 0.1, *hand, outages=[], steps=3000)[0][-1]
 
 
 @pytest.mark.parametrize("hand", HANDS)
 @pytest.mark.parametrize("late", [False, True])
-def test_the_force_comes_back_in_full_after_an_outage(hand, late):
-    """Without movement, and with the slope of a law bounded by passivity, it once stayed near zero."""
+def test_the_force_recovers_completely_after_an_outage(hand, late):
+    """Regression: without movement, and with a slope limited by passivity, it stayed near zero."""
     forces, _ = held((0.0, 0.0, 1.0), 0.1, *hand, outages=[1000], late=late, steps=3000)
     assert forces[2500:] == approx(undisturbed(hand), rel=0.01)
 
 
 @pytest.mark.parametrize("hand", HANDS)
 @pytest.mark.parametrize("late", [False, True])
-def test_after_several_outages_most_of_the_force_comes_back(hand, late):
+def test_after_several_outages_most_of_the_force_recovers(hand, late):
     forces, given = held((0.0, 0.0, 1.0), 0.1, *hand, outages=[1000, 1060, 1400], late=late, steps=3000)
     assert forces[2500:].min() > 0.5 * undisturbed(hand)
     assert (given.cumsum() < bound(given, 1000)).all()
 
 
-def test_the_force_yields_while_it_gives_out_more_than_is_lent():
-    """The hand is pushed away under a force that stays: none that it has not paid for is left after the outage."""
+def test_the_force_yields_while_it_generates_more_energy_than_permitted():
+    """The hand is pushed away under a constant force; after the outage no force remains without absorbed energy."""
     node = Haptic(resolution=0.0)
     node.start()
 
@@ -215,7 +215,7 @@ def test_the_force_yields_while_it_gives_out_more_than_is_lent():
     assert (given.cumsum() < bound(given, 0, force=8.0, speed=0.02)).all()
 
 
-def test_a_slow_slew_does_not_keep_a_force_that_the_device_has_let_go():
+def test_a_slow_slew_limit_does_not_keep_a_force_that_the_device_has_removed():
     node = Haptic(passivity=False, slew=500.0)
     node.start()
     for _ in range(300):
@@ -224,7 +224,7 @@ def test_a_slow_slew_does_not_keep_a_force_that_the_device_has_let_go():
 
 
 @pytest.mark.parametrize("force", [8.0, 0.5])
-def test_under_a_hand_at_rest_any_force_comes_back_over_a_second(force):
+def test_with_a_hand_at_rest_any_force_recovers_over_1_s(force):
     node = Haptic(resolution=0.0)
     node.start()
     for given in [contact(force, 2e-3)] * 300 + [None] * 20:
@@ -233,7 +233,7 @@ def test_under_a_hand_at_rest_any_force_comes_back_over_a_second(force):
     assert sizes[99] == approx(0.1 * force, rel=0.02) and sizes[-1] == approx(force)
 
 
-def test_the_lateral_force_of_the_body_is_shown_along_each_axis():
+def test_the_lateral_force_of_the_body_is_rendered_along_each_axis():
     node = Haptic(passivity=False)
     node.start()
     lateral, friction = (0.1, -0.2, 0.3), (0.4, 0.5, -0.6)
@@ -243,7 +243,7 @@ def test_the_lateral_force_of_the_body_is_shown_along_each_axis():
     assert force == approx((0.1 - 0.4, -0.2 - 0.5, 2.0 + 0.3 + 0.6))
 
 
-def test_a_debt_of_before_the_outage_does_not_keep_the_force_away():
+def test_energy_generated_before_the_outage_does_not_block_the_force():
     node = Haptic(resolution=0.0)
     node.start()
     for _ in range(300):
@@ -255,7 +255,7 @@ def test_a_debt_of_before_the_outage_does_not_keep_the_force_away():
     assert sizes[99] == approx(0.8, rel=0.02) and sizes[-1] == approx(8.0)
 
 
-def test_without_a_ramp_the_force_is_back_at_once():
+def test_without_a_ramp_the_force_recovers_at_once():
     node = Haptic(resolution=0.0, ramp=0.0, slew=1e6)
     node.start()
     forces = [node.step(given, None, POSE, dt=T).force[2] for given in [contact(8.0, 2e-3)] * 300 + [None] * 20]

@@ -14,7 +14,7 @@ def table(tmp_path, text):
     return str(file)
 
 
-def test_it_goes_straight_between_the_rows_and_stays_at_the_end(tmp_path):
+def test_the_motion_is_linear_between_rows_and_stays_at_the_end(tmp_path):
     path = table(tmp_path, "# a slide\nt,x,y,z,buttons\n0,0,0,0.1,0\n0.1,0.01,0,0.1,2\n0.2,0.01,0.02,0.1,0\n")
     states = FakeBus(Replayed(path=path)).run(300)
     assert states[50].position == approx((0.005, 0.0, 0.1)) and states[50].buttons == 0
@@ -22,13 +22,13 @@ def test_it_goes_straight_between_the_rows_and_stays_at_the_end(tmp_path):
     assert states[-1].position == approx((0.01, 0.02, 0.1)) and states[-1].joints == ()
 
 
-def test_it_repeats(tmp_path):
+def test_the_motion_repeats(tmp_path):
     path = table(tmp_path, "z,x,y,t\n0.1,0,0,5\n0.1,1,0,5.1\n")
     states = FakeBus(Replayed(path=path, repeat=True)).run(250)
     assert states[150].position[0] == approx(states[50].position[0], abs=1e-9)
 
 
-def test_joint_angles(tmp_path):
+def test_joint_angles_are_sent(tmp_path):
     path = table(tmp_path, "t,joint3,joint1,joint2\n0,3,1,2\n1,3,1,2\n")
     (state,) = FakeBus(Replayed(path=path)).run(1)
     assert state.joints == (1.0, 2.0, 3.0) and state.position == ()
@@ -46,11 +46,11 @@ def test_joint_angles(tmp_path):
         ("t,x,y,z\n0,0,0,nan\n", "line 2"),
     ],
 )
-def test_a_table_that_is_none_is_told(tmp_path, text, told):
+def test_an_invalid_table_is_an_error(tmp_path, text, told):
     with pytest.raises(SettingError, match=told):
         FakeBus(Replayed(path=table(tmp_path, text)))
 
 
-def test_a_table_that_is_not_there_is_told():
+def test_a_missing_table_is_an_error():
     with pytest.raises(SettingError, match=r"none\.csv: No such file"):
         FakeBus(Replayed(path="none.csv"))

@@ -1,4 +1,4 @@
-"""Hard contact through a sampled, delayed loop: a mass with drag, under forces held over a step, meets a wall."""
+"""Stiff contact in a sampled loop with delay: a mass with drag, under forces held over a step, hits a wall."""
 
 import math
 
@@ -14,8 +14,8 @@ UP = (0.0, 0.0, 1.0)
 
 
 def meet(stiffness, delay, rate=1000.0, mass=0.1, speed=0.05, push=0.5, seconds=4.0, drag=0.2, told=None):
-    """A grip that meets a wall at z = 0 under a push: its places [m], forces [N], and the energy [J] that the display
-    took, true and as reported. m v' = F - push - b v is solved in closed form over each step."""
+    """A grip pushed against a wall at z = 0: its positions [m], forces [N], and the energy [J] absorbed by the display,
+    true and reported. m v' = F - push - b v is solved in closed form over each step."""
     node = Haptic(delay=delay if told is None else told)
     node.start()
     dt = 1.0 / rate
@@ -44,7 +44,7 @@ def swings(z):
 
 
 FIRST = ((500.0, 0), (500.0, 5), (1000.0, 0), (1000.0, 1), (1000.0, 3), (1000.0, 5), (2000.0, 1), (4000.0, 5))
-"""Rates [Hz] and delays between which the others lie."""
+"""Rates [Hz] and delays that bound all others."""
 LOOPS = [
     pytest.param(rate, delay, marks=() if (rate, delay) in FIRST else pytest.mark.long)
     for rate in (500.0, 1000.0, 2000.0, 4000.0)
@@ -53,7 +53,7 @@ LOOPS = [
 
 
 @pytest.mark.parametrize(("rate", "delay"), LOOPS)
-def test_no_wall_makes_a_lasting_swing(rate, delay):
+def test_no_wall_causes_a_lasting_oscillation(rate, delay):
     for stiffness in (500.0, 3e3, 1e5, 1e9):
         for mass, speed in ((0.05, 0.05), (0.1, 0.3), (0.3, 0.15)):
             z, force, energy, _ = meet(stiffness, delay, rate, mass, speed)
@@ -62,22 +62,22 @@ def test_no_wall_makes_a_lasting_swing(rate, delay):
             assert np.abs(force).max() <= 9.0 + 1e-9 and energy.min() > -5e-3
 
 
-def test_the_debt_on_a_stiff_wall_behind_a_sample_of_delay_is_small():
+def test_a_stiff_wall_with_one_sample_of_delay_generates_little_energy():
     for mass in (0.05, 0.1, 0.3):
         assert meet(1e4, 1, mass=mass, speed=0.0)[2].min() > -2e-3
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3, 5])
-def test_the_reported_energy_is_that_at_the_port_of_the_hand(delay):
-    """It is known `delay` samples late, and at a turn to within the force over one step of the position; where the
-    contact ends a credit is dropped, so the first press is compared."""
+def test_the_reported_energy_is_that_at_the_hand(delay):
+    """It is known `delay` samples later, and at a reversal within the force times one position step. At the end of
+    contact absorbed energy is reset, so the first press is compared."""
     _, force, energy, reported = meet(300.0, delay, speed=0.1, push=0.5, seconds=0.06)
     assert force.max() > 0.5
     late = energy[: len(energy) - delay]
     assert reported[delay:] - reported[delay] == approx(late - late[0], abs=66e-6 * force.max())
 
 
-def test_the_stiffest_slope_is_that_of_the_table():
+def test_the_stiffest_slope_equals_the_table():
     def kilo(delay, rate=1000.0):
         return stiffest(0.1, 0.2, 0.0, (delay + 0.5) / rate)
 
@@ -85,8 +85,9 @@ def test_the_stiffest_slope_is_that_of_the_table():
     assert stiffest(0.1, 0.2, 60e-6, 0.125e-3) == approx(0.1 / 60e-6)
 
 
-def test_what_is_soft_enough_is_rendered_as_it_is():
-    """A press of a kidney's slope at 1 kHz without delay: inward to the last bit, outward within some millinewtons."""
+def test_a_soft_contact_is_rendered_unchanged():
+    """A press with a kidney's slope at 1 kHz without delay: bit-equal during loading, within a few mN during
+    unloading."""
     node = Haptic()
     node.start()
     depth = 5e-3 * np.sin(np.linspace(0.0, np.pi, 300)) ** 2
@@ -98,7 +99,7 @@ def test_what_is_soft_enough_is_rendered_as_it_is():
         assert answer.force[2] == approx(law, abs=1e-12 if d >= before else 0.02)
 
 
-def test_what_is_felt_of_a_rigid_wall_is_the_stiffest_slope():
+def test_a_rigid_wall_is_rendered_with_the_stiffest_slope():
     for delay in (0, 2, 5):
         z, force, *_ = meet(1e9, delay, speed=0.0, push=0.5, seconds=12.0)
         assert -force[-1] / z[-1] == approx(stiffest(0.1, 0.2, 60e-6, (delay + 0.5) * 1e-3), rel=0.1)

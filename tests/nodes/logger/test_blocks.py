@@ -1,4 +1,4 @@
-"""Blocks of messages give the file that the same messages give one by one, and a slow disk never stops a live run."""
+"""Blocks of messages give the same file as single messages, and a slow disk never stops a live run."""
 
 import random
 import threading
@@ -26,7 +26,7 @@ def logger(path, clock: str, **settings) -> Mcap:
 
 
 def block(ticks: range, gone: set[int], size: int = 0) -> Block:
-    """The messages of these ticks but those of `gone`, which only `fast` lacks."""
+    """The messages of these ticks without those of `gone`, which only `fast` lacks."""
     memory, entries = bytearray(), []
     for tick in ticks:
         for number, (name, every) in enumerate(STREAMS.items()):
@@ -41,7 +41,7 @@ def block(ticks: range, gone: set[int], size: int = 0) -> Block:
 
 @pytest.mark.parametrize("settings", [{"thin": {"thinned": 4}}, {"sources": ("fast",)}], ids=["thin", "sources"])
 @pytest.mark.parametrize("clock", ["simulated", "real"])
-def test_a_block_is_recorded_as_its_messages_one_by_one(tmp_path, clock, settings):
+def test_a_block_is_recorded_like_its_single_messages(tmp_path, clock, settings):
     draw = random.Random(2)
     gone = {tick for tick in range(300) if draw.random() < 0.1}
     files = {}
@@ -68,7 +68,7 @@ def test_a_slow_disk_loses_messages_of_a_live_run_and_never_stops_it(tmp_path, m
 
     monkeypatch.setattr(node._writer, "_write_chunk", slow)
     many = block(range(8), set(), CHUNK_SIZE // 8)
-    for _ in range(3 * IN_FLIGHT):  # returns although nothing is written
+    for _ in range(3 * IN_FLIGHT):  # returns although the disk writes nothing
         node.observe_block(many)
         node.observe("fast", 8, pack(DeviceState(tick=8, time=8000)))
     writes.set()

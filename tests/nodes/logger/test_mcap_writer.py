@@ -1,4 +1,4 @@
-"""The MCAP file as written: what its authors' reader finds in it, with and without index; cut off anywhere; no room."""
+"""The written MCAP file: read by the reference reader, with and without index; truncated at any byte; full disk."""
 
 import errno
 import io
@@ -25,7 +25,7 @@ Rows = list[tuple[int, int, int, bytes]]
 
 
 def rows(count: int, longest: int, seed: int = 0) -> Rows:
-    """Channel, tick, time and bytes of messages, not quite in the order of their times."""
+    """Channel, tick, time and bytes of messages, not strictly sorted by time."""
     draw = random.Random(seed)
     return [
         (draw.randint(1, 3), k, 1000 * k + draw.randint(0, 3000), draw.randbytes(draw.randint(0, longest)))
@@ -34,7 +34,7 @@ def rows(count: int, longest: int, seed: int = 0) -> Rows:
 
 
 def write(file: io.BufferedIOBase | io.BytesIO, given: Rows, compression="zstd", every: int = 0) -> None:
-    """A file of these messages; a chunk for each `every` of them."""
+    """A file of these messages, with `every` messages per chunk."""
     writer = McapWriter(file, "test", compression)
     schema = writer.add_schema("Any", b"{}")
     for name in "abc":
@@ -50,7 +50,7 @@ def write(file: io.BufferedIOBase | io.BytesIO, given: Rows, compression="zstd",
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 @pytest.mark.parametrize(("count", "longest", "every"), [(0, 1, 0), (1, 0, 0), (500, 300, 7), (40, 200_000, 0)])
-def test_the_authors_reader_finds_every_message_and_every_checksum_right(compression, count, longest, every):
+def test_the_reference_reader_accepts_every_message_and_checksum(compression, count, longest, every):
     given = rows(count, longest)
     file = io.BytesIO()
     write(file, given, compression, every)
@@ -76,7 +76,7 @@ def test_the_authors_reader_finds_every_message_and_every_checksum_right(compres
 
 
 def test_checksums_of_data_and_summary_are_those_of_the_format():
-    """`data_section_crc` covers all before DataEnd, `summary_crc` all from there up to itself."""
+    """`data_section_crc` covers all bytes before DataEnd, `summary_crc` all from there up to itself."""
     file = io.BytesIO()
     write(file, rows(100, 50), every=9)
     data = file.getvalue()
@@ -86,7 +86,7 @@ def test_checksums_of_data_and_summary_are_those_of_the_format():
     assert (kind, length) == (Opcode.DATA_END, 4) and data_crc == zlib.crc32(data[: summary_start - 13])
 
 
-def test_every_index_leads_to_what_it_names():
+def test_every_index_points_to_its_record():
     """Message indexes, chunk indexes and summary offsets, which viewers follow to seek."""
     given = rows(400, 200)
     file = io.BytesIO()
@@ -120,7 +120,7 @@ def test_every_index_leads_to_what_it_names():
     assert sum(group[4] for group in groups) == offsets - groups[0][3]
 
 
-def test_a_message_longer_than_a_chunk_is_kept():
+def test_a_message_longer_than_a_chunk_is_written():
     given = [(1, 0, 5, bytes(3 * CHUNK_SIZE)), (2, 1, 6, b"x")]
     file = io.BytesIO()
     write(file, given)
@@ -129,7 +129,7 @@ def test_a_message_longer_than_a_chunk_is_kept():
 
 
 def whole_before(data: bytes, end: int) -> Rows:
-    """What stands in the chunks that lie wholly before a place, by the authors' records."""
+    """Contents of the complete chunks before a position, by the reference reader."""
     found, at = [], 8
     while at + 9 <= end:
         length = int.from_bytes(data[at + 1 : at + 9], "little")
@@ -143,7 +143,7 @@ def whole_before(data: bytes, end: int) -> Rows:
     return found
 
 
-def test_a_file_cut_off_at_any_byte_is_read_up_to_its_last_whole_chunk(tmp_path):
+def test_a_truncated_file_is_read_up_to_its_last_whole_chunk(tmp_path):
     path = tmp_path / "cut.mcap"
     with path.open("wb") as file:
         write(file, rows(12, 40), every=4)
@@ -159,8 +159,8 @@ def test_a_file_cut_off_at_any_byte_is_read_up_to_its_last_whole_chunk(tmp_path)
         assert broken.value.cut and found == whole_before(data, end)
 
 
-def test_recover_makes_a_complete_file_of_one_cut_off_anywhere(tmp_path):
-    """`recover` gives what lies in whole chunks before the cut, for cuts all over the file and at each record's end."""
+def test_recover_completes_a_file_truncated_anywhere(tmp_path):
+    """`recover` returns the whole chunks before the cut, for cuts across the file and at the end of each record."""
     from palpate.messages import DeviceState, pack
 
     path = tmp_path / "run.mcap"
@@ -183,7 +183,7 @@ def test_recover_makes_a_complete_file_of_one_cut_off_anywhere(tmp_path):
 
 
 class Full(io.FileIO):
-    """A disk with room for so many bytes; then, after one refusal, for more."""
+    """A disk with space for this number of bytes and, after one failure, for more."""
 
     room = 50_000
     refused = False
@@ -196,8 +196,8 @@ class Full(io.FileIO):
         return super().write(data)
 
 
-def test_nothing_follows_what_a_full_disk_refused(tmp_path):
-    """A chunk that is waiting when one before it fails is not written behind the gap."""
+def test_nothing_is_written_after_a_failed_chunk(tmp_path):
+    """A waiting chunk is not written behind the gap of a failed one."""
     path = tmp_path / "full.mcap"
     with Full(path, "wb") as file:
         writer = McapWriter(file, "test", "none")
@@ -226,8 +226,8 @@ def test_an_index_has_an_entry_for_each_channel_of_its_chunk():
     assert channels == [1, 2, 3] * 3
 
 
-def test_the_file_is_whole_before_it_is_closed(tmp_path: Path):
-    """`flush` returns when all is in the file, whoever looks."""
+def test_the_file_is_complete_after_flush(tmp_path: Path):
+    """`flush` returns when all data is in the file, for any reader."""
     path = tmp_path / "a.mcap"
     with path.open("wb", buffering=CHUNK_SIZE) as file:
         writer = McapWriter(file, "test")
