@@ -86,7 +86,7 @@ def test_an_lz4_chunk_unpacks_to_no_more_than_it_claims(tmp_path, store_size):
 
 
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
-def test_a_chunk_of_the_size_that_it_says_is_read(tmp_path, compression):
+def test_a_chunk_of_its_declared_size_is_read(tmp_path, compression):
     data = bytes([Opcode.HEADER, *(0,) * 8]) * 500  # records without content
     sized = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstandard.compress}
     unsized = {
@@ -108,7 +108,7 @@ def test_a_chunk_of_the_size_that_it_says_is_read(tmp_path, compression):
 @pytest.mark.parametrize(
     "kind", [Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.METADATA, Opcode.SCHEMA]
 )
-def test_a_file_that_is_one_hole_is_not_read_into_memory(tmp_path, kind):
+def test_a_sparse_file_is_not_read_into_memory(tmp_path, kind):
     """A sparse file has the length in its record but needs no disk space."""
     path, length = tmp_path / "hole.mcap", 1 << 33
     path.write_bytes(MAGIC + struct.pack("<BQ", kind, length))
@@ -163,7 +163,7 @@ def test_a_schema_is_parsed_once_for_all_channels_and_not_beyond_its_limit(tmp_p
 
 
 @pytest.mark.parametrize("text", ["[" * 200_000, "{", "1" * 10_000])
-def test_what_a_recording_says_in_bad_json_is_told(tmp_path, text):
+def test_invalid_json_in_a_recording_is_an_error(tmp_path, text):
     about = Metadata("palpate.about", {"plan": text})
     path = complete(tmp_path / "a.mcap", [about], [lambda places: MetadataIndex(places[1], 0, "palpate.about")])
     with pytest.raises(RecordingError, match=r"palpate\.about|do not match"):
@@ -190,14 +190,14 @@ def test_a_tick_far_away_takes_no_more_memory_than_one_nearby(tmp_path):
     assert output == "[2147483647]" and more < 50
 
 
-def test_a_message_without_its_head_ends_what_is_read(tmp_path):
+def test_a_message_without_its_header_ends_the_reading(tmp_path):
     inside = struct.pack("<BQ", Opcode.MESSAGE, 3) + b"abc"
     path = one_chunk(tmp_path / "a.mcap", "", inside, len(inside))
     with pytest.raises(RecordingError, match=r"without its head|not a recording"):
         list(Recording(path).raw())
 
 
-def test_an_archive_that_unpacks_to_more_than_it_may_is_refused(tmp_path, monkeypatch):
+def test_an_archive_that_unpacks_beyond_its_limit_is_an_error(tmp_path, monkeypatch):
     """64 MB of zeros lie in an .npz of 64 kB, 4 GB in one of 4 MB."""
     monkeypatch.setattr("palpate.physics.archive.MOST", 1 << 25)
     path = tmp_path / "zeros.npz"
@@ -226,7 +226,7 @@ def nifti(begin: float = 352.0, shape=(4, 4, 4)) -> bytearray:
     return head
 
 
-def test_a_scan_that_unpacks_to_more_than_it_may_is_refused(tmp_path):
+def test_a_scan_that_unpacks_beyond_its_limit_is_an_error(tmp_path):
     pytest.importorskip("nibabel", reason="nibabel is not installed (extra scan)")
     pytest.importorskip("pydicom", reason="pydicom is not installed (extra scan)")
     pytest.importorskip("skimage", reason="scikit-image is not installed (extra scan)")

@@ -131,11 +131,11 @@ def check(run: Chain, draw: Callable[[Chain, random.Random], list[Fault]], count
 
 @pytest.mark.parametrize("draw", [together, caused])
 @pytest.mark.parametrize("touch", [pytest.param(TOUCH, id="press"), pytest.param(TAP, id="tap")])
-def test_faults_at_once_and_faults_by_the_motion_do_no_harm(chain, touch, draw):
+def test_simultaneous_and_motion_triggered_faults_do_no_harm(chain, touch, draw):
     check(chain(find("kidney").but(overrides=touch)), draw, 4, seed=1)
 
 
-def test_a_controller_that_is_restarted_in_a_press_begins_without_force(chain):
+def test_a_controller_restarted_during_a_press_starts_without_force(chain):
     """It knows neither the force nor the energy before; it used to jump to the full force, by 1.3 N in a tick."""
     run = chain(find("kidney").but(overrides=TOUCH))
     forces: list[float] = []
@@ -151,7 +151,7 @@ def test_a_controller_that_is_restarted_in_a_press_begins_without_force(chain):
     assert felt.energy >= -ENERGY
 
 
-def test_what_a_device_did_not_apply_is_no_credit(chain):
+def test_force_that_the_device_did_not_apply_adds_no_energy_credit(chain):
     """The commands of 15 ms of a tap are lost: the device holds 0.2 N, the controller computes up to 4 N."""
     run = chain(find("kidney").but(overrides=TAP))
     controller = run._slot("controller").node
@@ -168,6 +168,6 @@ def test_what_a_device_did_not_apply_is_no_credit(chain):
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("draw", [together, caused])
 @pytest.mark.parametrize(("body", "count"), [("MassSpring", 150), ("ReducedFE", 60), ("BeamBundle", 60)])
-def test_many_faults_at_once_and_by_the_motion_do_no_harm(chain, body, count, draw):
+def test_many_simultaneous_and_motion_triggered_faults_do_no_harm(chain, body, count, draw):
     for seed, touch in enumerate((TOUCH, TAP)):
         check(chain(find("kidney").but(overrides=(*touch, f"tissue.use=deformation.{body}"))), draw, count, 50 + seed)

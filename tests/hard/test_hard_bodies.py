@@ -101,7 +101,7 @@ def test_an_element_that_is_pushed_inside_out_is_refused_and_its_energy_stays_fi
 
 @settings(deadline=None, max_examples=20)
 @given(st.floats(-9, -1), st.integers(0, 2**31))
-def test_slivers_give_finite_forces_or_are_refused_by_name(flatness, seed):
+def test_slivers_give_finite_forces_or_are_named_in_an_error(flatness, seed):
     """A corner is moved towards the opposite face until hardly anything of an element is left."""
     x = np.linspace(0.0, 0.01, 3)
     points, cells = grid(x, x, x)
@@ -146,7 +146,7 @@ def test_a_body_under_any_load_and_step_stays_within_the_static_answer(pushes, d
         depth = now
 
 
-def test_explicit_springs_fly_apart_where_the_implicit_step_does_not():
+def test_explicit_springs_diverge_where_the_implicit_step_does_not():
     """The same spring and dashpot at a node, k u + d u' = f by explicit Euler: it needs k T/d < 2 and is beyond from
     20 ms on. The implicit step is at the static answer."""
     k, d, f, dt = 300.0, 3.0, 1.0, 0.03

@@ -52,7 +52,7 @@ def test_the_explicit_series_law_chatters_at_make_and_break():
 
 @settings(deadline=None)
 @given(approaches, steps, stiffnesses, st.sampled_from([FINGER, power(3e3, 1.5), power(1e8, 1.0)]))
-def test_the_series_law_is_bounded_and_gives_out_no_energy_on_any_path(path, dt, stiffness, finger):
+def test_the_series_law_is_bounded_and_generates_no_energy_on_any_path(path, dt, stiffness, finger):
     """Jumps of 30 mm, air in between, steps of 1 us to 10 s, bodies over eight decades: the force is finite and never
     negative, no compression is, and each step takes in at least what the two bodies store."""
     e = np.array([0.0, *path])
@@ -67,14 +67,14 @@ def test_the_series_law_is_bounded_and_gives_out_no_energy_on_any_path(path, dt,
 
 @settings(deadline=None)
 @given(st.lists(st.floats(0.0, 10e-3), min_size=1, max_size=20), steps)
-def test_a_closed_way_never_returns_more_work_than_it_took(path, dt):
+def test_a_closed_path_never_returns_more_work_than_it_took(path, dt):
     """Twice round the same closed way from 0 to 0, repeated samples among them."""
     e = np.array([0.0, *path, *path[::-1], 0.0, *path, path[-1], 0.0])
     f, _, _ = series_path(e, dt, FINGER, C1, K, N, C2)
     assert float((f[1:] * np.diff(e)).sum()) >= -1e-12
 
 
-def test_an_encoder_that_flips_between_two_counts_makes_no_force_above_the_static_one():
+def test_an_encoder_alternating_between_two_counts_gives_no_force_above_the_static_one():
     """Contact begins and ends at alternating ticks. The force of a spring with a parallel dashpot would jump by b e' at
     each begin, here to 100 times the static force, and pull at each end."""
     count, depth = 60e-6, 1e-4
@@ -108,7 +108,7 @@ def rebound(speed, damping, dt, mass=0.1, law=None, explicit_spring=False):
     raise AssertionError("it stays")
 
 
-def test_a_sampled_spring_throws_a_mass_back_faster_than_it_came():
+def test_a_sampled_spring_returns_a_mass_faster_than_it_arrived():
     """K = 1000 N/m, 0.3 kg, 0.2 m/s, 1 ms: e = 1.046, so a bounce grows with each impact. Hunt and Crossley's law with
     the damping of tissue gives less than it took."""
     linear = power(1000.0, 1.0)
@@ -124,7 +124,7 @@ def test_an_impact_leaves_no_faster_than_one_over_c():
 
 @settings(deadline=None)
 @given(st.floats(-9, 0), st.floats(0, 8), st.floats(-1, 1))
-def test_a_step_without_end_gives_the_static_split(depth, stiffness, longer):
+def test_an_infinite_step_gives_the_static_split(depth, stiffness, longer):
     e, k = 30e-3 * 10.0**depth, 10.0**stiffness
     f, s1, s2 = series(e, 1e9 * 10.0**longer, 0.0, FINGER, C1, Terminal(k, N, C2))
     rest = static_split(e, FINGER, k, N)
@@ -133,7 +133,7 @@ def test_a_step_without_end_gives_the_static_split(depth, stiffness, longer):
 
 @settings(deadline=None)
 @given(st.sampled_from([5e-324, 1e-310, 1e-200, 1e-30]), steps)
-def test_an_approach_of_hardly_a_number_gives_hardly_a_force(e, dt):
+def test_the_smallest_approaches_give_negligible_forces(e, dt):
     f, s1, s2 = series(e, dt, 0.0, FINGER, C1, Terminal(K, N, C2))
     assert 0.0 <= f < 1e-10 and 0.0 <= s1 <= e and 0.0 <= s2 <= e
 

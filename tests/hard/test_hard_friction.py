@@ -38,7 +38,7 @@ def explicit(slip, dt, law):
     return np.array(line)
 
 
-def test_explicit_bristles_diverge_where_ours_do_not():
+def test_explicit_bristles_diverge_where_implicit_ones_do_not():
     """Stiff bristles at speed. At 1 m/s and 1 ms explicit Euler multiplies each error by 1 - sigma0 v T/g = -5: it
     grows and changes sign each step. The exact step goes to its limit without a change of sign."""
     slip, most = np.full(40, 1.0), LAW.mu_static / LAW.bristle_stiffness
@@ -70,7 +70,7 @@ def test_bristles_stay_within_their_limit_at_any_step_and_stiffness(path, dt, st
 
 @settings(deadline=None)
 @given(paths, steps, st.sampled_from(LAWS), st.floats(1e-3, 10.0))
-def test_bristles_under_constant_load_give_out_no_energy(path, dt, law, load):
+def test_bristles_under_constant_load_generate_no_energy(path, dt, law, load):
     """What a hand puts in along any path is at least what the bristles hold: f.v T summed >= f_n sigma0 |z|^2/2."""
     slip = tangential(path)
     force, z, _ = bristle_path(law, slip, load, dt)
@@ -81,7 +81,7 @@ def test_bristles_under_constant_load_give_out_no_energy(path, dt, law, load):
 
 @settings(deadline=None)
 @given(st.lists(st.tuples(speeds, speeds, st.floats(-9, 9)), min_size=2, max_size=12), steps, st.sampled_from(LAWS))
-def test_bristles_under_a_load_that_jumps_by_decades_give_out_no_energy(path, dt, law):
+def test_bristles_under_a_load_that_jumps_by_decades_generate_no_energy(path, dt, law):
     """Each step by itself: work - growth of what is held >= 0. What a falling load took from the bristles, and may give
     back, is held, too."""
     slip, load = tangential([p[:2] for p in path]), 10.0 ** np.array([p[2] for p in path])
@@ -94,7 +94,7 @@ def test_bristles_under_a_load_that_jumps_by_decades_give_out_no_energy(path, dt
         before = stored
 
 
-def test_bristles_without_the_viscous_bound_give_out_energy():
+def test_bristles_without_the_viscous_bound_generate_energy():
     """The usual parameters leave sigma2 at 0: below sigma1 (mu_s - mu_c)/mu_c a path exists that gains energy."""
     law = LAW._replace(viscous=0.0, bristle_damping=20.0)
     assert law.viscous < passive_viscous(law.mu_slide, law.mu_static, law.bristle_damping)
@@ -113,7 +113,7 @@ def test_bristles_without_the_viscous_bound_give_out_energy():
     assert gain(law._replace(viscous=bound)) <= 0.0
 
 
-def test_the_sign_function_chatters_at_rest_where_the_elastic_stick_stands_still():
+def test_the_sign_function_chatters_at_rest_where_the_elastic_stick_does_not():
     """A block under a push below the friction limit. With Coulomb's law as mu f_n sign(v) it oscillates at every step
     without end; with tanh(v/v0) it creeps. With elastic stick it comes to rest."""
     mass, push, mu, dt = 0.01, 0.2, 0.5, 1e-3
@@ -187,7 +187,7 @@ def test_friction_is_the_same_when_the_scene_is_turned(path, dt, law, seed):
     steps,
     st.sampled_from([*LAWS, Coulomb()]),
 )
-def test_loads_and_speeds_down_to_subnormal_numbers_and_up_to_huge_ones(load, speed, dt, law):
+def test_subnormal_and_huge_loads_and_speeds_give_finite_forces(load, speed, dt, law):
     """Nothing, hardly anything and far too much: finite, along the motion, zero without load."""
     force, z, _ = bristle_path(law, np.tile([speed, 0.0, 0.0], (3, 1)), load, dt)
     assert np.isfinite(force).all() and np.isfinite(z).all() and (force[:, 0] >= 0.0).all()

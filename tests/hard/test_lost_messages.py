@@ -56,11 +56,11 @@ def check(run: Chain, count: int, seed: int) -> None:
             assert felt.contact <= OVER * same, f"{words}: {felt.contact:.3f} N, the same motion {same:.3f} N"
 
 
-def test_lost_messages_do_not_jump_in_the_hand(chain):
+def test_lost_messages_cause_no_jump_of_the_force(chain):
     check(chain(find("kidney").but(overrides=TOUCH)), 8, seed=1)
 
 
-def test_a_debt_of_energy_after_an_outage_is_not_paid_in_one_blow(chain):
+def test_generated_energy_is_not_dissipated_in_one_spike_after_an_outage(chain):
     """The tissue is lost while the finger strokes; what the bristles give back 140 ms later makes a debt of 0.5 mJ."""
     run = chain(find("kidney").but(overrides=TOUCH))
     felt = feel(run, lambda stream, reader, tick: stream == "tissue" and 457 <= tick < 487)
@@ -68,7 +68,7 @@ def test_a_debt_of_energy_after_an_outage_is_not_paid_in_one_blow(chain):
 
 
 @pytest.mark.parametrize(("begin", "length"), [(310, 30), (500, 100), (600, 10), (720, 5)])
-def test_a_loop_that_stands_still_does_not_jump_in_the_hand(chain, begin, length):
+def test_a_stopped_loop_causes_no_jump_of_the_force(chain, begin, length):
     """The machine and all nodes stall: the simulated hand also stops, and the viscous part of the force ends with its
     motion."""
     run = chain(find("kidney").but(overrides=TOUCH))
@@ -77,7 +77,7 @@ def test_a_loop_that_stands_still_does_not_jump_in_the_hand(chain, begin, length
 
 
 @pytest.mark.parametrize("length", [3, 5, 7, 8])
-def test_a_stall_shorter_than_the_device_holds_its_command_is_not_felt(chain, length):
+def test_a_stall_shorter_than_the_hold_time_of_the_device_does_not_change_the_force(chain, length):
     """The hand keeps moving: it presses, then rests. With the lag of the late step as that of the loop, the force
     fell by 0.13 N."""
     run = chain(find("kidney").but(overrides=TOUCH))
@@ -143,7 +143,7 @@ def check_patterns(run: Chain, count: int, seed: int) -> None:
 @pytest.mark.parametrize(
     "touch", [pytest.param(TOUCH, id="press"), pytest.param(TAP, id="tap"), pytest.param(SLIDE, id="slide")]
 )
-def test_no_pattern_of_losses_makes_the_contact_press_harder(chain, touch, body):
+def test_no_pattern_of_losses_raises_the_contact_force(chain, touch, body):
     check_patterns(chain(find("kidney").but(overrides=(*touch, f"tissue.use=deformation.{body}"))), 4, seed=3)
 
 
@@ -159,7 +159,7 @@ IMPACTS = {
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize("gap", [(4, 30), (5, 9), (10, 12), (3, 8, 9, 20)])
 @pytest.mark.parametrize("motion", IMPACTS)
-def test_an_impact_in_a_gap_presses_no_harder_than_one_that_is_seen(motion, gap, count):
+def test_an_impact_in_a_gap_has_no_larger_force_than_a_received_one(motion, gap, count):
     """Of each fingertip on a rigid body, whose force is then that of the same motion without a gap."""
     law = {"stiffness": 1e6, "exponent": 1.0, "damping": 0.0, "rest_indentation": 0.0, "previous_indentation": 0.0}
     body = Surface(nodes=np.zeros(0, int), displacement=np.zeros((0, 3)), **law)
@@ -191,7 +191,7 @@ def test_an_impact_in_a_gap_presses_no_harder_than_one_that_is_seen(motion, gap,
 
 @pytest.mark.parametrize("chance", [0.7, 0.9])
 @pytest.mark.parametrize("edge", [("tissue", "contact"), ("contact", "spread"), ("spread", "tissue")])
-def test_messages_that_come_now_and_then_make_no_spike(chain, edge, chance):
+def test_irregular_messages_cause_no_spike(chain, edge, chance):
     """Of the loop of contact and body; with a loss of 0.9 this gave 16 times the force."""
     run = chain(find("kidney").but(overrides=TAP))
     random_ = random.Random(7)
@@ -203,7 +203,7 @@ def test_messages_that_come_now_and_then_make_no_spike(chain, edge, chance):
     assert felt.contact <= OVER * undisturbed(run, felt.places)
 
 
-def test_a_hand_that_brakes_in_a_long_gap_makes_no_spike(chain):
+def test_a_hand_that_brakes_in_a_long_gap_causes_no_spike(chain):
     """The place is lost for 38 ms of a tap: the mean speed of the gap is 0.39 m/s, that at its end 0.15 m/s."""
     run = chain(find("kidney").but(overrides=TAP))
     felt = feel(run, lambda stream, reader, tick: stream == "finger" and 420 <= tick < 458)
@@ -213,7 +213,7 @@ def test_a_hand_that_brakes_in_a_long_gap_makes_no_spike(chain):
 @pytest.mark.long
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize(("body", "count"), [("MassSpring", 600), ("ReducedFE", 250), ("BeamBundle", 150)])
-def test_no_pattern_of_a_thousand_makes_the_contact_press_harder(chain, body, count):
+def test_none_of_a_thousand_patterns_raises_the_contact_force(chain, body, count):
     for seed, touch in enumerate((TOUCH, TAP, SLIDE)):
         run = chain(find("kidney").but(overrides=(*touch, f"tissue.use=deformation.{body}")))
         check_patterns(run, count // 3, seed=100 + seed)
@@ -252,7 +252,7 @@ def check_correlated(run: Chain, count: int, seed: int, alike: bool) -> None:
 
 @pytest.mark.parametrize("alike", [True, False], ids=["alike", "in turns"])
 @pytest.mark.parametrize("touch", [pytest.param(TOUCH, id="press"), pytest.param(TAP, id="tap")])
-def test_losses_of_two_streams_together_make_the_contact_press_no_harder(chain, touch, alike):
+def test_simultaneous_losses_of_two_streams_do_not_raise_the_contact_force(chain, touch, alike):
     check_correlated(chain(find("kidney").but(overrides=touch)), 3, 11, alike)
 
 
@@ -260,7 +260,7 @@ def test_losses_of_two_streams_together_make_the_contact_press_no_harder(chain, 
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("alike", [True, False], ids=["alike", "in turns"])
 @pytest.mark.parametrize(("body", "count"), [("MassSpring", 150), ("ReducedFE", 60), ("BeamBundle", 60)])
-def test_many_losses_of_two_streams_together_make_the_contact_press_no_harder(chain, body, count, alike):
+def test_many_simultaneous_losses_of_two_streams_do_not_raise_the_contact_force(chain, body, count, alike):
     for seed, touch in enumerate((TOUCH, TAP)):
         run = chain(find("kidney").but(overrides=(*touch, f"tissue.use=deformation.{body}")))
         check_correlated(run, count, 300 + seed, alike)
@@ -288,7 +288,7 @@ FAST = (("press", "tissue"), ("press", "finger"), ("hold", "contact"), ("long", 
         for stream in ("tissue", "contact", "finger", "controller")
     ],
 )
-def test_after_an_outage_the_force_comes_back_to_a_hand_that_rests(chain, stream, times):
+def test_after_an_outage_the_force_recovers_for_a_hand_at_rest(chain, stream, times):
     run = chain(find("kidney").but(overrides=HOLD))
     force: list[float] = []
     run.told = lambda sent, message: force.append(message.force[2]) if sent == "controller" else None
@@ -302,6 +302,6 @@ def test_after_an_outage_the_force_comes_back_to_a_hand_that_rests(chain, stream
 
 @pytest.mark.long
 @pytest.mark.timeout(7200)
-def test_a_thousand_losses_do_not_jump_in_the_hand(chain):
+def test_a_thousand_losses_cause_no_jump_of_the_force(chain):
     count = int(os.environ.get("PALPATE_LOSSES", 1000))
     check(chain(find("kidney").but(overrides=TOUCH)), count, seed=2)

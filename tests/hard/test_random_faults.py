@@ -55,18 +55,18 @@ FIRST = ((0, 2, 4, 5), (7, 8, 12, 13), (17, 18, 21, 23))
         pytest.param(sorted({*range(24)} - {*sum(FIRST, ())}), marks=pytest.mark.long),
     ],
 )
-def test_two_dozen_faults(seeds):
+def test_two_dozen_random_faults_do_no_harm(seeds):
     check(seeds)
 
 
 @pytest.mark.long
 @pytest.mark.timeout(4 * 3600)
-def test_a_thousand_faults():
+def test_a_thousand_random_faults_do_no_harm():
     """As many as PALPATE_FAULTS says."""
     check(range(10_000, 10_000 + int(os.environ.get("PALPATE_FAULTS", "1000"))))
 
 
-def test_each_seed_is_one_fault_and_all_kinds_come():
+def test_each_seed_is_one_fault_and_all_kinds_occur():
     drawn = [draw(seed) for seed in range(10_000, 11_000)]
     assert drawn == [draw(seed) for seed in range(10_000, 11_000)]
     assert len({(f.kind, f.what) for f in drawn}) >= 30

@@ -56,13 +56,13 @@ BYTES = {
 @pytest.mark.parametrize("how", [(), ("--check",), ("--only", "drag")])
 @pytest.mark.parametrize("what", BYTES)
 @pytest.mark.parametrize("stream", ["source", "drag", "sum"])
-def test_bytes_that_are_no_message_are_told_with_the_file(good, tmp_path, stream, what, how):
+def test_invalid_message_bytes_are_an_error_with_the_file(good, tmp_path, stream, what, how):
     path = copied(good, tmp_path / "bad.mcap", payload=lambda n, k, d: BYTES[what] if (n, k) == (stream, 20) else d)
     assert str(path) in replayed(path, *how)
 
 
 @pytest.mark.parametrize("what", BYTES)
-def test_a_comparison_names_the_file_whose_bytes_are_no_message(good, tmp_path, what):
+def test_a_comparison_names_the_file_with_invalid_message_bytes(good, tmp_path, what):
     path = copied(good, tmp_path / "bad.mcap", payload=lambda n, k, d: BYTES[what] if (n, k) == ("drag", 20) else d)
     assert str(path) in replayed(path, "--set", "spring.every=1", command="compare")
 
@@ -102,7 +102,7 @@ def plans():
 
 @pytest.mark.parametrize("spoil", plans(), ids=lambda spoil: spoil.__name__)
 @pytest.mark.parametrize("how", [(), ("--check",), ("--set", "drag.every=2")])
-def test_a_wrong_plan_is_told_with_the_file_or_does_no_harm(good, tmp_path, spoil, how):
+def test_a_wrong_plan_is_an_error_with_the_file_or_harmless(good, tmp_path, spoil, how):
     def about(given):
         spoil(given["plan"])
         return given
@@ -114,7 +114,7 @@ def test_a_wrong_plan_is_told_with_the_file_or_does_no_harm(good, tmp_path, spoi
 
 
 @pytest.mark.parametrize("counts", [{"drag": {"lost": "evil"}}, {"evil": {}}, {"drag": []}, {"drag": {"lost": -1}}])
-def test_wrong_counts_are_told_with_the_file_or_do_no_harm(good, tmp_path, counts):
+def test_wrong_counts_are_an_error_with_the_file_or_harmless(good, tmp_path, counts):
     path = copied(good, tmp_path / "bad.mcap", counts=counts)
     result = CliRunner().invoke(app, ["replay", str(path), "--check"], env={"COLUMNS": "400", "NO_COLOR": "1"})
     assert "Traceback" not in result.output

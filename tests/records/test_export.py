@@ -115,13 +115,13 @@ def test_csv_has_a_column_per_number_with_its_unit_and_loses_no_digit(recording,
     assert rows == expected and len(rows) > 100
 
 
-def test_every_nth_message_only(recording, tmp_path):
+def test_every_exports_each_nth_message(recording, tmp_path):
     export(recording, "csv", tmp_path, ["contact"], every=50)
     with open(tmp_path / "contact.csv", newline="") as file:
         assert [row["tick"] for row in csv.DictReader(file)] == ["0", "50", "100"]
 
 
-def test_what_cannot_be_exported_is_told(recording, tmp_path):
+def test_streams_that_cannot_be_exported_are_errors(recording, tmp_path):
     for args, words in (
         (("xls",), "expected one of foxglove, parquet, csv"),
         (("csv", tmp_path, ["contct"]), "Did you mean 'contact'"),
@@ -131,13 +131,13 @@ def test_what_cannot_be_exported_is_told(recording, tmp_path):
             export(recording, *args)
 
 
-def test_a_missing_package_is_told_with_what_to_install(recording, tmp_path, monkeypatch):
+def test_a_missing_package_is_an_error_with_the_install_command(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(RecordingError, match=r'pip install "palpate\[export\]"'):
         export(recording, "parquet", tmp_path)
 
 
-def test_the_command_exports_a_file_that_was_cut_off(tmp_path):
+def test_the_command_exports_a_truncated_file(tmp_path):
     data = TOUCH.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: len(data) - 400])

@@ -57,7 +57,7 @@ def test_bad_input_is_refused(felt):
             export(recording, "nwb", **given)
 
 
-def test_a_missing_package_is_named_with_what_to_install(felt, monkeypatch):
+def test_a_missing_package_is_an_error_with_the_install_command(felt, monkeypatch):
     monkeypatch.setitem(sys.modules, "pynwb", None)
     with pytest.raises(RecordingError, match=r'pynwb is not installed; pip install "palpate\[feel\]"'):
         export(felt, "nwb")

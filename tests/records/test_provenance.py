@@ -37,7 +37,7 @@ def own():
 
 
 @pytest.mark.parametrize("hook", [False, True])
-def test_in_another_repository_the_commit_is_still_palpates_own(repository, monkeypatch, hook):
+def test_in_another_repository_the_commit_is_that_of_palpate(repository, monkeypatch, hook):
     (folder, other), expected = repository, own()
     if hook:  # what git sets for the commands that it calls
         monkeypatch.setenv("GIT_DIR", str(folder / ".git"))
@@ -60,7 +60,7 @@ def test_a_package_that_is_installed_inside_another_repository_has_no_commit(rep
     )
 
 
-def test_a_source_that_git_keeps_has_its_commit_through_links_too(repository, monkeypatch):
+def test_a_source_in_git_has_its_commit_also_through_links(repository, monkeypatch):
     folder, _ = repository
     place = folder / "engine" / SOURCE.name
     place.parent.mkdir()

@@ -75,7 +75,7 @@ def start(folder: Path, seconds: float, place: str = "", limit: int = 0, clock: 
 
 
 @pytest.mark.parametrize("place", ["", "fused"])
-def test_a_run_that_is_killed_leaves_a_file_that_opens_and_lacks_one_second_at_most(tmp_path, place):
+def test_a_killed_run_leaves_a_readable_file_that_lacks_one_second_at_most(tmp_path, place):
     path = tmp_path / "run.mcap"
     clock = "real" if place == "" else "simulated"
     with start(tmp_path, 600, place, clock=clock) as process:
@@ -100,7 +100,7 @@ def test_a_run_that_is_killed_leaves_a_file_that_opens_and_lacks_one_second_at_m
     assert recording.counts == {}
 
 
-def test_the_logger_alone_killed_leaves_a_file_that_opens_while_the_run_goes_on(tmp_path):
+def test_a_killed_logger_leaves_a_readable_file_and_the_run_continues(tmp_path):
     path = tmp_path / "run.mcap"
     text = GRAPH.replace("logger.Mcap,", "nodes_for_recording.Dying, at: 900,")
     outcome = execute(LaunchFile(graph=write_graph(tmp_path, text), duration=1.5, clock="real", record=path))
@@ -138,7 +138,7 @@ def test_the_command_line_leaves_out_and_thins(tmp_path):
     assert code == 2 and "STREAM=N" in err
 
 
-def test_a_stream_that_is_not_there_cannot_be_left_out(tmp_path):
+def test_an_unknown_stream_cannot_be_left_out(tmp_path):
     with pytest.raises(GraphError, match="no stream 'spreed'"):
         record(tmp_path, leave_out=["spreed"])
 
@@ -163,7 +163,7 @@ def health(node: str, steps: int, since: int = 0) -> Health:
     return Health(source=node, **counts, state="", median=0, p99=0, longest=0, age=0)
 
 
-def test_lost_messages_are_counted_by_what_the_senders_sent(tmp_path):
+def test_lost_messages_are_counted_from_the_counters_of_the_senders(tmp_path):
     """A tick that the clock left out was never sent: it is a gap, but nothing is lost."""
     node = logger(tmp_path / "a.mcap")
     node.health(health("device", 0))
@@ -180,7 +180,7 @@ def test_lost_messages_are_counted_by_what_the_senders_sent(tmp_path):
     assert "device 2" in line and "slow 2" in line
 
 
-def test_a_node_that_begins_anew_is_marked_at_its_place(tmp_path):
+def test_a_restart_of_a_node_is_marked_at_its_position(tmp_path):
     node = logger(tmp_path / "a.mcap")
     node.health(health("device", 0))
     for tick in range(5):
@@ -195,7 +195,7 @@ def test_a_node_that_begins_anew_is_marked_at_its_place(tmp_path):
     assert recording.restarted == {"device": [38]} and recording.counts["device"]["lost"] == 0
 
 
-def test_word_of_a_beginning_that_comes_late_marks_no_other_place(tmp_path):
+def test_a_late_report_of_a_restart_marks_no_other_position(tmp_path):
     """A logger receives messages and health of nodes on two paths, so in any order."""
     node = logger(tmp_path / "a.mcap")
     for tick in range(5):
@@ -214,7 +214,7 @@ def test_word_of_a_beginning_that_comes_late_marks_no_other_place(tmp_path):
 
 
 @pytest.mark.parametrize(("first", "since", "marked"), [(0, 1500, {"device": [1500]}), (7, 7, {}), (2000, 1500, {})])
-def test_the_first_word_of_a_node_may_be_that_of_its_second_life(tmp_path, first, since, marked):
+def test_the_first_report_of_a_node_may_be_that_after_its_restart(tmp_path, first, since, marked):
     """Its first health was lost, or it died before it: messages from before the restart show that it ran before."""
     node = logger(tmp_path / "a.mcap")
     for tick in range(first, 3500):
@@ -226,7 +226,7 @@ def test_the_first_word_of_a_node_may_be_that_of_its_second_life(tmp_path, first
     assert recording.counts["device"] == {"count": 3500 - first, "lost": 0}
 
 
-def test_a_second_life_is_marked_though_more_of_it_is_lost_than_the_first_one_sent(tmp_path):
+def test_a_restart_is_marked_also_if_more_messages_are_lost_after_it_than_sent_before_it(tmp_path):
     node = logger(tmp_path / "a.mcap")
     for tick in (0, *range(1500, 3500)):
         node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
@@ -236,7 +236,7 @@ def test_a_second_life_is_marked_though_more_of_it_is_lost_than_the_first_one_se
     assert recording.restarted == {"device": [1500]} and recording.counts["device"]["lost"] == 10
 
 
-def test_word_of_a_dead_node_that_comes_last_counts_for_nothing(tmp_path):
+def test_a_last_report_of_a_dead_node_is_ignored(tmp_path):
     node = logger(tmp_path / "a.mcap")
     node.health(health("device", 0))
     node.health(health("device", 0, since=39))
@@ -248,7 +248,7 @@ def test_word_of_a_dead_node_that_comes_last_counts_for_nothing(tmp_path):
     assert Recording(tmp_path / "a.mcap").counts["device"] == {"count": 4, "lost": 1}
 
 
-def test_where_the_clock_leaves_out_a_tick_to_be_kept_the_next_one_is_and_the_rhythm_stays(tmp_path):
+def test_a_skipped_tick_is_replaced_by_the_next_one_without_a_shift_of_the_thinning(tmp_path):
     node = logger(tmp_path / "a.mcap", thin={"device": 3})
     for tick in (0, 1, 2, 4, 5, 6, 7, 8, 11, 12):
         node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
@@ -259,7 +259,7 @@ def test_where_the_clock_leaves_out_a_tick_to_be_kept_the_next_one_is_and_the_rh
 @pytest.mark.parametrize(
     ("library", "data"), [(LIBRARY, {"plan": "{}"}), (LIBRARY, {"plan": "{}", SEAL: "0"}), ("other", {SEAL: "0"})]
 )
-def test_metadata_without_their_checksum_or_with_a_wrong_one_are_damage(tmp_path, library, data):
+def test_metadata_with_a_missing_or_wrong_checksum_are_damaged(tmp_path, library, data):
     with open(tmp_path / "a.mcap", "wb") as file:
         writer = Writer(file)
         writer.start(profile="palpate", library=library)
@@ -296,7 +296,7 @@ def test_memory_stays_bounded(tmp_path):
     assert peak - before < 4 * (IN_FLIGHT + 2) * CHUNK_SIZE  # as objects a message takes up to three times its bytes
 
 
-def test_the_authors_own_reader_opens_a_recording(tmp_path):
+def test_the_reader_of_the_authors_of_mcap_opens_a_recording(tmp_path):
     path = record(tmp_path)
     with open(path, "rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -327,7 +327,7 @@ def good(tmp_path_factory) -> bytes:
 
 
 @pytest.mark.parametrize("part", [0.97, 0.5])
-def test_a_file_cut_off_anywhere_is_read_up_to_its_last_whole_chunk_and_recovered(tmp_path, good, part):
+def test_a_file_truncated_anywhere_is_read_up_to_its_last_complete_chunk_and_recovered(tmp_path, good, part):
     path = tmp_path / "cut.mcap"
     path.write_bytes(good[: int(len(good) * part)])
     recording = Recording(path)
@@ -372,7 +372,7 @@ def everything(recording: Recording) -> tuple[object, ...]:
 
 
 @pytest.mark.parametrize("seeds", [range(90), pytest.param(range(90, 600), marks=pytest.mark.long)])
-def test_a_flipped_bit_anywhere_is_told_or_harmless(small, tmp_path, seeds):
+def test_a_flipped_bit_anywhere_is_reported_or_harmless(small, tmp_path, seeds):
     """No message is read that was not written; unreadable parts are reported with their position."""
     for seed in seeds:
         data = bytearray(small.read_bytes())
@@ -384,7 +384,7 @@ def test_a_flipped_bit_anywhere_is_told_or_harmless(small, tmp_path, seeds):
         told_or_harmless(small, data, tmp_path)
 
 
-def test_a_record_of_another_kind_or_length_is_told(small, tmp_path):
+def test_a_record_of_another_kind_or_length_is_an_error(small, tmp_path):
     """A flipped bit in the byte that says what a record is: a chunk of messages becomes an index of messages. Or in its
     length: it swallows the records behind it, and what follows may fit by chance."""
     data = small.read_bytes()
@@ -437,7 +437,7 @@ def told_or_harmless(small: Path, data: bytes, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("part", [0.005, 0.3, 0.6, 0.995])
-def test_damage_is_told_by_every_command_without_a_traceback(small, tmp_path, part):
+def test_every_command_reports_damage_without_a_traceback(small, tmp_path, part):
     data = bytearray(small.read_bytes())
     data[int(len(data) * part)] ^= 0x10
     path = tmp_path / "bad.mcap"
@@ -450,7 +450,7 @@ def test_damage_is_told_by_every_command_without_a_traceback(small, tmp_path, pa
         assert code == 0 or f"{path}" in printed
 
 
-def test_what_stands_in_a_file_is_bounded_by_the_user(tmp_path):
+def test_messages_older_than_the_setting_within_are_in_the_file(tmp_path):
     """Everything is killed at once: what came longer ago than `within` is in the file."""
     node = logger(tmp_path / "a.mcap", within=0.0)
     for tick in range(7):
@@ -459,7 +459,7 @@ def test_what_stands_in_a_file_is_bounded_by_the_user(tmp_path):
     node.stop()
 
 
-def test_a_stream_of_another_graph_is_told(tmp_path):
+def test_a_stream_of_another_graph_is_an_error(tmp_path):
     path = tmp_path / "a.mcap"
     node = Mcap(path=str(path))
     node.listen((Stream("devise", DeviceState, "devise", 1),), {"plan": {"nodes": [{"name": "device"}]}})
@@ -495,7 +495,7 @@ def foreign(path: Path, version: str = "1", profile: bool = True) -> Path:
     return path
 
 
-def test_what_is_no_recording_is_told_in_one_line(tmp_path):
+def test_a_file_that_is_not_a_recording_is_an_error_of_one_line(tmp_path):
     (tmp_path / "text.mcap").write_text("hello")
     (tmp_path / "empty.mcap").write_text("")
     cases = {
@@ -515,14 +515,14 @@ def test_what_is_no_recording_is_told_in_one_line(tmp_path):
             assert len(err.strip().splitlines()) == 1
 
 
-def test_a_message_type_that_is_gone_leaves_the_rest_readable(tmp_path):
+def test_the_rest_is_readable_after_the_removal_of_a_message_type(tmp_path):
     path = foreign(tmp_path / "a.mcap")
     assert say("info", path)[0] == 0
     code, _, err = say("echo", path, "x")
     assert code == 2 and "no_such_module.X" in err and "can be read" in err
 
 
-def test_a_stream_that_is_not_there_is_told_with_the_nearest(tmp_path):
+def test_an_unknown_stream_is_an_error_with_the_most_similar_name(tmp_path):
     path = record(tmp_path)
     code, _, err = say("echo", path, "sprong")
     assert code == 2 and "Did you mean 'spring'" in err
@@ -530,7 +530,7 @@ def test_a_stream_that_is_not_there_is_told_with_the_nearest(tmp_path):
     assert code == 2 and "name a stream" in err
 
 
-def test_a_payload_that_is_not_its_type_is_told_with_stream(tmp_path):
+def test_a_payload_of_the_wrong_type_is_an_error_with_the_stream(tmp_path):
     path = tmp_path / "a.mcap"
     node = logger(path)
     node.observe("device", 0, pack(DeviceState(tick=0, time=0)).replace(b"homed", b"humed"))

@@ -98,14 +98,14 @@ def kidney(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("text", [GRAPH, BAD_DAY], ids=["plain", "divisors"])
 @pytest.mark.parametrize("place", ["fused", None])
-def test_a_simulated_run_computes_again_bit_for_bit(tmp_path, place, text):
+def test_a_simulated_run_is_reproduced_bit_for_bit(tmp_path, place, text):
     report = check(record(tmp_path, text, place=place))
     assert report.ok and report.complete
     assert set(report.nodes) == set(NODES)
     assert report.nodes["sum"].checked >= 66
 
 
-def test_a_live_run_with_late_held_and_lost_messages_computes_again_bit_for_bit(live):
+def test_a_live_run_with_late_held_and_lost_messages_is_reproduced_bit_for_bit(live):
     recording = Recording(live)
     used = [(m.tick, tick) for name in ("spread", "sum") for m in recording.messages(name) for tick in m.used]
     assert any(tick != own for own, tick in used), "no message was held: not the run that this test needs"
@@ -132,7 +132,7 @@ def without(path: Path, *lost: tuple[str, int], wrong: tuple[str, int] | None = 
 
 
 @pytest.mark.parametrize("tick", [0, 57, 199])
-def test_a_check_of_a_recording_with_losses_checks_what_it_can_and_names_the_gap(tmp_path, tick):
+def test_a_check_of_a_recording_with_losses_checks_the_rest_and_names_the_gap(tmp_path, tick):
     """Here no node has a state, so all that is in the file agrees; what used the lost message cannot be computed."""
     path = without(record(tmp_path), ("spring", tick))
     report = check(path)
@@ -149,7 +149,7 @@ def test_a_check_of_a_recording_with_losses_checks_what_it_can_and_names_the_gap
     assert "checked but for a gap: drag: from tick" in out
 
 
-def test_what_comes_before_a_gap_is_a_difference_and_what_comes_after_it_is_not_known(tmp_path):
+def test_before_a_gap_a_change_is_a_difference_and_after_it_unknown(tmp_path):
     path = record(tmp_path)
     before = check(without(path, ("drag", 100), wrong=("drag", 50)))
     assert not before.ok and before.first.tick == 50
@@ -159,7 +159,7 @@ def test_what_comes_before_a_gap_is_a_difference_and_what_comes_after_it_is_not_
     )
 
 
-def test_an_incomplete_recording_is_no_good_run(tmp_path):
+def test_an_incomplete_recording_is_not_a_successful_run(tmp_path):
     path = record(tmp_path)
     assert lacking(path) == ""
     lossy = without(path, ("drag", 100), ("drag", 101), ("sum", 7))
@@ -173,7 +173,7 @@ def test_an_incomplete_recording_is_no_good_run(tmp_path):
 
 
 @pytest.mark.parametrize("whole", [True, False])
-def test_a_touch_whose_recording_lacks_messages_says_so_and_exits_1(tmp_path, monkeypatch, whole):
+def test_a_touch_with_missing_messages_in_its_recording_reports_them_and_exits_1(tmp_path, monkeypatch, whole):
     made = record(tmp_path)
     if not whole:
         made = without(made, ("drag", 100))
@@ -198,13 +198,13 @@ def test_a_touch_whose_recording_lacks_messages_says_so_and_exits_1(tmp_path, mo
     assert ("lacks messages that did not reach it in time: drag 1" in err) is not whole
 
 
-def test_a_live_run_in_groups_computes_again_bit_for_bit(tmp_path):
+def test_a_live_run_in_groups_is_reproduced_bit_for_bit(tmp_path):
     place = write_place(tmp_path, [["source", "sum"], ["drag", "spring"], ["spread"]])
     report = check(record_live(tmp_path, 200, place=place))
     assert report.ok and report.complete, report.first
 
 
-def test_a_live_run_whose_logger_shares_a_process_with_nodes_computes_again(tmp_path):
+def test_a_live_run_with_the_logger_in_a_process_of_nodes_is_reproduced(tmp_path):
     """Its node's messages come to it by another way than the word that the node has begun."""
     place = write_place(tmp_path, [["source"], ["spring", "drag"], ["spread"], ["sum", "log"]])
     path = record_live(tmp_path, 500, place=place)
@@ -213,7 +213,7 @@ def test_a_live_run_whose_logger_shares_a_process_with_nodes_computes_again(tmp_
     assert check(path).ok
 
 
-def test_after_a_death_the_inputs_that_were_absent_are_absent_again(tmp_path):
+def test_inputs_absent_after_a_death_are_absent_in_the_check(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 100,")
     path = tmp_path / "run.mcap"
     execute(LaunchFile(graph=write_graph(tmp_path, text), duration=60.0, record=path, clock="real"))
@@ -226,7 +226,7 @@ def test_after_a_death_the_inputs_that_were_absent_are_absent_again(tmp_path):
 
 
 @pytest.mark.parametrize(("source", "at"), [("nodes_for_runs.Source", 300), ("nodes_for_recording.Behind", 100)])
-def test_a_node_that_was_started_again_begins_anew_in_the_check_too(tmp_path, source, at):
+def test_a_restarted_node_is_restarted_in_the_check(tmp_path, source, at):
     """The first message that reaches the new one may be of a tick from before it began: that one it does not answer."""
     node = f"nodes_for_recording.Counting, at: {at}, note: {tmp_path}/killed, restart: true,"
     text, path = GRAPH.replace("nodes_for_runs.Drag,", node), tmp_path / "run.mcap"
@@ -260,7 +260,7 @@ def tampered(path: Path, target: Path, stream: str, tick: int, **fields) -> Path
     return target
 
 
-def test_the_first_difference_is_told_with_stream_tick_field_and_both_values(touch, tmp_path):
+def test_the_first_difference_is_reported_with_stream_tick_field_and_both_values(touch, tmp_path):
     path = tampered(touch, tmp_path / "t.mcap", "drag", 77, bristle=(0.0, 0.25, 0.0))
     report = check(path)
     first = report.first
@@ -275,14 +275,14 @@ def test_the_first_difference_is_told_with_stream_tick_field_and_both_values(tou
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-6])
-def test_a_difference_in_the_header_alone_is_told(touch, tmp_path, tolerance):
+def test_a_difference_in_the_header_alone_is_reported(touch, tmp_path, tolerance):
     path = tampered(touch, tmp_path / "t.mcap", "spread", 77, source="drag")
     first = check(path, tolerance=tolerance).first
     assert (first.stream, first.tick, first.field) == ("spread", 77, "source")
     assert (first.recorded, first.computed) == ("'drag'", "'spread'")
 
 
-def test_a_changed_input_shows_first_where_it_was_sent(touch, tmp_path):
+def test_a_changed_input_is_first_reported_at_its_stream(touch, tmp_path):
     """The force of one tick is falsified: the sender differs there, and the readers at the same tick after it."""
     path = tampered(touch, tmp_path / "t.mcap", "spring", 50, force=(1.0, 0.0, 0.0))
     report = check(path)
@@ -292,7 +292,7 @@ def test_a_changed_input_shows_first_where_it_was_sent(touch, tmp_path):
     assert report.nodes["source"].differing == 0
 
 
-def test_the_smallest_change_of_a_number_is_found_and_lies_within_a_tolerance(touch, tmp_path):
+def test_the_smallest_change_of_a_number_is_found_and_within_a_tolerance_accepted(touch, tmp_path):
     value = list(Recording(touch).messages("spring"))[60].force[0]
     path = tampered(touch, tmp_path / "t.mcap", "spring", 60, force=(value * (1 + 3e-16), 0.0, 0.0))
     assert check(path).first.tick == 60
@@ -301,18 +301,18 @@ def test_the_smallest_change_of_a_number_is_found_and_lies_within_a_tolerance(to
     assert check(path).nodes["spring"].largest < 1e-15
 
 
-def test_a_negative_zero_is_another_byte(touch, tmp_path):
+def test_a_negative_zero_is_a_difference(touch, tmp_path):
     value = list(Recording(touch).messages("spring"))[60].force[0]
     path = tampered(touch, tmp_path / "t.mcap", "spring", 60, force=(value, -0.0, 0.0))
     assert check(path).first.field == "force[1]"
 
 
-def test_the_check_with_another_setting_finds_it_out(touch):
+def test_the_check_finds_a_changed_setting(touch):
     code, out, _ = say("replay", touch, "--check", "--set", "spring.stiffness=5.1")
     assert (code == 1 and "stream 'spring', tick 0, field force[0] [N]: recorded -5.0" in out) or "recorded -4.9" in out
 
 
-def test_a_recording_with_streams_left_out_is_checked_as_far_as_it_goes(tmp_path):
+def test_a_recording_with_streams_left_out_is_checked_on_the_other_streams(tmp_path):
     path = tmp_path / "run.mcap"
     launch = LaunchFile(graph=write_graph(tmp_path), duration=0.1, record=path, place="fused")
     execute(launch, leave_out=["spring"], thin={"sum": 4})
@@ -325,7 +325,7 @@ def test_a_recording_with_streams_left_out_is_checked_as_far_as_it_goes(tmp_path
     assert not json.loads(out)["complete"]
 
 
-def test_the_shipped_loop_computes_again_bit_for_bit_live(tmp_path):
+def test_the_shipped_loop_is_reproduced_bit_for_bit_after_a_live_run(tmp_path):
     launch = LaunchFile(graph=HERE / "golden" / "plane.yaml", duration=0.8, record=tmp_path / "a.mcap", clock="real")
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
@@ -360,7 +360,7 @@ def test_a_replay_can_be_replayed_and_checked(live, tmp_path):
     assert check(tmp_path / "a.mcap").ok
 
 
-def test_another_setting_changes_exactly_what_follows_from_it(touch, tmp_path):
+def test_another_setting_changes_only_the_dependent_streams(touch, tmp_path):
     """The hand is played, so the others see the poses of the recording: spring and drag are closed forms of them."""
     play(touch, tmp_path / "a.mcap", "spring.stiffness=9")
     new = Recording(tmp_path / "a.mcap")
@@ -370,7 +370,7 @@ def test_another_setting_changes_exactly_what_follows_from_it(touch, tmp_path):
     assert new.about["plan"]["nodes"][1]["settings"]["stiffness"] == 9
 
 
-def test_only_one_node_with_another_setting_leaves_the_others_as_recorded(touch, tmp_path):
+def test_replaying_one_node_with_another_setting_keeps_the_others_as_recorded(touch, tmp_path):
     play(touch, tmp_path / "a.mcap", "spring.stiffness=9", only=["spring"])
     before, after = streams(touch), streams(tmp_path / "a.mcap")
     assert {name for name in NODES if before[name] != after[name]} == {"spring"}
@@ -397,7 +397,7 @@ def test_another_graph_is_driven_by_the_recorded_source(touch, tmp_path):
     assert [m.used[0] for m in loads] == [tick - tick % 2 for tick in range(200)], "held, as simulated time does"
 
 
-def test_a_graph_whose_source_is_not_in_the_recording_is_told(touch, tmp_path):
+def test_a_graph_whose_source_is_not_in_the_recording_is_an_error(touch, tmp_path):
     code, _, err = say("replay", touch, "--graph", "kidney")
     assert code == 2 and "sends DeviceState; streams of that type in the recording: none" in err
     assert len(err.strip().splitlines()) == 1
@@ -411,25 +411,25 @@ def test_an_effect_that_the_run_did_not_have_can_be_switched_on(kidney, tmp_path
     assert len(list(rough.messages("friction"))) == 120
 
 
-def test_from_and_to_show_a_part_in_the_state_that_it_had(touch, tmp_path):
+def test_from_and_to_replay_a_part_with_its_recorded_state(touch, tmp_path):
     play(touch, tmp_path / "a.mcap", begin=0.05, end=0.1)
     part, whole = streams(tmp_path / "a.mcap"), streams(touch)
     assert all(part[name] == whole[name][50:101] for name in NODES)
 
 
-def test_the_speed_is_kept(touch):
+def test_a_replay_has_the_speed_of_the_option(touch):
     recording = Recording(touch)
     replay = Replay(recording, plan_of(recording), speed=2.0)
     replay.run()
     assert replay.wall >= 0.199 / 2.0
 
 
-def test_a_replay_does_not_overwrite_its_own_recording(touch):
+def test_a_replay_does_not_overwrite_its_input(touch):
     code, _, err = say("replay", touch, "--record", touch)
     assert code == 2 and "name another" in err
 
 
-def test_a_stream_that_was_left_out_is_told_with_what_helps(tmp_path):
+def test_a_left_out_stream_is_an_error_with_the_cure(tmp_path):
     path = tmp_path / "run.mcap"
     execute(LaunchFile(graph=write_graph(tmp_path), duration=0.05, record=path, place="fused"), leave_out=["spring"])
     code, _, err = say("replay", path, "--only", "drag")
@@ -440,7 +440,7 @@ def test_a_stream_that_was_left_out_is_told_with_what_helps(tmp_path):
     assert code == 2 and "'source', which drives the graph, was left out" in err
 
 
-def test_a_class_that_no_longer_fits_is_told_in_one_line(touch, tmp_path):
+def test_a_class_that_no_longer_fits_is_an_error_of_one_line(touch, tmp_path):
     def rewritten(edit) -> Path:
         recording = Recording(touch)
         edit(recording.about["plan"]["nodes"])
@@ -470,7 +470,7 @@ def test_a_class_that_no_longer_fits_is_told_in_one_line(touch, tmp_path):
         assert say("info", path)[0] == 0
 
 
-def test_wrong_options_are_told(touch):
+def test_wrong_options_are_errors(touch):
     for args in (["--speed", "0"], ["--from", "2", "--to", "1"], ["--check", "--only", "sum"]):
         assert say("replay", touch, *args)[0] == 2
     code, _, err = say("replay", touch, "--only", "sprong")
@@ -503,7 +503,7 @@ STEADY = GRAPH.replace("nodes_for_runs.Source,", "nodes_for_runs.Source, gain: 0
 
 
 @pytest.mark.parametrize(("then", "now"), [(1, 3), (3, 1), (2, 6)])
-def test_a_node_that_runs_at_other_ticks_answers_as_in_a_run_with_them(tmp_path, then, now):
+def test_a_node_replayed_at_other_ticks_equals_a_run_with_these_ticks(tmp_path, then, now):
     spread = "spread: {use: nodes_for_runs.Spread,"
     runs = []
     for every in (then, now):
@@ -515,7 +515,7 @@ def test_a_node_that_runs_at_other_ticks_answers_as_in_a_run_with_them(tmp_path,
     assert check(tmp_path / "a.mcap").ok
 
 
-def test_every_of_a_live_run_follows_simulated_time_there_alone(live, tmp_path):
+def test_every_of_a_live_run_is_applied_in_simulated_time(live, tmp_path):
     """What the others have used, late and held, stays as recorded."""
     played = play(live, tmp_path / "a.mcap", "spread.every=5")
     before, after = streams(live), streams(tmp_path / "a.mcap")
@@ -525,7 +525,7 @@ def test_every_of_a_live_run_follows_simulated_time_there_alone(live, tmp_path):
 
 
 @pytest.mark.parametrize("verb", ["replay", "compare"])
-def test_another_rate_is_refused_and_so_is_a_setting_of_what_is_played(touch, verb):
+def test_another_rate_and_a_setting_of_a_played_stream_are_errors(touch, verb):
     code, _, err = say(verb, touch, "--set", "rate=500")
     assert code == 2 and "recorded at 1000 Hz" in err and "found rate=500, expected 1000" in err
     code, _, err = say(verb, touch, "--set", "source.gain=0.1")
@@ -538,7 +538,7 @@ def test_compare_honours_every(kidney):
     assert variant.shape.peak > 0.0 and variant.force.peak > 0.0
 
 
-def test_what_no_override_changes_is_as_it_was_recorded_whatever_the_default_is_today(kidney):
+def test_settings_without_an_override_are_as_recorded_also_if_the_default_changed(kidney):
     """The golden friction was recorded with `rescale` off, which is on by default since."""
     recording = Recording(kidney)
     assert changed(recording, ["tissue.every=10"]).graph.nodes["friction"].settings["rescale"] is False
@@ -556,14 +556,14 @@ def test_a_check_at_other_ticks_is_refused(touch):
 # -- compare -------------------------------------------------------------------------------------------------------
 
 
-def test_a_variant_that_is_the_recorded_model_differs_by_nothing(kidney):
+def test_a_variant_equal_to_the_recorded_model_has_no_difference(kidney):
     first, second = compare(Recording(kidney), [[], ["tissue.use=deformation.MassSpring"]])
     for spread in (second.force, second.indentation, second.shape):
         assert spread.peak == 0.0 and spread.count > 0
     assert first.force.scale > 0.05
 
 
-def test_differences_are_those_of_the_replayed_streams(kidney, tmp_path):
+def test_differences_are_listed_for_the_replayed_streams(kidney, tmp_path):
     """RMS and peak by hand from a recorded replay of the variant."""
     import numpy as np
 
@@ -591,7 +591,7 @@ def test_compare_prints_a_table_and_draws_a_picture(kidney, tmp_path):
     assert code == 2 and "stiffness" in err
 
 
-def test_compare_needs_something_to_compare(kidney):
+def test_compare_without_a_variant_is_an_error(kidney):
     assert say("compare", kidney)[0] == 2
     with pytest.raises(RecordingError, match="two variants"):
         compare(Recording(kidney), [[]])

@@ -61,7 +61,7 @@ SLOW = GRAPH.replace("in: {pose: source, force: spring}}", "in: {pose: source, f
 
 @pytest.mark.parametrize("text", [GRAPH, SLOW], ids=["each tick", "a node each 7th"])
 @pytest.mark.parametrize("apart", [False, True], ids=["fused", "processes"])
-def test_what_is_computed_is_byte_for_byte_what_would_have_been_recorded(tmp_path, text, apart):
+def test_computed_messages_equal_the_recorded_ones_byte_for_byte(tmp_path, text, apart):
     place = write_place(tmp_path, [["source", "spring"], ["drag", "spread", "sum"]]) if apart else "fused"
     sources, whole = record(tmp_path, text, place=place), record(tmp_path, text, "all")
     assert rows(sources) == rows(whole)
@@ -73,7 +73,7 @@ def test_what_is_computed_is_byte_for_byte_what_would_have_been_recorded(tmp_pat
     assert sources.stat().st_size < whole.stat().st_size / 4
 
 
-def test_a_run_on_the_real_clock_comes_again_exactly(tmp_path):
+def test_a_run_on_the_real_clock_is_reproduced_exactly(tmp_path):
     sources = record_live(tmp_path)
     heads = [row for row in rows(sources, stored=True) if row[0] == "sum"]
     target, counts, report = recover_full(sources)
@@ -84,7 +84,7 @@ def test_a_run_on_the_real_clock_comes_again_exactly(tmp_path):
     assert [(m.tick, m.time) for m in whole.messages("sum")] == [row[1:3] for row in heads]
 
 
-def test_the_kidney_computes_nothing_for_the_recording_and_the_recording_has_it_all_the_same(tmp_path):
+def test_the_kidney_sends_nothing_to_the_recording_and_the_recording_is_complete(tmp_path):
     """Only the logger would read `nodes` and `displacement` of the tissue, so the run does not compute them."""
     path = {}
     for only in ("sources", "all"):
@@ -96,7 +96,7 @@ def test_the_kidney_computes_nothing_for_the_recording_and_the_recording_has_it_
     assert max(len(m.nodes) for m in Recording(path["sources"]).messages("tissue")) > 10
 
 
-def test_every_reader_gets_the_computed_messages(tmp_path):
+def test_every_reader_receives_the_computed_messages(tmp_path):
     sources, whole = record(tmp_path), record(tmp_path, only="all")
     assert Run(sources).sum.torques.tolist() == Run(whole).sum.torques.tolist()
     for verb in (["echo", "{}", "sum"], ["export", "{}", "--to", "csv", "--out", tmp_path / "csv"]):
@@ -115,7 +115,7 @@ def test_every_reader_gets_the_computed_messages(tmp_path):
     assert code == 0 and "1 of 200" in out
 
 
-def test_the_check_says_how_the_kept_messages_came_out(tmp_path):
+def test_the_check_reports_the_result_for_the_stored_messages(tmp_path):
     path = record(tmp_path)
     report = verify(Recording(path), plan_of(Recording(path)))
     assert report.ok and {name: own.checked for name, own in report.nodes.items()} == dict.fromkeys(NODES[1:], 3)
@@ -123,7 +123,7 @@ def test_the_check_says_how_the_kept_messages_came_out(tmp_path):
     assert code == 0 and "12 messages of 4 nodes computed again: bit-equal" in out
 
 
-def test_the_source_can_be_played_without_computing(tmp_path, monkeypatch):
+def test_the_source_can_be_played_without_a_computation(tmp_path, monkeypatch):
     path = record(tmp_path)
     monkeypatch.setattr(Spring, "step", None)
     assert len([row for row in Stored(path).raw() if row[0] == "source"]) == TICKS
@@ -132,7 +132,7 @@ def test_the_source_can_be_played_without_computing(tmp_path, monkeypatch):
 # -- what does not come out as it was ------------------------------------------------------------------------------
 
 
-def test_a_check_that_differs_is_told_with_stream_tick_and_versions(tmp_path, monkeypatch):
+def test_a_difference_in_a_check_is_reported_with_stream_tick_and_versions(tmp_path, monkeypatch):
     """The class has changed since: from its 300th step on, which the check at tick 400 shows."""
     path = record(tmp_path)
     right = rows(path)
@@ -161,7 +161,7 @@ def test_a_check_that_differs_is_told_with_stream_tick_and_versions(tmp_path, mo
     assert sorted(kept.raw(), key=lambda row: (row[1], row[0])) == [row for row in right if row[1] <= 200]
 
 
-def test_a_node_that_fails_is_told(tmp_path, monkeypatch):
+def test_a_node_that_fails_is_reported(tmp_path, monkeypatch):
     path = record(tmp_path)
     monkeypatch.setattr(Spring, "step", lambda self, pose: 1 / 0)
     code, _, err = say("echo", path, "sum")
@@ -169,7 +169,7 @@ def test_a_node_that_fails_is_told(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("clock", ["simulated", "real"])
-def test_a_file_cut_off_anywhere_gives_what_lies_before(tmp_path, clock):
+def test_a_file_truncated_anywhere_is_readable_up_to_the_end(tmp_path, clock):
     text = GRAPH.replace("log:    {", "log:    {within: 0.02, ")
     path = record(tmp_path, text) if clock == "simulated" else record_live(tmp_path, text)
     whole, data = rows(path), path.read_bytes()
@@ -192,7 +192,7 @@ def test_a_file_cut_off_anywhere_gives_what_lies_before(tmp_path, clock):
     assert max(found) > 100, (len(whole), found)
 
 
-def test_a_live_recording_cut_off_anywhere_and_recovered_computes_to_its_last_whole_tick(tmp_path):
+def test_a_truncated_and_recovered_live_recording_computes_to_its_last_complete_tick(tmp_path):
     """Messages of a node can be in the file before those that it used: processes send them in bursts of ticks."""
     path = record_live(tmp_path)
     whole = rows(path)
@@ -216,7 +216,7 @@ def test_a_live_recording_cut_off_anywhere_and_recovered_computes_to_its_last_wh
     assert named > 5
 
 
-def test_a_live_message_that_is_lost_and_that_nothing_depends_on_is_missing_alone(tmp_path):
+def test_a_lost_live_message_without_dependents_is_the_only_missing_one(tmp_path):
     path = record_live(tmp_path)
     own = [row for row in rows(path) if row[0] == "sum"]
     gone = own[2 * len(own) // 3]  # a busy machine leaves out ticks
@@ -240,7 +240,7 @@ def rewritten(target: Path, recording: Stored, left: list[tuple[str, int, int, b
     return target
 
 
-def test_a_logger_next_to_a_node_hears_the_others_to_their_end_on_the_real_clock(tmp_path):
+def test_a_logger_in_the_process_of_a_node_receives_the_others_to_their_end_on_the_real_clock(tmp_path):
     """What a node used is in the file, though the others send to observers in bursts of ticks."""
     place = write_place(tmp_path, [["source", "spring"], ["drag", "spread", "sum", "log"]])
     for name in ("a", "b", "c"):  # how much of the last burst is left depends on the moment
@@ -254,13 +254,13 @@ def test_a_logger_next_to_a_node_hears_the_others_to_their_end_on_the_real_clock
         assert {row[:2] for row in rows(path)} >= there  # computes the other streams, and reports missing messages
 
 
-def test_a_source_that_lacks_a_message_is_told(tmp_path):
+def test_a_source_with_a_missing_message_is_an_error(tmp_path):
     with pytest.raises(RecordingError, match="'source' has no message of tick 333"):
         list(Recording(without(record(tmp_path), ("source", 333))).raw())
 
 
 @pytest.mark.parametrize("stream", ["source", "spring"])
-def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path, stream):
+def test_losses_of_a_live_run_are_reported_and_the_part_before_is_readable(tmp_path, stream):
     path = record_live(tmp_path)
     right = rows(path)
     own = [row[1] for row in right if row[0] == stream]
@@ -282,7 +282,7 @@ def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path,
         (GRAPH, {"thin": {"drag": 3}}, ["'log'", "thin: drag", "computed"]),
     ],
 )
-def test_what_cannot_be_computed_again_is_not_recorded_that_way(tmp_path, text, more, words):
+def test_a_graph_that_cannot_be_recomputed_requires_record_all(tmp_path, text, more, words):
     with pytest.raises(GraphError) as raised:
         record(tmp_path, text, **more)
     assert all(word in str(raised.value) for word in [*words, "record: all"])
@@ -298,14 +298,14 @@ def test_streams_that_are_left_out_stay_out(tmp_path):
     ("given", "file", "only"),
     [("sources", "run.mcap", "sources"), ("all", "run.mcap", "all"), ("a/b.mcap", "a/b.mcap", None)],
 )
-def test_a_launch_file_says_what_to_record(tmp_path, given, file, only):
+def test_a_launch_file_sets_what_to_record(tmp_path, given, file, only):
     write_graph(tmp_path)
     (tmp_path / "run.yaml").write_text(f"graph: loop.yaml\nrecord: {given}\n")
     launch = find(str(tmp_path / "run.yaml"))
     assert (launch.record, launch.only) == (Path(file), only)
 
 
-def test_an_unknown_word_is_told(tmp_path):
+def test_an_unknown_value_is_an_error(tmp_path):
     graph = write_graph(tmp_path)
     (tmp_path / "run.yaml").write_text("graph: loop.yaml\nrecord: source\n")
     with pytest.raises(GraphError, match=r"run\.yaml:2: record: found 'source'.*\n.*Did you mean 'sources'"):
@@ -314,6 +314,6 @@ def test_an_unknown_word_is_told(tmp_path):
     assert code == 2 and "expected all or sources" in err
 
 
-def test_recover_full_of_a_whole_recording_is_told(tmp_path):
+def test_recover_full_of_a_complete_recording_is_an_error(tmp_path):
     code, _, err = say("export", record(tmp_path, only="all"), "--to", "mcap", "--full")
     assert code == 2 and "contains all messages" in err

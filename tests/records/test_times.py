@@ -8,7 +8,7 @@ from palpate.launch.load.launchfile import find
 from palpate.records.times import step_times
 
 
-def test_times_of_another_class_are_not_those_of_this_one(tmp_path, monkeypatch):
+def test_run_times_of_another_class_are_not_used(tmp_path, monkeypatch):
     graph = write_graph(tmp_path)
     monkeypatch.chdir(tmp_path)
     run = ["run", str(graph), "--fused", "-q", "--no-pictures", "--duration", "0.05"]
@@ -24,7 +24,7 @@ def test_times_of_another_class_are_not_those_of_this_one(tmp_path, monkeypatch)
     assert step_times(find(str(graph)).but(overrides=["drag.use=nodes_for_runs.FaultyDrag"]).plan(), None) == ({}, None)
 
 
-def test_the_logger_that_a_recording_brings_is_no_other_class(tmp_path, monkeypatch):
+def test_the_logger_of_a_recording_does_not_count_as_another_class(tmp_path, monkeypatch):
     graph = write_graph(tmp_path)
     bare = "\n".join(line for line in graph.read_text().splitlines() if "logger.Mcap" not in line)
     graph.write_text(bare)

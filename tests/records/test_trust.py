@@ -102,7 +102,7 @@ def test_no_command_imports_what_a_recording_names(here, command):
     assert str(here) not in sys.path
 
 
-def test_what_needs_no_foreign_class_works_without_it(here):
+def test_commands_that_need_no_foreign_class_do_not_import_it(here):
     assert say("info", "run.mcap")[0] == 0
     assert say("echo", "run.mcap", "contact", "-n", "1")[0] == 0
     assert say("export", "run.mcap", "--to", "csv", "--stream", "contact", "--out", "contacts")[0] == 0
@@ -120,12 +120,12 @@ def test_a_package_that_the_user_trusts_is_imported(here):
     assert code == 2 and "--trust innocent" in printed
 
 
-def test_a_graph_given_next_to_it_names_what_is_trusted(here):
+def test_a_given_graph_names_the_trusted_packages(here):
     code, _, printed = say("replay", "run.mcap", "--graph", "mine.yaml", "--set", "tissue.use=innocent.Organ")
     assert code == 0, printed
 
 
-def test_in_python_it_is_imported_first_or_trusted(here):
+def test_in_python_a_package_is_imported_first_or_trusted(here):
     with pytest.raises(palpate.PalpateError, match="--trust innocent"):
         palpate.open("run.mcap").grip.force  # noqa: B018
     assert len(palpate.open("run.mcap", trust=["innocent"]).grip.force) == 50
@@ -141,7 +141,7 @@ def test_in_python_it_is_imported_first_or_trusted(here):
         ("os.system", Node),
     ],
 )
-def test_what_is_no_node_or_message_is_not_taken_for_one(name, kind):
+def test_a_class_that_is_neither_node_nor_message_is_an_error(name, kind):
     with pytest.raises(ImportError, match=r"is not a (Node|Message)"):
         imports.recorded_class(name, kind)
 
@@ -150,6 +150,6 @@ def test_a_class_below_palpate_is_found():
     assert imports.recorded_class("palpate.messages.contact.Contact", Message) is Contact
 
 
-def test_a_stream_says_which_of_its_classes_is_missing(here):
+def test_a_stream_names_its_missing_class(here):
     with pytest.raises(RecordingError, match=r"stream 'grip' contains innocent\.Grip: 'innocent'.*other streams"):
         list(Recording(Path("run.mcap")).messages("grip"))

@@ -16,7 +16,7 @@ EXACT = WallDevice(resolution=0.0)
 
 
 @pytest.mark.parametrize("factor", [0.25, 1.0, 16.0])
-def test_mass_spring_is_the_wall_that_its_law_says(factor):
+def test_the_wall_of_mass_spring_follows_from_its_law(factor):
     """f = K s^1.5 (1 + c s'): df/ds = 1.5 K^(2/3) f^(1/3), B = c f."""
     stiffness, damping = Wall(stiffened(MassSpring, factor), 1e-3).linear(PUSH)
     assert stiffness == approx(1.5 * (factor * 3e3) ** (2 / 3) * PUSH ** (1 / 3), rel=1e-3)
@@ -33,26 +33,26 @@ def test_the_reduced_organ_is_kelvin_voigt(period):
 @pytest.mark.parametrize(
     ("body", "delay"), [(MassSpring, 1), (MassSpring, 5), pytest.param(ReducedFE, 1, marks=pytest.mark.long)]
 )
-def test_the_loop_ends_where_the_poles_leave_the_circle(body, delay):
+def test_the_stability_limit_is_where_the_poles_leave_the_unit_circle(body, delay):
     """An exact encoder, no dry friction: within an eighth of an octave. The controller holds all."""
     printed = row(EXACT, body, 1000.0, delay)
     assert printed["bare"] == approx(printed["stable"], rel=0.1)
     assert math.isinf(printed["controlled"]) and printed["given_out"] < 2e-3
 
 
-def test_a_viscous_body_is_told_as_one_that_cannot_be_held():
+def test_a_viscous_body_that_cannot_be_held_is_reported_as_unstable():
     """The beams' skin takes hundreds of N s/m: more than a grip of 0.1 kg can be held by, late by five samples."""
     printed = row(WallDevice(), BeamBundle, 1000.0, 5)
     assert printed["stable"] == 0.0
     assert not held(WallDevice(), stiffened(BeamBundle, 64.0), controlled=False, period=1e-3, delay=5)[0]
 
 
-def test_the_search_finds_the_end_and_says_where_there_is_none():
+def test_the_search_finds_the_limit_or_reports_that_it_is_missing():
     assert stiffest(lambda factor: factor < 3.0) == approx(3.0, rel=0.1)
     assert stiffest(lambda factor: True) == math.inf and stiffest(lambda factor: False) == 0.0
 
 
-def test_what_is_no_body_is_refused():
+def test_a_node_that_is_not_a_body_is_an_error():
     with pytest.raises(ArgumentError, match="Mesh, expected a node that takes Load"):
         stiffened(Mesh, 1.0)
 
@@ -72,7 +72,7 @@ def test_the_plane_has_its_regions(mass):
     assert at(0.56, 0.02) in (CYCLE, REST)
 
 
-def test_a_kept_swing_is_of_a_few_steps_and_a_grown_one_is_not_bounded():
+def test_a_sustained_oscillation_spans_a_few_steps_and_a_growing_one_is_unbounded():
     stiffness, period, step = 4000.0, 1e-3, 60e-6
     device = WallDevice(0.1, 0.55 * stiffness * period, 0.02 * stiffness * step, step)
     assert fate(device, stiffness, period, 20 * step) == CYCLE

@@ -14,7 +14,7 @@ from palpate.studies.peers.continuum import RADIUS, TissueBlock, press
 FIRST = np.array([0.03, 0.1])
 
 
-def test_cells_and_their_moduli_come_in_one_order():
+def test_cells_and_their_moduli_have_the_same_order():
     block = TissueBlock(3e-3, 3, nodule=True)
     points, cells = grid(*block.axes())
     away = np.linalg.norm(points[cells].mean(axis=1) - (0.0, 0.0, -6e-3), axis=1)
@@ -22,14 +22,14 @@ def test_cells_and_their_moduli_come_in_one_order():
     assert (block.hardness()[away > 8e-3] == 1.0).all()
 
 
-def test_the_hardness_holds_the_volume_of_the_nodule():
+def test_the_hardness_map_contains_the_volume_of_the_nodule():
     block = TissueBlock(0.0, 5, nodule=True)
     sizes = np.einsum("i,j,k->kji", *(np.diff(a) for a in block.axes())).ravel()
     volume = 2.0 * np.sum((block.hardness() - 1.0) / 9.0 * sizes)
     assert volume == pytest.approx(4.0 / 3.0 * np.pi * 4e-3**3, rel=0.06)
 
 
-def test_the_load_is_that_of_the_pressure():
+def test_the_load_is_the_integral_of_the_pressure():
     block = TissueBlock(0.01, 3)
     points, cells = grid(*block.axes())
     from palpate.models.fe.element.mesh import bricks, quadratic
@@ -43,7 +43,7 @@ def test_the_load_is_that_of_the_pressure():
     assert -unit @ ((x - 0.01) ** 2 + y**2) == pytest.approx(RADIUS**2 / 4, rel=1e-3)  # second moment of the biweight
 
 
-def test_the_stored_reference_is_met_on_a_coarse_mesh_and_is_softer_on_a_finer_one():
+def test_a_coarse_mesh_agrees_with_the_stored_reference_and_a_finer_one_is_softer():
     right = sites.stored("middle")
     coarse, finer = (press(TissueBlock(0.0, n), FIRST).indentation for n in (1, 2))
     assert (coarse < finer).all()  # displacement elements are too stiff
@@ -51,14 +51,14 @@ def test_the_stored_reference_is_met_on_a_coarse_mesh_and_is_softer_on_a_finer_o
     assert finer == pytest.approx(right.indentation[:2], rel=0.04)
 
 
-def test_an_outside_solver_meets_it_on_its_own_elements():
+def test_a_reference_solver_agrees_on_other_elements():
     pytest.importorskip("felupe")
     right = sites.stored("middle")
     assert felupe.press(TissueBlock(0.0, 1), FIRST).indentation == pytest.approx(right.indentation[:2], rel=0.05)
 
 
 @pytest.mark.parametrize("name", sorted({p for t in TOUCHES.values() if t.place for p in sites.on_path(t.place)}))
-def test_a_stored_reference_says_what_it_was_made_from_and_how_sure_it_is(name):
+def test_a_stored_reference_contains_its_origin_and_error(name):
     place = sites.stored(name)
     assert {"command", "commit", "solvers", "young", "felupe", "place"} <= set(place.about)
     assert all(len(printed["unknowns"]) == 2 for printed in place.about["solvers"].values())
@@ -67,12 +67,12 @@ def test_a_stored_reference_says_what_it_was_made_from_and_how_sure_it_is(name):
     assert place.work[-1] == pytest.approx(np.trapezoid(place.force, place.indentation), rel=0.1)
 
 
-def test_a_harder_place_gives_in_less():
+def test_a_harder_position_yields_less():
     depth = {name: sites.stored(name).indentation[-1] for name in ("middle", "edge", "nodule-00", "nodule-10")}
     assert depth["nodule-00"] < depth["nodule-10"] < depth["middle"] < depth["edge"]
 
 
-def test_a_surface_that_is_free_to_slide_is_softer_and_the_more_so_the_heavier_the_load():
+def test_a_surface_free_to_slide_is_softer_with_a_difference_that_grows_with_the_load():
     free, held = sites.stored("slip"), sites.stored("middle")
     assert free.about["place"]["sticks"] is False
     more = free.indentation / np.interp(free.force, np.append(0.0, held.force), np.append(0.0, held.indentation)) - 1.0
@@ -80,7 +80,7 @@ def test_a_surface_that_is_free_to_slide_is_softer_and_the_more_so_the_heavier_t
     assert more[-1] == pytest.approx(0.03, abs=0.01)
 
 
-def test_references_are_rebuilt_with_their_band(tmp_path, monkeypatch):
+def test_references_are_rebuilt_with_their_error_band(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(sites, "LEVELS", FIRST)
     monkeypatch.setattr(sites, "computed", sites.computed.__wrapped__)  # other loads than elsewhere: nothing is kept
@@ -98,7 +98,7 @@ def test_references_are_rebuilt_with_their_band(tmp_path, monkeypatch):
     assert place.about["command"] == "here"
 
 
-def test_a_reference_that_is_missing_or_damaged_is_told_with_the_cure(tmp_path, monkeypatch):
+def test_a_missing_or_damaged_reference_is_an_error_with_the_cure(tmp_path, monkeypatch):
     monkeypatch.setattr(sites, "SHIPPED", tmp_path)
     sites.stored.cache_clear()
     with pytest.raises(MissingError, match=r"benchmarks/references\.py"):

@@ -27,7 +27,7 @@ TAP = (
 @pytest.mark.parametrize(
     ("n", "c", "tau"), [(1.0, 0.0, 0.0), (1.5, 5.0, 0.0), (2.2, 1.0, 0.0), (1.0, 0.0, 0.02), (1.4, 2.0, 0.007)]
 )
-def test_a_power_law_is_found_again_from_its_own_force(n, c, tau):
+def test_a_power_law_is_recovered_from_its_force(n, c, tau):
     t = np.linspace(0.01, 1.0, 300)
     depth, rate = 5e-3 * np.sin(3.0 * t) ** 2 + 1e-5, 5e-3 * 3.0 * np.sin(6.0 * t)
     force = 900.0 * np.maximum(depth + tau * rate, 0.0) ** n * (1.0 + c * rate)
@@ -37,7 +37,7 @@ def test_a_power_law_is_found_again_from_its_own_force(n, c, tau):
     assert found["stiffness"] * 5e-3 ** found["exponent"] == approx(900.0 * 5e-3**n, rel=1e-3)
 
 
-def test_a_spring_fitted_to_another_gets_its_constants(tmp_path):
+def test_a_spring_fitted_to_another_spring_gets_the_constants_of_that_spring(tmp_path):
     launch = find("kidney").but(duration=0.27, overrides=TAP)
     file = tmp_path / "fitted.yaml"
     fitted = fit_body(launch, file, ["tissue.stiffness=900", "tissue.exponent=1.3", "tissue.damping=2"])
@@ -58,7 +58,7 @@ def test_a_spring_with_a_stiffness_map_gets_the_constants_of_a_half_space(tmp_pa
     assert find(str(tmp_path / "fitted.yaml")).load().nodes["tissue"].settings["stiffness_map"] == "basis"
 
 
-def test_a_bundle_fitted_to_one_of_twice_the_moduli_gets_them(tmp_path):
+def test_a_bundle_fitted_to_one_of_twice_the_moduli_gets_these_moduli(tmp_path):
     beams = ("tissue.use=deformation.BeamBundle",)
     launch = find("kidney").but(duration=0.27, overrides=TAP + beams)
     fitted = fit_body(launch, tmp_path / "fitted.yaml", ["tissue.moduli=[272e3, 68e3]"])
@@ -114,7 +114,7 @@ def pressed(moduli, right):
     return np.array(depth), shapes
 
 
-def test_the_command_says_what_is_left_of_a_spring_beside_the_elements(tmp_path):
+def test_the_command_prints_the_remaining_error_of_a_spring_relative_to_the_elements(tmp_path):
     given = ["fit", "body", "kidney", "--duration", "0.27 s", "-o", str(tmp_path / "f.yaml"), "--json"]
     ran = CliRunner().invoke(app, [*given, *(word for text in TAP for word in ("--set", text))])
     assert ran.exit_code == 0, ran.output
@@ -123,14 +123,14 @@ def test_the_command_says_what_is_left_of_a_spring_beside_the_elements(tmp_path)
     assert printed["after"]["force"] < 0.7 * printed["before"]["force"] and printed["after"]["shape"] > 0.02
 
 
-def test_a_graph_that_cannot_be_read_is_refused_before_a_time_is_told(tmp_path):
+def test_an_unreadable_graph_is_an_error_before_the_time_estimate(tmp_path):
     file = tmp_path / "empty.yaml"
     file.touch()
     refused = CliRunner().invoke(app, ["fit", "body", str(file), "-o", str(tmp_path / "f.yaml")])
     assert refused.exit_code == 2 and "a touch of" not in refused.output
 
 
-def test_a_body_without_a_constant_and_a_touch_in_the_air_are_refused(tmp_path):
+def test_a_body_without_a_constant_and_a_touch_in_the_air_are_errors(tmp_path):
     with pytest.raises(ArgumentError, match="expected one with a constant to calibrate"):
         fit_body(find("kidney").but(duration=0.1, overrides=["tissue.use=deformation.Rigid"]), tmp_path / "x.yaml")
     with pytest.raises(ArgumentError, match="samples in contact"):
@@ -138,7 +138,7 @@ def test_a_body_without_a_constant_and_a_touch_in_the_air_are_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_relaxation_times_are_found_again_and_a_press_beyond_the_strain_limit_is_said(tmp_path):
+def test_relaxation_times_are_recovered_and_a_press_beyond_the_strain_limit_is_reported(tmp_path):
     """Of a bundle with other moduli and other relaxation times, from a touch that presses, holds and lets go."""
     launch = find("kidney").but(duration=0.27, overrides=(*TAP, "tissue.use=deformation.BeamBundle"))
     fitted = fit_body(launch, tmp_path / "f.yaml", ["tissue.moduli=[180e3, 45e3]", "tissue.relaxations=[2e-3, 40e-3]"])

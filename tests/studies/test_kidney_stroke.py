@@ -30,12 +30,12 @@ def test_the_path_lies_on_the_surface_that_the_nodes_touch():
     assert np.einsum("ij,ij->i", normals, ahead) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_places_are_ways_along_the_path():
+def test_positions_are_arc_lengths_along_the_path():
     feet, *_ = along(np.linspace(-0.012, 0.012, 2001))
     assert np.linalg.norm(np.diff(feet, axis=0), axis=1).sum() == pytest.approx(0.024, rel=1e-4)
 
 
-def test_both_routes_load_the_curved_patch_alike():
+def test_both_routes_apply_the_same_load_to_the_curved_patch():
     """Second moment of the biweight over a patch that is nearly flat: R²/4; force one, no moment."""
     frame, axes = kidney.cut(Kidney(0.0, 3))
     fem = pytest.importorskip("felupe")
@@ -47,7 +47,7 @@ def test_both_routes_load_the_curved_patch_alike():
     assert -unit[:, 2] @ (points**2).sum(axis=1) == pytest.approx(RADIUS**2 / 4, rel=0.01)
 
 
-def test_all_sides_of_the_bricks_look_out_and_enclose_the_volume():
+def test_the_faces_of_the_bricks_point_outwards_and_enclose_the_volume():
     fem = pytest.importorskip("felupe")
     _, axes = kidney.cut(Kidney(0.0, 2))
     mesh = felupe.bricks(fem, tuple(axes))
@@ -58,13 +58,13 @@ def test_all_sides_of_the_bricks_look_out_and_enclose_the_volume():
 
 
 @pytest.mark.parametrize("place", [-0.012, 0.012])
-def test_two_solvers_that_share_no_elements_agree_on_coarse_meshes(place):
+def test_two_solvers_with_different_elements_agree_on_coarse_meshes(place):
     pytest.importorskip("felupe")
     tetrahedra, bricks = press(Kidney(place, 1), FIRST), press_felupe(Kidney(place, 1), FIRST)
     assert tetrahedra.indentation == pytest.approx(bricks.indentation, rel=0.08)
 
 
-def test_the_stored_reference_is_met_from_below_by_finer_meshes():
+def test_finer_meshes_converge_to_the_stored_reference_from_below():
     right = sites.stored("kidney+00")
     coarse, fine = (press(Kidney(0.0, n), right.force[:1]).indentation for n in (1, 2))
     assert coarse < fine < right.indentation[:1] + right.band[:1]
@@ -72,7 +72,7 @@ def test_the_stored_reference_is_met_from_below_by_finer_meshes():
 
 
 @pytest.mark.long
-def test_a_parabola_through_three_places_tells_what_lies_between():
+def test_a_parabola_through_three_positions_interpolates_between_them():
     """On one coarse mesh, whose own error changes along the path as well."""
     at = reference.path_of(TOUCHES["stroke"])
     three = np.array([press(Kidney(x, 2), FIRST[:1]).indentation for x in at])
@@ -82,7 +82,7 @@ def test_a_parabola_through_three_places_tells_what_lies_between():
     assert np.ptp(three) > 0.02 * three.mean()
 
 
-def test_the_truth_of_the_stroke_has_friction_and_says_what_it_may_be_off_by():
+def test_the_reference_of_the_stroke_has_friction_and_an_error_bound():
     right = reference.reference_solution(TOUCHES["stroke"])
     assert set(right.values) == {"force", "friction", "indentation", "energy"}
     pressed = right.times > 0.25
@@ -93,7 +93,7 @@ def test_the_truth_of_the_stroke_has_friction_and_says_what_it_may_be_off_by():
 
 
 @pytest.mark.parametrize(("time", "name"), [(0.3, "kidney-12"), (0.9, "kidney+12")])
-def test_a_finger_that_rests_at_a_place_splits_the_approach_by_the_curve_of_that_place(time, name):
+def test_a_finger_at_rest_divides_the_approach_by_the_force_curve_of_its_position(time, name):
     place = sites.stored(name)
     depth = CubicSpline(np.append(0.0, place.force), np.append(0.0, place.indentation))
     static = brentq(lambda f: np.log1p(M * f / B) / M + depth(f) - 5e-3, 1e-6, 1.0, xtol=1e-14)

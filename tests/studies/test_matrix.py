@@ -52,17 +52,17 @@ def test_the_steps_are_of_first_order(method, touch):
     assert np.log2(coarser / finer) == pytest.approx(1.0, abs=0.2)
 
 
-def test_a_law_in_time_comes_to_the_closed_form_as_its_steps_shrink():
+def test_a_time_dependent_law_converges_to_the_closed_form():
     errors = [one(TOUCHES["plate"], STANDARD["exponential"], f).errors["force"]["rms"] for f in RATES]
     assert np.log2(errors[0] / errors[-1]) / 3 == pytest.approx(1.0, abs=0.05)
 
 
-def test_hertz_is_at_the_reference_of_a_ball():
+def test_hertz_equals_the_reference_of_a_ball():
     cell = one(TOUCHES["ball"], STANDARD["hertz"], DEFAULT)
     assert cell.at_reference()
 
 
-def test_a_model_made_worse_moves_up_by_what_it_was_made_worse():
+def test_the_error_of_a_scaled_model_rises_by_the_scale():
     right, worse = (one(TOUCHES["ball"], spring_with(k * HERTZ), DEFAULT) for k in (1.0, 1.3))
     assert right.at_reference()
     assert worse.errors["force"]["worst"] == pytest.approx(0.3, rel=1e-6)
@@ -70,7 +70,7 @@ def test_a_model_made_worse_moves_up_by_what_it_was_made_worse():
     assert front([point(worse), (point(right)[0] * 0 + point(worse)[0], point(right)[1])]) == [1]
 
 
-def test_a_linear_body_of_the_right_stiffness_is_nearer_than_one_of_half():
+def test_a_linear_body_of_the_right_stiffness_has_a_smaller_error_than_one_of_half():
     """The slab under the patch is nearly linear: 273 N/m by the reference."""
     body = user("Spring")
     cell = one(TOUCHES["indent"], body, DEFAULT)
@@ -82,7 +82,7 @@ def test_a_linear_body_of_the_right_stiffness_is_nearer_than_one_of_half():
 @pytest.mark.parametrize(
     ("name", "why"), [("Raises", "no convergence in 40 iterations"), ("Drifts", "expected a finite number")]
 )
-def test_a_broken_body_is_a_point_on_the_chart_and_charged(name, why):
+def test_a_failed_body_is_on_the_chart_with_its_failure(name, why):
     cell = one(TOUCHES["indent"], user(name), DEFAULT)
     assert cell.status == "failed"
     import re
@@ -92,7 +92,7 @@ def test_a_broken_body_is_a_point_on_the_chart_and_charged(name, why):
     assert point(cell) == (CHARGED_STEP, CHARGED)
 
 
-def test_what_a_method_cannot_do_is_counted_and_is_in_no_error():
+def test_unsupported_touches_are_counted_and_are_in_no_error():
     cells = [one(TOUCHES[t], STANDARD["hertz"], STANDARD["hertz"].fidelities[2]) for t in ("ball", "indent")]
     assert [c.status for c in cells] == ["ok", "refused"]
     (printed,) = summaries(cells)
@@ -104,7 +104,7 @@ def computed(method, touch, error, p50, p99):
     return Cell(touch, method, method, "1000 Hz", 1000.0, errors={"force": {"rms": error}}, p50=p50, p99=p99)
 
 
-def test_what_to_take_is_the_most_accurate_that_keeps_the_loop_and_can_do_most():
+def test_the_recommended_body_keeps_the_loop_rate_supports_most_touches_and_is_the_most_accurate():
     """A law that is exact on one touch is not held against bodies that do both; a slow p99 alone rules nothing out."""
     cells = [
         computed("law", "ball", 0.0, 1e-6, 2e-6),
@@ -121,7 +121,7 @@ def test_what_to_take_is_the_most_accurate_that_keeps_the_loop_and_can_do_most()
     assert "No method is fast enough for a loop at 1 kHz" in advice([s for s in printed if s.method == "solver"])
 
 
-def test_a_body_that_fails_on_one_touch_is_not_what_to_take():
+def test_a_body_that_fails_on_one_touch_is_not_recommended():
     touches = ("indent", "hold", "ball")
     cells = [
         *(computed("patch", t, e, 4e-5, 6e-5) for t, e in zip(touches, (0.005, 0.006, 2.22), strict=True)),
@@ -132,7 +132,7 @@ def test_a_body_that_fails_on_one_touch_is_not_what_to_take():
     assert "patch, 1000 Hz, has a median error of 0.6 %, but 222 % on ball: use it for other touches." in said
 
 
-def test_every_touch_has_every_method_in_its_row():
+def test_every_touch_has_a_result_of_every_method():
     rows = matrix(TOUCHES.values(), STANDARD.values(), quick=True)
     assert {(t.name, m.name) for t, m, _ in rows} == {(t, m) for t in TOUCHES for m in STANDARD}
 
@@ -143,7 +143,7 @@ def test_every_body_has_at_least_four_fidelities_on_at_least_eight_touches():
     assert all(len(m.fidelities) >= 4 for m in STANDARD.values() if m.name not in others)
 
 
-def test_kept_cells_are_taken_up_and_another_machine_computes_its_own(tmp_path, monkeypatch):
+def test_stored_cells_are_reused_on_the_same_machine_only(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     rows = [(TOUCHES["ball"], STANDARD["hertz"], DEFAULT)]
     first = compute(rows, 1, machine="a")
@@ -155,7 +155,7 @@ def test_kept_cells_are_taken_up_and_another_machine_computes_its_own(tmp_path, 
     assert len(list((tmp_path / "palpate" / "bench" / "cells").iterdir())) == 2
 
 
-def test_the_forces_are_those_of_nodes_that_are_stepped_one_by_one():
+def test_the_forces_equal_those_of_nodes_stepped_one_by_one():
     """The compiled table against `CompiledNode.step` on messages, of a touch with friction."""
     touch, rate = TOUCHES["slide"], 1000.0
     times = np.arange(round(touch.duration * rate) + 1) / rate
@@ -189,7 +189,7 @@ def test_a_body_in_python_runs_between_compiled_nodes():
     assert np.allclose(*(one.values["force"] for one in found), atol=1e-9)
 
 
-def test_calibrated_springs_are_near_where_they_were_calibrated_and_laws_stand_apart():
+def test_calibrated_springs_have_a_small_error_at_their_calibration_and_laws_are_listed_separately():
     cells = [one(TOUCHES[t], STANDARD[m], DEFAULT) for t, m in (
         ("indent", "MassSpring"), ("indent", "MassSpring-calibrated"), ("plate", "exponential"), ("ball", "MassSpring"),
     )]  # fmt: skip
@@ -204,22 +204,22 @@ def test_calibrated_springs_are_near_where_they_were_calibrated_and_laws_stand_a
 
 
 @pytest.mark.parametrize("touch", ["stroke", "edge"])
-def test_with_their_stiffness_map_calibrated_springs_follow_the_place(touch):
+def test_calibrated_springs_with_a_stiffness_map_depend_on_the_position(touch):
     """1.8 % near the edge of the slab and 0.6 % along the kidney; without the map 9.4 and 4.8 %."""
     assert one(TOUCHES[touch], STANDARD["MassSpring-calibrated"], DEFAULT).errors["force"]["rms"] < 0.03
 
 
-def test_arrays_are_counted_once_however_they_are_reached():
+def test_an_array_with_several_references_is_counted_once():
     table = np.zeros(1000)
     assert chain.held_bytes([{"a": table, "b": table[10:]}, [table]]) == table.nbytes
 
 
-def test_a_node_that_is_no_body_is_told():
+def test_a_node_that_is_not_a_body_is_an_error():
     with pytest.raises(PalpateError, match="takes Load and sends Surface"):
         of_user("contact.Series", Series)
 
 
-def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypatch):
+def test_a_missing_basis_is_built_once_and_its_time_is_reported(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     node = ReducedFE(model="linear", surface="plane", position=(0.0, 0.0, 0.0), coarse=50)
     seconds = ready(node)

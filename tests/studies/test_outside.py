@@ -57,14 +57,14 @@ def linear_tetrahedra(block, force):
     [TissueBlock(0.0, 1), TissueBlock(0.04, 1), TissueBlock(0.0, 1, nodule=True)],
     ids=["middle", "edge", "nodule"],
 )
-def test_calculix_on_the_same_tetrahedra_meets_ours(block):
+def test_calculix_agrees_with_palpate_on_the_same_tetrahedra(block):
     own, theirs = press(block, FIRST), calculix.press(block, FIRST)
     assert theirs.indentation == pytest.approx(own.indentation, rel=3e-4)
     assert theirs.shape == pytest.approx(own.shape, abs=1e-3 * own.shape.max())
 
 
 @with_mujoco
-def test_mujoco_rests_where_linear_elasticity_on_linear_tetrahedra_does(tmp_path, monkeypatch):
+def test_mujoco_at_rest_agrees_with_linear_elasticity_on_linear_tetrahedra(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     force = 1e-3
     found = mujoco.press(TissueBlock(0.0, 1), np.array([force])).indentation[0]
@@ -73,14 +73,14 @@ def test_mujoco_rests_where_linear_elasticity_on_linear_tetrahedra_does(tmp_path
 
 
 @with_mujoco
-def test_linear_tetrahedra_are_stiffer_than_quadratic_ones_and_come_nearer_on_a_finer_mesh():
+def test_linear_tetrahedra_are_stiffer_than_quadratic_ones_and_converge_to_them():
     right = press(TissueBlock(0.0, 3), FIRST[:1]).indentation
     coarse, fine = (mujoco.press(TissueBlock(0.0, n), FIRST[:1]).indentation for n in (1, 2))
     assert (coarse < fine).all() and (fine < right).all()
 
 
 @with_mujoco
-def test_a_harder_nodule_is_felt_by_mujoco():
+def test_a_harder_nodule_reduces_the_indentation_in_mujoco():
     with_nodule, without = (
         mujoco.press(TissueBlock(0.0, 1, nodule), FIRST[:1]).indentation for nodule in (True, False)
     )
@@ -88,12 +88,12 @@ def test_a_harder_nodule_is_felt_by_mujoco():
 
 
 @with_mujoco
-def test_elements_that_mujoco_turns_inside_out_are_a_failure():
+def test_inverted_elements_in_mujoco_are_a_failure():
     with pytest.raises(ArithmeticError, match="inside out"):
         mujoco.press(TissueBlock(0.0, 2), np.array([0.5, 0.9]), material="Saint Venant-Kirchhoff")
 
 
-def test_a_solver_that_is_not_installed_is_told_with_the_cure(monkeypatch):
+def test_a_missing_solver_is_an_error_with_the_install_command(monkeypatch):
     monkeypatch.setattr(calculix.shutil, "which", lambda name: None)
     with pytest.raises(MissingError, match="apt-get install calculix-ccx"):
         calculix.press(TissueBlock(0.0, 1))
@@ -102,7 +102,7 @@ def test_a_solver_that_is_not_installed_is_told_with_the_cure(monkeypatch):
         mujoco.press(TissueBlock(0.0, 1))
 
 
-def test_the_command_says_how_to_install_what_is_missing(monkeypatch, tmp_path):
+def test_the_command_prints_how_to_install_a_missing_solver(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(calculix, "version", lambda: None)
     given = ["bench", "accuracy", "--touch", "plate", "--method", "exponential", "--quick", "-o", str(tmp_path)]
@@ -114,7 +114,7 @@ def test_the_command_says_how_to_install_what_is_missing(monkeypatch, tmp_path):
 
 
 @with_calculix
-def test_a_run_of_calculix_that_breaks_down_is_charged_with_what_it_said(monkeypatch):
+def test_a_failed_calculix_run_reports_the_output_of_calculix(monkeypatch):
     def crushing(block, levels):
         return calculix.press(block, np.array([1e3]))
 
@@ -128,7 +128,7 @@ def test_a_run_of_calculix_that_breaks_down_is_charged_with_what_it_said(monkeyp
 
 
 @pytest.mark.parametrize(("name", "module"), reference_solvers.PEERS.items())
-def test_an_outside_solver_is_near_the_reference_where_it_is_installed(name, module):
+def test_an_installed_reference_solver_is_near_the_reference(name, module):
     """The slab with one cell a radius; MuJoCo's linear tetrahedra are too stiff by 44 %, see docs/accuracy.md."""
     if module.version() is None:
         pytest.skip(f"{name}: {module.INSTALL}")
@@ -142,7 +142,7 @@ def test_an_outside_solver_is_near_the_reference_where_it_is_installed(name, mod
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["full-FE", "FElupe"])
-def test_full_elements_stroke_the_kidney(name):
+def test_the_full_finite_elements_compute_a_stroke_of_the_kidney(name):
     method = next((m for m in reference_solvers.methods() if m.name == name), None)
     if method is None:
         pytest.skip(f"{name} is not installed")

@@ -42,7 +42,7 @@ def off(every: int, frequency: float) -> float:
 
 @pytest.mark.parametrize("frequency", [0.5, 2.0, 11.0])
 @pytest.mark.parametrize("error", [0.01, 0.05, 0.3])
-def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_signal_that_is_held(write, tmp_path, frequency, error):
+def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_sampled_and_held_signal(write, tmp_path, frequency, error):
     (rate,) = rates.chosen(swing(write, tmp_path, frequency), error)
     assert rate.constant == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * frequency), rel=2e-3)
     assert rate.every == max(every for every in rates.DIVISORS if off(every, frequency) <= error)
@@ -60,7 +60,7 @@ def test_a_lower_rate_in_the_graph_does_not_change_the_answer(write, tmp_path):
     )
 
 
-def test_what_does_nothing_keeps_its_rate(write, tmp_path):
+def test_an_effect_without_influence_keeps_its_rate(write, tmp_path):
     (rate,) = rates.chosen(swing(write, tmp_path, 2.0, "swing.amplitude=0", "swing.every=5"), 0.05)
     assert rate.every == 5 and math.isinf(rate.constant)
 
@@ -75,7 +75,7 @@ def kidney(tmp_path_factory):
     return record_touch(find("kidney").but(duration=0.25, overrides=sets), tmp_path_factory.mktemp("kidney") / "t.mcap")
 
 
-def test_effects_of_the_force_path_are_told_by_what_the_force_loses(kidney):
+def test_effects_of_the_force_path_are_rated_by_the_error_of_the_force(kidney):
     recording, ticks = kidney, 250
     picked = {rate.node: rate for rate in rates.chosen(recording, 0.02)}
     assert set(picked) == {"friction", "tissue"}
@@ -91,7 +91,7 @@ def test_effects_of_the_force_path_are_told_by_what_the_force_loses(kidney):
         assert rate.every > 1 and base.nodes[name].count > 0.5 * ticks and steps <= ticks / rate.every * 1.2 + 1
 
 
-def test_an_error_that_no_lower_rate_keeps_leaves_each_effect_at_every_tick(tmp_path):
+def test_each_effect_runs_at_every_tick_where_no_lower_rate_keeps_the_error(tmp_path):
     path = "[{to: [0.005, 0, 0.0975], time: 0.1, shape: linear}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.104]", f"scene.hand.path={path}"]
     tight = list(
@@ -100,7 +100,7 @@ def test_an_error_that_no_lower_rate_keeps_leaves_each_effect_at_every_tick(tmp_
     assert [(rate.every, rate.idle) for rate in tight] == [(1, False), (1, False)]
 
 
-def test_together_runs_more_often_what_loses_most_until_the_error_is_kept(kidney):
+def test_the_effect_with_the_largest_error_runs_more_often_until_the_total_error_is_kept(kidney):
     slow = [
         rates.Rate("friction", "friction", 1, True, 0.2, 200, 0.0, 0.3),
         rates.Rate("tissue", "deformation", 1, True),
@@ -110,7 +110,7 @@ def test_together_runs_more_often_what_loses_most_until_the_error_is_kept(kidney
     assert one.error <= 0.02
 
 
-def test_a_missed_error_raises_the_effect_that_misses_it():
+def test_a_missed_error_raises_the_rate_of_its_effect():
     """The one whose output misses it, or else that with the largest part in the force; none where all is kept."""
     slow = [rates.Rate("a", "x", 1, True, 0.4, 20, force_error=0.008), rates.Rate("b", "y", 5, False, 0.1, 10)]
     one = rates.Evaluation({}, error=0.005, outputs=(0.001, 0.02))
@@ -122,7 +122,7 @@ def test_a_missed_error_raises_the_effect_that_misses_it():
 
 
 @pytest.mark.long
-def test_rates_hold_at_each_speed_of_the_hand_and_say_at_which(tmp_path):
+def test_rates_are_valid_at_the_stated_speeds_of_the_hand(tmp_path):
     """A control: friction at the rate that a calm slide allows misses the error where the same slide is fast."""
     tap = "scene.hand.path=[{to: [0, 0, 0.096], time: 0.15}, {to: [0, 0, 0.112], time: 0.15}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.110]", tap]
@@ -142,7 +142,7 @@ def test_rates_hold_at_each_speed_of_the_hand_and_say_at_which(tmp_path):
     assert rates.ran(slide[4.0], alone, tmp_path).most > 1.5 * error
 
 
-def test_the_worst_that_is_told_is_that_of_all_speeds(tmp_path, monkeypatch):
+def test_the_reported_worst_error_is_that_of_all_speeds(tmp_path, monkeypatch):
     """Also where another speed has the greater RMS."""
     launch = find("kidney").but(duration=0.05, overrides=["scene.surface.vertices=400"])
     real, calls = rates.tried, iter(range(1, 100))
@@ -165,7 +165,7 @@ TAP = {
 }  # fmt: skip
 
 
-def test_the_output_of_friction_is_told_as_it_is_off(tmp_path):
+def test_the_error_of_the_friction_output_is_reported(tmp_path):
     """By an independent count: the friction of both runs, tick by tick."""
     recording = record_touch(find("kidney").but(**TAP), tmp_path / "t.mcap")
     picked = {rate.node: rate for rate in rates.chosen(recording, 0.05)}
@@ -183,7 +183,7 @@ def test_the_output_of_friction_is_told_as_it_is_off(tmp_path):
     assert friction.output_error == pytest.approx(off, rel=0.02) and 0.0 < off <= 0.05
 
 
-def test_other_motions_reach_the_fastest_speed_that_is_stated_and_stay_in_the_region():
+def test_other_motions_reach_the_stated_fastest_speed_and_stay_in_the_region():
     launch = find("kidney").but(**TAP)
     low, high = reached(launch, (0.5, 3.0))
     assert low == pytest.approx(0.5 * 1.875 * 0.014 / 0.15, rel=1e-6)
@@ -205,7 +205,7 @@ def test_other_motions_reach_the_fastest_speed_that_is_stated_and_stay_in_the_re
 
 
 @pytest.mark.long
-def test_predictions_hold_on_motions_that_nothing_was_chosen_by(tmp_path):
+def test_predictions_are_valid_on_motions_not_used_for_the_choice(tmp_path):
     """Slides and taps at up to the fastest speed that the file states, of other shapes and seeds than the search's."""
     launch, file, error = find("kidney").but(**TAP), tmp_path / "slow.yaml", 0.1
     found = rates.rates(launch, error, file, speeds=(1.0, 2.0))
@@ -232,7 +232,7 @@ def test_predictions_hold_on_motions_that_nothing_was_chosen_by(tmp_path):
     assert measured.worst <= 1.2 * found.predicted.worst, measured
 
 
-def test_motions_that_predict_decide_nothing_but_whether_the_error_is_kept(tmp_path, monkeypatch):
+def test_prediction_motions_only_decide_whether_the_error_is_kept(tmp_path, monkeypatch):
     """A motion that refuses runs again at the raised rates. The last twelve are new, and a miss in them raises none."""
     launch, file, runs = find("kidney").but(**TAP), tmp_path / "slow.yaml", []
 
@@ -254,7 +254,7 @@ def test_motions_that_predict_decide_nothing_but_whether_the_error_is_kept(tmp_p
     assert not found.met and found.predicted.error == 0.02 and not file.exists()
 
 
-def test_a_path_that_refuses_is_measured_at_every_speed_at_the_raised_rates(tmp_path, monkeypatch):
+def test_a_path_over_the_error_is_measured_at_every_speed_at_the_raised_rates(tmp_path, monkeypatch):
     runs = []
 
     def ran(motion, picked, folder):
@@ -278,7 +278,7 @@ def test_a_motion_without_a_scripted_hand_has_one_speed(write):
     assert at_speeds(launch, (0.5, 2.0)) == {1.0: launch}
 
 
-def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkeypatch):
+def test_the_command_writes_the_predicted_graph_and_runs_it(tmp_path, write, monkeypatch):
     graph = write("swing.yaml", SWING.replace("FREQUENCY", "2"))
     file = tmp_path / "slow.yaml"
     given = ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)]
@@ -311,7 +311,7 @@ def spoilt(monkeypatch, times: int) -> None:
     monkeypatch.setattr(rates, "chosen", lambda *a: (replace(rate, force_error=0.04) for rate in found(*a)))
 
 
-def test_rates_that_no_run_keeps_are_raised_until_one_does(tmp_path, write, monkeypatch):
+def test_rates_are_raised_until_a_run_keeps_the_error(tmp_path, write, monkeypatch):
     graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
     given = ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)]
     spoilt(monkeypatch, 1)
@@ -341,7 +341,7 @@ def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkey
         (["falcon", "--set", "device.port=emulator"], "expected a simulated device"),
     ],
 )
-def test_what_cannot_be_is_told_in_a_line(given, said):
+def test_invalid_input_is_an_error_of_one_line(given, said):
     ran = CliRunner().invoke(app, ["rates", *given])
     assert ran.exit_code == 2
     assert said in " ".join(ran.output.split())

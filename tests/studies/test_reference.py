@@ -21,7 +21,7 @@ def relaxing(tau, hold=1.0):
 
 
 @pytest.mark.parametrize("touch", TOUCHES.values(), ids=lambda touch: touch.name)
-def test_a_touch_moves_as_fast_as_its_place_changes(touch):
+def test_the_velocity_of_a_touch_is_the_derivative_of_its_position(touch):
     times = np.linspace(0.0, touch.duration, 20001)
     approach, rate, place, slip = touch.at(times)
     assert np.allclose(np.gradient(approach, times)[1:-1], rate[1:-1], atol=2e-3 * np.abs(rate).max())
@@ -29,12 +29,12 @@ def test_a_touch_moves_as_fast_as_its_place_changes(touch):
     assert (approach[0], place[0]) == touch.knots[0][1:]
 
 
-def test_an_unknown_touch_is_told_with_those_that_there_are():
+def test_an_unknown_touch_is_an_error_with_the_list_of_touches():
     with pytest.raises(ArgumentError, match="expected one of ball, plate"):
         chosen(["rub"])
 
 
-def test_a_held_touch_comes_to_the_static_split_of_finger_and_body():
+def test_a_held_touch_converges_to_the_static_split_of_finger_and_body():
     stiffness = 280.0
     force, depth, _ = reference.in_time(relaxing(0.0), LEVELS, LEVELS / stiffness)
     static = brentq(lambda f: np.log1p(M * f / B) / M + f / stiffness - 4e-3, 1e-6, 3.0, xtol=1e-14)
@@ -58,20 +58,20 @@ def test_a_viscous_slab_relaxes_to_the_elastic_one_at_the_rate_of_the_linear_sys
     assert seen == pytest.approx(rate, rel=0.02)
 
 
-def test_the_truth_in_time_is_of_first_order_before_it_is_extrapolated():
+def test_the_reference_in_time_is_of_first_order_before_extrapolation():
     touch = relaxing(0.02, hold=0.05)
     force = [reference.in_time(touch, LEVELS, LEVELS / 280.0, every)[0] for every in (8, 16, 32)]
     coarse, fine = (np.abs(force[k][:: 4 >> k] - force[k + 1][:: 2 >> k]).max() for k in (1, 0))
     assert np.log2(coarse / fine) == pytest.approx(1.0, abs=0.1)
 
 
-def test_an_elastic_slab_gives_back_what_it_took_and_a_viscous_one_does_not():
+def test_an_elastic_slab_returns_its_energy_and_a_viscous_one_does_not():
     elastic, viscous = (reference.reference_solution(TOUCHES[name]).values["energy"] for name in ("edge", "hold"))
     assert abs(elastic[-1]) < 1e-3 * elastic.max()
     assert viscous[-1] > 0.02 * viscous.max()
 
 
-def test_the_force_of_the_ball_is_the_slope_of_its_energy():
+def test_the_force_of_the_ball_is_the_derivative_of_its_energy():
     right = reference.reference_solution(TOUCHES["ball"])
     depth, force, energy = (right.values[n] for n in ("indentation", "force", "energy"))
     top = int(np.argmax(depth))
@@ -79,7 +79,7 @@ def test_the_force_of_the_ball_is_the_slope_of_its_energy():
     assert energy[top] == pytest.approx(own, rel=1e-4)
 
 
-def test_the_dent_of_the_ball_is_smooth_at_its_rim_and_that_of_a_point_force_far_away():
+def test_the_surface_displacement_under_a_ball_is_smooth_at_the_rim_and_that_of_a_point_force_far_away():
     depth = 5e-4
     a = np.sqrt(RADIUS * depth)
     rim = reference._hertz_shape(np.array([a * (1 - 1e-6), a * (1 + 1e-6)]), depth)
@@ -91,7 +91,7 @@ def test_the_dent_of_the_ball_is_smooth_at_its_rim_and_that_of_a_point_force_far
     assert reference._hertz_shape(np.array([far]), depth)[0] == pytest.approx(point, rel=2e-3)
 
 
-def test_the_dent_of_the_slab_weighted_with_the_pressure_is_the_indentation():
+def test_the_mean_displacement_of_the_slab_weighted_with_the_pressure_is_the_indentation():
     place = stored("middle")
     depth_at = reference.SurfaceShape(place.force, place.x, place.y, place.shape)
     at, weight = np.polynomial.legendre.leggauss(24)

@@ -33,7 +33,7 @@ def cells():
     return [one(TOUCHES[t], STANDARD[m], f) for t, m in own for f in settings]
 
 
-def test_the_table_holds_what_the_pictures_show(cells, tmp_path):
+def test_the_table_contains_the_data_of_the_pictures(cells, tmp_path):
     report.table(cells, {"processor": "some", "commit": "abc"}, tmp_path / "a.csv")
     about, *lines = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()
     assert json.loads(about.removeprefix("#")) == {"processor": "some", "commit": "abc"}
@@ -45,12 +45,12 @@ def test_the_table_holds_what_the_pictures_show(cells, tmp_path):
         assert printed == cell.errors and all(row[f"{q} rms"] == "" for q in set(QUANTITIES) - set(cell.errors))
 
 
-def test_the_front_holds_what_nothing_beats():
+def test_the_front_contains_the_points_that_no_other_point_dominates():
     points = [(1.0, 5.0), (2.0, 6.0), (3.0, 1.0), (3.0, 0.9), (4.0, 0.9), (0.5, 9.0)]
     assert front(points) == [5, 0, 3]
 
 
-def test_the_page_ends_with_what_it_does_not_cover(cells, tmp_path):
+def test_the_page_ends_with_its_limits(cells, tmp_path):
     page.write(cells, {"processor": "some"}, None, tmp_path / "a.md")
     text = (tmp_path / "a.md").read_text(encoding="utf-8")
     assert text.index("## ball") < text.index("## Not covered")
@@ -59,7 +59,7 @@ def test_the_page_ends_with_what_it_does_not_cover(cells, tmp_path):
     assert "exponential law: unsupported, it is the law of a fingertip" in text
 
 
-def test_without_matplotlib_there_are_table_and_page(cells, tmp_path, monkeypatch):
+def test_without_matplotlib_table_and_page_are_written(cells, tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "palpate.studies.accuracy.output.pictures", raising=False)
     for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
@@ -90,13 +90,13 @@ def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
         (["--body", "contact.Series"], "takes Load and sends Surface"),
     ],
 )
-def test_wrong_names_are_told_with_the_right_ones(given, text):
+def test_unknown_names_are_errors_with_the_valid_names(given, text):
     ran = CliRunner().invoke(app, ["bench", "accuracy", *given])
     assert ran.exit_code in (1, 2)
     assert text in " ".join(ran.output.split())
 
 
-def test_a_median_that_is_less_than_the_picture_shows_says_so(tmp_path, monkeypatch):
+def test_a_median_below_the_range_of_the_picture_is_marked(tmp_path, monkeypatch):
     pictures = pytest.importorskip("palpate.studies.accuracy.output.pictures")
     labels = []
     monkeypatch.setattr(pictures, "_save", lambda figure, path: labels.append(figure.axes[0].get_ylabel()))

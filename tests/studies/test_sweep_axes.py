@@ -29,13 +29,13 @@ def test_paths_with_a_comma_vary_together():
     assert found == [{"a.x": 1, "a.y": "2 mm"}, {"a.x": 3, "a.y": "4 mm"}]
 
 
-def test_points_have_few_digits_that_any_processor_finds_again():
+def test_points_have_few_digits_independent_of_the_processor():
     space = Space((axis("a.x", {"geomspace": [1, 10, 4]}), axis("a.y", {"norm": [0, 1]})), samples=8)
     for value in [*(v for (v,) in space.crossed[0].values), *space.drawn[:, 0]]:
         assert value == float(f"{value:.10g}")
 
 
-def test_named_values_stand_by_their_name_in_tables():
+def test_named_values_are_listed_by_name_in_tables():
     space = Space((axis("scene.hand", {"named": {"press": {"begin": [0, 0, 1]}, "stroke": {"begin": [1, 0, 0]}}}),))
     assert space.point(1) == ({"scene.hand": {"begin": [1, 0, 0]}}, {"scene.hand": "stroke"})
 
@@ -47,7 +47,7 @@ def test_quantities_of_a_grid_are_in_si():
 
 
 @pytest.mark.parametrize("design", ["sobol", "lhs", "random"])
-def test_samples_have_the_distribution_that_was_asked_for(design):
+def test_samples_have_the_requested_distribution(design):
     given = {"uniform": ["2 mm", "6 mm"]}, {"norm": [5.0, 0.5]}, {"loguniform": [1.0, 100.0]}
     space = Space(tuple(axis(f"a.{k}", one) for k, one in enumerate(given)), samples=1024, design=design, seed=3)
     laws = scipy.stats.uniform(2e-3, 4e-3), scipy.stats.norm(5.0, 0.5), scipy.stats.loguniform(1.0, 100.0)
@@ -58,7 +58,7 @@ def test_samples_have_the_distribution_that_was_asked_for(design):
     assert (Space(space.axes, samples=1024, design=design, seed=4).drawn != space.drawn).any()
 
 
-def test_a_distribution_is_one_of_scipy_too_and_crossed_with_the_values():
+def test_a_distribution_of_scipy_is_crossed_with_the_values():
     space = Space((axis("a.x", scipy.stats.norm(0, 1)), axis("b.use", ["p", "q"])), samples=4)
     assert space.shape == (2, 4) and len(space) == 8
     first, second = ([space.point(k + at)[0]["a.x"] for k in range(4)] for at in (0, 4))
@@ -88,7 +88,7 @@ def test_the_ends_of_an_unbounded_distribution_are_finite():
         ({"uniform": [1, 2], "norm": [1, 2]}, "expected a list"),
     ],
 )
-def test_values_that_are_none(given, said):
+def test_invalid_values_are_errors(given, said):
     with pytest.raises(ArgumentError, match=said) as caught:
         axis("a.x", given)
     assert str(caught.value).startswith("over a.x: ")
@@ -126,13 +126,13 @@ GRID = {"ball.young": [1e4, 2e4]}
     ],
     ids=lambda given: str(given)[:40],
 )
-def test_a_study_that_cannot_be_is_refused_before_anything_runs(arguments, said):
+def test_an_invalid_study_is_an_error_before_anything_runs(arguments, said):
     with pytest.raises(PalpateError) as caught:
         palpate.Study(**{"graph": "kidney", "over": {"tissue.stiffness": [2e3, 3e3]}} | arguments)
     assert re.search(said, str(caught.value).replace("\n", " ")), caught.value
 
 
-def test_ten_million_points_are_counted_not_made(tmp_path):
+def test_ten_million_points_are_counted_without_being_built(tmp_path):
     over = {f"tissue.{name}": {"linspace": [1, 2, 216]} for name in ("stiffness", "damping", "exponent")}
     study = palpate.Study("kidney", over)
     with pytest.raises(ArgumentError, match=r"10,077,696 points, 216 x 216 x 216; .* 116\.6 days .* --yes"):
@@ -140,11 +140,11 @@ def test_ten_million_points_are_counted_not_made(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_describing_a_study_imports_nothing_slow():
+def test_describing_a_study_imports_no_slow_package():
     code = "import sys, palpate; palpate.Study('kidney', {'tissue.stiffness': [1e3, 2e3]}).points; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"pandas", "pyarrow", "zarr", "xarray", "SALib", "matplotlib"}.intersection(loaded)
 
 
-def test_a_part_of_the_scene_needs_no_scene_before_it():
+def test_a_part_of_the_scene_can_be_varied_without_a_scene_in_the_graph():
     assert palpate.Study("kidney", {"hand": {"named": {"slow": {"path": [{"hold": 1}]}}}}).space.paths == ["scene.hand"]

@@ -85,7 +85,7 @@ def test_a_row_for_each_point_with_numbers_and_curves(ball, pool, tmp_path):
     assert data["ball.young"].units == "Pa"
 
 
-def test_the_bytes_are_those_of_one_run_at_a_time_whatever_the_number_of_workers(pool, tmp_path):
+def test_the_bytes_do_not_depend_on_the_number_of_workers(pool, tmp_path):
     """On the shipped kidney: two workers, one worker, and `palpate.run` in this process."""
     over = {"tissue.stiffness": [2.5e3, 3.5e3], "hand": {"named": {"fast": press(0.05), "slow": press(0.08)}}}
     arguments = {"keep": ["peak contact.force", "curve contact.force"], "duration": 0.15}
@@ -103,7 +103,7 @@ def test_the_bytes_are_those_of_one_run_at_a_time_whatever_the_number_of_workers
         assert np.asarray(run.contact.force).tobytes() == curve.tobytes()
 
 
-def test_a_lane_computes_what_a_run_of_its_own_does(monkeypatch):
+def test_a_lane_gives_the_results_of_a_separate_run(monkeypatch):
     """Two structures in turn, so that lanes are used again; the results are those of recorded runs, to the byte."""
     over = {"tissue.use": ["deformation.MassSpring", "deformation.Rigid"], "hand": [press(0.05), press(0.08)]}
     keep = ("peak contact.force", "at 0.1 s controller.force[2]", "mean controller.force", "curve contact.indentation")
@@ -129,7 +129,7 @@ def press(time):
             "path": [{"to": [0, 0, 0.104], "time": time}, {"hold": 0.1}]}  # fmt: skip
 
 
-def test_a_second_run_computes_what_is_missing_and_says_what_changed(ball, pool, tmp_path, said):
+def test_a_second_run_computes_missing_points_and_reports_changes(ball, pool, tmp_path, said):
     assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == list(range(6))
     assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool, report=said.append) == []
     assert said == ["6 points, 6 stored, 0 to compute"]
@@ -149,7 +149,7 @@ def test_a_second_run_computes_what_is_missing_and_says_what_changed(ball, pool,
     assert len(Store(tmp_path, write=False).rows) == 14
 
 
-def test_curves_of_other_lengths_lie_in_one_folder(ball, pool, tmp_path):
+def test_curves_of_different_lengths_are_stored_in_one_folder(ball, pool, tmp_path):
     long, short = (palpate.Study(ball, OVER, KEEP, duration=d).run(tmp_path, pool) for d in ("8 ms", "3 ms"))
     for study, count in ((long, 8), (short, 3)):
         curve = study.xarray()["curve ball.force"]
@@ -160,14 +160,14 @@ def test_curves_of_other_lengths_lie_in_one_folder(ball, pool, tmp_path):
     assert rates["curve ball.force"].sel(rate=1000).notnull().sum() == 5
 
 
-def test_workers_that_cannot_start_are_no_endless_wait(ball, tmp_path, monkeypatch):
+def test_workers_that_cannot_start_end_the_study(ball, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "SERVE", "raise SystemExit('no room for workers')")
     with pytest.raises(RunError, match=r"ended at its start: exit code 1; \S*workers\.log has what it printed"):
         palpate.Study(ball, OVER, KEEP).run(tmp_path)
     assert "no room for workers" in (tmp_path / "workers.log").read_text()
 
 
-def test_other_code_of_a_class_of_ones_own_makes_other_points(write, monkeypatch, tmp_path):
+def test_changed_code_of_a_custom_class_makes_new_points(write, monkeypatch, tmp_path):
     write("mylab_sweep.py", "from nodes_for_studies import Ball as _Ball\nclass Ball(_Ball):\n    pass\n")
     graph = write("own.yaml", BALL.replace("nodes_for_studies", "mylab_sweep"))
     monkeypatch.syspath_prepend(tmp_path)
@@ -177,7 +177,7 @@ def test_other_code_of_a_class_of_ones_own_makes_other_points(write, monkeypatch
     assert not {point.key for point in palpate.Study(graph, OVER, KEEP).points} & {point.key for point in first.points}
 
 
-def test_kernels_that_are_compiled_first_do_not_count(ball, tmp_path, monkeypatch):
+def test_the_compilation_of_kernels_is_not_counted(ball, tmp_path, monkeypatch):
     """Neither while this process compiles them nor while it waits for another one that does."""
     folder = tmp_path / "kernels-of-this-test"
     folder.mkdir()
@@ -230,7 +230,7 @@ LIMITED = BALL.replace("Ball", "Limited")
         ({"uniform": [-3e-3, -1e-3]}, 0.0),
     ],
 )
-def test_a_draw_out_of_range_is_a_row_wherever_it_comes(write, pool, tmp_path, seed, law, lowest):
+def test_a_sample_out_of_range_is_a_row_at_any_position(write, pool, tmp_path, seed, law, lowest):
     """Also as the first one, and where all are."""
     graph = write("ball.yaml", LIMITED)
     study = palpate.Study(graph, {"ball.radius": law}, KEEP[:1], samples=5, seed=seed, design="random")
@@ -256,14 +256,14 @@ def test_a_list_may_begin_with_a_value_out_of_range(write, pool, tmp_path):
         ({"ball.radius": [-1e-3]}, "found -0.001. Expected float > 0.0"),
     ],
 )
-def test_what_no_value_can_cure_is_told_before_anything_runs(write, over, said):
+def test_an_error_independent_of_the_values_is_reported_before_anything_runs(write, over, said):
     samples = 4 * any(isinstance(value, dict) for value in over.values())
     with pytest.raises(GraphError, match=re.escape(said)) as raised:
         palpate.Study(write("ball.yaml", LIMITED), over, KEEP, samples=samples, seed=1)
     assert len(raised.value.faults) == 1
 
 
-def test_a_long_point_holds_up_no_other(ball, pool, tmp_path):
+def test_a_long_point_delays_no_other_point(ball, pool, tmp_path):
     """It is started first, on one of two workers: the short ones come on the other."""
     gate, order = tmp_path / "gate", []
     points = [(str(gate), 1e4), *(("", 1e3 * k) for k in range(1, 13))]
@@ -278,7 +278,7 @@ def test_a_long_point_holds_up_no_other(ball, pool, tmp_path):
     assert order[-1] == 0 and len(order) == 13 and not study.table()["error"].any()
 
 
-def test_ctrl_c_keeps_what_is_done(ball, pool, tmp_path):
+def test_ctrl_c_keeps_the_finished_points(ball, pool, tmp_path):
     study, done = palpate.Study(ball, {"ball.pause": list(np.arange(10) * 0.01)}, KEEP), []
 
     def interrupt(point, computed, left):
@@ -311,7 +311,7 @@ def test_a_full_disk_ends_the_study_and_loses_nothing(ball, pool, tmp_path):
     assert not more.table()["error"].any()
 
 
-def test_a_full_disk_under_a_point_is_no_fault_of_the_point(ball, tmp_path):
+def test_a_full_disk_is_not_an_error_of_the_point(ball, tmp_path):
     study = palpate.Study(ball, OVER, KEEP)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
@@ -322,7 +322,7 @@ def test_a_full_disk_under_a_point_is_no_fault_of_the_point(ball, tmp_path):
     assert done.lost and not done.error
 
 
-def test_two_studies_do_not_write_one_folder(ball, pool, tmp_path):
+def test_two_studies_cannot_write_to_one_folder(ball, pool, tmp_path):
     held = Store(tmp_path)
     with pytest.raises(RunError, match="another process writes this study"):
         palpate.Study(ball, OVER, KEEP).run(tmp_path, pool)
@@ -337,7 +337,7 @@ def test_a_worker_with_other_versions_computes_nothing(ball, pool, tmp_path):
         study.run(tmp_path, pool)
 
 
-def test_whole_recordings_on_wish(ball, pool, tmp_path):
+def test_complete_recordings_are_optional(ball, pool, tmp_path):
     study = palpate.Study(ball, {"ball.young": [1e4, 2e4]}, ["peak ball.force", "recording"])
     study.run(tmp_path, pool)
     for force, name in study.table()[["peak ball.force", "recording"]].to_numpy():
@@ -345,7 +345,7 @@ def test_whole_recordings_on_wish(ball, pool, tmp_path):
     assert len(list((tmp_path / "recordings").iterdir())) == 2
 
 
-def test_what_is_stored_opens_with_other_tools(ball, pool, tmp_path):
+def test_stored_results_open_with_other_tools(ball, pool, tmp_path):
     palpate.Study(ball, OVER, KEEP).run(tmp_path, pool)
     table = pyarrow.parquet.read_table(tmp_path / "points.parquet")
     assert table.column_names == ["key", "base", "slot", *sorted([*KEEP[:3], *OVER]), "error"]
@@ -382,26 +382,26 @@ def test_pictures_of_numbers_and_curves(ball, pool, tmp_path):
     pyplot.close("all")
 
 
-def test_what_varies_has_its_unit():
+def test_varied_settings_have_their_unit():
     rates = palpate.Study("kidney", {"rate": [500, 1000]}, duration=0.1)
     assert rates.labelled("rate") == "rate [Hz]"
     other = {"tissue.use": ["deformation.ReducedFE"], "tissue.young": [1e4, 2e4]}  # which the graph's own body lacks
     assert palpate.Study("kidney", other, duration=0.1).labelled("tissue.young") == "tissue.young [Pa]"
 
 
-def test_a_value_that_no_graph_takes_leaves_the_unit_to_the_others():
+def test_an_invalid_value_does_not_change_the_unit():
     study = palpate.Study("kidney", {"tissue.stiffness": [2e3, 3e3, -1.0]}, duration=0.1)
     assert study.labelled("tissue.stiffness") == "tissue.stiffness [N/m^n]"
 
 
-def test_units_of_a_graph_that_was_changed_since_are_not_left_out_in_silence(ball):
+def test_missing_units_of_a_changed_graph_are_reported(ball):
     study = palpate.Study(ball, {"ball.young": [1e4, 2e4]}, KEEP)
     ball.write_text(BALL.replace("Ball}", "Bull}"), encoding="utf-8")
     with pytest.raises(PalpateError, match="has no class 'Bull'"):
         _ = study.units
 
 
-def test_long_values_stand_by_their_number_in_legends(ball, pool, tmp_path):
+def test_long_values_are_replaced_by_their_number_in_legends(ball, pool, tmp_path):
     flags = [str(tmp_path / f"{'long' * 20}{number}") for number in (1, 2)]
     study = palpate.Study(ball, {"ball.young": [1e4, 2e4], "ball.flag": flags}, KEEP).run(tmp_path / "out", pool)
     (axes,) = study.plot("peak ball.force").axes

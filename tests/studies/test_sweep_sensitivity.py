@@ -84,7 +84,7 @@ def test_the_intervals_narrow_with_the_samples():
 
 
 @pytest.mark.parametrize("samples", [16, 64])
-def test_the_intervals_hold_the_index_as_often_as_they_say(samples):
+def test_the_intervals_have_their_nominal_coverage(samples):
     """Of a linear law, whose indices are the shares of the squares: 95 % of all, by resampling of few samples less."""
     weights = np.array([1.57, 0.07, 0.43, 0.23, 0.76, 1.0, 0.5, 0.3, 1.2, 0.9, 0.1, 0.6])
     names = [f"x{k}" for k in range(len(weights))]
@@ -97,7 +97,7 @@ def test_the_intervals_hold_the_index_as_often_as_they_say(samples):
     assert 0.9 <= held.mean() <= 0.99 and held.min() >= 0.7, held
 
 
-def test_a_seed_gives_the_same_indices_also_when_it_is_zero():
+def test_equal_seeds_give_equal_indices_also_seed_zero():
     for method in ("sobol", "morris"):
         points = [cube(method, 3, 64, seed) for seed in (0, 0, 1)]
         assert (points[0] == points[1]).all() and (points[0] != points[2]).any()
@@ -105,14 +105,14 @@ def test_a_seed_gives_the_same_indices_also_when_it_is_zero():
         assert found[0] == found[1]
 
 
-def test_of_what_never_changes_no_parameter_matters():
+def test_a_constant_result_has_zero_indices():
     drawn = space(RANGES, "sobol", 64)
     found = indices("sobol", list(RANGES), drawn.cube, np.full(len(drawn), 2.0), seed=1)
     assert all(value == 0.0 for one in found for value in one.values())
 
 
 @pytest.mark.long
-def test_a_study_tells_the_exponents_of_hertz(write, tmp_path):
+def test_a_study_finds_the_exponents_of_hertz(write, tmp_path):
     """Over 1 % of range the effects of Morris are force times exponent times 1 %, whatever is crossed with them."""
     ranges = {"young": (1e4, 1.01e4), "radius": (8e-3, 8.08e-3), "depth": (1e-3, 1.01e-3)}
     over = {f"ball.{name}": {"uniform": list(ends)} for name, ends in ranges.items()} | {"ball.poisson": [0.3, 0.5]}
@@ -158,12 +158,12 @@ def test_failed_points_leave_no_indices(write, tmp_path):
         (64, "sobol", 1, "two of each or more"),
     ],
 )
-def test_samples_that_a_method_cannot_have(samples, method, names, said):
+def test_invalid_numbers_of_samples_are_errors(samples, method, names, said):
     with pytest.raises(ArgumentError, match=said):
         len(space({f"x{k}": (0, 1) for k in range(names)}, method, samples))
 
 
-def test_no_bar_says_that_more_than_all_of_the_variance_has_one_cause():
+def test_no_bar_is_longer_than_the_total_variance():
     """Sobol's estimates from few samples may lie outside of 0 to 1; their intervals are drawn where they are."""
     pandas, figures = pytest.importorskip("pandas"), pytest.importorskip("matplotlib.figure")
     from palpate.studies.sweeps.picture import _shares

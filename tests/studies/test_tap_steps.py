@@ -26,14 +26,14 @@ def test_a_tap_at_1_khz_is_within_3_percent(form, tap):
 
 
 @pytest.mark.parametrize("form", LIMITED)
-def test_a_corner_costs_no_more_than_with_implicit_euler(form):
+def test_a_corner_has_no_larger_error_than_with_implicit_euler(form):
     fine = tap_steps.reference("press that stops")
     assert tap_steps.error("press that stops", form, 1000, fine)[1] < 3e-3
     assert tap_steps.error("press that stops", "BDF2", 1000, fine)[1] > 0.05
 
 
 @pytest.mark.parametrize("form", LIMITED)
-def test_closed_motions_take_work_and_no_force_pulls(form):
+def test_closed_motions_dissipate_energy_without_adhesive_force(form):
     assert tap_steps.least_work(form, 60) > 0.5
     random = np.random.default_rng(7)
     force = tap_steps.pressed(0.02 * random.random(500) - 0.005, 1e-3, 270.0, 0.02, *tap_steps.FORMS[form])

@@ -38,25 +38,25 @@ ALL = [FAST, BROKEN, MIDDLE, BEST]
         (Goal(80e-6, 0.02), None),
     ],
 )
-def test_the_most_accurate_that_keeps_the_budget_or_the_cheapest_that_keeps_the_error(goal, chosen):
+def test_the_choice_is_the_most_accurate_within_the_budget_or_the_cheapest_within_the_error(goal, chosen):
     assert pick(ALL, goal) is chosen
 
 
 @pytest.mark.parametrize(
     ("text", "share"), [("2 % force", (0.02, "force")), ("0.5% shape", (0.005, "shape")), ("3 %", (0.03, "force"))]
 )
-def test_an_error_is_a_share_of_a_quantity(text, share):
+def test_an_error_is_a_fraction_of_a_quantity(text, share):
     limit, quantity = read_error(text, QUANTITIES)
     assert (pytest.approx(limit), quantity) == share
 
 
 @pytest.mark.parametrize("text", ["2", "force", "-1 % force", "2 % colour", "nan % force"])
-def test_an_error_that_is_none_is_told(text):
+def test_an_invalid_error_bound_is_reported(text):
     with pytest.raises(ArgumentError, match="such as '2 % force'"):
         read_error(text, QUANTITIES)
 
 
-def test_a_graph_without_a_body_is_told():
+def test_a_graph_without_a_body_is_an_error():
     with pytest.raises(ArgumentError, match="expected one deformable body"):
         body_of(find("softness").load())
 
@@ -68,7 +68,7 @@ def test_candidates_are_every_model_at_every_fidelity():
     assert all_of_them[0].overrides == {"tissue.use": "deformation.ReducedFE"}
 
 
-def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):
+def test_the_written_file_is_a_launch_file_with_the_choice(tmp_path):
     launch = find("kidney").but(duration=0.5, overrides=["scene.tissue.friction=false"])
     write(launch, MIDDLE.overrides, ["why"], tmp_path / "tuned.yaml")
     assert (tmp_path / "tuned.yaml").read_text().startswith("# why\n")
@@ -80,7 +80,7 @@ def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):
     assert yaml.safe_load((tmp_path / "tuned.yaml").read_text())["set"]["scene.tissue.friction"] is False
 
 
-def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypatch):
+def test_the_predicted_cost_is_compared_with_the_measured_one(tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "bodies", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1, 5))
@@ -97,7 +97,7 @@ def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypa
     assert CliRunner().invoke(app, ["check", str(tmp_path / "t.yaml")]).exit_code == 0
 
 
-def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
+def test_a_bound_that_no_candidate_keeps_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "bodies", lambda: ["deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1,))
@@ -125,7 +125,7 @@ wanted: [waits]
 """
 
 
-def test_the_price_is_processor_time_and_the_clock_stands_beside_it(write, tmp_path):
+def test_the_cost_is_processor_time_next_to_wall_time(write, tmp_path):
     """A node that does not have the processor for 4 ms of each step, as one that other programs interrupt."""
     recording = record_touch(find(str(write("waits.yaml", WAITS))).but(duration=0.05), tmp_path / "t.mcap")
     base, variant = compare(recording, [[]], reference=[])
@@ -135,7 +135,7 @@ def test_the_price_is_processor_time_and_the_clock_stands_beside_it(write, tmp_p
     assert Goal(2e-3, None).met_by(replace(one, error=0.0))
 
 
-def test_the_slowest_node_beside_the_body_is_found(tmp_path):
+def test_the_slowest_node_other_than_the_body_is_found(tmp_path):
     launch = find("nodule").but(duration=1.0)
     recording = record_touch(launch, tmp_path / "t.mcap")
     base = Evaluation({"tissue.use": "deformation.MassSpring"})
@@ -145,14 +145,14 @@ def test_the_slowest_node_beside_the_body_is_found(tmp_path):
     assert 0.0 < one.slowest[1] < 1.0
 
 
-def test_a_touch_that_touches_nothing_is_told_instead_of_an_error_of_zero(tmp_path):
+def test_a_touch_without_contact_is_an_error_and_has_no_error_of_zero(tmp_path):
     given = ["tune", "fingertip", "--duration", "0.1 s", "--budget", "1 s", "-o", str(tmp_path / "t.yaml")]
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 2
     assert "try a longer touch: --duration" in " ".join(ran.output.split())
 
 
-def test_a_reason_that_settings_share_is_told_once(tmp_path, monkeypatch):
+def test_a_reason_common_to_several_settings_is_reported_once(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(tune, "bodies", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
@@ -167,13 +167,13 @@ def test_a_reason_that_settings_share_is_told_once(tmp_path, monkeypatch):
     assert "MassSpring, 1000 vertices, whose error is unknown." in text
 
 
-def test_it_asks_for_a_budget_or_an_error():
+def test_a_budget_or_an_error_bound_is_required():
     ran = CliRunner().invoke(app, ["tune", "kidney"])
     assert ran.exit_code == 2
     assert "--budget" in ran.output
 
 
-def test_what_a_reference_is_itself_off_by_stands_beside_the_differences_from_it():
+def test_the_error_of_a_reference_is_shown_next_to_the_differences_from_it():
     kidney = find("kidney")
     reduced = kidney.but(overrides=["tissue.use=deformation.ReducedFE"]).load()
     assert 0.01 <= known_error(reduced) < 0.05 and "force error of ReducedFE itself: " in error_sentence(reduced)
@@ -192,7 +192,7 @@ def test_what_a_reference_is_itself_off_by_stands_beside_the_differences_from_it
         ["bench", "accuracy", "--quick", "--touch", "plate"],
     ],
 )
-def test_a_place_that_cannot_be_written_is_refused_before_minutes_of_work(tmp_path, monkeypatch, words):
+def test_an_output_path_without_write_permission_is_an_error_before_the_computation(tmp_path, monkeypatch, words):
     (tmp_path / "file").write_text("")
     for work in ("tune.tune", "rates.rates", "fit_body.fit_body", "accuracy.cells.compute"):
         monkeypatch.setattr(f"palpate.studies.{work}", lambda *given, **more: pytest.fail("it computes first"))

@@ -26,14 +26,14 @@ def test_a_cylinder_between_frictionless_plates_is_in_uniaxial_stress():
     assert compressed(law, False, 3) == approx(expected, rel=2e-3)
 
 
-def test_a_bonded_cylinder_is_stiffer_as_its_shape_factor_says():
+def test_a_bonded_cylinder_has_the_stiffness_of_its_shape_factor():
     """1 + 2 S², S = D/4H, is good to some percent (A. N. Gent, P. B. Lindley, Proc. IMechE 173 (1959) 111-122)."""
     law = neo_hooke(3e4, 0.499)
     ratio = compressed(law, True, 10, DEPTHS[:1]) / compressed(law, False, 3, DEPTHS[:1])
     assert ratio == approx(1.0 + 2.0 * (RADIUS / 2.0 / HEIGHT) ** 2, rel=0.05)
 
 
-def test_a_bonded_cylinder_is_that_of_the_tetrahedra():
+def test_a_bonded_cylinder_agrees_with_the_tetrahedra():
     """A quarter of the upper half, its square mapped to a disc; both converge to the same force from above."""
     law = neo_hooke(3e4, 0.45)
     block = box((1.0, 1.0, 1.0), (3, 3, 3))

@@ -23,7 +23,7 @@ def made(mixed=False):
 
 
 @pytest.mark.parametrize("mixed", [False, True])
-def test_forces_are_the_slope_of_the_energy_and_the_tangent_is_theirs(mixed):
+def test_forces_are_the_derivative_of_the_energy_and_the_tangent_that_of_the_forces(mixed):
     mesh, laws, bed, u = made(mixed)
     body, way = ElasticBody(mesh, laws, [bed]), np.random.default_rng(4).standard_normal(mesh.points.shape)
     h = 1e-8
@@ -67,7 +67,7 @@ def test_an_inverted_displacement_has_no_forces_and_an_inverted_mesh_is_refused(
         ElasticBody(mesh, laws)
 
 
-def test_the_digest_knows_every_part():
+def test_the_digest_depends_on_every_part():
     mesh, laws, bed, _ = made()
     usual = ElasticBody(mesh, laws, [bed]).digest()
     assert ElasticBody(mesh, laws, [ElasticFoundation(bed.faces, 4e5)]).digest() == usual

@@ -69,7 +69,7 @@ def test_a_modulus_off_by_a_thousand_is_noticed():
     Solver(CUBE, {0: hencky(200e9, 0.3)}, clamped(CUBE))  # steel is a material
 
 
-def test_the_modulus_of_an_own_law_is_checked_too():
+def test_the_modulus_of_a_custom_law_is_checked():
     @numba.njit
     def slack(F, J, p, P, A):
         P[:], A[:] = 0.0, 0.0
@@ -104,7 +104,7 @@ def test_an_inverted_flat_or_bent_element_is_named_with_its_place():
         Solver(TetMesh(bent, CUBE.elements), {0: SOFT}, clamped(CUBE))
 
 
-def test_points_and_nodes_that_are_none_are_named():
+def test_invalid_points_and_nodes_are_named():
     broken = CUBE.points.copy()
     broken[5, 1] = np.nan
     with pytest.raises(MeshError, match=r"point 5: found \[.*nan.*\], expected finite numbers"):
@@ -120,7 +120,7 @@ def test_points_and_nodes_that_are_none_are_named():
         TetMesh(CUBE.points, CUBE.elements, np.zeros(2, dtype=int))
 
 
-def test_a_face_of_three_elements_is_no_solid():
+def test_a_face_of_three_elements_is_an_error():
     twice = np.concatenate([CUBE.elements, CUBE.elements[:1], CUBE.elements[:1]])
     with pytest.raises(MeshError, match=r"the face of nodes \[.*\] belongs to more than two elements"):
         _ = TetMesh(CUBE.points, twice).faces
@@ -137,7 +137,7 @@ def test_a_mask_of_another_shape_or_type_is_refused():
             Solver(CUBE, {0: SOFT}, wrong)
 
 
-def test_pieces_that_double_nodes_part_are_named():
+def test_pieces_separated_by_double_nodes_are_named():
     """Two boxes one on the other, their common nodes never merged: the upper one hangs on nothing."""
     points = np.concatenate([CUBE.points, CUBE.points + (0, 0, 1.0)])
     mesh = TetMesh(points, np.concatenate([CUBE.elements, CUBE.elements + 27]))
@@ -193,7 +193,7 @@ def test_a_second_body_that_nothing_touches_is_refused():
         pressed_from_above(mesh, fixed).advance(1.0)
 
 
-def test_a_bed_holds_a_body_and_plates_do_against_all_but_sliding():
+def test_an_elastic_foundation_holds_a_body_and_plates_hold_it_except_against_sliding():
     below = CUBE.faces[(CUBE.points[CUBE.faces][:, :, 2] < 1e-9).all(axis=1)]
     free = np.zeros((27, 3), dtype=bool)
     laid = pressed_from_above(CUBE, free, ElasticFoundation(below, 1e5))
@@ -209,7 +209,7 @@ def test_a_bed_holds_a_body_and_plates_do_against_all_but_sliding():
     assert body.contacts[1].force[2] == approx(-body.contacts[0].force[2], rel=1e-4) and body.load == 1.0
 
 
-def test_a_contact_that_cannot_be_is_refused():
+def test_an_invalid_contact_is_an_error():
     place = np.zeros(3)
     for wrong in (-0.1, np.nan, np.inf):
         with pytest.raises(ValueError, match=r"friction .*: expected a number >= 0"):
@@ -265,7 +265,7 @@ def squeezed():
     return body, up
 
 
-def test_a_step_that_cannot_converge_says_where_and_keeps_the_last_state(tmp_path):
+def test_a_diverged_step_names_its_load_and_keeps_the_last_state(tmp_path):
     body, up = squeezed()
     kept = []
     with pytest.raises(ConvergenceError, match=r"load step from .* at (node \d+, )?\(.*\) m.* is kept"):

@@ -45,7 +45,7 @@ def factored(monkeypatch):
     return counts
 
 
-def test_directions_leave_no_more_than_they_say_and_the_factor_is_kept_while_it_helps(factored):
+def test_directions_keep_their_residual_bound_and_the_factor_is_reused_while_useful(factored):
     mesh, body, fixed, rhs = held_block()
     made = Tangent(mesh.points, mesh.elements, fixed)
     shear = np.outer(mesh.points[:, 2], (1.0, 0.5, -0.3))
@@ -67,7 +67,7 @@ def test_directions_leave_no_more_than_they_say_and_the_factor_is_kept_while_it_
 
 
 @pytest.mark.parametrize("kept", [False, True])
-def test_the_unsymmetric_part_is_solved_with_whatever_factor(kept):
+def test_the_unsymmetric_part_is_solved_with_any_factor(kept):
     mesh, body, fixed, rhs = held_block()
     made = Tangent(mesh.points, mesh.elements, fixed)
     data = body.tangent(np.zeros_like(rhs))
@@ -99,7 +99,7 @@ def bent(slices):
     return float(body.displacement[end, 2].mean()) / (0.01 * length), body.iterations
 
 
-def test_what_single_precision_cannot_factor_is_factored_in_double(factored):
+def test_double_precision_is_used_where_single_precision_cannot_factor(factored):
     """The condition of a bar of 400 slices is some 1e10."""
     deflection, iterations = bent(400)
     assert deflection == approx(1.0, abs=5e-3)
@@ -110,7 +110,7 @@ def test_what_single_precision_cannot_factor_is_factored_in_double(factored):
     assert factored["double"] == 0
 
 
-def test_conjugate_gradients_end_where_they_are_not_worth_while():
+def test_conjugate_gradients_end_where_they_do_not_pay():
     rng = np.random.default_rng(2)
     n = 400
     vectors, _ = np.linalg.qr(rng.standard_normal((n, n)))
@@ -134,7 +134,7 @@ def test_conjugate_gradients_end_where_they_are_not_worth_while():
 
 
 @pytest.mark.parametrize("shape", [(6, 6, 6), (14, 4, 3)])
-def test_the_directions_that_are_tried_cut_about_as_well_as_all(shape, monkeypatch):
+def test_the_tried_directions_reduce_the_residual_about_as_well_as_all(shape, monkeypatch):
     mesh = box((0.01 * shape[0], 0.01 * shape[1], 0.01 * shape[2]), shape)
     turned = mesh.points @ np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
     sparsity = tangent.pattern(len(mesh.points), mesh.elements)

@@ -59,7 +59,7 @@ def evaluate(mesh, material, u, tangent=True):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_force_is_the_slope_of_the_energy_and_the_tangent_the_slope_of_the_force(name):
+def test_the_force_is_the_derivative_of_the_energy_and_the_tangent_that_of_the_force(name):
     mesh, rng = skewed(), np.random.default_rng(2)
     u = 0.02 * rng.standard_normal(mesh.points.shape)
     v = rng.standard_normal(u.shape)
@@ -116,7 +116,7 @@ def test_uniaxial_stress_of_the_dermis(stretch, stress, volume):
         assert stretch * width**2 == approx(volume, abs=1e-3)
 
 
-def test_an_own_law_is_one_function():
+def test_a_custom_law_is_one_function():
     @numba.njit
     def gent(F, J, p, P, A):
         shear, limit, bulk = p
@@ -212,7 +212,7 @@ def test_the_logarithmic_strain_of_series_and_of_eigenvectors_is_one():
         assert approx(0.5 * logm(F.T @ F), abs=1e-9 * size) == E
 
 
-def test_hencky_stress_alone_is_that_beside_the_tangent():
+def test_hencky_stress_alone_equals_that_computed_with_the_tangent():
     rng, law = np.random.default_rng(9), hencky(1e4, 0.3)
     for size in (1e-3, 0.05, 0.15, 0.4):
         F = np.eye(3) + size * rng.uniform(-1.0, 1.0, (3, 3))
@@ -268,7 +268,7 @@ def test_the_element_that_a_law_takes_is_of_third_order_in_smooth_fields(poisson
     assert np.log2(errors[0] / errors[1]) > 2.7
 
 
-def test_one_rule_says_which_element_a_law_takes():
+def test_one_rule_chooses_the_element_of_a_law():
     for law in (neo_hooke, hencky, linear):
         assert [law(1e4, ratio).mixed for ratio in (0.3, 0.45, 0.4699, 0.47, 0.4999)] == [
             False,

@@ -33,7 +33,7 @@ def test_the_stiffening_skin_is_neo_hookean_at_small_strain_and_stiffer_at_large
     assert stiff[1] > 1.03 * plain[1]
 
 
-def test_the_page_runs_as_it_stands(capsys):
+def test_the_code_of_the_page_runs_unchanged(capsys):
     code = re.search(r"```python\n(.*?)```", (DOCS / "finite_elements.md").read_text(), re.DOTALL).group(1)
     exec(compile(code, "finite_elements.md", "exec"), {})
     assert "nan" not in capsys.readouterr().out

@@ -51,7 +51,7 @@ def least_determinant(points):
     return float(np.linalg.det(np.einsum("ai,nak->nik", points, natural)).min())
 
 
-def test_elements_are_told_by_the_sign_of_their_determinant_anywhere():
+def test_inverted_elements_are_found_by_the_sign_of_their_determinant_anywhere():
     rng, straight = np.random.default_rng(3), element(((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)))
     printed = {True: 0, False: 0}
     for size in np.linspace(0.02, 0.3, 120):
@@ -90,7 +90,7 @@ def held(size, young):
     return Solver(mesh, {0: neo_hooke(young, 0.4)}, np.repeat(mesh.points[:, 2:] < 1e-9 * size, 3, axis=1))
 
 
-def test_a_cube_of_metres_and_a_modulus_in_kilopascals_are_told():
+def test_a_cube_of_metres_and_a_modulus_in_kilopascals_are_errors():
     with pytest.raises(MeshError, match=r"7\.794 m across.*points \* 1e-3"):
         held(4.5, 1e4)
     with pytest.raises(MaterialError, match=r"Young's modulus 19 Pa.*19 kPa is 1\.9e\+04 Pa"):
@@ -158,7 +158,7 @@ def same(copy, mesh):
     assert copy.points[copy.elements] == approx(mesh.points[mesh.elements], abs=1e-9)
 
 
-def test_a_vtk_file_comes_back_with_its_regions(tmp_path):
+def test_a_vtk_file_is_read_with_its_regions(tmp_path):
     pytest.importorskip("meshio")
     mesh = layered()
     write_vtu(tmp_path / "block.vtu", mesh)
@@ -168,7 +168,7 @@ def test_a_vtk_file_comes_back_with_its_regions(tmp_path):
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_gmsh_and_abaqus_files_come_with_named_regions_in_their_unit(tmp_path, order):
+def test_gmsh_and_abaqus_files_are_read_with_named_regions_in_their_unit(tmp_path, order):
     meshio = pytest.importorskip("meshio")
     mesh = layered()
     cells = mesh.elements if order == 2 else mesh.elements[:, :4]
@@ -191,7 +191,7 @@ def test_gmsh_and_abaqus_files_come_with_named_regions_in_their_unit(tmp_path, o
     same(copy, mesh)
 
 
-def test_files_that_are_no_meshes_are_told(tmp_path, monkeypatch):
+def test_files_that_are_not_meshes_are_errors(tmp_path, monkeypatch):
     meshio = pytest.importorskip("meshio")
     with pytest.raises(MeshError, match=r"gone\.msh: the file does not exist"):
         read_mesh(tmp_path / "gone.msh")

@@ -80,7 +80,7 @@ def test_turning_everything_together_changes_nothing_but_the_direction():
     assert body.displacement == approx((mesh.points + u) @ turn.T - mesh.points, abs=2e-4)
 
 
-def test_a_plate_that_turns_on_a_block_drags_every_point_against_its_own_motion():
+def test_a_plate_that_turns_on_a_block_drags_every_point_against_its_motion():
     def path(load):
         return np.array([0.5, 0.5, 0.5 - 0.03 * min(load, 1.0)]), turned((0, 0, 1), 0.8 * max(load - 1.0, 0.0))
 
@@ -110,7 +110,7 @@ def test_a_ball_that_rolls_is_dragged_far_less_than_one_that_slides():
     assert abs(rolling) < 0.25 * sliding
 
 
-def test_a_path_that_is_none_is_refused_with_its_load():
+def test_an_invalid_path_is_an_error_with_its_load():
     for wrong, text in (
         (lambda load: np.zeros(2), r"expected a position"),
         (lambda load: np.full(3, np.nan), r"path at load 0: .*all finite"),
@@ -150,7 +150,7 @@ def test_a_step_does_not_carry_an_indenter_through_the_body():
     assert body.displacement[:, 2].min() == approx(-deep, rel=0.1)
 
 
-def test_a_step_too_long_says_where_the_indenter_would_pass():
+def test_an_error_of_a_too_long_step_names_the_load_where_the_indenter_would_pass():
     mesh = box((1.0, 1.0, 0.5), (3, 3, 2))
     fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
     steps = Settings(step=1.0, largest=1.0, least=0.9)
@@ -168,7 +168,7 @@ def test_a_step_too_long_says_where_the_indenter_would_pass():
         assert not body.displacement.any()
 
 
-def test_a_long_slide_is_no_leap():
+def test_a_long_slide_is_not_an_error_of_a_too_long_step():
     body, touch = pressed(
         sphere, (0.3,), lambda load: np.array([0.4 + 0.2 * max(load - 1.0, 0.0), 0.5, 0.8 - 0.06 * min(load, 1.0)])
     )

@@ -47,13 +47,13 @@ def test_a_step_ends_in_balance_with_the_points_that_touch_at_its_end(seed):
     assert traction == approx(right, abs=1e-8)
 
 
-def test_where_nothing_switches_the_step_stands():
+def test_a_step_without_switching_is_unchanged():
     elastic, _, points = linear_contact(1)
     change, traction = switched(points, np.zeros(12), lambda forces: np.linalg.solve(elastic, forces))
     assert (change == 0.0).all() and traction == approx(np.maximum(points.level, 0.0))
 
 
-def test_what_only_the_parting_points_hold_keeps_newton_s_step():
+def test_a_body_held_by_separating_points_alone_keeps_the_newton_step():
     rows = csr_array(np.array([[1.0, 0.0]]))
     points = Switching(rows, np.array([1.0]), np.array([10.0]), np.array([1.0]))
     tangent = np.diag([10.0, 1.0])  # the first component is held by the point alone
@@ -62,7 +62,7 @@ def test_what_only_the_parting_points_hold_keeps_newton_s_step():
     assert change == approx(step)
 
 
-def test_points_of_several_contacts_stand_one_after_the_other():
+def test_points_of_several_contacts_are_concatenated():
     one, two = linear_contact(1)[2], linear_contact(2)[2]
     both = joined([one, two])
     assert both.rows.shape == (18, 12) and (both.rows[9:].toarray() == two.rows.toarray()).all()
@@ -82,13 +82,13 @@ def pressed_by_a_ball(poisson, cells):
     return body, touch
 
 
-def test_a_ball_goes_deep_in_few_iterations():
+def test_a_deep_press_of_a_ball_takes_few_iterations():
     body, touch = pressed_by_a_ball(0.3, 8)
     assert touch.force[2] == approx(-0.3569, rel=4e-3)  # with the points that touch found step by step: 62 iterations
     assert body.iterations <= 36
 
 
 @pytest.mark.long
-def test_a_ball_goes_deep_into_what_keeps_its_volume():
+def test_a_ball_is_pressed_deep_into_a_nearly_incompressible_body():
     body, _ = pressed_by_a_ball(0.49999, 8)
     assert body.iterations <= 140  # took 710 for the first 22 % of the way

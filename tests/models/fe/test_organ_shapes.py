@@ -33,7 +33,7 @@ def enclosed(mesh):
     return np.einsum("ij,ij->", mesh.face_vectors, corner[:, 0]) / 6
 
 
-def test_the_origin_is_taken_where_it_sees_everything():
+def test_the_origin_is_a_point_that_sees_the_whole_surface():
     assert (seen_from(surface_mesh("kidney", 300)) == 0.0).all()
 
 
@@ -46,7 +46,7 @@ def ball():
 
 
 @pytest.mark.parametrize("shift", [_long(0.4, -0.2, 0.3), _long(0.0, 0.0, 0.05), (-20.0, 3.0, 1.0)])
-def test_a_ball_elsewhere_is_seen_from_its_centre_and_as_soft(shift):
+def test_a_translated_ball_is_seen_from_its_centre_and_has_the_same_stiffness(shift):
     mesh, here, trace = ball()
     other = Mesh(mesh.vertices + shift, mesh.triangles)
     assert seen_from(other) == approx(mesh.vertices.mean(axis=0) + shift, abs=2e-3)
@@ -55,7 +55,7 @@ def test_a_ball_elsewhere_is_seen_from_its_centre_and_as_soft(shift):
     assert np.trace(of_organ(there).compliance()) == approx(trace, rel=5e-3)
 
 
-def test_no_point_sees_all_of_a_ring_and_it_is_meshed_anew():
+def test_a_ring_without_a_point_that_sees_all_is_meshed_again():
     ring = torus()
     assert seen_from(ring) is None
     mesh, surface = solid(ring)
@@ -87,7 +87,7 @@ def softness(compliance, surface, foot, radius):
     return load @ compliance @ load
 
 
-def test_both_ways_to_fill_a_kidney_agree(monkeypatch):
+def test_both_methods_to_fill_a_kidney_agree(monkeypatch):
     kidney = surface_mesh("kidney", 100)
     shells = Organ(kidney)
     monkeypatch.setattr("palpate.models.fe.meshing.organ.seen_from", lambda surface: None)
@@ -99,7 +99,7 @@ def test_both_ways_to_fill_a_kidney_agree(monkeypatch):
     assert compliances[1] == approx(compliances[0], rel=0.02)
 
 
-def test_what_cannot_be_filled_is_refused(monkeypatch):
+def test_a_shape_that_cannot_be_filled_is_an_error(monkeypatch):
     ring = torus()
     with pytest.raises(MeshError, match="normals point inwards"):
         Organ(Mesh(ring.vertices, ring.triangles[:, ::-1]))

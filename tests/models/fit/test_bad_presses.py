@@ -84,7 +84,7 @@ FLAWS = [
 
 @pytest.mark.parametrize(("flaw", "word"), FLAWS)
 @pytest.mark.parametrize("way", range(len(WAYS)))
-def test_a_flaw_is_said_and_the_interval_has_the_truth_or_is_withheld(way, flaw, word):
+def test_a_flaw_is_reported_and_the_interval_contains_the_true_value_or_is_missing(way, flaw, word):
     how = WAYS[way] | flaw
     fit = fitted(**how)
     own, truth = fit.estimate.intervals["young"], how.get("young", 7300.0)
@@ -98,7 +98,7 @@ def test_a_flaw_is_said_and_the_interval_has_the_truth_or_is_withheld(way, flaw,
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
-def test_good_presses_say_nothing(correlation):
+def test_good_presses_have_no_warnings(correlation):
     """How often they do in many more: benchmarks/fit_coverage.py."""
     output_text = 0
     for seed in range(8):
@@ -117,7 +117,7 @@ def test_a_plateau_under_noise_is_left_out(correlation):
     assert 0.9 * begins < fit.presses[0].depth.max() < 1.05 * begins
 
 
-def test_rows_beyond_the_reach_of_the_law_are_left_out_with_a_note():
+def test_rows_beyond_the_range_of_the_law_are_left_out_with_a_note():
     fit = fitted(depth=1.2e-3)
     (note,) = (note for note in fit.notes if "deeper rows" in note)
     assert "law hertz is valid to 0.8 mm" in note
@@ -143,7 +143,7 @@ def noisy(slopes, correlation, rng, n=200):
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9])
-def test_noise_alone_is_said_to_be_chance_as_often_as_it_is(correlation):
+def test_noise_alone_has_the_nominal_rate_of_false_alarms(correlation):
     rng, tries = np.random.default_rng(5), 100
     found = [noisy(0.0, correlation, rng) for _ in range(tries)]
     for name in ("bend", "wave"):
@@ -165,7 +165,7 @@ def test_drift_and_a_late_start_are_corrected_in_several_presses_at_once():
     assert [note.split(":")[0] for note in fit.notes] == ["0.csv", "1.csv", "2.csv"]
 
 
-def test_hertz_says_how_thick_the_tissue_must_be():
+def test_hertz_reports_the_required_thickness_of_the_tissue():
     (text,) = (text for text in fitted().open_ if "thickness" in text)
     least = 1e-3 * float(text.split("thinner than ")[1].split(" mm")[0])
     assert factor(math.sqrt(RADIUS * 0.7e-3) / least) == approx(1.1, abs=0.01)
@@ -177,7 +177,7 @@ def test_hertz_says_how_thick_the_tissue_must_be():
 @pytest.mark.parametrize(
     ("seconds", "rate"), [("0.9 s", 1000), pytest.param("1.8 s", 500, marks=pytest.mark.long)]
 )  # fmt: skip
-def test_what_a_damped_press_leaves_open_is_said(tmp_path, seconds, rate):
+def test_parameters_that_a_damped_press_does_not_determine_are_reported(tmp_path, seconds, rate):
     """The shipped kidney is damped, so its loading curve depends on the rate. True law: 3000 N/m^1.5, exponent 1.5."""
     sets = ["scene.surface.vertices=200", f"rate={rate}"]
     file = palpate.run("kidney", record=tmp_path / "press.mcap", sets=sets, duration=seconds).path
@@ -217,7 +217,7 @@ def test_a_length_without_a_unit_or_of_no_indenter_is_refused(tmp_path, radius, 
     assert not (tmp_path / "out").exists()
 
 
-def test_the_library_refuses_such_a_radius_too():
+def test_an_invalid_radius_is_an_error_in_the_library_too():
     with pytest.raises(SessionError, match="radius of a punch"):
         Rig("punch", 8.0)
 

@@ -37,7 +37,7 @@ def test_equal_sums_still_drop_two():
     assert len(kept) == 18 and len(set(dropped)) == 2
 
 
-def test_nine_folds_hold_14_2_and_2_sessions_and_test_each_once():
+def test_nine_folds_have_14_2_and_2_sessions_and_test_each_once():
     kept = np.array([i for i in range(20) if i not in (4, 11)])
     folds = make_folds(kept)
     assert len(folds) == 9
@@ -155,7 +155,7 @@ def new_sessions(seed, together):
 
 
 @pytest.mark.parametrize("together", [0.0, _long(0.3), 0.6, _long(0.9), 1.0])
-def test_the_band_holds_as_many_forces_of_a_new_session_as_it_says(together):
+def test_the_band_has_its_nominal_coverage_of_a_new_session(together):
     held = []
     for seed in range(SETS):
         forces = synthetic_sessions(seed, together=together)
@@ -165,7 +165,7 @@ def test_the_band_holds_as_many_forces_of_a_new_session_as_it_says(together):
     assert 0.942 < np.mean(held) < 0.965
 
 
-def test_the_band_holds_what_a_curve_misses():
+def test_the_band_includes_the_misfit_of_a_curve():
     """A parabola misses the published curve by up to 0.08 N, more than the scatter at 1 mm."""
     held = []
     for seed in range(SETS // 2):
@@ -175,7 +175,7 @@ def test_the_band_holds_what_a_curve_misses():
     assert 0.935 < np.mean(held) < 0.97
 
 
-def test_the_published_band_holds_fewer_than_it_says():
+def test_the_published_band_has_less_than_its_nominal_coverage():
     held = []
     for seed in range(6):
         choice = choose(DEPTHS, synthetic_sessions(seed, together=0.9), 3, "fourier", "exponential", "published")

@@ -21,7 +21,7 @@ KNOWN = {
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_noise_free_data_give_every_coefficient_back(name):
+def test_noise_free_data_recover_every_coefficient(name):
     model = MODELS[name]
     fit = fit_curve(model, DEPTHS, model(DEPTHS, KNOWN[name]))
     assert fit.parameters == approx(KNOWN[name], rel=1e-6)
@@ -31,14 +31,14 @@ def test_noise_free_data_give_every_coefficient_back(name):
 @given(
     st.floats(0.3, 4), st.floats(-3, -0.3), st.floats(-1, 1), st.floats(200, 1100),
 )  # fmt: skip
-def test_fourier_coefficients_come_back_whatever_the_period(a0, a1, b1, omega):
+def test_fourier_coefficients_are_recovered_for_any_period(a0, a1, b1, omega):
     model = MODELS["fourier"]
     fit = fit_curve(model, DEPTHS, model(DEPTHS, [a0, a1, b1, omega]))
     assert fit.parameters == approx([a0, a1, b1, omega], rel=1e-6, abs=1e-6)
 
 
 @given(st.floats(1e-3, 1.0), st.floats(-900, 900))
-def test_exponential_coefficients_come_back(a, b):
+def test_exponential_coefficients_are_recovered(a, b):
     model = MODELS["exponential"]
     y = model(DEPTHS, [a, b])
     if np.ptp(y) > 1e-6 * a:
@@ -69,7 +69,7 @@ def test_another_solver_finds_the_same_minimum_and_the_same_errors(name):
     assert fit.rmse == approx(np.sqrt(np.sum((y - fit(DEPTHS)) ** 2) / (11 - p)))
 
 
-def test_intervals_cover_the_truth_about_as_often_as_they_say():
+def test_intervals_have_about_their_nominal_coverage():
     """18 sessions whose forces err together and more so with depth."""
     random = np.random.default_rng(5)
     x, labels = np.tile(DEPTHS, 18), np.repeat(np.arange(18), 11)
@@ -86,7 +86,7 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
     assert plain / 300 < 0.85  # rows taken as independent promise too much
 
 
-def test_a_straight_line_leaves_the_period_undetermined_and_says_so():
+def test_the_undetermined_period_of_a_straight_line_is_reported():
     fit = fit_curve(MODELS["fourier"], DEPTHS, 100 * DEPTHS)
     assert fit.at_limit == ("omega",)
 

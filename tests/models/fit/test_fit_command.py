@@ -57,7 +57,7 @@ def test_the_example_is_marked_as_synthetic_and_can_be_fitted(example):
     assert all(row.count("*") == 1 for row in rows[:5])  # the smallest is marked in each of the five tables
 
 
-def test_the_file_it_writes_is_what_the_node_takes(fitted):
+def test_the_node_reads_the_written_file(fitted):
     data, out = fitted
     for subject in ("A", "B"):
         node = Probabilistic(model=str(out), subject=subject)
@@ -77,7 +77,7 @@ def test_json_holds_folds_errors_and_intervals(fitted):
         assert p["interval"][0] < p["value"] < p["interval"][1] and p["error"] > 0 and p["unit"]
 
 
-def test_noise_free_sessions_give_the_coefficients_back(tmp_path):
+def test_noise_free_sessions_recover_the_coefficients(tmp_path):
     known = (1.31, -1.29, 0.33, 511.7)
     path = write(tmp_path / "s.csv", np.tile(MODELS["fourier"](DEPTHS, known), (20, 1)))
     result = run(path)
@@ -117,7 +117,7 @@ def test_the_published_protocol_drops_two_and_gives_a_normal_law(example, tmp_pa
     assert node.freedom == 0 and node.deviation_parameters == approx(printed, rel=1e-15)
 
 
-def test_the_node_gives_the_band_that_the_fit_tells(fitted):
+def test_the_node_gives_the_band_of_the_fit(fitted):
     """Quantiles of the law in the file at 3 mm, from the numbers of the fit."""
     data, out = fitted[0]["subjects"]["B"], fitted[1]
     mean, scatter = (
@@ -133,7 +133,7 @@ def test_the_node_gives_the_band_that_the_fit_tells(fitted):
     assert quantiles == approx([mean - reach, mean, mean + reach], rel=1e-6)
 
 
-def test_newtons_under_millinewtons_are_questioned_and_can_be_accepted(example, tmp_path):
+def test_newtons_in_a_column_of_millinewtons_are_an_error_unless_accepted(example, tmp_path):
     path = tmp_path / "s.csv"
     path.write_text(example.read_text().replace("force [N]", "force [mN]"))
     assert "'force [N]'" in refused(path) and "--any-stiffness" in refused(path)
@@ -149,7 +149,7 @@ def refused(*arguments):
     return result.stderr
 
 
-def test_too_few_sessions_for_the_folds(tmp_path):
+def test_too_few_sessions_for_the_folds_are_an_error(tmp_path):
     path = write(tmp_path / "s.csv", synthetic_sessions(0, sessions=10))
     text = refused(path, "--protocol", "published")
     assert "row 111, column 'session': subject 'a' has 10 sessions, expected at least 11: 9 folds after" in text
@@ -158,21 +158,21 @@ def test_too_few_sessions_for_the_folds(tmp_path):
     assert "subject 'a' has 8 sessions, expected at least 9: 9 folds (--folds" in refused(path)
 
 
-def test_a_missing_subject(example):
+def test_a_missing_subject_is_an_error(example):
     assert "column 'subject': no 'Z'; the file has A, B" in refused(example, "--subject", "Z")
 
 
-def test_constant_forces(tmp_path):
+def test_constant_forces_are_an_error(tmp_path):
     path = write(tmp_path / "s.csv", np.full((20, 11), 0.5))
     assert "from row 2, column 'force': subject 'a': the force is 0.5 N at all depths" in refused(path)
 
 
-def test_too_few_depths(tmp_path):
+def test_too_few_depths_are_an_error(tmp_path):
     path = write(tmp_path / "s.csv", synthetic_sessions(0)[:, :5], DEPTHS[:5])
     assert "column 'depth': subject 'a' has 4 depths above 0, expected at least 6" in refused(path)
 
 
-def test_a_negative_force_and_a_missing_depth(tmp_path):
+def test_a_negative_force_and_a_missing_depth_are_errors(tmp_path):
     forces = synthetic_sessions(0)
     path = write(tmp_path / "s.csv", forces)
     lines = path.read_text().splitlines()
@@ -192,7 +192,7 @@ def test_a_negative_force_and_a_missing_depth(tmp_path):
         (["--subject", "A", "--folds", "3", "--out", "/nix/x.yaml"], "/nix/x.yaml: cannot be written"),
     ],
 )
-def test_wrong_options_are_refused_with_what_would_work(example, arguments, text):
+def test_wrong_options_are_errors_with_valid_ones(example, arguments, text):
     assert text in refused(example, *arguments)
 
 
@@ -204,7 +204,9 @@ def test_wrong_options_are_refused_with_what_would_work(example, arguments, text
         ("--out", ".", "cannot be written: this is a folder"),
     ],
 )
-def test_a_place_that_cannot_be_written_is_refused_before_the_fit(example, tmp_path, monkeypatch, option, place, text):
+def test_a_path_without_write_permission_is_an_error_before_the_fit(
+    example, tmp_path, monkeypatch, option, place, text
+):
     (tmp_path / "file").write_text("")
     monkeypatch.setattr("palpate.models.fit.fit.choose", lambda *given: pytest.fail("it fits first"))
     assert text in refused(example, "--subject", "A", option, tmp_path / place)
@@ -217,7 +219,7 @@ def test_the_example_does_not_write_over_a_file(example):
     assert example.read_bytes() == before
 
 
-def test_programs_get_faults_as_json(example):
+def test_errors_are_available_as_json(example):
     result = run(example, "--subject", "Z", "--json")
     assert result.exit_code == 2 and result.stderr == ""
     printed = json.loads(result.stdout)
@@ -229,7 +231,7 @@ def test_the_help_names_every_model():
     assert ", ".join(MODELS) in text
 
 
-def test_no_file_and_a_missing_file():
+def test_no_file_and_a_missing_file_are_errors():
     assert "no file: give SESSIONS.csv, or --example" in refused()
     assert "nix.csv: cannot be read: No such file" in refused("nix.csv")
 

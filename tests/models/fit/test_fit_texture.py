@@ -43,7 +43,7 @@ def fit(*given):
     return CliRunner().invoke(app, ["fit", "texture", *map(str, given)])
 
 
-def test_the_fit_finds_the_models_and_predicts_the_speed_that_was_held_out(recording, tmp_path):
+def test_the_fit_recovers_the_models_and_predicts_the_held_out_speed(recording, tmp_path):
     target = tmp_path / "wood.json"
     result = fit(recording, "-o", target, "--json")
     assert result.exit_code == 0, result.output
@@ -59,7 +59,7 @@ def test_the_fit_finds_the_models_and_predicts_the_speed_that_was_held_out(recor
     assert max(abs(error) for frequency, error in errors if frequency < 800) < 2.0
 
 
-def test_the_interval_covers_the_truth_about_as_often_as_it_says(recording, tmp_path):
+def test_the_interval_has_about_its_nominal_coverage(recording, tmp_path):
     """Of the power above the 20 Hz of the high-pass."""
     fit(recording, "-o", tmp_path / "a.json")
     at, inside = np.linspace(20.0, SAMPLING / 2, 20_000), []
@@ -98,14 +98,14 @@ def test_the_table_names_speeds_intervals_and_the_error(recording, tmp_path):
         ),
     ],
 )
-def test_a_bad_recording_says_what_is_wrong(tmp_path, rows, options, fault_text):
+def test_a_bad_recording_is_an_error_with_the_reason(tmp_path, rows, options, fault_text):
     (tmp_path / "bad.csv").write_text(rows)
     result = fit(tmp_path / "bad.csv", *options)
     assert result.exit_code == 2 and fault_text in " ".join(result.output.split())
     assert fit(tmp_path / "none.csv").exit_code == 2
 
 
-def test_a_recording_that_is_no_text_is_refused(tmp_path):
+def test_a_recording_that_is_not_text_is_an_error(tmp_path):
     (tmp_path / "bad.csv").write_bytes(bytes(range(256)))
     result = fit(tmp_path / "bad.csv")
     assert result.exit_code == 2 and "not a text file in UTF-8" in " ".join(result.output.split())

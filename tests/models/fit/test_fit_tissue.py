@@ -59,7 +59,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("rig", "law", "truth", "kind"), CASES)
-def test_the_truth_is_found_from_a_wrong_start_and_the_touch_point_with_it(rig, law, truth, kind):
+def test_the_true_values_and_the_touch_point_are_found_from_a_wrong_start(rig, law, truth, kind):
     made = press(rig, law, truth, kind, noise=1e-4, hold=3.0 if kind != "none" else 0.0)
     fitted = fit_tissue([made], rig, law, kind)
     for name, value in truth.items():
@@ -88,7 +88,7 @@ def test_the_jacobian_is_that_of_central_differences(rig, law, truth, kind):
     assert smooth.mean() > 0.97
 
 
-def test_closed_forms_are_those_of_the_books():
+def test_closed_forms_are_those_of_the_literature():
     young, radius = 1e4, 8e-3
     s = np.array([1e-4])
     hertz = closed_form(Rig("ball", radius), "hertz").force({"young": young}, s)[0]
@@ -105,7 +105,7 @@ def test_closed_forms_are_those_of_the_books():
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
-def test_intervals_hold_the_truth_as_often_as_they_say(correlation):
+def test_intervals_have_their_nominal_coverage(correlation):
     """Some trials of benchmarks/fit_coverage.py: 95 % of the intervals hold it, so that 20 of 25 do in 999 of 1000
     draws; with residuals that are taken as independent a correlation of 0.9 leaves about half."""
     law, held = closed_form(BALL, "layer"), 0
@@ -144,7 +144,7 @@ def pressed_cylinder(depth):
     return fit_tissue([shallow(depth)], CYLINDER, "ogden")
 
 
-def test_stiffening_that_the_depth_does_not_show_is_said():
+def test_stiffening_that_the_depth_does_not_determine_is_reported():
     printed = pressed_cylinder(0.6e-3).open_
     assert any(text.startswith("alpha:") and "the data show no stiffening" in text for text in printed)
     deep = pressed_cylinder(15e-3)
@@ -295,7 +295,7 @@ def test_a_recording_of_a_simulated_press_gives_back_the_law_of_its_tissue(tmp_p
         assert found["stiffness"]["value"] == approx(3e3, rel=0.05), rig
 
 
-def test_a_recording_of_a_force_sensor_takes_the_way_of_the_probe():
+def test_a_recording_of_a_force_sensor_uses_the_displacement_of_the_probe():
     time = np.arange(0, 3000) * 1_000_000
     z = np.clip(0.010 - 4e-6 * np.arange(3000), 0.001, None)
     depth = np.clip(5e-3 - z, 0.0, None)

@@ -79,7 +79,7 @@ def test_a_bad_cell_is_named_by_row_and_column(file, row, text):
     assert str(error.value) == f"{file}, {text}"
 
 
-def test_all_bad_cells_are_told_at_once_up_to_a_limit(file):
+def test_all_bad_cells_are_reported_at_once_up_to_a_limit(file):
     write(file, HEAD, *(f"a,1,{i},-1" for i in range(30)))
     with pytest.raises(SessionError) as error:
         read_sessions(file)
@@ -164,7 +164,7 @@ def test_a_row_of_more_cells_than_the_header_is_refused(file, row, text):
     assert str(error.value).startswith(f"{file}, {text}")
 
 
-def test_noise_about_zero_is_read_as_it_stands(file):
+def test_noise_about_zero_is_read_unchanged(file):
     write(file, HEAD, "a,1,0,-0.012", "a,1,1,0.2", "a,1,2,0.7", "b,1,0,-0.012", "b,1,1,0.1", "b,1,2,0.2")
     with pytest.raises(SessionError) as error:
         read_sessions(file)

@@ -171,7 +171,7 @@ def test_a_finger_that_lay_rolled_or_tilted_has_the_same_forces(finely, turn):
         ("HRP", (0, 2, 1), (1, 1, 1)), ("HLN", (0, 2, 1), (1, -1, -1)),
     ]),
 )  # fmt: skip
-def test_letters_say_where_images_run(tmp_path, plain, axes, order, flips):
+def test_letters_define_the_direction_of_images(tmp_path, plain, axes, order, flips):
     stack, _ = stored(order, flips)
     tip = rebuild(segment(read(write_images(stack, tmp_path / "i.nii"), axes=axes)))
     assert forces(tip) == approx(plain, rel=0.04) and thumb_side(tip) < -0.4e-3
@@ -188,7 +188,7 @@ def test_images_along_the_finger_become_cross_sections(tmp_path, axes, order, fl
 
 
 @pytest.mark.parametrize("axes", ["HP", "HPX", "HHP", "HTP", "NPR", "HPRL"])
-def test_letters_that_are_no_axes_are_refused(tmp_path, axes):
+def test_letters_that_name_no_axes_are_errors(tmp_path, axes):
     file = write_images(coarse(), tmp_path / "i.nii")
     with pytest.raises(ScanError, match="expected a letter each of T or H, N or P, R or L"):
         read(file, axes=axes)
@@ -238,17 +238,17 @@ def test_dicom_whose_small_values_are_bright_is_the_same_finger(tmp_path):
     assert np.ptp(moved) == 0 and len(fill(rebuild(segment(other)), 2e-3).heights) > 60
 
 
-def test_dicom_in_colours_is_refused_as_such(tmp_path):
+def test_dicom_in_colours_is_an_error(tmp_path):
     folder = rewritten(phantom.write_dicom(coarse(), tmp_path / "a"), PhotometricInterpretation="PALETTE COLOR")
     with pytest.raises(ScanError, match="PALETTE COLOR, expected grey ones"):
         read(folder)
 
 
-def test_nifti_whose_header_says_nothing_of_space_is_taken_as_a_stack_of_paper(tmp_path):
+def test_nifti_without_spatial_metadata_is_read_as_a_plain_stack(tmp_path):
     assert read(write_images(coarse(), tmp_path / "n.nii")).handed == "assumed"
 
 
-def test_the_command_says_how_the_finger_lay_and_whether_left_and_right_are_known(tmp_path):
+def test_the_command_reports_the_orientation_and_whether_left_and_right_are_known(tmp_path):
     app = typer.Typer()
     app.command()(fingertip)
     file = write_images(phantom.scan(**SIZE, tilt=np.radians(10)), tmp_path / "i.nii")

@@ -133,7 +133,7 @@ def test_every_format_brings_the_same_images_back(tmp_path, kind):
 
 
 @pytest.mark.parametrize("seed", [1, _long(2)])
-def test_noise_of_a_tenth_of_the_tissue_is_borne(seed):
+def test_noise_of_10_percent_of_the_tissue_is_tolerated(seed):
     segmented = segment(phantom.scan(noise=0.09, seed=seed, start=START))
     for k, points in in_anatomy(segmented, "skin").items():
         if k > 3:
@@ -224,7 +224,7 @@ def test_a_wrong_spacing_is_refused(images, spacing, text):
         (lambda d: d.write_text("x"), "not a stack"),
     ],
 )
-def test_what_is_no_scan_is_refused(tmp_path, make, text):
+def test_a_file_that_is_not_a_scan_is_an_error(tmp_path, make, text):
     make(tmp_path / "scan")
     with pytest.raises(ScanError, match=text):
         read(tmp_path / "scan")
@@ -276,7 +276,7 @@ def test_the_command_writes_the_fingertip_and_its_picture(stack, tmp_path):
 
 
 @pytest.mark.parametrize("extra", [True, False])
-def test_the_command_tells_what_is_wrong(extra, tmp_path, monkeypatch):
+def test_the_command_reports_errors(extra, tmp_path, monkeypatch):
     if not extra:  # wrong input is reported first
         monkeypatch.setitem(sys.modules, "palpate.models.scan", None)
     result = CliRunner().invoke(app, ["build", "fingertip", str(tmp_path / "none")])
@@ -292,7 +292,7 @@ def test_slices_of_2_4_mm_are_thick_not_missing(start):
     assert len(fill(rebuilt_tip, 2e-3).heights) > 60
 
 
-def test_the_beams_of_the_picture_stand_where_they_do_in_the_finger():
+def test_the_beams_of_the_picture_have_their_positions_in_the_finger():
     figure = pytest.importorskip("matplotlib.figure")
     from palpate.views.pictures.models.scan import _beams
 

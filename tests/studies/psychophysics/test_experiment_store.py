@@ -28,7 +28,7 @@ def test_a_table_has_a_row_for_each_trial_in_the_order_of_bids(filled, tmp_path)
 
 
 @pytest.mark.parametrize("cut", range(1, 60, 3))
-def test_what_a_power_cut_leaves_is_recovered_to_the_last_whole_trial(filled, tmp_path, cut):
+def test_after_a_power_cut_all_complete_trials_are_recovered(filled, tmp_path, cut):
     whole = filled.read_bytes()
     filled.write_bytes(whole[:-cut])
     table = Table(tmp_path, "soft", "01", 1)
@@ -41,7 +41,7 @@ def test_what_a_power_cut_leaves_is_recovered_to_the_last_whole_trial(filled, tm
 
 
 @pytest.mark.parametrize("left", [b"\0" * 40, b"4\tmain\n", b"\xff\xfe", b"9\t" + b"\t" * 11 + b"\n"])
-def test_bytes_that_are_no_row_are_moved_aside(filled, tmp_path, left):
+def test_invalid_bytes_are_moved_to_another_file(filled, tmp_path, left):
     filled.write_bytes(filled.read_bytes() + left)
     table = Table(tmp_path, "soft", "01", 1)
     assert len(table.rows) == 3 and table.recovered is not None
@@ -51,7 +51,7 @@ def test_bytes_that_are_no_row_are_moved_aside(filled, tmp_path, left):
     again.close()
 
 
-def test_a_session_is_open_once(filled, tmp_path):
+def test_a_session_can_be_opened_by_one_process_only(filled, tmp_path):
     table = Table(tmp_path, "soft", "01", 1)
     with pytest.raises(ArgumentError, match="another `palpate experiment` has this session open"):
         Table(tmp_path, "soft", "01", 1)

@@ -30,7 +30,7 @@ def test_two_down_one_up_goes_down_after_two_hits_in_a_row_and_up_after_a_miss()
     assert walk(staircase(rule="2-down-1-up"), "11101011") == [10, 10, 8, 8, 10, 10, 12, 12, 10]
 
 
-def test_steps_become_smaller_with_each_reversal_and_it_ends_after_so_many():
+def test_steps_shrink_with_each_reversal_and_the_number_of_reversals_ends_the_procedure():
     one = staircase(steps=[4.0, 2.0, 1.0], reversals=3)
     assert walk(one, "1010") == [10, 6, 8, 7, None]
     assert one.reversals == [6, 8, 7]
@@ -46,7 +46,7 @@ def test_a_step_over_the_reference_or_a_limit_is_not_taken():
     assert walk(staircase(start=10.0, least=9.0, greatest=12.0), "100") == [10, 10, 12, 12]
 
 
-def test_where_higher_is_harder_a_hit_leads_up():
+def test_a_hit_raises_the_level_where_higher_is_harder():
     assert walk(staircase(sign=-1), "1101") == [10, 12, 14, 12, 14]
 
 
@@ -57,7 +57,7 @@ def test_another_rule_is_refused(rule):
 
 
 @pytest.mark.parametrize("down", [1, 2, 3])
-def test_n_down_one_up_settles_where_n_hits_in_a_row_have_an_even_chance(down):
+def test_n_down_one_up_converges_to_the_level_with_even_odds_of_n_hits_in_a_row(down):
     """Levitt's rule: ψ^N = 1/2; here ψ falls along a straight line from 1 at 20 to 0 at 0."""
     one, random, levels = (
         staircase(rule=f"{down}-down-1-up", steps=[0.25], trials=20_000),
@@ -70,7 +70,7 @@ def test_n_down_one_up_settles_where_n_hits_in_a_row_have_an_even_chance(down):
     assert np.mean(levels[1000:]) / 20.0 == pytest.approx(0.5 ** (1.0 / down), abs=0.02)
 
 
-def test_constant_stimuli_come_so_many_times_each_in_a_random_order():
+def test_constant_stimuli_are_repeated_in_a_random_order():
     one, seen = Constant([1.0, 2.0, 3.0], 5, np.random.default_rng(0)), []
     while one.level is not None:
         seen.append(one.level)
@@ -106,7 +106,7 @@ def test_the_comparison_comes_first_as_often_as_second(write):
     assert abs(found[1] - found[2]) < 3.3 * np.sqrt(140) and sum(found.values()) == 140
 
 
-def test_blocks_come_as_given_or_in_a_random_order_and_catch_trials_in_between(write):
+def test_blocks_are_in_the_given_or_a_random_order_with_catch_trials_between(write):
     blocks = "\n".join(f"  b{n}: {{procedure: constant, levels: [4e3], repeats: 30, catch: 0.4}}" for n in range(5))
     text = f"{HEAD}\nreference: 3e3\nresponse: yes-no\nblocks:\n{blocks}\n"
     given = trials(stimuli(write, text))

@@ -22,7 +22,7 @@ def test_a_function_rises_from_the_guess_rate_to_one_less_the_lapse_rate(name):
 
 
 @pytest.mark.parametrize("name", HALF)
-def test_half_of_the_distance_between_the_quartiles(name):
+def test_the_difference_threshold_is_half_the_interquartile_range(name):
     quartiles = [optimize.brentq(lambda x, q=q: FUNCTIONS[name](x, 3.0, 0.7) - q, -20.0, 20.0) for q in (0.25, 0.75)]
     assert (quartiles[1] - quartiles[0]) / 2.0 == pytest.approx(0.7 * HALF[name])
 
@@ -67,7 +67,7 @@ def test_levels_that_do_not_bound_the_threshold_leave_its_interval_open():
         fit("normal", [-np.inf], [True], None)
 
 
-def test_false_alarms_tell_the_guess_rate():
+def test_false_alarms_give_the_guess_rate():
     x, hits = shares("normal", 0.2, 0.0)
     catch = np.arange(200) % 5 == 0
     found = fit("normal", np.concatenate([x, np.full(200, -np.inf)]), np.concatenate([hits, catch]), None)
@@ -75,14 +75,14 @@ def test_false_alarms_tell_the_guess_rate():
 
 
 @pytest.mark.parametrize("design", [name for name in DESIGNS if name != "quest+"])
-def test_intervals_have_the_observers_threshold(design, write):
+def test_intervals_contain_the_threshold_of_the_observer(design, write):
     """Of 40 sessions: with 95 % in the long run, fewer than 33 come with a chance of 1 in 2000."""
     assert Sessions(design, write).covered(40) >= 33
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("design", DESIGNS)
-def test_intervals_have_the_observers_threshold_in_about_95_of_100_sessions(design, write):
+def test_intervals_contain_the_threshold_of_the_observer_in_about_95_of_100_sessions(design, write):
     """Of 200: with 95 % in the long run, fewer than 180 come with a chance of 1 in 800."""
     assert Sessions(design, write).covered(200) >= 180
 
@@ -112,7 +112,7 @@ def test_quest_plus_asks_at_the_level_of_the_least_expected_entropy():
         quest.update(level, bool(random.random() < 0.8))
 
 
-def test_quest_plus_is_that_of_the_package_of_this_name():
+def test_quest_plus_agrees_with_the_package_questplus():
     package = pytest.importorskip("questplus")
     own = QuestPlus("weibull", *GRIDS.values(), 0.5)
     names = ("threshold", "slope", "lapse_rate")

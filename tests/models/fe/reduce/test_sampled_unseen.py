@@ -38,7 +38,7 @@ def depth(own):
 
 
 @pytest.mark.long
-def test_touches_elsewhere_are_met_by_modes_that_span_every_snapshot():
+def test_modes_that_span_every_snapshot_are_accurate_at_other_touches():
     """Ten touches at four loads and 40 modes: the error at the training touches is rounding, which does not predict the
     error elsewhere. A gamma fitted to it was wrong by 17 % on average and 41 % at worst."""
     basis, compliance = build(slab(), pressed(10, 3), pressed(4, 29), 40, tolerance=3e-3), slab().compliance()
@@ -86,7 +86,7 @@ def least(points, p):
     raise AssertionError("no equilibrium")
 
 
-def test_a_body_that_moves_as_a_whole_is_held_by_its_bed_alone():
+def test_a_body_in_rigid_motion_is_held_by_its_elastic_foundation_alone():
     organ = Organ(surface_mesh("sphere", 12), bed=70.0)
     small = of_organ(organ)
     phi = np.tile(np.eye(3), (len(small.mesh.points), 1, 1))

@@ -42,7 +42,7 @@ def test_reduce_builds_a_basis_once_and_the_node_finds_it(tmp_path, monkeypatch,
     assert other["built"] and other["path"] != first["path"]
 
 
-def test_reduce_says_what_it_cannot_use(tmp_path):
+def test_reduce_reports_invalid_input(tmp_path):
     wrong = run("build", "basis", "--set", "poisson=0.5")
     assert wrong.exit_code == 2 and "'poisson'" in wrong.output
     wrong = run("build", "basis", "--set", "bed")
@@ -59,7 +59,7 @@ def ball(path, corners):
     return ["--set", f"surface={path}", "--set", "file_unit=mm"]
 
 
-def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
+def test_reduce_reports_errors_in_one_line_before_the_build(tmp_path):
     one_line(run("build", "basis", "--set", "poisson=["), 2, "--set poisson=[", "expected a number")
     one_line(run("build", "basis", "--set", "nosuch=1"), 2, "'nosuch'", "unknown")
     one_line(run("build", "basis", *ball(tmp_path / "fine.stl", 4)), 2, "2562 vertices, expected at most 2500")
@@ -72,7 +72,7 @@ def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
     one_line(run("build", "basis", *small, "--out", str(tmp_path / "file" / "bases")), 2, "Not a directory", "-o bases")
 
 
-def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
+def test_a_stopped_reduce_leaves_no_files(tmp_path, monkeypatch):
     def stopped(file, **arrays):
         file.write(b"half")
         raise KeyboardInterrupt
@@ -84,7 +84,7 @@ def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("worst", "code"), [(0.4, 1), (0.2, 0)])
-def test_reduce_says_so_where_a_basis_is_of_no_use(tmp_path, monkeypatch, worst, code):
+def test_reduce_warns_of_a_useless_basis(tmp_path, monkeypatch, worst, code):
     given = Basis(np.zeros((4, 3)), np.zeros((1, 3), dtype=np.int32), np.eye(12))
     missed = {"mean": worst / 4, "worst": worst}
     monkeypatch.setattr(builder, "built", lambda node, stages: (given, missed))
@@ -114,7 +114,7 @@ def one_line(result, code, *texts):
         assert text in result.output
 
 
-def test_fe_fingertip_reports_the_run_beside_the_paper(steel):
+def test_fe_fingertip_reports_the_run_next_to_the_paper(steel):
     _, report = steel
     assert report["divisor"] == 20.0 and report["indentation"][-1] == pytest.approx(1e-4)
     assert report["paper"][0] == {"force": 0.11, "indentation": 1.24e-3, "found": None}
@@ -136,7 +136,7 @@ def test_the_script_of_the_papers_figures_draws_what_the_run_has(steel, tmp_path
     assert min(path.stat().st_size for path in made) > 20_000
 
 
-def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_forces(steel):
+def test_the_axes_of_the_area_fit_a_light_run_and_not_the_larger_forces_of_the_paper(steel):
     pytest.importorskip("matplotlib")
     folder, report = steel
     left, right = fingertip_flow.force({"steel": PressRun(folder / "steel-20-3-0.2")}).axes
@@ -144,7 +144,7 @@ def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_for
     assert right.get_xlim()[1] == pytest.approx(1.05 * report["force"][-1])
 
 
-def test_without_meshio_the_run_is_kept_and_says_what_to_install(steel, monkeypatch):
+def test_without_meshio_the_run_is_kept_with_a_note_on_what_to_install(steel, monkeypatch):
     folder, _ = steel
     monkeypatch.setitem(sys.modules, "meshio", None)
     again = fingertip("--depth", "0.1", "--material", "20", "--out", str(folder))
@@ -185,20 +185,20 @@ def test_the_same_command_again_computes_nothing(steel):
         (["--friction", "-0.1"], "--friction -0.1"),
     ],
 )
-def test_fe_fingertip_says_what_it_cannot_use(tmp_path, words, text):
+def test_fe_fingertip_reports_invalid_input(tmp_path, words, text):
     one_line(fingertip("--out", str(tmp_path / "runs"), *words), 2, text)
     assert not (tmp_path / "runs").exists()
     reported = json.loads(fingertip("--out", str(tmp_path / "runs"), *words, "--json").stdout)
     assert not reported["ok"] and text in reported["text"]
 
 
-def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
+def test_a_folder_without_write_permission_is_reported_before_the_run(tmp_path):
     (tmp_path / "file").write_text("")
     one_line(fingertip("--out", str(tmp_path / "file" / "runs")), 2, "Not a directory")
 
 
 @pytest.mark.parametrize("name", ["state.npz", "table.npz", "run.json"])
-def test_a_damaged_run_is_said(steel, tmp_path, name):
+def test_a_damaged_run_is_an_error(steel, tmp_path, name):
     folder, _ = steel
     broken = tmp_path / "steel-20-3-0.2"
     broken.mkdir()
@@ -208,7 +208,7 @@ def test_a_damaged_run_is_said(steel, tmp_path, name):
     one_line(again, 2, name, "damaged")
 
 
-def test_fe_table_says_what_is_no_run(steel, tmp_path):
+def test_fe_table_reports_a_file_that_is_not_a_run(steel, tmp_path):
     folder, _ = steel
     mine = str(folder / "steel-20-3-0.2")
     one_line(run("build", "fe", "table", mine, str(tmp_path)), 2, "no run.json", "palpate build fe fingertip")
@@ -218,7 +218,7 @@ def test_fe_table_says_what_is_no_run(steel, tmp_path):
 
 
 @pytest.mark.long
-def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
+def test_ctrl_c_keeps_the_steps_and_the_same_command_continues(tmp_path):
     words = ["build", "fe", "fingertip", "--cells", "3", "--depth", "0.3", "--out", str(tmp_path)]
     begun = subprocess.Popen([sys.executable, "-m", "palpate.cli", *words], stderr=subprocess.PIPE, text=True)
     first = tmp_path / "steel-calibrated-3-0.2" / "step-001.npz"
@@ -272,7 +272,7 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
 
 
 @pytest.mark.long
-def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_path):
+def test_an_organ_in_modes_reports_its_error_at_positions_that_were_not_pressed(tmp_path):
     sets = ["--set", "model=sampled", "--set", "modes=8", "--set", "coarse=50"]
     reported = json.loads(run("build", "basis", *sets, "--out", str(tmp_path), "--json").stdout)
     unseen = reported["unseen"]

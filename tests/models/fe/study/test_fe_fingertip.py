@@ -108,7 +108,7 @@ def test_dividing_all_moduli_divides_the_force_on_a_rigid_plate():
 
 
 @pytest.mark.long
-def test_a_broken_run_goes_on_from_its_last_step(tmp_path):
+def test_an_interrupted_run_continues_from_its_last_step(tmp_path):
     record(Pressing(FingertipDimensions(cells=3), "steel", "cortical"), 7.5e-5, PressRun(tmp_path))
     again = record(Pressing(FingertipDimensions(cells=3), "steel", "cortical"), 1.5e-4, PressRun(tmp_path))
     _, whole = pressed()
@@ -117,7 +117,7 @@ def test_a_broken_run_goes_on_from_its_last_step(tmp_path):
 
 
 @pytest.mark.long
-def test_a_soft_plate_gives_way():
+def test_a_soft_plate_yields():
     _, hard = pressed()
     soft = record(Pressing(FingertipDimensions(cells=3, plate=(15e-3, 10e-3)), "silicone", "cortical"), 2e-4)
     assert 0 < soft.force[-1] < 0.95 * np.interp(2e-4, hard.indentation, hard.force)
@@ -125,7 +125,9 @@ def test_a_soft_plate_gives_way():
 
 @pytest.mark.long
 @pytest.mark.parametrize(("phalanx", "depths"), [(12e-3, (1.191e-3, 1.943e-3)), (15.5e-3, (1.233e-3, 2.085e-3))])
-def test_the_length_of_the_phalanx_is_what_tells_the_calibrated_finger_from_the_other_solvers(phalanx, depths):
+def test_the_length_of_the_phalanx_explains_the_difference_of_the_calibrated_finger_from_the_other_solvers(
+    phalanx, depths
+):
     """On steel at 0.11 and 0.50 N; the second pair of indentations is the other solver's (finite-elements.md)."""
     pressed = record(Pressing(FingertipDimensions(cells=3, phalanx=phalanx), "steel", "calibrated"), 2.2e-3)
     assert [pressed.at(force)[0] for force in (0.11, 0.50)] == approx(depths, abs=0.01e-3)
@@ -186,7 +188,7 @@ def test_flow_computes_only_what_is_wanted(tmp_path):
         (None, 3),
     ],
 )
-def test_flow_holds_no_curve_that_nobody_reads(tmp_path, wanted, columns):
+def test_flow_stores_no_unread_curve(tmp_path, wanted, columns):
     """What is wanted is the same as in the full node; of the rest there is not even a column to be read."""
     node, full = Flow(table=table(tmp_path)), FakeBus(Flow(table=table(tmp_path)))
     if wanted is not None:
@@ -210,7 +212,7 @@ def test_flow_holds_no_curve_that_nobody_reads(tmp_path, wanted, columns):
         {"levels": ["low", "high"]},
     ],
 )
-def test_flow_refuses_a_table_that_is_no_curve(tmp_path, wrong):
+def test_flow_rejects_a_table_that_is_not_a_curve(tmp_path, wrong):
     with np.load(table(tmp_path)) as archive:
         data = {name: archive[name] for name in archive.files}
     np.savez(tmp_path / "wrong.npz", **(data | wrong))
@@ -221,6 +223,6 @@ def test_flow_refuses_a_table_that_is_no_curve(tmp_path, wrong):
         FakeBus(Flow(table=str(tmp_path / "cut.npz")))
 
 
-def test_flow_refuses_a_table_that_is_not_there(tmp_path):
+def test_flow_rejects_a_missing_table(tmp_path):
     with pytest.raises(SettingError, match="palpate build fe table"):
         FakeBus(Flow(table=str(tmp_path / "no.npz")))

@@ -157,7 +157,7 @@ def made(stiffness, spread, depth=2e-3):
     return Record(indentation, force, 1e-4 * spread * force, LEVELS, volumes)
 
 
-def test_statements_hold_as_the_records_say():
+def test_statements_agree_with_the_records():
     hard, soft = made(3e5, 1.0), made(1.5e5, 1.3)
     rows = {row["statement"]: row for row in statements(hard, soft)}
     assert all(row["holds"] for row in rows.values() if row["holds"] is not None)
@@ -171,7 +171,7 @@ def test_statements_hold_as_the_records_say():
     assert all("ΔV/ΔP" not in row["statement"] for row in shallow)
 
 
-def test_two_runs_that_differ_are_told_apart_by_their_first_difference():
+def test_two_different_runs_are_reported_with_their_first_difference():
     first = {"plate": "steel", "finger": {"cells": 3, "bone": 6e-3}}
     assert differing(first, first) is None
     assert differing(first, {"plate": "steel", "finger": {"cells": 4, "bone": 6e-3}}) == ("finger.cells", 3, 4)
