@@ -19,8 +19,7 @@ from whole_touch import WHOLE
 
 gc.disable()  # until all tests are collected
 
-# Whoever starts the tests in the background may have them, and all that they start, ignore these signals: Ctrl-C would
-# reach nobody.
+# Tests that a shell starts in the background may inherit these signals as ignored: Ctrl-C would reach no process.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
@@ -45,7 +44,7 @@ def pytest_collection_finish():
 
 @pytest.fixture(scope="session")
 def short_kidney(tmp_path_factory):
-    """The recording of a short touch of the kidney, for all tests that look at one and change nothing."""
+    """The recording of a short touch of the kidney, for all tests that only read one."""
     from short_touch import short_touch
 
     return short_touch(tmp_path_factory.mktemp("touch"), "kidney").path
@@ -72,7 +71,7 @@ def whole(write):
 
 @pytest.fixture
 def chain(monkeypatch):
-    """Makes a graph that runs by the rules of the real clock on a clock that stands."""
+    """Makes a graph that runs by the rules of the real clock on a stopped clock."""
     from chain_for_runs import Chain, Lost, nothing
 
     from palpate.launch.run.work import real

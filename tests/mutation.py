@@ -1,4 +1,4 @@
-"""Small faults put into the code, one at a time: which of them does no test notice?
+"""Puts small faults into the code, one at a time, and lists those that no test detects.
 
     python tests/mutation.py [--minutes 20] [--seed 0] [--tests TEST_FILE]... FILE...
 
@@ -8,7 +8,7 @@
 Works on a copy of the tree. Each mutant is run against the tests that import its module (for `engine` and `launch/run`:
 those of runs and replays) or those that `--tests` names, and ends at the first that fails. Survivors are printed with
 file, line and change: either a test is missing, or nothing depends on that line. An hour for a folder. Kernels are
-compiled anew for each mutant; their own tests mostly take less time as plain Python, with NUMBA_DISABLE_JIT=1 set.
+compiled again for each mutant; their tests are mostly faster as plain Python, with NUMBA_DISABLE_JIT=1.
 """
 
 import argparse
@@ -76,7 +76,7 @@ def _changes(node: ast.AST) -> list:
 
 
 def tests_of(file: Path) -> list[str]:
-    """The test files that look at a module."""
+    """The test files of a module."""
     if {"engine", "run"} & set(file.parts):
         return [str(path.relative_to(ROOT)) for name in RUNS for path in ROOT.glob(f"tests/**/{name}.py")]
     module = f"palpate.{'.'.join(file.with_suffix('').parts)}"

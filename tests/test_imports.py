@@ -77,8 +77,8 @@ MAY = {
     "cli": (*HIGH, "launch", "cli.machine", "studies", "calling", "stepping"),
     "__init__": (*HIGH, "studies", "calling", "ensemble", "stepping"),
 }
-"""Of each room those that it may import, imports inside functions included; a room has its folders, but those that are
-a room of their own. Nothing but the command line imports commands."""
+"""The rooms that each room may import, imports inside functions included. A room contains its folders except those
+that are separate rooms. Only the command line imports commands."""
 THEIRS = {
     "physics": {"numpy", "scipy", "numba", "llvmlite"},
     "drivers": {"numpy", "msgspec"},
@@ -229,7 +229,7 @@ def test_reading_the_kidney_graph_neither_starts_the_compiler_nor_imports_what_i
     code = "import sys; from palpate.launch.load.launchfile import find; find('kidney').plan(); print(*sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     slow = {f"scipy.{part}" for part in ("linalg", "ndimage", "optimize", "sparse", "spatial", "special")}
-    started = "numba.np.linalg"  # numba imports what it knows of numpy when the first kernel is compiled or loaded
+    started = "numba.np.linalg"  # numba imports its support of numpy when the first kernel is compiled or loaded
     assert not {*slow, started}.intersection(out.split())
 
 

@@ -120,4 +120,4 @@ def test_the_wants_of_a_node_are_the_fields_that_its_step_reads(use):
         read &= body(port.type)
         assert read <= port.wants, f"{use}: step reads {port.name}.{', '.join(sorted(read - port.wants))}"
         idle = {field for field in (port.wants & body(port.type)) - read if (port.type, field) in PRICED}
-        assert not idle, f"{use}: nobody reads {port.name}.{', '.join(sorted(idle))}"
+        assert not idle, f"{use}: no code reads {port.name}.{', '.join(sorted(idle))}"

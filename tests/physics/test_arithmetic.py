@@ -18,12 +18,12 @@ PINNED = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME", "NU
 FIRST = """
 import json, os, sys
 
-def tell(event, arguments):
+def report(event, arguments):
     if event == "import" and arguments[0].partition(".")[0] in ("numpy", "scipy", "numba", "llvmlite"):
         print(json.dumps([os.environ.get(name) for name in {}]), flush=True)
         os._exit(0)
 
-sys.addaudithook(tell)
+sys.addaudithook(report)
 {}
 import numpy
 """

@@ -1,4 +1,4 @@
-"""Bodies in place of the wall: what they are to small movements, and where the loop on them ends by two routes."""
+"""Bodies instead of the wall: their response to small motions, and the limit of the stable loop by two methods."""
 
 import math
 
@@ -25,7 +25,7 @@ def test_the_wall_of_mass_spring_follows_from_its_law(factor):
 
 @pytest.mark.parametrize("period", [5e-4, 1e-3])
 def test_the_reduced_organ_is_kelvin_voigt(period):
-    """B = tau K, whatever the step."""
+    """B = tau K for any step."""
     stiffness, damping = Wall(stiffened(ReducedFE, 1.0), period).linear(PUSH)
     assert damping == approx(0.02 * stiffness, rel=0.05)
 
@@ -34,14 +34,14 @@ def test_the_reduced_organ_is_kelvin_voigt(period):
     ("body", "delay"), [(MassSpring, 1), (MassSpring, 5), pytest.param(ReducedFE, 1, marks=pytest.mark.long)]
 )
 def test_the_stability_limit_is_where_the_poles_leave_the_unit_circle(body, delay):
-    """An exact encoder, no dry friction: within an eighth of an octave. The controller holds all."""
+    """An exact encoder, no dry friction: within 1/8 of an octave. With the controller all are stable."""
     printed = row(EXACT, body, 1000.0, delay)
     assert printed["bare"] == approx(printed["stable"], rel=0.1)
     assert math.isinf(printed["controlled"]) and printed["given_out"] < 2e-3
 
 
 def test_a_viscous_body_that_cannot_be_held_is_reported_as_unstable():
-    """The beams' skin takes hundreds of N s/m: more than a grip of 0.1 kg can be held by, late by five samples."""
+    """The skin of the beams has hundreds of N s/m, too much for a grip of 0.1 kg with a delay of five samples."""
     printed = row(WallDevice(), BeamBundle, 1000.0, 5)
     assert printed["stable"] == 0.0
     assert not held(WallDevice(), stiffened(BeamBundle, 64.0), controlled=False, period=1e-3, delay=5)[0]
@@ -59,8 +59,8 @@ def test_a_node_that_is_not_a_body_is_an_error():
 
 @pytest.mark.parametrize("mass", [0.05, 0.3])
 def test_the_plane_has_its_regions(mass):
-    """Passive at both shares above 1/2; dry friction holds what comes slowly; without either a swing grows; between,
-    drag without dry friction leaves a swing of a few steps of the encoder, or none."""
+    """Passive where both ratios are above 1/2. Dry friction stops a slow approach; without both, an oscillation grows;
+    between, drag without dry friction leaves an oscillation of a few encoder steps, or none."""
     stiffness, period, step = 4000.0 * mass, 1e-3, 60e-6
 
     def at(beta, sigma):

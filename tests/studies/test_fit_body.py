@@ -1,4 +1,4 @@
-"""Constants of a body fitted to a reference: known ones are found again, and what is left is said."""
+"""Constants of a body fitted to a reference: known ones are recovered, and the residual is reported."""
 
 import json
 
@@ -49,7 +49,8 @@ def test_a_spring_fitted_to_another_spring_gets_the_constants_of_that_spring(tmp
 
 
 def test_a_spring_with_a_stiffness_map_gets_the_constants_of_a_half_space(tmp_path):
-    """The reference has no map: its K divided by the factor of 1.02 to 1.03 on the kidney's top."""
+    """The reference has no map; the expected K is that of the reference divided by the factor of the map at the top of
+    the kidney, 1.02 to 1.03."""
     (tmp_path / "mapped.yaml").write_text("extends: kidney\nscene: {tissue: {stiffness_map: basis}}\n")
     launch = find(str(tmp_path / "mapped.yaml")).but(duration=0.27, overrides=TAP)
     reference = ["tissue.stiffness_map=uniform", "tissue.stiffness=900", "tissue.exponent=1.3", "tissue.damping=2"]
@@ -78,7 +79,7 @@ hand:
 
 @pytest.mark.long
 def test_a_bundle_fitted_on_the_slab_has_the_indentation_of_two_full_solvers_and_another_shape(tmp_path):
-    """By the stored reference of the slab's middle, in which neither the bundle nor what it is fitted to has a part."""
+    """Compared with the stored reference of the slab's middle, which is independent of the bundle and of its fit."""
     (tmp_path / "slab.yaml").write_text(SLAB)
     beams = ("collision.use=collision.Mesh", "tissue.use=deformation.BeamBundle")
     launch = find("kidney").but(duration=0.5, overrides=beams, scene=tmp_path / "slab.yaml")
@@ -96,8 +97,8 @@ def test_a_bundle_fitted_on_the_slab_has_the_indentation_of_two_full_solvers_and
 
 
 def pressed(moduli, right):
-    """Indentation [m] of a bundle of these moduli at the forces of a reference, and what is shown of its surface within
-    16 mm of the place: points [m] (k,2) and depth [m] (k)."""
+    """Indentation [m] of a bundle of these moduli at the forces of a reference, and its displayed surface within 16 mm
+    of the position: points [m] (k,2) and depth [m] (k)."""
     body = BeamBundle(surface="plane", position=(0.0, 0.0, 0.0), moduli=moduli, relaxations=(0.0, 0.0))
     body.start()
     up, foot, spreader = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), Spreader(body.mesh(), 8e-3)
@@ -139,7 +140,7 @@ def test_a_body_without_a_constant_and_a_touch_in_the_air_are_errors(tmp_path):
 
 
 def test_relaxation_times_are_recovered_and_a_press_beyond_the_strain_limit_is_reported(tmp_path):
-    """Of a bundle with other moduli and other relaxation times, from a touch that presses, holds and lets go."""
+    """For a bundle with other moduli and other relaxation times, from a touch that presses, holds and releases."""
     launch = find("kidney").but(duration=0.27, overrides=(*TAP, "tissue.use=deformation.BeamBundle"))
     fitted = fit_body(launch, tmp_path / "f.yaml", ["tissue.moduli=[180e3, 45e3]", "tissue.relaxations=[2e-3, 40e-3]"])
     assert fitted.overrides["tissue.moduli"] == approx([180e3, 45e3], rel=0.02)

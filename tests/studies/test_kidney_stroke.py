@@ -1,4 +1,4 @@
-"""The kidney of the stroke: its grid, its load, and two solvers at its places."""
+"""The kidney of the stroke: its grid, its load, and two solvers at its positions."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_positions_are_arc_lengths_along_the_path():
 
 
 def test_both_routes_apply_the_same_load_to_the_curved_patch():
-    """Second moment of the biweight over a patch that is nearly flat: R²/4; force one, no moment."""
+    """The patch is nearly flat: the second moment of the biweight is R²/4, the force 1 and the moment 0."""
     frame, axes = kidney.cut(Kidney(0.0, 3))
     fem = pytest.importorskip("felupe")
     mesh = felupe.bricks(fem, tuple(axes))
@@ -73,7 +73,7 @@ def test_finer_meshes_converge_to_the_stored_reference_from_below():
 
 @pytest.mark.long
 def test_a_parabola_through_three_positions_interpolates_between_them():
-    """On one coarse mesh, whose own error changes along the path as well."""
+    """On one coarse mesh, whose error also varies along the path."""
     at = reference.path_of(TOUCHES["stroke"])
     three = np.array([press(Kidney(x, 2), FIRST[:1]).indentation for x in at])
     between = np.array([-0.006, 0.006])

@@ -1,4 +1,4 @@
-"""Methods on touches: orders that theory has, worse models in worse places, failures charged."""
+"""Methods on touches: theoretical orders, larger errors of worse models, reports of failures."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -45,7 +45,7 @@ def spring_with(stiffness):
     [("exponential", "plate"), ("MassSpring", "hold"), ("BeamBundle", "hold"), ("series", "two-step")],
 )
 def test_the_steps_are_of_first_order(method, touch):
-    """Without any truth: what halving a step changes falls as T^p; implicit Euler has p = 1."""
+    """Without a reference: the change of the result at half the step is O(T^p); implicit Euler has p = 1."""
     found = [STANDARD[method].compute(TOUCHES[touch], fidelity, 1) for fidelity in RATES[-3:]]
     force = [np.interp(found[0].times, one.times, one.values["force"]) for one in found]
     coarser, finer = (np.sqrt(np.mean((a - b) ** 2)) for a, b in pairwise(force))
@@ -71,7 +71,7 @@ def test_the_error_of_a_scaled_model_rises_by_the_scale():
 
 
 def test_a_linear_body_of_the_right_stiffness_has_a_smaller_error_than_one_of_half():
-    """The slab under the patch is nearly linear: 273 N/m by the reference."""
+    """The slab under the patch is nearly linear, with 273 N/m in the reference."""
     body = user("Spring")
     cell = one(TOUCHES["indent"], body, DEFAULT)
     assert cell.status == "ok"
@@ -105,7 +105,7 @@ def computed(method, touch, error, p50, p99):
 
 
 def test_the_recommended_body_keeps_the_loop_rate_supports_most_touches_and_is_the_most_accurate():
-    """A law that is exact on one touch is not held against bodies that do both; a slow p99 alone rules nothing out."""
+    """A law that is exact on one touch is compared with no body that supports both; a slow p99 alone excludes none."""
     cells = [
         computed("law", "ball", 0.0, 1e-6, 2e-6),
         *(computed("body", t, e, 4e-5, 3e-3) for t, e in (("indent", 0.01), ("hold", 0.03))),
@@ -156,7 +156,7 @@ def test_stored_cells_are_reused_on_the_same_machine_only(tmp_path, monkeypatch)
 
 
 def test_the_forces_equal_those_of_nodes_stepped_one_by_one():
-    """The compiled table against `CompiledNode.step` on messages, of a touch with friction."""
+    """The compiled table is compared with `CompiledNode.step` on messages, for a touch with friction."""
     touch, rate = TOUCHES["slide"], 1000.0
     times = np.arange(round(touch.duration * rate) + 1) / rate
     own = STANDARD["MassSpring"].compute(touch, DEFAULT, 1)

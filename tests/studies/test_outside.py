@@ -1,4 +1,4 @@
-"""Solvers that others wrote: they meet ours where they are installed, and a run of theirs that fails is charged."""
+"""Reference solvers: installed ones agree with palpate, and a failed run of one is reported."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How seldom an effect may run: against the closed form of a signal that is held, and on whole touches."""
+"""The lowest rate of an effect, compared with the closed form of a sampled and held signal, and on complete touches."""
 
 import json
 import math
@@ -16,21 +16,21 @@ from palpate.studies import rates
 from palpate.studies.motions import at_speeds, others, reached
 from palpate.studies.search import record_touch
 
-SWING = """
+WAVE = """
 nodes:
   source: {use: nodes_for_rates.Still}
-  swing:  {use: nodes_for_rates.Swing, in: {pose: source}, frequency: FREQUENCY}
+  wave:  {use: nodes_for_rates.Wave, in: {pose: source}, frequency: FREQUENCY}
   log:    {use: logger.Mcap, in: all}
-wanted: [swing]
+wanted: [wave]
 """
 
 
 PERIODS = {0.5: 2.0, 2.0: 1.0, 11.0: 1.0}
-"""[s] of a signal of a frequency [Hz]: whole periods, and long enough that its ends do not count."""
+"""Duration [s] of a signal of a frequency [Hz]: an integer number of periods, so long that its ends are negligible."""
 
 
-def swing(write, tmp_path, frequency: float, *sets: str):
-    launch = find(str(write("swing.yaml", SWING.replace("FREQUENCY", str(frequency)))))
+def wave(write, tmp_path, frequency: float, *sets: str):
+    launch = find(str(write("wave.yaml", WAVE.replace("FREQUENCY", str(frequency)))))
     return record_touch(launch.but(duration=PERIODS[frequency], overrides=sets), tmp_path / "touch.mcap")
 
 
@@ -43,7 +43,7 @@ def off(every: int, frequency: float) -> float:
 @pytest.mark.parametrize("frequency", [0.5, 2.0, 11.0])
 @pytest.mark.parametrize("error", [0.01, 0.05, 0.3])
 def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_sampled_and_held_signal(write, tmp_path, frequency, error):
-    (rate,) = rates.chosen(swing(write, tmp_path, frequency), error)
+    (rate,) = rates.chosen(wave(write, tmp_path, frequency), error)
     assert rate.constant == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * frequency), rel=2e-3)
     assert rate.every == max(every for every in rates.DIVISORS if off(every, frequency) <= error)
     assert rate.output_error == pytest.approx(off(rate.every, frequency) if rate.every > 1 else 0.0, rel=0.02)
@@ -51,7 +51,7 @@ def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_sampled_and_held_signa
 
 def test_a_lower_rate_in_the_graph_does_not_change_the_answer(write, tmp_path):
     """The touch is computed at each tick first."""
-    fast, slow = (next(rates.chosen(swing(write, tmp_path, 2.0, f"swing.every={n}"), 0.05)) for n in (1, 50))
+    fast, slow = (next(rates.chosen(wave(write, tmp_path, 2.0, f"wave.every={n}"), 0.05)) for n in (1, 50))
     assert (slow.before, fast.before) == (50, 1)
     assert (slow.every, slow.constant, slow.output_error) == (
         fast.every,
@@ -61,13 +61,13 @@ def test_a_lower_rate_in_the_graph_does_not_change_the_answer(write, tmp_path):
 
 
 def test_an_effect_without_influence_keeps_its_rate(write, tmp_path):
-    (rate,) = rates.chosen(swing(write, tmp_path, 2.0, "swing.amplitude=0", "swing.every=5"), 0.05)
+    (rate,) = rates.chosen(wave(write, tmp_path, 2.0, "wave.amplitude=0", "wave.every=5"), 0.05)
     assert rate.every == 5 and math.isinf(rate.constant)
 
 
 @pytest.fixture(scope="module")
 def kidney(tmp_path_factory):
-    """A press that comes down at once, and a slide."""
+    """A sudden press and a slide."""
     path = "[{to: [0, 0, 0.0935], time: 0.15}, {to: [0.005, 0, 0.0935], time: 0.1, shape: linear}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.107]", f"scene.hand.path={path}",
             "scene.tissue.stiffness=3e3", "scene.tissue.exponent=1.5", "scene.tissue.damping=5",
@@ -81,7 +81,7 @@ def test_effects_of_the_force_path_are_rated_by_the_error_of_the_force(kidney):
     assert set(picked) == {"friction", "tissue"}
     assert picked["friction"].in_loop and 0.0 < picked["friction"].force_error <= 0.02
     assert 0.0 < picked["friction"].output_error <= 0.02
-    assert picked["tissue"].force_error < 1e-9  # this body's law does not depend on what it did before
+    assert picked["tissue"].force_error < 1e-9  # the law of this body has no memory
     assert 0.0 < picked["tissue"].output_error <= 0.02  # but its shape is late
     _, one = rates.together([recording], list(picked.values()), 0.02)
     assert one.error <= 0.02
@@ -111,7 +111,7 @@ def test_the_effect_with_the_largest_error_runs_more_often_until_the_total_error
 
 
 def test_a_missed_error_raises_the_rate_of_its_effect():
-    """The one whose output misses it, or else that with the largest part in the force; none where all is kept."""
+    """It is the effect with too large an output error, otherwise the one with the largest force error, or none."""
     slow = [rates.Rate("a", "x", 1, True, 0.4, 20, force_error=0.008), rates.Rate("b", "y", 5, False, 0.1, 10)]
     one = rates.Evaluation({}, error=0.005, outputs=(0.001, 0.02))
     assert [rate.every for rate in rates.raised(slow, one, 0.01)] == [20, 5]
@@ -123,7 +123,8 @@ def test_a_missed_error_raises_the_rate_of_its_effect():
 
 @pytest.mark.long
 def test_rates_are_valid_at_the_stated_speeds_of_the_hand(tmp_path):
-    """A control: friction at the rate that a calm slide allows misses the error where the same slide is fast."""
+    """Control: with the rate that is enough for a slow slide, friction misses the error in the same slide at high
+    speed."""
     tap = "scene.hand.path=[{to: [0, 0, 0.096], time: 0.15}, {to: [0, 0, 0.112], time: 0.15}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.110]", tap]
     launch = find("kidney").but(duration=0.32, overrides=sets)
@@ -143,7 +144,7 @@ def test_rates_are_valid_at_the_stated_speeds_of_the_hand(tmp_path):
 
 
 def test_the_reported_worst_error_is_that_of_all_speeds(tmp_path, monkeypatch):
-    """Also where another speed has the greater RMS."""
+    """Also where another speed has the larger RMS."""
     launch = find("kidney").but(duration=0.05, overrides=["scene.surface.vertices=400"])
     real, calls = rates.tried, iter(range(1, 100))
 
@@ -166,7 +167,7 @@ TAP = {
 
 
 def test_the_error_of_the_friction_output_is_reported(tmp_path):
-    """By an independent count: the friction of both runs, tick by tick."""
+    """The expected error is computed here from the friction of both runs, tick by tick."""
     recording = record_touch(find("kidney").but(**TAP), tmp_path / "t.mcap")
     picked = {rate.node: rate for rate in rates.chosen(recording, 0.05)}
     friction = picked["friction"]
@@ -206,7 +207,7 @@ def test_other_motions_reach_the_stated_fastest_speed_and_stay_in_the_region():
 
 @pytest.mark.long
 def test_predictions_are_valid_on_motions_not_used_for_the_choice(tmp_path):
-    """Slides and taps at up to the fastest speed that the file states, of other shapes and seeds than the search's."""
+    """Slides and taps up to the fastest speed in the file, of shapes and seeds that the search does not use."""
     launch, file, error = find("kidney").but(**TAP), tmp_path / "slow.yaml", 0.1
     found = rates.rates(launch, error, file, speeds=(1.0, 2.0))
     assert found.met and all(rate.every > 1 for rate in found.tried) and len(found.unseen) == rates.HELD_OUT
@@ -233,7 +234,8 @@ def test_predictions_are_valid_on_motions_not_used_for_the_choice(tmp_path):
 
 
 def test_prediction_motions_only_decide_whether_the_error_is_kept(tmp_path, monkeypatch):
-    """A motion that refuses runs again at the raised rates. The last twelve are new, and a miss in them raises none."""
+    """A motion over the error runs again at the raised rates. The last twelve are new, and an error in them raises no
+    rate."""
     launch, file, runs = find("kidney").but(**TAP), tmp_path / "slow.yaml", []
 
     def ran(motion, picked, folder):
@@ -274,30 +276,30 @@ def test_a_path_over_the_error_is_measured_at_every_speed_at_the_raised_rates(tm
 
 
 def test_a_motion_without_a_scripted_hand_has_one_speed(write):
-    launch = find(str(write("swing.yaml", SWING.replace("FREQUENCY", "2"))))
+    launch = find(str(write("wave.yaml", WAVE.replace("FREQUENCY", "2"))))
     assert at_speeds(launch, (0.5, 2.0)) == {1.0: launch}
 
 
 def test_the_command_writes_the_predicted_graph_and_runs_it(tmp_path, write, monkeypatch):
-    graph = write("swing.yaml", SWING.replace("FREQUENCY", "2"))
+    graph = write("wave.yaml", WAVE.replace("FREQUENCY", "2"))
     file = tmp_path / "slow.yaml"
     given = ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)]
     ran = CliRunner().invoke(app, [*given, "--json"])
     assert ran.exit_code == 0, ran.output
     printed = json.loads(ran.stdout)
-    assert printed["set"] == {"swing.every": 10}
+    assert printed["set"] == {"wave.every": 10}
     assert printed["effects"][0]["error"] == pytest.approx(off(10, 2.0), rel=0.02)
-    assert find(str(file)).load().nodes["swing"].every == 10
+    assert find(str(file)).load().nodes["wave"].every == 10
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
     ran = CliRunner().invoke(app, given[:-2])
     assert ran.exit_code == 0 and "113 ms" in ran.output and "predicted" in ran.output
-    assert "palpate run runs/swing-rates.yaml" in ran.output and find("runs/swing-rates.yaml").duration == 0.5
+    assert "palpate run runs/wave-rates.yaml" in ran.output and find("runs/wave-rates.yaml").duration == 0.5
     assert [file.name for file in Path().iterdir()] == ["runs"]
 
 
 def spoilt(monkeypatch, times: int) -> None:
-    """The touch has a force with part in the error, and the first runs do not keep it."""
+    """The force of the touch contributes to the error, and the first runs do not keep it."""
     found, measured, left = rates.chosen, rates.tried, [times]
 
     def tried(recording, picked, texts=()):
@@ -312,17 +314,17 @@ def spoilt(monkeypatch, times: int) -> None:
 
 
 def test_rates_are_raised_until_a_run_keeps_the_error(tmp_path, write, monkeypatch):
-    graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
+    graph, file = write("wave.yaml", WAVE.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
     given = ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)]
     spoilt(monkeypatch, 1)
     ran = CliRunner().invoke(app, [*given, "--json"])
     assert ran.exit_code == 0, ran.output
-    assert json.loads(ran.stdout)["set"] == {"swing.every": 5}  # 10, if the run had kept it
-    assert find(str(file)).load().nodes["swing"].every == 5
+    assert json.loads(ran.stdout)["set"] == {"wave.every": 5}  # 10, if the run had kept it
+    assert find(str(file)).load().nodes["wave"].every == 5
 
 
 def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkeypatch):
-    graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
+    graph, file = write("wave.yaml", WAVE.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
     spoilt(monkeypatch, 100)
     ran = CliRunner().invoke(app, ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)])
     assert ran.exit_code == 1

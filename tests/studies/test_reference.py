@@ -1,4 +1,4 @@
-"""Touches and what is held for true of them, by routes that share nothing with the code under test."""
+"""Touches and their references, computed by methods that share no code with the tested ones."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_a_held_touch_converges_to_the_static_split_of_finger_and_body():
 
 
 def test_a_viscous_slab_relaxes_to_the_elastic_one_at_the_rate_of_the_linear_system():
-    """About its rest the force falls as exp(-r t), of the linear system there."""
+    """Near equilibrium the force decays as exp(-r t), with the rate of the linearized system."""
     stiffness, tau = 280.0, 0.05
     force, *_ = reference.in_time(relaxing(tau), LEVELS, LEVELS / stiffness)
     slack, *_ = reference.in_time(relaxing(0.0), LEVELS, LEVELS / stiffness)

@@ -1,4 +1,4 @@
-"""What a study varies, and what it keeps, as it is written."""
+"""The axes of a study and the quantities that it keeps, as the user writes them."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Studies on real workers: what is stored, and what becomes of it when something goes wrong."""
+"""Studies on real workers: stored results, and their state after errors."""
 
 import fcntl
 import json
@@ -34,7 +34,7 @@ OVER = {"ball.young": [1e4, 2e4, 4e4], "ball.depth": ["1 mm", "2 mm"]}
 
 @pytest.fixture(scope="module")
 def pool(tmp_path_factory):
-    """Two workers, processes of their own, for all tests that leave them alive."""
+    """Two worker processes for all tests that leave them alive."""
     with local(2, tmp_path_factory.mktemp("local") / "workers.log") as workers:
         yield workers
 
@@ -76,7 +76,7 @@ def test_a_row_for_each_point_with_numbers_and_curves(ball, pool, tmp_path):
     assert table["at 2 ms ball.indentation"].to_numpy() == pytest.approx(depth * 3 / 5, rel=1e-12)
     units = table.attrs["units"]
     assert (units["peak ball.force"], units["ball.young"]) == ("N", "Pa") and not table["error"].any()
-    assert "ball.depth" not in units  # its values are texts with their own unit
+    assert "ball.depth" not in units  # its values are texts with a unit
     data = study.xarray()
     assert data["curve ball.force"].dims == ("ball.young", "ball.depth", "time")
     curve = data["curve ball.force"].sel({"ball.young": 2e4, "ball.depth": "2 mm"})
@@ -104,7 +104,7 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(pool, tmp_path):
 
 
 def test_a_lane_gives_the_results_of_a_separate_run(monkeypatch):
-    """Two structures in turn, so that lanes are used again; the results are those of recorded runs, to the byte."""
+    """Two structures in turn, so that lanes are reused; the results equal those of recorded runs, byte for byte."""
     over = {"tissue.use": ["deformation.MassSpring", "deformation.Rigid"], "hand": [press(0.05), press(0.08)]}
     keep = ("peak contact.force", "at 0.1 s controller.force[2]", "mean controller.force", "curve contact.indentation")
     study = palpate.Study("kidney", over, keep, duration=0.15)
@@ -145,7 +145,7 @@ def test_a_second_run_computes_missing_points_and_reports_changes(ball, pool, tm
     assert len(computed(other, tmp_path, pool, report=said.append)) == 6
     assert any("changed: graph.nodes.ball.radius: 4 mm, was nothing" in line for line in said)
     assert other.table()["peak ball.force"][0] == pytest.approx(hertz(1e4, 1e-3, radius=4e-3))
-    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == [], "nothing of the former study is lost"
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == [], "the former study is complete"
     assert len(Store(tmp_path, write=False).rows) == 14
 
 
@@ -231,7 +231,7 @@ LIMITED = BALL.replace("Ball", "Limited")
     ],
 )
 def test_a_sample_out_of_range_is_a_row_at_any_position(write, pool, tmp_path, seed, law, lowest):
-    """Also as the first one, and where all are."""
+    """Also as the first sample, and if all samples are out of range."""
     graph = write("ball.yaml", LIMITED)
     study = palpate.Study(graph, {"ball.radius": law}, KEEP[:1], samples=5, seed=seed, design="random")
     assert computed(study, tmp_path / "out", pool) == list(range(5))
@@ -264,7 +264,7 @@ def test_an_error_independent_of_the_values_is_reported_before_anything_runs(wri
 
 
 def test_a_long_point_delays_no_other_point(ball, pool, tmp_path):
-    """It is started first, on one of two workers: the short ones come on the other."""
+    """It is started first, on one of two workers; the short ones run on the other."""
     gate, order = tmp_path / "gate", []
     points = [(str(gate), 1e4), *(("", 1e3 * k) for k in range(1, 13))]
     study = palpate.Study(ball, {"ball.gate, ball.young": points}, ["peak ball.force"])
@@ -369,7 +369,7 @@ def test_pictures_of_numbers_and_curves(ball, pool, tmp_path):
     assert len(axes.lines) == 6 and axes.get_ylabel() == "ball.force [N]"
     legend = axes.get_legend()
     assert legend is not None and legend.get_title().get_text() == "ball.young [Pa]"
-    (dashed,) = axes.figure.legends  # the other path is told by the dashes: no two lines look alike
+    (dashed,) = axes.figure.legends  # dashes mark the other path: all lines differ
     assert dashed.get_title().get_text() == "ball.depth" and [t.get_text() for t in dashed.texts] == ["1 mm", "2 mm"]
     assert len({(line.get_color(), line.get_linestyle()) for line in axes.lines}) == 6
     with pytest.raises(PalpateError, match=r"Did you mean 'ball\.force'"):
@@ -385,7 +385,7 @@ def test_pictures_of_numbers_and_curves(ball, pool, tmp_path):
 def test_varied_settings_have_their_unit():
     rates = palpate.Study("kidney", {"rate": [500, 1000]}, duration=0.1)
     assert rates.labelled("rate") == "rate [Hz]"
-    other = {"tissue.use": ["deformation.ReducedFE"], "tissue.young": [1e4, 2e4]}  # which the graph's own body lacks
+    other = {"tissue.use": ["deformation.ReducedFE"], "tissue.young": [1e4, 2e4]}  # not in the graph
     assert palpate.Study("kidney", other, duration=0.1).labelled("tissue.young") == "tissue.young [Pa]"
 
 

@@ -1,4 +1,4 @@
-"""Sensitivity indices: Ishigami's function and Hertz's law, whose indices are known in closed form."""
+"""Sensitivity indices of Ishigami's function and of Hertz's law, compared with their closed forms."""
 
 import math
 from types import SimpleNamespace
@@ -53,8 +53,8 @@ def moment(ends, power):
 
 
 def test_sobol_indices_of_hertz():
-    """F is a product of powers of independent parameters: with v = var(x^p)/mean(x^p)^2 of each, the whole variance is
-    prod(1 + v) - 1, that of one alone v, and with all interactions v times the others' (1 + v)."""
+    """F is a product of powers of independent parameters. With v = var(x^p)/mean(x^p)^2 of each, the total variance is
+    prod(1 + v) - 1, that of one parameter v, and with all its interactions v times the (1 + v) of the others."""
     drawn = space(RANGES, "sobol", 1024)
     values = np.array([last(Ball, **dict(zip(RANGES, row, strict=True))).force for row in drawn.drawn])
     found = indices("sobol", list(RANGES), drawn.cube, values, seed=1)
@@ -85,7 +85,7 @@ def test_the_intervals_narrow_with_the_samples():
 
 @pytest.mark.parametrize("samples", [16, 64])
 def test_the_intervals_have_their_nominal_coverage(samples):
-    """Of a linear law, whose indices are the shares of the squares: 95 % of all, by resampling of few samples less."""
+    """For a linear law, whose indices are the fractions of the squares: 95 %, or less from resampling few samples."""
     weights = np.array([1.57, 0.07, 0.43, 0.23, 0.76, 1.0, 0.5, 0.3, 1.2, 0.9, 0.1, 0.6])
     names = [f"x{k}" for k in range(len(weights))]
     shares, inside = weights**2 / (weights**2).sum(), []
@@ -113,7 +113,7 @@ def test_a_constant_result_has_zero_indices():
 
 @pytest.mark.long
 def test_a_study_finds_the_exponents_of_hertz(write, tmp_path):
-    """Over 1 % of range the effects of Morris are force times exponent times 1 %, whatever is crossed with them."""
+    """Over a range of 1 % the effects of Morris are force times exponent times 1 %, for any other axes."""
     ranges = {"young": (1e4, 1.01e4), "radius": (8e-3, 8.08e-3), "depth": (1e-3, 1.01e-3)}
     over = {f"ball.{name}": {"uniform": list(ends)} for name, ends in ranges.items()} | {"ball.poisson": [0.3, 0.5]}
     graph = write("ball.yaml", BALL)

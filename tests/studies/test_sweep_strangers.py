@@ -1,4 +1,4 @@
-"""Other users of this machine, and strangers on the network, can send nothing to a study."""
+"""Other users of this computer and other hosts on the network cannot send anything to a study."""
 
 import os
 import signal

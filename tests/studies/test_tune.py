@@ -1,4 +1,4 @@
-"""The body for a budget: what is picked, and what is told."""
+"""The choice of the body for a budget, and its report."""
 
 import json
 import math
@@ -112,7 +112,7 @@ def test_a_node_that_no_body_makes_faster_is_named():
     shown = [replace(one, slowest=("display", 600e-6)) for one in ALL]
     assert "Node 'display' alone takes 600 us" in tune.cause(shown, Goal(0.5e-3, None))
     assert tune.cause(shown, Goal(0.7e-3, None)) == ""
-    assert tune.cause(shown, Goal(None, 1e-4)) == ""  # the error: time has no part in it
+    assert tune.cause(shown, Goal(None, 1e-4)) == ""  # only the error counts here, not the time
     assert tune.cause(shown, Goal(0.5e-3, 1e-4)) == ""
 
 
@@ -126,7 +126,7 @@ wanted: [waits]
 
 
 def test_the_cost_is_processor_time_next_to_wall_time(write, tmp_path):
-    """A node that does not have the processor for 4 ms of each step, as one that other programs interrupt."""
+    """The node loses the processor for 4 ms of each step, as if other programs interrupted it."""
     recording = record_touch(find(str(write("waits.yaml", WAITS))).but(duration=0.05), tmp_path / "t.mcap")
     base, variant = compare(recording, [[]], reference=[])
     one = Evaluation({}).with_errors(base, variant)

@@ -34,7 +34,7 @@ class Chain:
     late  delay of a message [ticks]
     lost  which messages are lost
     fate  delays of the messages; by default according to `late` and `lost`
-    told  called with every message that is sent
+    told  callback for every sent message
     halted  whether a node is stopped at a tick, as by SIGSTOP
     """
 

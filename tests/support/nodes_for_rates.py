@@ -17,7 +17,7 @@ class Still(Node):
         return Pose(position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), dt=dt)
 
 
-class Swing(Node):
+class Wave(Node):
     """A force that oscillates with the time of the pose."""
 
     effect = "display"

@@ -155,7 +155,7 @@ def _write(target: Path, frames: Iterator[Figure], rate: float, done: Callable[[
 
 
 def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
-    """Ticks and times [s] with both contact and surface. PictureError: no such ticks."""
+    """Ticks and times [s] with both contact and surface. PictureError: no tick has both."""
     path = touch.recording.path
     stream = touch.stream_of(Surface)
     if stream is None:

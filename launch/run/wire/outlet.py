@@ -92,7 +92,7 @@ class ReaderConnection:
 class Sender:
     """Sends one stream.
 
-    far    publisher for readers on other machines; None: no such readers
+    far    publisher for readers on other machines, or None
     holds  called repeatedly while a reader's buffer is full (it may raise)
     """
 

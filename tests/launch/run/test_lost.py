@@ -55,7 +55,7 @@ def test_a_long_wait_for_a_slow_sender_is_not_a_loss():
 def test_a_run_ends_and_names_the_sender(tmp_path, what):
     fault = Fault("wire", what, "spring", "simulated", "each", "loop", 40)
     assert random_faults.run(fault, tmp_path) == []
-    if what == "garbles a frame":  # told as no message, and not as lost
+    if what == "garbles a frame":  # reported as an invalid message, not as a lost one
         printed = " ".join((tmp_path / "told").read_text().split())
         assert "node 'spring', stream 'spring': MessageError" in printed, printed
 

@@ -76,7 +76,7 @@ def test_on_the_simulated_clock_a_hung_node_is_named_and_the_recording_is_valid(
 
 
 def test_a_node_continues_after_the_death_of_its_optional_driving_sender(tmp_path):
-    """The recording of such a run can be checked."""
+    """Its recording can be checked."""
     text = """
 nodes:
   source: {use: nodes_for_runs.Source}

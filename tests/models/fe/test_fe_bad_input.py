@@ -57,7 +57,7 @@ def test_mooney_rivlin_constants_without_stiffness_are_refused():
         mooney_rivlin(-2.0, 1.0, 0, 0, 0, 1e-5)
 
 
-def test_a_modulus_off_by_a_thousand_is_noticed():
+def test_a_modulus_wrong_by_a_factor_of_a_thousand_is_reported():
     """180 kPa of silicone, given in MPa and given in kPa as if they were MPa."""
     with pytest.raises(
         MaterialError, match=r"region 0: Young's modulus 0.18 Pa, expected 50 .* 0.18 MPa is 1.8e\+05 Pa"

@@ -75,7 +75,7 @@ def in_anatomy(outlines, name):
 
 
 @pytest.mark.parametrize(("name", "first"), [("skin", 2), ("tissue", 4), ("bone", 6)])
-def test_outlines_lie_on_the_known_surface_to_a_fifth_of_a_pixel(outlines, name, first):
+def test_outlines_agree_with_the_known_surface_to_0_2_pixels(outlines, name, first):
     """In slices that the surface crosses steeply; near its tip a slice of 1.2 mm averages over the slope."""
     for k, points in in_anatomy(outlines, name).items():
         if k >= first:

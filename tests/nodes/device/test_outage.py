@@ -131,9 +131,9 @@ def test_an_input_that_never_existed_is_not_an_outage():
 
 def held(normal, ramp: float, stiffness: float, damping: float, depth: float, outages, late: bool = False, steps=1800):
     """Forces [N] (steps,) of a grip that a hand presses into a wall of 500 N/m, and the energy [J] (steps,) that the
-    display gives, counted by the way of the grip and not by the controller's own observer. An outage of 30 ms begins at
-    each step of `outages`: without the contact, or, if `late`, without a step of the controller, whose force the device
-    holds for 9 ms."""
+    display gives, computed from the path of the grip and not from the observer of the controller. An outage of 30 ms
+    begins at each step of `outages`: without the contact, or, if `late`, without a step of the controller, whose force
+    the device holds for 9 ms."""
     node, n = Haptic(ramp=ramp, resolution=0.0), np.array(normal)
     node.start()
     position, velocity, force = np.zeros(3), np.zeros(3), np.zeros(3)

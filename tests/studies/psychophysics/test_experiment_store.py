@@ -1,4 +1,4 @@
-"""The folder of an experiment: rows, what a power cut leaves, who is known."""
+"""The folder of an experiment: rows, recovery after a power cut, participants."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Psychometric functions, their fit, and QUEST+, each against what is known otherwise."""
+"""Psychometric functions, their fit, and QUEST+, each compared with an independent result."""
 
 import math
 from types import SimpleNamespace
@@ -76,14 +76,14 @@ def test_false_alarms_give_the_guess_rate():
 
 @pytest.mark.parametrize("design", [name for name in DESIGNS if name != "quest+"])
 def test_intervals_contain_the_threshold_of_the_observer(design, write):
-    """Of 40 sessions: with 95 % in the long run, fewer than 33 come with a chance of 1 in 2000."""
+    """Of 40 sessions; at a coverage of 95 %, fewer than 33 have a probability of 1 in 2000."""
     assert Sessions(design, write).covered(40) >= 33
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("design", DESIGNS)
 def test_intervals_contain_the_threshold_of_the_observer_in_about_95_of_100_sessions(design, write):
-    """Of 200: with 95 % in the long run, fewer than 180 come with a chance of 1 in 800."""
+    """Of 200 sessions; at a coverage of 95 %, fewer than 180 have a probability of 1 in 800."""
     assert Sessions(design, write).covered(200) >= 180
 
 
@@ -94,7 +94,7 @@ GRIDS = {
 
 
 def test_quest_plus_asks_at_the_level_of_the_least_expected_entropy():
-    """By the definition, branch by branch, instead of the mutual information."""
+    """The expected value is computed from the definition, branch by branch, not from the mutual information."""
     quest = QuestPlus("weibull", *GRIDS.values(), 0.5)
     random = np.random.default_rng(1)
     for _ in range(5):
