@@ -5,7 +5,7 @@ import pytest
 from drawing import needs_drawing
 
 from palpate.nodes.base.surface import surface_mesh
-from palpate.views.surface.render import _longest, ball_centres, render
+from palpate.views.surface.render import ARROW, ARROW_SHARE, ball_centres, render
 
 SHAFT = np.array([0x1F, 0x3B, 0x57])
 
@@ -30,6 +30,6 @@ def test_no_arrow_is_cut_at_the_border_of_its_picture(count):
     for picture in [*drawn["wide"], *drawn["close"]]:
         dark = np.abs(picture.astype(int) - SHAFT).sum(axis=2) < 60
         rows, columns = np.nonzero(dark)
-        assert len(rows) > 100 * count and _longest(mesh.vertices) > 0.02
+        assert len(rows) > 100 * count and min(ARROW, ARROW_SHARE * np.ptp(mesh.vertices, axis=0).max()) > 0.02
         assert rows.min() > 3 and rows.max() < picture.shape[0] - 4
         assert columns.min() > 3 and columns.max() < picture.shape[1] - 4
