@@ -428,8 +428,8 @@ class ObserverSlot:
             self.pending += [message for message in block.messages() if message[0] in self.streams]
             return
         self.take()
-        heard = [stream in self.streams for stream in block.streams]
-        entries = block.entries if all(heard) else block.entries[np.array(heard)[block.entries["number"]]]
+        used = [stream in self.streams for stream in block.streams]
+        entries = block.entries if all(used) else block.entries[np.array(used)[block.entries["number"]]]
         if not len(entries):
             return
         begun, tick = perf_counter_ns(), int(entries["tick"][-1])

@@ -42,11 +42,11 @@ def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
     # Assign each node to a finger; a node that only reads one finger belongs to it.
     links = list(links)
     part = parts(links)
-    heard: dict[str, set[str]] = {}
-    for hears, _, sends in links:
-        heard.setdefault(hears, set()).add(sends)
-    for node in heard:
-        numbers = {part.get(sends) for sends in heard[node]}
+    inputs: dict[str, set[str]] = {}
+    for reader, _, sender in links:
+        inputs.setdefault(reader, set()).add(sender)
+    for node in inputs:
+        numbers = {part.get(sender) for sender in inputs[node]}
         if node not in part and len(numbers) == 1 and None not in numbers:
             part[node] = numbers.pop() or 0
     # Collect the streams of each finger that touches.
@@ -59,7 +59,7 @@ def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
         finger = Finger()
         senders: dict[str, set[str]] = {}
         for stream, (producer, kind) in own_streams.items():
-            adds_up = kind in _ADDED and bool(senders.get(kind, set()) & heard.get(producer, set()))
+            adds_up = kind in _ADDED and bool(senders.get(kind, set()) & inputs.get(producer, set()))
             if adds_up or kind not in finger:
                 finger[kind] = stream
             senders.setdefault(kind, set()).add(producer)
@@ -111,7 +111,7 @@ class Bodies:
                 if not meshes:
                     raise
         shown = list(meshes)
-        pressed = {sends: surfaces[hears] for hears, _, sends in links if surfaces.get(hears) in meshes}
+        pressed = {sender: surfaces[reader] for reader, _, sender in links if surfaces.get(reader) in meshes}
         senders = {s: producer for s, (producer, kind) in streams.items() if kind == full_name(Load)}
         loads = {s: shown.index(pressed[producer]) for s, producer in senders.items() if producer in pressed}
         return cls(shown, list(meshes.values()), loads, [s for s in surfaces.values() if s not in meshes])

@@ -120,7 +120,7 @@ class EmulatedChip:
         self.divisor, self.latency = firmware.SLOW, 0.016
         self.dtr = False
         self.loading: bytearray | None = None
-        self.heard = b""
+        self.received = b""
         self.line: deque[tuple[int, int]] = deque()  # (time of arrival [ns], byte)
         self.free = 0  # [ns] when the line to the host is free again
         self.timer = self.opened
@@ -130,7 +130,7 @@ class EmulatedChip:
         if request == ftdi.RESET and value == ftdi.PURGE_RX:
             self.line.clear()
         elif request == ftdi.RESET and value == ftdi.PURGE_TX:
-            self.heard = b""
+            self.received = b""
         elif request == ftdi.LATENCY:
             self.latency = value * 1e-3
         elif request == ftdi.BAUD:
@@ -149,16 +149,16 @@ class EmulatedChip:
         device = self.device
         taken = round(10.0 / baud(self.divisor) * 1e9 * len(data))
         if self.divisor == firmware.SLOW and self.dtr:
-            self.heard = (self.heard + data)[-3:]
-            if self.heard == firmware.HELLO:
-                self.heard = b""
+            self.received = (self.received + data)[-3:]
+            if self.received == firmware.HELLO:
+                self.received = b""
                 self._send(b"\x00" * (device.attempts % 2) + firmware.READY, taken)
         elif self.divisor == firmware.LOADING:
             self._load(data, taken)
         elif self.divisor == firmware.RUNNING and device.running:
-            self.heard += data
-            while len(self.heard) >= frames.LENGTH:
-                frame, self.heard = self.heard[: frames.LENGTH], self.heard[frames.LENGTH :]
+            self.received += data
+            while len(self.received) >= frames.LENGTH:
+                frame, self.received = self.received[: frames.LENGTH], self.received[frames.LENGTH :]
                 if frame[:1] == b"<" and frame[-1:] == b">":
                     self._send(device.answer(frame), taken + round(device.days.faults.latency * 1e9))
 

@@ -86,13 +86,13 @@ def _without(planned: Plan, name: str, able: list[tuple[str, Effect]]) -> Plan |
     graph = planned.graph
     off = {n for n, e in able if e.how == "node"}
     specs = {n: replace(spec, off="off") if n in off else copy.copy(spec) for n, spec in graph.nodes.items()}
-    said = graph.effects | {name: EffectChoice(False, NOWHERE)}
+    switched = graph.effects | {name: EffectChoice(False, NOWHERE)}
     try:
-        other = plan(replace(graph, nodes=specs, effects=said))
+        other = plan(replace(graph, nodes=specs, effects=switched))
     except GraphError:
         return None
     wanted = {s: planned.wanted[s] & names for s, names in other.wanted.items() if s in planned.wanted}
-    return replace(other, wanted=trimmed(wanted, said, [specs[n] for n in other.edges]))
+    return replace(other, wanted=trimmed(wanted, switched, [specs[n] for n in other.edges]))
 
 
 def _rule(planned: Plan, name: str, able: list[tuple[str, Effect]], on: bool) -> str:

@@ -28,7 +28,7 @@ def known() -> dict[str, list[tuple[str, Effect]]]:
 
 def chosen(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, EffectChoice]:
     """The effects that are switched explicitly; the scene takes precedence over the graph."""
-    said: dict[str, EffectChoice] = {}
+    switched: dict[str, EffectChoice] = {}
     for source in (graph, scene):
         given = source.data.get(KEY)
         if given is not None and not isinstance(given, dict):
@@ -37,16 +37,16 @@ def chosen(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, Ef
         for name, value in (given or {}).items():
             place = source.place(KEY, str(name))
             if isinstance(value, bool):
-                said[str(name)] = EffectChoice(value, place)
+                switched[str(name)] = EffectChoice(value, place)
             else:
                 faults.add(f"effects, {name}: found {value!r}, expected on or off", "", place)
-    return said
+    return switched
 
 
-def apply(said: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults: Faults) -> None:
+def apply(switched: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults: Faults) -> None:
     """Switch nodes and settings. A fault for each effect that no node can compute or leave out, with the classes that
     can. A class without declared parts is assumed to fill all fields of its messages."""
-    for name, choice in said.items():
+    for name, choice in switched.items():
         parts = [(spec, effect) for spec in nodes.values() for effect in effects(spec.cls) if effect.name == name]
         if not parts:
             if name not in known() or not (choice.on and _filled(name, nodes)):
@@ -54,7 +54,7 @@ def apply(said: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults: Fau
             continue
         for spec, effect in parts:
             for other in effects(spec.cls) if not choice.on else ():
-                if other.name in said and said[other.name].on and not set(effect.also).isdisjoint(other.fields):
+                if other.name in switched and switched[other.name].on and not set(effect.also).isdisjoint(other.fields):
                     faults.add(f"effects: {other.name} is on, but needs {name}, which is off", "", choice.place)
             if effect.how == "node":
                 spec.off = None if choice.on else f"the effect {name} is off ({choice.place})"
@@ -89,17 +89,17 @@ def _unknown(name: str, choice: EffectChoice, faults: Faults) -> None:
 
 
 def trimmed(
-    wanted: dict[str, frozenset[str]], said: dict[str, EffectChoice], specs: Iterable[NodeSpec]
+    wanted: dict[str, frozenset[str]], switched: dict[str, EffectChoice], specs: Iterable[NodeSpec]
 ) -> dict[str, frozenset[str]]:
     """Wanted fields of each stream: adds those of effects that are on; removes those of effects that are off and those
     that depend on them."""
     fields = dict(wanted)
     for spec in specs:
         for effect in effects(spec.cls):
-            if effect.how != "part" or effect.name not in said:
+            if effect.how != "part" or effect.name not in switched:
                 continue
             for stream, kind in spec.streams.items():
-                on = said[effect.name].on
+                on = switched[effect.name].on
                 shown = frozenset(effect.fields if on else effect.fields + effect.also) & set(kind.__struct_fields__)
                 fields[stream] = fields[stream] | shown if on else fields[stream] - shown
     return fields

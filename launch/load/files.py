@@ -166,8 +166,8 @@ def apply(overrides: list[Override], graph: YamlSource, scene: YamlSource, fault
         if head == "scene" and rest:
             _set_scene(override, rest, scene, faults)
         elif head == "effects" and len(rest) == 1:
-            said = scene.data.get(head)
-            (scene if isinstance(said, dict) and rest[0] in said else graph).put((head, *rest), override.value)
+            given = scene.data.get(head)
+            (scene if isinstance(given, dict) and rest[0] in given else graph).put((head, *rest), override.value)
         elif head in TOP and not rest:
             graph.put((head,), override.value)
         elif head in nodes and not rest and override.value.data is None:

@@ -74,9 +74,9 @@ def _wanted(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: list[str]
     whole, extra = set(graph.wanted or ()), dict.fromkeys(streams, frozenset[str]())
     for spec in graph.nodes.values():
         if spec.observer and spec.off is None:
-            heard = streams if spec.listen is None and graph.wanted is None else spec.listen or ()
+            recorded = streams if spec.listen is None and graph.wanted is None else spec.listen or ()
             asked = spec.settings.get("fields", "all")
-            for stream in heard:
+            for stream in recorded:
                 if asked == "all" or not fields[stream]:
                     whole.add(stream)
                 else:

@@ -204,7 +204,7 @@ class Launcher:
         if member.state == "gone" and not isinstance(report, reports.Alive):
             return  # the end of its process was handled before
         if not self._ending.closed or not isinstance(report, reports.Alive) or self._progress(report):
-            member.heard()
+            member.reset_silence()
         match report:
             case reports.Hello():
                 self._control.tell(f"join-{member.job.group}", reports.Take(member.job, self.run_id))
@@ -295,7 +295,7 @@ class Launcher:
         self._control.tell("*", reports.Go(self.origin))
         for member in self.members.values():
             member.state = "running"
-            member.heard()
+            member.reset_silence()
 
     # -- failures ------------------------------------------------------------------------------------------------
 

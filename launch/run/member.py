@@ -60,7 +60,7 @@ class WorkerHandle:
     def names(self) -> str:
         return ", ".join(given.name for given in members(self.job))
 
-    def heard(self) -> None:
+    def reset_silence(self) -> None:
         self._silence = self._at_disk = 0.0
         self._checked = time.monotonic()
 
@@ -91,7 +91,7 @@ class WorkerHandle:
         """Reset the state for a new process."""
         self.state, self.pid, self.paused = "starting", None, None
         self.flushed = self.clean_exit = False
-        self.heard()
+        self.reset_silence()
 
 
 def at_the_disk(pid: int) -> bool:

@@ -47,11 +47,11 @@ def press(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """
     cut = continuum.tetrahedra(block)
     with tempfile.TemporaryDirectory() as folder:
-        whole, status, said = run(deck(cut, levels), Path(folder))
+        whole, status, output = run(deck(cut, levels), Path(folder))
         seconds = whole / len(levels)
         moved = _read(Path(folder) / "run.dat", np.sort(cut.top.ravel()), cut.mesh.points.shape)
     if status or len(moved) != len(levels):
-        raise ArithmeticError(f"CalculiX solved {len(moved)} of {len(levels)} forces; end of its output: {said}")
+        raise ArithmeticError(f"CalculiX solved {len(moved)} of {len(levels)} forces; end of its output: {output}")
     depth = [float(np.sum(cut.unit * u)) for u in moved]
     shape = [-u[cut.top, 2] for u in moved]
     return continuum.curve(levels, depth, shape, (cut.x, cut.y, cut.top), cut.unit.size, [seconds] * len(levels))

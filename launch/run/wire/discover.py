@@ -74,13 +74,13 @@ def messages_of(stream: str, run: str | None) -> Iterator[Message]:
     live_run = find(run)
     kind: type[Message] | None = Health if stream == HEALTH else None
     reports: dict[str, int] = {}
-    heard = False
+    received = False
     for name, payload in hear(live_run, list({stream, HEALTH})):
         if name == stream:
-            heard = True
+            received = True
             kind = kind or _type_of(payload)
             yield unpack(payload, kind)
-        elif not heard:
+        elif not received:
             # Each node reports five times a second: after five reports of one node all nodes are known.
             source = msgspec.msgpack.decode(payload)["source"]
             reports[source] = reports.get(source, 0) + 1

@@ -119,26 +119,26 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     orders_at, reports_at = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
     take = None
-    with zmq.Context() as context, context.socket(zmq.SUB) as heard, context.socket(zmq.PUSH) as said:
-        for socket in (heard, said):
+    with zmq.Context() as context, context.socket(zmq.SUB) as incoming, context.socket(zmq.PUSH) as outgoing:
+        for socket in (incoming, outgoing):
             socket.set(zmq.LINGER, 0)
             if key is not None:
                 key.secure(socket, server=False)
-        faults = said.get_monitor_socket(REFUSED)
+        faults = outgoing.get_monitor_socket(REFUSED)
         refusals = 0
-        heard.subscribe(f"~join-{group}".encode() + b"\0")
-        heard.connect(orders_at)
-        said.connect(reports_at)
+        incoming.subscribe(f"~join-{group}".encode() + b"\0")
+        incoming.connect(orders_at)
+        outgoing.connect(reports_at)
         for _ in range(max(1, round(patience / 0.25))):
             # libzmq drops a refused connection, and a blocking send would never return
             with contextlib.suppress(zmq.Again):
-                said.send(msgspec.msgpack.encode(reports.Addressed(group, reports.Hello())), zmq.NOBLOCK)
+                outgoing.send(msgspec.msgpack.encode(reports.Addressed(group, reports.Hello())), zmq.NOBLOCK)
             while faults.poll(0):
                 refusals += NO_RETRY if recv_monitor_message(faults)["event"] == MISMATCH else 1
             if refusals >= NO_RETRY:
                 raise RunError(f"{address} refuses the connection: its key is different, or only one side is encrypted")
-            if heard.poll(250):
-                take = _take(heard.recv())
+            if incoming.poll(250):
+                take = _take(incoming.recv())
                 if take is not None:
                     break
         else:

@@ -69,26 +69,26 @@ def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
 
 def baselines(problem: Problem, best: Estimate) -> list[str]:
     """A warning for each press whose baseline drifts, or that may begin in contact."""
-    said = []
+    notes = []
     for press, touch in zip(problem.presses, best.touches, strict=True):
         peak, first = float(press.force.max()), float(press.depth.min())
         reach = float(press.depth.max()) - touch
         size, error = best.number(f"drift, {press.name}")
         if abs(size) > SURE * error:
             drift = size * 0.01 * float(np.abs(press.force).max())
-            said.append(
+            notes.append(
                 f"{press.name}: the force drifts before contact, by {drift:.3g} N over the rows fitted "
                 f"({100 * drift / peak:.2g} % of the peak); a linear baseline was fitted with the parameters, which "
                 "widens the intervals. A nonlinear drift is not corrected"
             )
         uncertain = best.number(f"touch, {press.name}")[1] * press.slack
         if not press.air and touch - 2.0 * uncertain < first - 0.02 * reach:
-            said.append(
+            notes.append(
                 f"{press.name}: no rows before contact show the zero of the force: contact may begin up to "
                 f"{1e3 * (first - touch + 2.0 * uncertain):.2g} mm before the first row. Zero and touch point "
                 "were estimated from the curve, which widens the intervals; begin the press above the surface"
             )
-    return said
+    return notes
 
 
 def with_smooth_factor(law: Law, reach: float) -> Law:
@@ -116,7 +116,7 @@ def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
         RATE: (problem.presses, problem.law, "hunt-crossley"),
     }
     # fit each shape that explains the residuals, from the minimum of the law; widen the intervals to include it
-    said, lost = [], True
+    notes, lost = [], True
     given = {p.name: replace(best.intervals[p.name]) for p in problem.parameters}
     for what, (presses, law, kind) in others.items():
         if chances.get(what, 1.0) > limit:
@@ -132,11 +132,11 @@ def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
             now.low, now.high = min(now.low, its.low), max(now.high, its.high)
         lost = lost and _chances(other, free)[BLOCKS] < RARE
         if moved:
-            said.append(f"with {what} it fits better and gives {', '.join(moved)}")
+            notes.append(f"with {what} it fits better and gives {', '.join(moved)}")
     # report, and withhold the interval if it spans too much or no shape explains the residuals
-    if not said and chances[BLOCKS] > RARE:
+    if not notes and chances[BLOCKS] > RARE:
         return [], []
-    text = "; ".join(said) or "its residuals in contact are not only noise"
+    text = "; ".join(notes) or "its residuals in contact are not only noise"
     first = best.intervals[problem.parameters[0].name]
     sure = chances[BLOCKS] <= RARE or min(chances[what] for what in chances if what != BLOCKS) <= UNLIKELY
     if sure and (first.low <= 0.0 or first.high / first.low > WITHHELD or lost):

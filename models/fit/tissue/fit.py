@@ -275,7 +275,7 @@ def _sensitivity(fit: TissueFit, made: Callable[[Sequence[MeasuredPress]], Probl
 
 def _open(fit: TissueFit) -> list[str]:
     """What the data do not determine, one sentence each."""
-    best, said = fit.estimate, []
+    best, notes = fit.estimate, []
     reach = fit.deepest
     what, size = ("height", fit.rig.height or 1.0) if fit.rig.kind == "cylinder" else ("radius", fit.rig.radius)
     deep = f"pressed {1e3 * reach:.3g} mm, {reach / size:.2g} of the {what}"
@@ -286,41 +286,41 @@ def _open(fit: TissueFit) -> list[str]:
         low, high = interval.profile
         if p.name.startswith(("time_", "retardation")) and (interval.value > 0.5 * length or math.isnan(high)):
             least = interval.value if math.isnan(low) else low
-            said.append(f"{p.name}: the record of {length:.3g} s is too short for it; it is above {least:.3g} s, and "
+            notes.append(f"{p.name}: the record of {length:.3g} s is too short for it; it is above {least:.3g} s, and "
                         "its share is not determined")  # fmt: skip
         elif math.isnan(low) and math.isnan(high):
-            said.append(f"{p.name}: not determined, any value from {p.low:g} to {p.high:g} fits ({deep})")
+            notes.append(f"{p.name}: not determined, any value from {p.low:g} to {p.high:g} fits ({deep})")
         elif math.isnan(low) or math.isnan(high):
             known = f"above {low:.3g}" if math.isnan(high) else f"below {high:.3g}"
-            said.append(f"{p.name}: only {known} {p.unit} is certain ({deep})")
+            notes.append(f"{p.name}: only {known} {p.unit} is certain ({deep})")
         elif p.name == "alpha" and low < 2.0 < high:
-            said.append(f"alpha: from {low:.3g} to {high:.3g}, which includes the 2 of the neo-Hooke law: the data "
+            notes.append(f"alpha: from {low:.3g} to {high:.3g}, which includes the 2 of the neo-Hooke law: the data "
                         f"show no stiffening ({deep})")  # fmt: skip
     # parameters that the data or the rig cannot distinguish
     names = best.names
     for i in range(len(names)):
         for j in range(i):
             if abs(best.correlation[i, j]) > INDISTINGUISHABLE:
-                said.append(f"{names[j]} and {names[i]} cannot be distinguished: correlation "
+                notes.append(f"{names[j]} and {names[i]} cannot be distinguished: correlation "
                             f"{best.correlation[i, j]:.3f}")  # fmt: skip
     if fit.young is not None and fit.rig.kind != "cylinder":
-        said.append(f"young and poisson: a press determines only E/(1 - nu²); nu was fixed at {fit.rig.poisson:g}")
+        notes.append(f"young and poisson: a press determines only E/(1 - nu²); nu was fixed at {fit.rig.poisson:g}")
     if fit.law.name == "hertz" and fit.rig.kind == "ball":
-        said.append(_thickness(fit.rig, reach))
+        notes.append(_thickness(fit.rig, reach))
     if fit.rig.kind == "cylinder":
-        said.append("young and the friction of the plates: fit with --plates frictionless and bonded; the true value "
+        notes.append("young and the friction of the plates: fit with --plates frictionless and bonded; the true value "
                     "is between the two")  # fmt: skip
     # mixed specimens, local minima
     if len({p.name for p in fit.presses}) > 1 and (values := best.intervals[best.parameters[0].name].presses):
         ratio = max(values) / min(values)
         if ratio > MIXED:
-            said.append(f"the presses differ {ratio:.2g} times in {best.parameters[0].name}: are two indenters or two "
+            notes.append(f"the presses differ {ratio:.2g} times in {best.parameters[0].name}: are two indenters or two "
                         "specimens mixed?")  # fmt: skip
     if best.starts < 0.5:
-        said.append(
+        notes.append(
             f"only {100 * best.starts:.0f} % of the starts converged to this minimum: others are nearly as good"
         )
-    return said
+    return notes
 
 
 def _thickness(rig: Rig, deepest: float) -> str:
