@@ -111,7 +111,6 @@ ALLOWED = {
     r"house\.py": (),
     r"its own material": ("studies/accuracy/reference_solvers.py", "studies/accuracy/sites.py"),  # a name in results
     r"palpate\.reels": ("tests/views/test_view_browser.py",),
-    r"told  callback": ("tests/support/chain_for_runs.py",),
     r"fills such an index": ("records/format/mcap_file.py",),
     r"stop tell": ("tests/launch/run/test_bad_runs.py",),
     r"\bbed\b": ("cli/commands/fitting/build/basis.py", "models/build/basis.py", "nodes/deformation/reduced_fe.py",

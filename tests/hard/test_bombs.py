@@ -45,7 +45,7 @@ for path in files:
 
 
 def each_grown(setup: str, call: str, *paths: Path) -> list[tuple[str, int]]:
-    """What a program said of each file, and by how many MB it grew over it."""
+    """The output of a program for each file, and the growth of its memory [MB]."""
     code = LIMITED.format(setup=setup, call=call)
     done = subprocess.run([sys.executable, "-c", code, *map(str, paths)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -291,7 +291,7 @@ FAST = (("press", "tissue"), ("press", "finger"), ("hold", "contact"), ("long", 
 def test_after_an_outage_the_force_recovers_for_a_hand_at_rest(chain, stream, times):
     run = chain(find("kidney").but(overrides=HOLD))
     force: list[float] = []
-    run.told = lambda sent, message: force.append(message.force[2]) if sent == "controller" else None
+    run.sent = lambda sent, message: force.append(message.force[2]) if sent == "controller" else None
     run.lost = lambda sent, reader, tick: sent == stream and any(a <= tick < b for a, b in OUTAGES[times])
     run.run(OUTAGES[times][-1][1] + 1500)
     assert min(force[-100:]) > 0.95 * 2.19

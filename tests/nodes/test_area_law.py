@@ -56,15 +56,15 @@ def test_a_radius_that_does_not_fit_the_mesh_is_an_error(radius):
 
 @pytest.mark.parametrize("kind", [Kernel, ReducedFE, MassSpring])
 @pytest.mark.parametrize(
-    ("radii", "said"),
+    ("radii", "printed"),
     [
         ((2e-3, 1e-3), "the radius goes from"),
         ((1e-3,), "a radius for each force"),
         ((1e-4, 2e-2), "grows at most as"),
     ],
 )
-def test_an_invalid_law_is_an_error(kind, radii, said):
-    with pytest.raises(SettingError, match=f"'area_forces' and 'area_radii': .*{said}"):
+def test_an_invalid_law_is_an_error(kind, radii, printed):
+    with pytest.raises(SettingError, match=f"'area_forces' and 'area_radii': .*{printed}"):
         kind(area="table", area_forces=(0.1, 1.0), area_radii=radii)
 
 
@@ -95,7 +95,7 @@ def test_a_scene_gives_the_law_to_both():
 
 
 @pytest.mark.parametrize(
-    ("sets", "said"),
+    ("sets", "printed"),
     [
         ([], ""),
         (["scene.surface.area=ball"], ""),
@@ -105,10 +105,10 @@ def test_a_scene_gives_the_law_to_both():
         (["spread.area_radius=4 mm"], ""),
     ],
 )
-def test_different_laws_are_reported(sets, said):
+def test_different_laws_are_reported(sets, printed):
     notes = chosen("kidney", ["tissue.use=deformation.ReducedFE", *sets], None, None, False).plan().graph.notes
     found = [note for note in notes if "contact area" in note]
-    assert len(found) == bool(said) and all(said in note for note in found)
+    assert len(found) == bool(printed) and all(printed in note for note in found)
 
 
 @pytest.mark.parametrize("name", ["ReducedFE", "ReducedFE-linear"])

@@ -144,7 +144,7 @@ def live(name: str, days: list[tuple[int, dict]]) -> list[bytes]:
     it = bus(name)
     it.node.start()
     it.slot.time, it.tick, time = None, 0, 0
-    said = []
+    printed = []
     for tick, (step, held) in enumerate(days):
         time = max(time + step, 0)
         driver = it.driver
@@ -161,8 +161,8 @@ def live(name: str, days: list[tuple[int, dict]]) -> list[bytes]:
                 answer = it._step(None)
             else:
                 (answer,) = it.publish(msgspec.structs.replace(driving, tick=tick, time=time))
-        said.append(pack(answer))
-    return said
+        printed.append(pack(answer))
+    return printed
 
 
 @EXAMPLES

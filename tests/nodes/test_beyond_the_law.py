@@ -44,9 +44,9 @@ def test_a_compression_beyond_the_tissue_is_reported_once_with_its_force():
     assert "4.6 mm" in note and "4 mm thick" in note and f"{contact.force:.3g} N" in note and "meaningless" in note
 
 
-@pytest.mark.parametrize("thickness, said", [(6e-3, False), (2e-3, True), (0.0, False)])
-def test_the_limit_is_the_thickness_of_the_scene(thickness, said):
-    assert bool(pressed(4.6e-3, thickness=thickness)[0][0]) is said
+@pytest.mark.parametrize("thickness, noted", [(6e-3, False), (2e-3, True), (0.0, False)])
+def test_the_limit_is_the_thickness_of_the_scene(thickness, noted):
+    assert bool(pressed(4.6e-3, thickness=thickness)[0][0]) is noted
 
 
 def test_run_replay_and_compare_report_it(tmp_path):

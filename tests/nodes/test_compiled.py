@@ -147,9 +147,9 @@ def test_results_over_the_wire_equal_direct_calls_and_a_resting_node_sleeps():
         (sent,) = bus.publish(pose(speed))
         if not node.rests(pose(speed), [contact(1.0)], None) or node.own["steps"] == 0:
             answers = node.step(pose(speed), [contact(1.0)], None, dt=1e-3)
-        for heard, made in zip(sent, answers, strict=True):
-            header = {"tick": heard.tick, "time": heard.time, "source": heard.source, "used": heard.used}
-            assert pack(heard) == pack(msgspec.structs.replace(made, **header))
+        for received, made in zip(sent, answers, strict=True):
+            header = {"tick": received.tick, "time": received.time, "source": received.source, "used": received.used}
+            assert pack(received) == pack(msgspec.structs.replace(made, **header))
     assert bus.slot.health.asleep == 3 and node.own["steps"] == 4
 
 
@@ -168,9 +168,9 @@ def test_an_exception_in_a_kernel_is_an_error_with_node_and_tick():
     slot = Slot(NodeJob("spring-7", "", {}, 1, (), ("spring-7.Force", "spring-7.Friction")), started(), ())
     slot.takes((-1, 0, -1))
     slot.step(3, 3_000_000, [pose(1.0, tick=3, time=3_000_000), None], 1e-3)
-    with pytest.raises(NodeError, match="node 'spring-7', step at tick 4: faster than any hand") as told:
+    with pytest.raises(NodeError, match="node 'spring-7', step at tick 4: faster than any hand") as reported:
         slot.step(4, 4_000_000, [pose(1e3, tick=4, time=4_000_000), None], 1e-3)
-    assert isinstance(told.value.cause, ValueError)
+    assert isinstance(reported.value.cause, ValueError)
 
 
 def test_an_input_too_long_for_a_record_is_an_error_with_its_name():
@@ -264,9 +264,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("given", "told"), REFUSED.values(), ids=REFUSED)
-def test_unsupported_fields_of_a_record_are_errors_at_class_definition(given, told):
-    with pytest.raises(TypeError, match=told):
+@pytest.mark.parametrize(("given", "reported"), REFUSED.values(), ids=REFUSED)
+def test_unsupported_fields_of_a_record_are_errors_at_class_definition(given, reported):
+    with pytest.raises(TypeError, match=reported):
         type("Odd", (CompiledNode,), {"compute": _compute, "__module__": __name__, **given})
 
 

@@ -29,25 +29,25 @@ def rubbing(*force):
 
 def test_a_single_touched_organ_gives_the_contact():
     one, none = contact(0.7, LEFT), contact(0.0, RIGHT)
-    ((heard, _),) = FakeBus(Sum()).publish([none, one])
-    assert (heard.force, heard.normal, heard.foot, heard.compression) == (0.7, LEFT, LEFT, 1e-3)
+    ((received, _),) = FakeBus(Sum()).publish([none, one])
+    assert (received.force, received.normal, received.foot, received.compression) == (0.7, LEFT, LEFT, 1e-3)
 
 
 def test_contacts_with_two_organs_are_added():
     bus = FakeBus(Sum(), friction=[rubbing(0.1, 0.0, 0.0), rubbing(0.0, 0.2, 0.0)])
-    ((heard, rubbed),) = bus.publish([contact(0.6, LEFT, 1e-3, (0.0, 0.1, 0.0)), contact(0.3, RIGHT, 4e-3)])
+    ((received, rubbed),) = bus.publish([contact(0.6, LEFT, 1e-3, (0.0, 0.1, 0.0)), contact(0.3, RIGHT, 4e-3)])
     total = 0.6 * np.array(LEFT) + 0.3 * np.array(RIGHT)
-    assert heard.force * np.array(heard.normal) == approx(total)
-    assert np.linalg.norm(heard.normal) == approx(1.0)
-    assert heard.lateral_force == approx((0.0, 0.1, 0.0)) and rubbed.force == approx((0.1, 0.2, 0.0))
-    assert heard.compression == approx((0.6 * 1e-3 + 0.3 * 4e-3) / 0.9)
-    assert heard.stored[0] == approx(0.6e-3 + 1.2e-3)
+    assert received.force * np.array(received.normal) == approx(total)
+    assert np.linalg.norm(received.normal) == approx(1.0)
+    assert received.lateral_force == approx((0.0, 0.1, 0.0)) and rubbed.force == approx((0.1, 0.2, 0.0))
+    assert received.compression == approx((0.6 * 1e-3 + 0.3 * 4e-3) / 0.9)
+    assert received.stored[0] == approx(0.6e-3 + 1.2e-3)
 
 
 def test_cancelling_forces_and_a_missing_friction_are_valid():
     bus = FakeBus(Sum(), friction=[None, rubbing(0.0, 0.2, 0.0)])
-    ((heard, rubbed),) = bus.publish([contact(0.5, (1.0, 0.0, 0.0)), contact(0.5, (-1.0, 0.0, 0.0))])
-    assert heard.force == 0.0 and heard.normal == (1.0, 0.0, 0.0) and rubbed.force == (0.0, 0.2, 0.0)
+    ((received, rubbed),) = bus.publish([contact(0.5, (1.0, 0.0, 0.0)), contact(0.5, (-1.0, 0.0, 0.0))])
+    assert received.force == 0.0 and received.normal == (1.0, 0.0, 0.0) and rubbed.force == (0.0, 0.2, 0.0)
 
 
 def test_a_finger_moves_from_one_organ_to_the_other_without_a_jump(tmp_path):

@@ -184,7 +184,7 @@ def test_a_seed_defines_a_surface():
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "reported"),
     [
         (
             {"speed": 5.0},
@@ -196,13 +196,13 @@ def test_a_seed_defines_a_surface():
         ({"wavelength": 1e-3, "profile": "p.csv"}, "found both"),
     ],
 )
-def test_bad_settings_are_errors_with_a_remedy(given, told):
-    with pytest.raises(SettingError, match=told):
+def test_bad_settings_are_errors_with_a_remedy(given, reported):
+    with pytest.raises(SettingError, match=reported):
         Spectral(**given)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("s,h\n0,0\n", "expected height too"),
         ("s,height\n0,0\n1,x\n", "line 3: found '1, x', expected numbers"),
@@ -212,9 +212,9 @@ def test_bad_settings_are_errors_with_a_remedy(given, told):
         ("s,height\n" + "".join(f"{i}e-3,1\n" for i in range(9)), "flat"),
     ],
 )
-def test_a_bad_profile_is_an_error_with_the_reason(tmp_path, text, told):
+def test_a_bad_profile_is_an_error_with_the_reason(tmp_path, text, reported):
     (tmp_path / "p.csv").write_text(text)
-    with pytest.raises(SettingError, match=told):
+    with pytest.raises(SettingError, match=reported):
         Spectral(profile=str(tmp_path / "p.csv")).start()
     with pytest.raises(SettingError, match="No such file"):
         Spectral(profile=str(tmp_path / "none.csv")).start()

@@ -127,9 +127,9 @@ def test_a_body_that_fails_on_one_touch_is_not_recommended():
         *(computed("patch", t, e, 4e-5, 6e-5) for t, e in zip(touches, (0.005, 0.006, 2.22), strict=True)),
         *(computed("spring", t, e, 3e-5, 6e-5) for t, e in zip(touches, (0.24, 0.33, 0.0), strict=True)),
     ]
-    said = advice(summaries(cells))
-    assert said.startswith("For 3 touches use spring") and "33 % at worst, hold" in said
-    assert "patch, 1000 Hz, has a median error of 0.6 %, but 222 % on ball: use it for other touches." in said
+    text = advice(summaries(cells))
+    assert text.startswith("For 3 touches use spring") and "33 % at worst, hold" in text
+    assert "patch, 1000 Hz, has a median error of 0.6 %, but 222 % on ball: use it for other touches." in text
 
 
 def test_every_touch_has_a_result_of_every_method():

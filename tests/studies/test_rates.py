@@ -131,9 +131,9 @@ def test_rates_are_valid_at_the_stated_speeds_of_the_hand(tmp_path):
     file, error = tmp_path / "slow.yaml", 0.01
     found = rates.rates(launch, error, file, speeds=(1.0, 4.0))
     assert found.met and list(found.at) == [1.0, 4.0] and max(one.error for one in found.at.values()) <= error
-    said = file.read_text()
-    assert "at 1, 4 times its speed" in said and "4 times its speed: force error" in said
-    assert "output errors friction" in said
+    text = file.read_text()
+    assert "at 1, 4 times its speed" in text and "4 times its speed: force error" in text
+    assert "output errors friction" in text
     motions = at_speeds(launch, (1.0, 4.0))
     assert motions[4.0].duration == 0.08 and motions[4.0].load().nodes["device"].settings["speed_factor"] == 4.0
     slide = at_speeds(find("kidney").but(**TAP), (0.5, 4.0))
@@ -213,8 +213,8 @@ def test_predictions_are_valid_on_motions_not_used_for_the_choice(tmp_path):
     assert found.met and all(rate.every > 1 for rate in found.tried) and len(found.unseen) == rates.HELD_OUT
     assert found.predicted.error == max(one.error for one in found.unseen)
     low, high = (1e3 * speed for speed in found.reach)
-    said = file.read_text()
-    assert f"Valid for moves of the hand at {low:.3g} to {high:.3g} mm/s" in said and "12 other motions" in said
+    text = file.read_text()
+    assert f"Valid for moves of the hand at {low:.3g} to {high:.3g} mm/s" in text and "12 other motions" in text
     draw = np.random.default_rng(7)
     measured = []
     for _ in range(6):
@@ -227,8 +227,8 @@ def test_predictions_are_valid_on_motions_not_used_for_the_choice(tmp_path):
         motion = launch.but(overrides=[f"scene.hand.path={json.dumps(path)}"], duration=length)
         measured.append(rates.ran(motion, found.tried, tmp_path))
     measured = rates.worst_of(measured)
-    said = [rates.errors_text(found.tried, one) for one in (found.predicted, measured)]
-    print("predicted {}; measured {}".format(*said))
+    text = [rates.errors_text(found.tried, one) for one in (found.predicted, measured)]
+    print("predicted {}; measured {}".format(*text))
     assert measured.most <= error and measured.error <= 1.2 * found.predicted.error, measured
     assert measured.worst <= 1.2 * found.predicted.worst, measured
 
@@ -332,7 +332,7 @@ def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkey
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "text"),
     [
         (["kidney", "--error", "5"], "such as '1 %'"),
         (["kidney", "--error", "0 %"], "such as '1 %'"),
@@ -343,7 +343,7 @@ def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkey
         (["falcon", "--set", "device.port=emulator"], "expected a simulated device"),
     ],
 )
-def test_invalid_input_is_an_error_of_one_line(given, said):
+def test_invalid_input_is_an_error_of_one_line(given, text):
     ran = CliRunner().invoke(app, ["rates", *given])
     assert ran.exit_code == 2
-    assert said in " ".join(ran.output.split())
+    assert text in " ".join(ran.output.split())

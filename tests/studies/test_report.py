@@ -74,9 +74,9 @@ def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
     given = ["bench", "accuracy", "--touch", "plate", "--method", "exponential", "--quick", "-o", str(tmp_path / "out")]
     ran = CliRunner().invoke(app, [*given, "--json"])
     assert ran.exit_code == 0, ran.output
-    told = json.loads(ran.stdout)
-    assert {c["fidelity"] for c in told["cells"]} == {"1000 Hz"}
-    assert {"numpy", "processor", "commit", "seeds"} <= set(told["about"])
+    reported = json.loads(ran.stdout)
+    assert {c["fidelity"] for c in reported["cells"]} == {"1000 Hz"}
+    assert {"numpy", "processor", "commit", "seeds"} <= set(reported["about"])
     assert {p.name for p in (tmp_path / "out").iterdir()} >= {"accuracy.md", "accuracy.csv", "overview.png"}
 
 

@@ -71,7 +71,7 @@ def test_the_ends_of_an_unbounded_distribution_are_finite():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "printed"),
     [
         (3.0, "found 3.0"),
         ([], r"found \[\]"),
@@ -88,8 +88,8 @@ def test_the_ends_of_an_unbounded_distribution_are_finite():
         ({"uniform": [1, 2], "norm": [1, 2]}, "expected a list"),
     ],
 )
-def test_invalid_values_are_errors(given, said):
-    with pytest.raises(ArgumentError, match=said) as caught:
+def test_invalid_values_are_errors(given, printed):
+    with pytest.raises(ArgumentError, match=printed) as caught:
         axis("a.x", given)
     assert str(caught.value).startswith("over a.x: ")
 
@@ -98,7 +98,7 @@ GRID = {"ball.young": [1e4, 2e4]}
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "printed"),
     [
         ({"over": {}}, "expected what varies"),
         ({"over": {"tissue.yuong": [1, 2]}}, "over tissue.yuong: node 'tissue', setting 'yuong': unknown"),
@@ -126,10 +126,10 @@ GRID = {"ball.young": [1e4, 2e4]}
     ],
     ids=lambda given: str(given)[:40],
 )
-def test_an_invalid_study_is_an_error_before_anything_runs(arguments, said):
+def test_an_invalid_study_is_an_error_before_anything_runs(arguments, printed):
     with pytest.raises(PalpateError) as caught:
         palpate.Study(**{"graph": "kidney", "over": {"tissue.stiffness": [2e3, 3e3]}} | arguments)
-    assert re.search(said, str(caught.value).replace("\n", " ")), caught.value
+    assert re.search(printed, str(caught.value).replace("\n", " ")), caught.value
 
 
 def test_ten_million_points_are_counted_without_being_built(tmp_path):

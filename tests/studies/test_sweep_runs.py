@@ -45,7 +45,7 @@ def ball(write):
 
 
 @pytest.fixture
-def said():
+def printed():
     return []
 
 
@@ -129,21 +129,21 @@ def press(time):
             "path": [{"to": [0, 0, 0.104], "time": time}, {"hold": 0.1}]}  # fmt: skip
 
 
-def test_a_second_run_computes_missing_points_and_reports_changes(ball, pool, tmp_path, said):
+def test_a_second_run_computes_missing_points_and_reports_changes(ball, pool, tmp_path, printed):
     assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == list(range(6))
-    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool, report=said.append) == []
-    assert said == ["6 points, 6 stored, 0 to compute"]
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool, report=printed.append) == []
+    assert printed == ["6 points, 6 stored, 0 to compute"]
     more = palpate.Study(ball, OVER | {"ball.young": [1e4, 1.5e4, 2e4, 4e4]}, KEEP)
-    said.clear()
-    assert len(computed(more, tmp_path, pool, report=said.append)) == 2
+    printed.clear()
+    assert len(computed(more, tmp_path, pool, report=printed.append)) == 2
     changed = "changed: study.over.ball.young: 4 values, 10000 to 40000, was 3 values, 10000 to 40000"
-    assert changed in said and said[-1] == "8 points, 6 stored, 2 to compute"
+    assert changed in printed and printed[-1] == "8 points, 6 stored, 2 to compute"
     assert more.table()["peak ball.force"].to_numpy()[2] == pytest.approx(hertz(1.5e4, 1e-3))
     assert more.xarray()["curve ball.force"].to_numpy()[1, 0, -1] == pytest.approx(hertz(1.5e4, 1e-3))
     other = palpate.Study(ball, OVER, KEEP, sets=["ball.radius=4 mm"])
-    said.clear()
-    assert len(computed(other, tmp_path, pool, report=said.append)) == 6
-    assert any("changed: graph.nodes.ball.radius: 4 mm, was nothing" in line for line in said)
+    printed.clear()
+    assert len(computed(other, tmp_path, pool, report=printed.append)) == 6
+    assert any("changed: graph.nodes.ball.radius: 4 mm, was nothing" in line for line in printed)
     assert other.table()["peak ball.force"][0] == pytest.approx(hertz(1e4, 1e-3, radius=4e-3))
     assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == [], "the former study is complete"
     assert len(Store(tmp_path, write=False).rows) == 14
@@ -185,19 +185,19 @@ def test_the_compilation_of_kernels_is_not_counted(ball, tmp_path, monkeypatch):
     monkeypatch.setattr(point_process, "_warmed", set())
     monkeypatch.setattr(point_process, "execute", lambda *_: numba.njit(lambda x: x + 1.0)(1.0))
     graph = LaunchFile(graph=ball)
-    told = []
+    reported = []
     with open(folder / "warm.lock", "a") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
 
         def begins():
-            told.append(time.monotonic())
-            if len(told) == 3:
+            reported.append(time.monotonic())
+            if len(reported) == 3:
                 fcntl.flock(held, fcntl.LOCK_UN)
 
         point_process._warm(graph, graph.load(), begins)
-    assert len(told) == 4 and [file.name for file in folder.glob("warm-*")]
+    assert len(reported) == 4 and [file.name for file in folder.glob("warm-*")]
     point_process._warm(graph, graph.load(), begins)
-    assert len(told) == 4
+    assert len(reported) == 4
 
 
 def test_points_that_fail_are_rows_with_their_error(ball, pool, tmp_path):
@@ -249,16 +249,16 @@ def test_a_list_may_begin_with_a_value_out_of_range(write, pool, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("over", "said"),
+    ("over", "printed"),
     [
         ({"ball.radius": {"norm": [0.0, 1e-3]}, "ball.yuong": {"norm": [1e3, 1.0]}}, "setting 'yuong': unknown"),
         ({"ball.radius": {"norm": ["0 s", "1 s"]}}, "a time; expected a length"),
         ({"ball.radius": [-1e-3]}, "found -0.001. Expected float > 0.0"),
     ],
 )
-def test_an_error_independent_of_the_values_is_reported_before_anything_runs(write, over, said):
+def test_an_error_independent_of_the_values_is_reported_before_anything_runs(write, over, printed):
     samples = 4 * any(isinstance(value, dict) for value in over.values())
-    with pytest.raises(GraphError, match=re.escape(said)) as raised:
+    with pytest.raises(GraphError, match=re.escape(printed)) as raised:
         palpate.Study(write("ball.yaml", LIMITED), over, KEEP, samples=samples, seed=1)
     assert len(raised.value.faults) == 1
 

@@ -151,15 +151,15 @@ def test_failed_points_leave_no_indices(write, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("samples", "method", "names", "said"),
+    ("samples", "method", "names", "printed"),
     [
         (1, "sobol", 2, "two of each or more"),
         (1, "morris", 2, "two of each or more"),
         (64, "sobol", 1, "two of each or more"),
     ],
 )
-def test_invalid_numbers_of_samples_are_errors(samples, method, names, said):
-    with pytest.raises(ArgumentError, match=said):
+def test_invalid_numbers_of_samples_are_errors(samples, method, names, printed):
+    with pytest.raises(ArgumentError, match=printed):
         len(space({f"x{k}": (0, 1) for k in range(names)}, method, samples))
 
 

@@ -34,7 +34,7 @@ class Chain:
     late  delay of a message [ticks]
     lost  which messages are lost
     fate  delays of the messages; by default according to `late` and `lost`
-    told  callback for every sent message
+    sent  callback for every sent message
     halted  whether a node is stopped at a tick, as by SIGSTOP
     """
 
@@ -55,7 +55,7 @@ class Chain:
         self.fate: Fate | None = None
         self.way: list[tuple[int, int, Input, Message]] = []
         self._sent = count()
-        self.told: Callable[[str, Message], None] = lambda stream, message: None
+        self.sent: Callable[[str, Message], None] = lambda stream, message: None
         self.halted: Callable[[str, int], bool] = lambda node, tick: False
         self.begin()
 
@@ -145,7 +145,7 @@ class Chain:
             slot.step(tick, tick * 1_000_000, messages, 1e-3)
             self.ran[slot.name] = tick
             for output in slot.outputs:
-                self.told(output.stream, output.last)
+                self.sent(output.stream, output.last)
                 self._send(output.stream, output.last)
 
     @property

@@ -55,13 +55,13 @@ def feel(run: Chain, lost: Lost, each: Callable[[int, Felt], None] = lambda tick
     """One touch with these losses; `each` is called before each tick."""
     felt, energy, before = Felt(), 0.0, np.zeros(3)
 
-    def told(stream: str, message: Message) -> None:
+    def sent(stream: str, message: Message) -> None:
         if stream == "contact":
             felt.force = message.force
             felt.contact = max(felt.contact, felt.force)
 
     run.begin()
-    run.lost, run.told = lost, told
+    run.lost, run.sent = lost, sent
     node, geometry = run.device.node, FALCON.geometry
     place = node.own["motion"][0].copy()
     for k in range(TICKS):

@@ -42,10 +42,10 @@ class Two(One):
 
     def start(self) -> None:
         super().start()
-        self.said = False
+        self.sent = False
 
     def step(self, first: Torque, second: Torque | None, third: Force | None, *, dt: float) -> tuple[Torque, Force]:
         one = mix(self.state, first, second, third)
-        same = one[0] > 0.3 and self.said
-        self.said = True
+        same = one[0] > 0.3 and self.sent
+        self.sent = True
         return Torque(torques=one), None if same else Force(force=one, state="", energy=self.state[1])  # type: ignore[return-value]

@@ -124,7 +124,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
     environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
                                 "XDG_RUNTIME_DIR": str(own), "TMPDIR": str(own), "COLUMNS": "200"}  # fmt: skip
     master, slave = pty.openpty() if fault.kind == "terminal" else (None, None)
-    reported = folder / "told"
+    reported = folder / "output"
     with reported.open("wb") as out:
         given: dict[str, Any] = {
             "cwd": folder, "env": environment, "start_new_session": True, "preexec_fn": _limits(fault),

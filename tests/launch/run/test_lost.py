@@ -56,7 +56,7 @@ def test_a_run_ends_and_names_the_sender(tmp_path, what):
     fault = Fault("wire", what, "spring", "simulated", "each", "loop", 40)
     assert random_faults.run(fault, tmp_path) == []
     if what == "garbles a frame":  # reported as an invalid message, not as a lost one
-        printed = " ".join((tmp_path / "told").read_text().split())
+        printed = " ".join((tmp_path / "output").read_text().split())
         assert "node 'spring', stream 'spring': MessageError" in printed, printed
 
 

@@ -35,7 +35,7 @@ def test_joint_angles_are_sent(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("", "empty; expected a head"),
         ("t,x,y\n0,0,0\n", r"its header is t, x, y; expected t and x, y, z \[m\]"),
@@ -46,8 +46,8 @@ def test_joint_angles_are_sent(tmp_path):
         ("t,x,y,z\n0,0,0,nan\n", "line 2"),
     ],
 )
-def test_an_invalid_table_is_an_error(tmp_path, text, told):
-    with pytest.raises(SettingError, match=told):
+def test_an_invalid_table_is_an_error(tmp_path, text, reported):
+    with pytest.raises(SettingError, match=reported):
         FakeBus(Replayed(path=table(tmp_path, text)))
 
 

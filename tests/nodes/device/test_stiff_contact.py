@@ -13,10 +13,10 @@ from palpate.physics.device.rendered import stiffest
 UP = (0.0, 0.0, 1.0)
 
 
-def meet(stiffness, delay, rate=1000.0, mass=0.1, speed=0.05, push=0.5, seconds=4.0, drag=0.2, told=None):
+def meet(stiffness, delay, rate=1000.0, mass=0.1, speed=0.05, push=0.5, seconds=4.0, drag=0.2, stated=None):
     """A grip pushed against a wall at z = 0: its positions [m], forces [N], and the energy [J] absorbed by the display,
     true and reported. m v' = F - push - b v is solved in closed form over each step."""
-    node = Haptic(delay=delay if told is None else told)
+    node = Haptic(delay=delay if stated is None else stated)
     node.start()
     dt = 1.0 / rate
     keep = math.exp(-drag / mass * dt)

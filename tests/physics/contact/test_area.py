@@ -107,7 +107,7 @@ def test_on_silicone_the_area_is_within_10_percent_of_the_finger_model():
 
 
 @pytest.mark.parametrize(
-    ("forces", "radii", "said"),
+    ("forces", "radii", "printed"),
     [
         ([], [], "at least one"),
         ([1.0, 2.0], [1e-3], "a radius for each force"),
@@ -119,6 +119,6 @@ def test_on_silicone_the_area_is_within_10_percent_of_the_finger_model():
         ([0.1, 1.0], [1e-3, math.inf], "radii above 0"),
     ],
 )
-def test_an_invalid_law_is_an_error(forces, radii, said):
-    with pytest.raises(ValueError, match=said):
+def test_an_invalid_law_is_an_error(forces, radii, printed):
+    with pytest.raises(ValueError, match=printed):
         area.of_table(forces, radii)
