@@ -1,6 +1,6 @@
-"""What an encoder leaves unknown of friction at rest: presliding is a spring of sigma0 f_n along the surface, and the
-place of the finger within a count q cannot be known. Motions that differ within a count have the same readings, so no
-estimate has the right friction for all of them: it is off by half of their difference for one.
+"""Uncertainty of friction at rest under an encoder: presliding is a spring of sigma0 f_n along the surface, and the
+position of the finger within a count q is unknown. Motions that differ within a count have the same readings, so no
+estimate has the right friction for all of them: for one of them its error is at least half of their difference.
 """
 
 import numpy as np
