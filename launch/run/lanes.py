@@ -31,11 +31,11 @@ from palpate.launch.run.assign import jobs
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.logger import Mcap
-from palpate.physics.errors import ArgumentError
+from palpate.physics.errors import ArgumentError, PalpateError
 
 BLOCK = 0.02  # [s] target duration of a call of compiled code, because Ctrl-C waits for its end
 FIRST = 8  # ticks of the first call
-PROBES = 4  # up to this number of lanes the graph is loaded for each lane
+KNOWN = 256  # Maximum number of loaded graphs that a `Preparation` keeps
 
 
 @dataclass(frozen=True)
@@ -80,53 +80,94 @@ def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | 
     return Prepared(graph, msgspec.structs.replace(job, observers=()))
 
 
+def extremes(values: Sequence[Any]) -> tuple[float, ...]:
+    """The least and the greatest value of a path, and 0 if it is one of them; () unless all are finite numbers with a
+    decimal point."""
+    if not all(type(value) is float and math.isfinite(value) for value in values):
+        return ()
+    return tuple({min(values), max(values)} | {0.0} & set(values))
+
+
+class Preparation:
+    """Prepares runs of one graph that differ in the values of paths.
+
+    load      prepare the run with these values by path; GraphError, ArgumentError: it is invalid
+    extremes  by path, see `extremes`
+
+    A graph takes about 10 ms to load. If the extreme values of a path reach settings unchanged, other values of the
+    path are written to these settings without loading the graph again; nodes check them when they are made.
+    """
+
+    def __init__(self, load: Callable[[Mapping[str, Any]], Prepared], extremes: Mapping[str, tuple[float, ...]]):
+        self._load, self._extremes = load, {path: values for path, values in extremes.items() if values}
+        self._known: dict[str, Prepared] = {}
+        self._groups: dict[str, list[Any]] = {}
+        """By the values of all other paths: the first values with them, and the settings that each path reaches."""
+
+    def __call__(self, values: Mapping[str, Any]) -> Prepared:
+        """The run with these values. GraphError, ArgumentError: it is invalid."""
+        group = repr([value for path, value in values.items() if path not in self._extremes])
+        if group not in self._groups:
+            loaded = self._loaded(values)
+            self._groups[group] = [values, None]
+            return loaded
+        first, reached = self._groups[group]
+        base = self._loaded(first)
+        if reached is None:
+            reached = self._groups[group][1] = self._reached(first, base)
+        one = self._loaded({path: first[path] if path in reached else value for path, value in values.items()})
+        if one.structure != base.structure:
+            return self._loaded(values)
+        nodes = list(one.job.nodes)
+        for path, places in reached.items():
+            for place, name in places:
+                settings = {**nodes[place].settings, name: values[path]}
+                nodes[place] = msgspec.structs.replace(nodes[place], settings=settings)
+        return Prepared(one.graph, msgspec.structs.replace(one.job, nodes=tuple(nodes)))
+
+    def _loaded(self, values: Mapping[str, Any]) -> Prepared:
+        if len(self._known) > KNOWN:
+            self._known.clear()
+            self._groups.clear()
+        key = repr(values)
+        if key not in self._known:
+            self._known[key] = self._load(values)
+        return self._known[key]
+
+    def _reached(self, first: Mapping[str, Any], base: Prepared) -> dict[str, set[tuple[int, str]]]:
+        """By path, the settings that its values reach unchanged; without paths whose values change more."""
+        reached: dict[str, set[tuple[int, str]]] = {}
+        for path, values in self._extremes.items():
+            try:
+                others = [(self._loaded({**first, path: value}), value) for value in values]
+            except PalpateError:
+                continue
+            targets = [_follows(base, other, first[path], value) for other, value in others]
+            found = {setting for target in targets for setting in target or ()}
+            if None not in targets and found.isdisjoint(set().union(*reached.values())):
+                reached[path] = found
+        return reached
+
+
 def prepare_all(
     launch: LaunchFile, over: Mapping[str, Sequence[Any]], lanes: int, keep: Sequence[tuple[str, str]]
 ) -> list[Prepared]:
     """All lanes of a run.
 
-    over  values of each lane, by path as in `--set`
-
-    Loading a graph takes about 10 ms. A path whose values reach settings unchanged is not loaded for each lane: its
-    values are written into these settings, and the nodes check them when they are built. The test loads the graph with
-    the smallest and the largest value and with 0.
-
-    GraphError, ArgumentError: see `prepare`.
+    GraphError, ArgumentError: what is wrong.
     """
 
-    def load(lane: int, values: Mapping[str, Any]) -> Prepared:
-        key = repr(values)
-        if key not in known:
-            changes = [
-                Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"lane {lane}, {path}")}))
-                for path, value in values.items()
-            ]
-            known[key] = prepare(launch.but(overrides=changes), keep)
-        return known[key]
+    def load(values: Mapping[str, Any]) -> Prepared:
+        changes = [
+            Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"lane {lane}, {path}")}))
+            for path, value in values.items()
+        ]
+        return prepare(launch.but(overrides=changes), keep)
 
-    known: dict[str, Prepared] = {}
-    first = {path: values[0] for path, values in over.items()}
-    base = load(0, first)
-    direct: dict[str, set[tuple[int, str]]] = {}
-    for path, values in over.items():
-        if lanes > PROBES and all(type(value) is float and math.isfinite(value) for value in values):
-            probes = {values.index(extreme) for extreme in (min(values), max(values))}
-            probes |= {lane for lane, value in enumerate(values) if value == 0.0}
-            others = {lane: load(lane, first | {path: values[lane]}) for lane in sorted(probes)}
-            targets = [_follows(base, other, values[0], values[lane]) for lane, other in others.items()]
-            found = {setting for target in targets for setting in target or ()}
-            if None not in targets and found.isdisjoint(set().union(*direct.values())):
-                direct[path] = found
+    each = Preparation(load, {path: extremes(values) for path, values in over.items()})
     prepared = []
     for lane in range(lanes):
-        rest = {path: first[path] if path in direct else values[lane] for path, values in over.items()}
-        one = load(lane, rest)
-        nodes = list(one.job.nodes)
-        for path, followers in direct.items():
-            for place, name in followers:
-                settings = {**nodes[place].settings, name: over[path][lane]}
-                nodes[place] = msgspec.structs.replace(nodes[place], settings=settings)
-        prepared.append(Prepared(one.graph, msgspec.structs.replace(one.job, nodes=tuple(nodes))))
+        prepared.append(each({path: values[lane] for path, values in over.items()}))
     return prepared
 
 

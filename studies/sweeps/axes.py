@@ -212,6 +212,11 @@ class Space:
     def __len__(self) -> int:
         return math.prod(self.shape)
 
+    def columns(self) -> dict[str, list[Any]]:
+        """All values of each path."""
+        listed = {path: [row[k] for row in one.values] for one in self.crossed for k, path in enumerate(one.paths)}
+        return listed | {one.paths[0]: self.drawn[:, k].tolist() for k, one in enumerate(self.sampled)}
+
     def point(self, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
         """The value of each path at a point, and its label in tables."""
         at = np.unravel_index(number, self.shape) if self.shape else ()

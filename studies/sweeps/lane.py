@@ -4,14 +4,14 @@ A lane computes the same bits as a single run (engine/lanes.py). It keeps only t
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.lanes import LaneRun, Prepared, prepare
+from palpate.launch.run.lanes import LaneRun, Preparation, Prepared, prepare
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages.fields import fields
 from palpate.messages.record import layout
@@ -26,22 +26,28 @@ HEAD = "there", "tick", "time"
 _ready: list[tuple[Any, LaneRun]] = []  # by structure and kept fields; the most recently used is last
 
 
-def prepared(launch: LaunchFile, keep: Sequence[Kept]) -> Prepared | None:
-    """Prepare a run for a lane. None if it cannot run as a lane, because a node or an observer is in Python or a kept
-    field has a variable length.
+def preparation(
+    launched: Callable[[Mapping[str, Any]], LaunchFile],
+    keep: Sequence[Kept],
+    extremes: Mapping[str, tuple[float, ...]],
+) -> Preparation:
+    """Prepares points for a lane. Its calls raise GraphError if the graph of a point is invalid, and ArgumentError if
+    it cannot run as a lane, because a node or an observer is in Python or a kept field has a variable length.
 
-    GraphError: the graph is invalid.
+    launched  the run with values by path
     """
-    graph = launch.load()
-    if any(spec.observer and not issubclass(spec.cls, Mcap) and spec.off is None for spec in graph.nodes.values()):
-        return None
-    kinds = {one.stream: graph.streams.get(one.stream) for one in keep}
-    try:
+
+    def load(values: Mapping[str, Any]) -> Prepared:
+        launch = launched(values)
+        graph = launch.load()
+        if any(spec.observer and not issubclass(spec.cls, Mcap) and spec.off is None for spec in graph.nodes.values()):
+            raise ArgumentError("a graph with observers")
+        kinds = {one.stream: graph.streams.get(one.stream) for one in keep}
         if any(kinds[one.stream] is None or layout(kinds[one.stream])[one.field].base.fields for one in keep):
-            return None
+            raise ArgumentError("a field of variable length")
         return prepare(launch, _names(keep), graph)
-    except (ArgumentError, TypeError, KeyError):
-        return None
+
+    return Preparation(load, extremes)
 
 
 def run(one: Prepared, ticks: int, keep: Sequence[Kept], begins: Callable[[], None]) -> Streams | None:

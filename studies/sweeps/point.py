@@ -11,7 +11,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -29,10 +29,11 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.execute import execute
+from palpate.launch.run.lanes import Preparation
 from palpate.launch.run.work.compiling import compiling
 from palpate.nodes.logger import Mcap
 from palpate.physics import arithmetic, kernel_cache
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.studies.files import locked
 from palpate.studies.sweeps import lane as lanes
 from palpate.studies.sweeps.keep import Kept, Streams
@@ -65,16 +66,22 @@ class Point:
 class Task:
     """The part that all points of a study share.
 
-    launch  the run without the variations
-    keep    kept results
-    about   versions and arithmetic, see `fingerprint`
-    limit   timeout of a point [s]; None: no timeout
+    launch    the run without the variations
+    keep      kept results
+    about     versions and arithmetic, see `fingerprint`
+    limit     timeout of a point [s]; None: no timeout
+    extremes  of the values of each path, see `launch.run.lanes.extremes`
     """
 
     launch: LaunchFile
     keep: tuple[Kept, ...]
     about: dict[str, str]
     limit: float | None
+    extremes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def run(self, values: Mapping[str, Any], record: Path | None = None) -> LaunchFile:
+        """The run with these values by path, in one process."""
+        return self.launch.but(overrides=overrides(values), place=FUSED, clock="simulated", record=record)
 
 
 @dataclass
@@ -101,7 +108,7 @@ def fingerprint() -> dict[str, str]:
     return sources | arithmetic.in_force(here=False)
 
 
-def overrides(values: dict[str, Any], key: str = "over") -> list[Override]:
+def overrides(values: Mapping[str, Any], key: str = "over") -> list[Override]:
     """The overrides of a point; faults in them are attributed to this key of the study."""
     return [
         Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"{key} {path}")}))
@@ -116,53 +123,67 @@ def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None)
     the time before that call does not count.
     """
     since = time.monotonic()
+
+    def ready() -> None:
+        nonlocal since
+        begins()
+        since = time.monotonic()
+
+    try:
+        done = _as_lane(task, point, ready) or _recorded(task, point, ready)
+    except OSError as error:
+        return Computed(lost=f"{error.filename or point.recording}: {error.strerror or error}")
+    except GraphError as error:
+        done = Computed(error=" ".join(str(error).split()))
+    except PalpateError as error:
+        done = Computed(error=str(error))
+    except Exception as error:
+        done = Computed(error=f"{type(error).__name__}: {error}")
+    return replace(done, seconds=time.monotonic() - since)
+
+
+_tasks: list[tuple[Task, Preparation]] = []  # the last task, which prepares its points
+
+
+def _as_lane(task: Task, point: Point, ready: Callable[[], None]) -> Computed | None:
+    """Run a point as a lane. None: it keeps a recording, or not all its nodes are compiled, or it fails."""
+    if point.recording is not None or not task.keep or task.launch.duration is None:
+        return None
+    if not _tasks or _tasks[0][0] is not task:
+        _tasks[:] = [(task, lanes.preparation(task.run, task.keep, task.extremes))]
+    try:
+        lane = _tasks[0][1](point.values)
+    except (ArgumentError, TypeError, KeyError):
+        return None
+    _warm(task.run(point.values), lane.graph, ready)
+    streams = lanes.run(lane, max(1, round(task.launch.duration * lane.job.rate)), task.keep, ready)
+    return None if streams is None else _kept(task, streams)
+
+
+def _recorded(task: Task, point: Point, ready: Callable[[], None]) -> Computed:
+    """Run a point with a recording."""
     with tempfile.TemporaryDirectory(prefix="palpate-point-") as folder:
         file = Path(folder) / "point.mcap" if point.recording is None else point.recording.with_suffix(".part")
-        try:
-            launch = task.launch.but(overrides=overrides(point.values), place=FUSED, clock="simulated", record=file)
-            # Run the point as a lane, if no recording is kept and all its nodes are compiled.
-            lane = lanes.prepared(launch, task.keep) if point.recording is None and task.keep else None
-            if lane is not None and launch.duration is not None:
-                _warm(launch, lane.graph, begins)
-                ticks = max(1, round(launch.duration * lane.job.rate))
-
-                def ready() -> None:
-                    nonlocal since
-                    begins()
-                    since = time.monotonic()
-
-                streams = lanes.run(lane, ticks, task.keep, ready)
-                if streams is not None:
-                    return replace(_kept(task, streams), seconds=time.monotonic() - since)
-            # Otherwise, and for the reason of a failed lane, run the graph with a recording.
-            graph = launch.load()
-            if point.recording is None:
-                _only(graph, file, {one.stream for one in task.keep})
-            _warm(launch, graph, begins)
-            begins()
-            since = time.monotonic()
-            outcome = execute(launch, graph)
-            # A failed logger stops the study; a failure of another node is the error of the point.
-            died = {death.node: str(death) for death in outcome.result.deaths}
-            loggers = {name for name in died if issubclass(graph.nodes[name].cls, Mcap)}
-            if died and not loggers:
-                return Computed(error=next(iter(died.values())), seconds=time.monotonic() - since)
-            if loggers:
-                return Computed(lost=died[loggers.pop()])
-            if not outcome.ok:
-                return Computed(lost="; ".join(outcome.result.notes) or f"{file}: the recording is not whole")
-            done = _kept(task, Run(file))
-            if point.recording is not None:
-                file.replace(point.recording)
-        except OSError as error:
-            return Computed(lost=f"{error.filename or file}: {error.strerror or error}")
-        except GraphError as error:
-            done = Computed(error=" ".join(str(error).split()))
-        except PalpateError as error:
-            done = Computed(error=str(error))
-        except Exception as error:
-            done = Computed(error=f"{type(error).__name__}: {error}")
-    return replace(done, seconds=time.monotonic() - since)
+        launch = task.run(point.values, file)
+        graph = launch.load()
+        if point.recording is None:
+            _only(graph, file, {one.stream for one in task.keep})
+        _warm(launch, graph, ready)
+        ready()
+        outcome = execute(launch, graph)
+        # A failed logger stops the study; a failure of another node is the error of the point.
+        died = {death.node: str(death) for death in outcome.result.deaths}
+        loggers = {name for name in died if issubclass(graph.nodes[name].cls, Mcap)}
+        if died and not loggers:
+            return Computed(error=next(iter(died.values())))
+        if loggers:
+            return Computed(lost=died[loggers.pop()])
+        if not outcome.ok:
+            return Computed(lost="; ".join(outcome.result.notes) or f"{file}: the recording is not whole")
+        done = _kept(task, Run(file))
+        if point.recording is not None:
+            file.replace(point.recording)
+        return done
 
 
 def _only(graph: Graph, file: Path, streams: set[str]) -> None:
@@ -208,14 +229,17 @@ def _warm(launch: LaunchFile, graph: Graph, begins: Callable[[], None]) -> None:
 
 
 def main() -> None:
-    """Serve points on the connection whose file descriptor is in `argv`, until it closes or is idle for `IDLE`."""
+    """Serve points on the connection whose file descriptor is in `argv`, until it closes or is idle for `IDLE`. A
+    message is a task, or None for the last one, and a point."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    task: Any = None
     with Connection(int(sys.argv[1])) as link:
         link.send(fingerprint())
         try:
             while link.poll(IDLE):
-                task, point = link.recv()
+                given, point = link.recv()
+                task = given or task
                 link.send(compute(task, point, lambda: link.send(None)))
         except EOFError:
             pass

@@ -34,6 +34,7 @@ class Runner:
         self, env: Mapping[str, str] | None = None, printed: IO[bytes] | None = None, ended: Connection | None = None
     ) -> None:
         self.link, theirs = Pipe()
+        self._task: Task | None = None  # the last task that the process received
         self._awaited = [self.link] if ended is None else [self.link, ended]
         with theirs:
             self.process = subprocess.Popen(
@@ -62,7 +63,8 @@ class Runner:
         """Compute a point. The process is killed if the point takes too long, and may crash with it."""
         since = time.monotonic()
         try:
-            self.link.send((task, point))
+            self.link.send((None if task is self._task else task, point))
+            self._task = task
             while True:
                 until = None if task.limit is None else max(0.0, since + task.limit - time.monotonic())
                 if not self._answers(until):

@@ -38,6 +38,7 @@ FIXED = ("key", "base", "slot", "error")
 SHARE = 20.0
 """Rows are written if writing takes at most 1/SHARE of the time since the last write."""
 AT_LEAST = 1.0  # [s] Minimum time between two writes
+CHUNK, LARGE = 32, 1 << 16  # Maximum number of curves, and of samples, in a file of several curves
 
 
 class Store:
@@ -67,6 +68,7 @@ class Store:
             raise RunError(f"{folder}: this is no study, or a damaged one: {error}") from None
         self.rows = {row["key"]: {k: v for k, v in row.items() if v is not None} for row in rows}
         self._written, self._took, self._changed = time.monotonic(), 0.0, False
+        self._curves: dict[str, dict[int, np.ndarray]] = {}  # not written yet, by name and slot
 
     def free(self, wanted: Iterable[int]) -> list[int]:
         """An unused slot for each number of a point: the number itself if it is free."""
@@ -90,10 +92,10 @@ class Store:
 
     def add(self, base: str, point: Point, done: Computed) -> None:
         """Store a point. RunError: the disk is full or unavailable."""
+        for name, (times, values) in done.curves.items():
+            self._curves.setdefault(f"{name} time", {})[point.slot] = times
+            self._curves.setdefault(name, {})[point.slot] = values
         with self._disk_errors():
-            for name, (times, values) in done.curves.items():
-                self._curve(f"{name} time", point.slot, times)
-                self._curve(name, point.slot, values)
             when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             entry = {"key": point.key, "seconds": round(done.seconds, 3), "date": when}
             with open(self.folder / "log.jsonl", "a") as log:
@@ -107,9 +109,11 @@ class Store:
             self.flush()
 
     def flush(self) -> None:
-        """Write all rows. RunError: the disk is full or unavailable; the old file is intact."""
+        """Write all curves, then all rows. RunError: the disk is full or unavailable; the old files are intact."""
         if not self._changed:
             return
+        with self._disk_errors():
+            self._write_curves()
         since = time.monotonic()
         rows = sorted(self.rows.values(), key=lambda row: row["slot"])
         names = dict.fromkeys((*FIXED[:3], *sorted({name for row in rows for name in row} - set(FIXED)), "error"))
@@ -127,18 +131,22 @@ class Store:
 
     # -- curves --------------------------------------------------------------------------------------------------
 
-    def _curve(self, name: str, slot: int, values: np.ndarray) -> None:
-        group: Any = zarr.open_group(self.folder / "curves.zarr", mode="a")
-        if name not in group:
-            chunk = (1, max(1, len(values)))  # one file per curve, so that no file has to be read and rewritten
-            group.create_array(name, shape=chunk, chunks=chunk, dtype="float64", fill_value=math.nan)
-        array = group[name]
-        rows, length = array.shape
-        if slot >= rows or len(values) > length:
-            array.resize((max(rows, slot + 1), max(length, len(values))))
-        row = np.full(array.shape[1], math.nan)
-        row[: len(values)] = values
-        array[slot] = row
+    def _write_curves(self) -> None:
+        group: Any = zarr.open_group(self.folder / "curves.zarr", mode="a") if self._curves else {}
+        for name, curves in self._curves.items():
+            longest = max(1, *map(len, curves.values()))
+            if name not in group:
+                chunk = max(1, min(CHUNK, LARGE // longest)), longest
+                group.create_array(name, shape=(1, longest), chunks=chunk, dtype="float64", fill_value=math.nan)
+            array = group[name]
+            shape = max(array.shape[0], max(curves) + 1), max(array.shape[1], longest)
+            if shape != array.shape:
+                array.resize(shape)
+            rows = np.full((len(curves), shape[1]), math.nan)
+            for row, slot in zip(rows, sorted(curves), strict=True):
+                row[: len(curves[slot])] = curves[slot]
+            array.oindex[sorted(curves)] = rows
+        self._curves.clear()
 
     def curves(self, name: str, slots: Iterable[int | None]) -> np.ndarray:
         """Curves (slots, samples), or with `NAME time` their times [s]; NaN for a slot without a curve."""

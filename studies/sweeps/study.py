@@ -19,6 +19,7 @@ import numpy as np
 
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
+from palpate.launch.run.lanes import extremes
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.sweeps.axes import axis
 from palpate.studies.sweeps.checks import check, path, seconds, space
@@ -154,7 +155,8 @@ class Study:
                 done(point, computed, left)
 
             if missing:
-                task = Task(self.launch, self.keep, self._about["versions"], self.limit)
+                varied = {path: extremes(values) for path, values in self.space.columns().items()}
+                task = Task(self.launch, self.keep, self._about["versions"], self.limit, varied)
                 workers = min(workers or cores(), left)
                 opened = nullcontext(pool) if pool else local(workers, store.folder / "workers.log")
                 try:

@@ -15,6 +15,7 @@ import pytest
 import palpate
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.lanes import extremes
 from palpate.physics.errors import PalpateError, RunError
 from palpate.studies.sweeps import point as point_process
 from palpate.studies.sweeps import runner
@@ -115,13 +116,33 @@ def test_a_lane_gives_the_results_of_a_separate_run(monkeypatch):
     monkeypatch.setattr(point_process, "_warm", lambda *given: None)
     lanes = [compute(task, point) for point in points]
     assert not recorded
-    monkeypatch.setattr(point_process.lanes, "prepared", lambda *given: None)
+    monkeypatch.setattr(point_process, "_as_lane", lambda *given: None)
     for lane, point in zip(lanes, points, strict=True):
         single = compute(task, point)
         assert lane.error == single.error == "" and lane.numbers == single.numbers and lane.numbers
         for name, curve in single.curves.items():
             assert all(a.tobytes() == b.tobytes() for a, b in zip(curve, lane.curves[name], strict=True))
     assert len(recorded) == 4 and len({lane.numbers["peak contact.force"] for lane in lanes}) > 2
+
+
+@pytest.mark.parametrize(("values", "loaded"), [([20.0, 30.0, 24.0, 23.0, 28.0], 4), ([20.0, -1.0, 24.0], 9)])
+def test_numbers_that_reach_settings_unchanged_load_the_graph_a_few_times(monkeypatch, values, loaded):
+    """For each of two bodies; if an extreme value is invalid, each point loads the graph, an invalid one twice."""
+    over = {"tissue.use": ["deformation.MassSpring", "deformation.Rigid"], "contact.finger_stiffness": values}
+    study, loads = palpate.Study("kidney", {**over, "hand": [press(0.05)]}, ("peak contact.force",), duration=0.15), []
+    varied = {path: extremes(values) for path, values in study.space.columns().items()}
+    points = study.points
+    single = [compute(Task(study.launch, study.keep, {}, None), point) for point in points]
+    load = LaunchFile.load
+    monkeypatch.setattr(LaunchFile, "load", lambda launch: loads.append(1) or load(launch))
+    task = Task(study.launch, study.keep, {}, None, varied)
+    several = [compute(task, point) for point in points]
+    assert [one.numbers for one in several] == [one.numbers for one in single]
+    assert [one.error for one in several] == [one.error for one in single]
+    assert len({one.numbers["peak contact.force"] for one in several if not one.error}) == 2 * sum(
+        v > 0 for v in values
+    )
+    assert len(loads) <= loaded
 
 
 def press(time):
