@@ -69,6 +69,17 @@ class _Context(CPUContext):
         self._internal_codegen = _PinnedCodegen("palpate.exec")
         c_math_functions.install(self)
 
+    def load_additional_registries(self) -> None:
+        """Load numba's implementations. One of their modules imports scipy.linalg, which takes 0.3 s, only to find out
+        whether it is installed; palpate requires it, and numba checks again where it compiles a call of BLAS."""
+        from numba.np import linalg
+
+        check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+        try:
+            super().load_additional_registries()
+        finally:
+            linalg.ensure_blas = check
+
 
 class _Typing(Context):
     """Types of expressions, cached: numba tries about ten templates for each operator in each pass over a function. A
