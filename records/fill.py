@@ -6,6 +6,7 @@ heads of all messages, which name them.
 """
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -25,6 +26,7 @@ from palpate.records.instants import instants
 from palpate.records.player import Player, ReplaySlot, plan_of
 from palpate.records.stored import RecordingError, Stored
 
+LAG = 0.5  # [s]
 Row = tuple[str, int, int, bytes]
 
 
@@ -74,9 +76,16 @@ class _Filling:
     def rows(self) -> Iterator[Row]:
         """All messages up to the last check that agrees. RecordingError: damaged, or a node raised."""
         pending: list[Row] = []
+        present = self.stored.ticks()
+        last, end = self._end(present)
         self.player.start()
         try:
-            for tick, payloads in self._ticks():
+            for tick, payloads in self._ticks(present):
+                if tick > last:
+                    why = f"from tick {tick} on: {end!r} of tick {last + 1} is not in the truncated file"
+                    node = next(part.name for part in self.player.parts if end in part.streams)
+                    self.report.nodes[node].stopped = why
+                    break
                 now = nanoseconds(tick, self.plan.graph.rate) if self._simulated else None
                 sent = self.player.step(tick, payloads, now)
                 if self.player.missing is not None:
@@ -103,9 +112,17 @@ class _Filling:
             self.player.stop()
         yield from pending
 
-    def _ticks(self) -> Iterator[tuple[int, dict[str, bytes]]]:
+    def _end(self, present: dict[str, np.ndarray]) -> tuple[float, str]:
+        """The last tick of which a file of the real clock has all messages, and the stream that ends there. A truncated
+        file lacks messages of the last ticks, which arrive up to `LAG` apart; a stream that ended earlier belongs to a
+        dead node."""
+        last = {name: int(row[-1]) + self.stored.streams[name].every - 1 for name, row in present.items()
+                if len(row) and name in self.player.computed and self.stored.cut and not self._simulated}  # fmt: skip
+        ends = [(tick, name) for name, tick in last.items() if tick > max(last.values()) - LAG * self.plan.graph.rate]
+        return min(ends, default=(math.inf, ""))
+
+    def _ticks(self, present: dict[str, np.ndarray]) -> Iterator[tuple[int, dict[str, bytes]]]:
         """The ticks of the run, with the stored messages of each."""
-        present = self.stored.ticks()
         if not self._simulated:
             yield from instants(self.stored, present)
             return
