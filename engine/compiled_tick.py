@@ -144,6 +144,12 @@ def run_table(rows, clock_address, tick, ticks):
 
 
 @kernel(nogil=True)
+def run_freely(rows, clock_address, tick, ticks):
+    """`run_table` without the interpreter lock, so that other threads run meanwhile, such as that of a recording."""
+    run_table(rows, clock_address, tick, ticks)
+
+
+@kernel(nogil=True)
 def run_lanes(lanes, count, ticks):
     """Run `ticks` ticks of each of `count` lanes, one lane after the other. A failed lane does not advance.
 

@@ -40,7 +40,7 @@ class CompiledSegment:
         permitted: Callable[[Slot, Input], float],
         deliver: Callable[[Block], None],
     ) -> None:
-        from palpate.engine.compiled_tick import run_table  # the compiler is slow to import
+        from palpate.engine.compiled_tick import run_freely, run_table  # the compiler is slow to import
         from palpate.physics.entry_point import entry_point
 
         self.slots = list(slots)
@@ -64,7 +64,7 @@ class CompiledSegment:
         ]
         self._inlets: dict[int, list[tuple[Any, Any, Any] | None]] = {}
         self._lines = [self._fill(place, slot, rate, permitted) for place, slot in enumerate(slots)]
-        self._run = entry_point(run_table, 0, 0, 0, 0)
+        self._run = entry_point(run_table if real else run_freely, 0, 0, 0, 0)
         self._where = self._rows.ctypes.data, self._clock.ctypes.data
         self._stepped, self._failed = self._rows["stepped"], self._clock["failed"]
         self._times = self._rows["time"]

@@ -6,6 +6,7 @@ import json
 import time
 import typing
 from collections import deque
+from functools import partial
 from pathlib import Path
 from typing import IO, Annotated, Any
 
@@ -18,7 +19,7 @@ from palpate.messages.base import HEADER
 from palpate.nodes.base import Block, Observer, SettingError, Stream
 from palpate.nodes.base.block import MARGIN
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION, head_alone
-from palpate.records.format.mcap_writer import CHUNK_SIZE, HEAD, Compression, McapWriter
+from palpate.records.format.mcap_writer import CHUNK_SIZE, HEAD, Compression, McapWriter, Piece
 
 LATEST = 1024  # stored ticks of a stream, which separate the messages of a restarted node from earlier ones
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -64,6 +65,12 @@ class _Recorded:
 
     def take(self, ticks: np.ndarray) -> np.ndarray:
         """Count messages of these ascending ticks, as `Mcap.observe` counts one. Returns which of them to write."""
+        count, first, last = len(ticks), int(ticks[0]), int(ticks[-1])
+        if self.skip == self.keep == 1 and first == self.next and last - first == (count - 1) * self.every:
+            self.first, self.next = self.first if self.received else first, last + self.every
+            self.received, self.count = self.received + count, self.count + count
+            self.last.extend(ticks[-LATEST:].tolist())
+            return np.full(count, True)
         taken = np.full(len(ticks), True) if self.skip == 1 else ticks % self.skip == 0
         ticks = ticks[taken]
         if not len(ticks):
@@ -181,27 +188,19 @@ class Mcap(Observer):
             return
         if self._behind():
             return
-        # Select the messages to write and fill in their heads.
+        # Select the messages to write. The thread of the writer makes their records, from a copy of the block.
         number, kept = block.entries["number"], np.zeros(len(block.entries), bool)
         for place, one in enumerate(recorded):
             if one is not None and len(rows := np.flatnonzero(number == place)):
                 kept[rows] = one.take(block.entries["tick"][rows])
         entries = block.entries[kept]
-        heads = np.zeros(len(entries), HEAD)
-        heads["kind"], heads["length"] = Opcode.MESSAGE, entries["end"] - entries["begin"] + HEAD_LENGTH
-        heads["channel"] = np.array([one.channel if one else 0 for one in recorded])[entries["number"]]
-        heads["tick"] = entries["tick"]
-        heads["time"] = heads["at"] = np.maximum(entries["time"], 0)
-        place = entries["begin"][:, None] - MARGIN + np.arange(MARGIN)
-        block.memory[place] = heads.view(np.uint8).reshape(-1, MARGIN)
-        # Pass each run of consecutive messages as one piece.
-        ends = np.flatnonzero(np.diff(np.flatnonzero(kept), append=-1) != 1)
-        begins = np.concatenate(([0], ends[:-1] + 1))
-        memory = block.memory.data
-        pieces = zip((entries["begin"][begins] - MARGIN).tolist(), entries["end"][ends].tolist(), strict=True)
         try:
             if len(entries):
-                self._writer.add_block(heads, b"".join(memory[begin:end] for begin, end in pieces))
+                begin, end = int(entries["begin"][0]) - MARGIN, int(entries["end"][-1])
+                channels = np.array([one.channel if one else 0 for one in recorded])
+                given = kept, channels, block.entries.copy(), block.memory[begin:end].copy(), begin
+                size = int((entries["end"] - entries["begin"]).sum()) + len(entries) * MARGIN
+                self._writer.add_block(partial(_records, *given), size)
             if time.monotonic() > self._due:
                 self._on_time()
         except OSError as error:
@@ -295,6 +294,22 @@ class Mcap(Observer):
         if lost:
             losses = ", ".join(f"{name} {number}" for name, number in lost.items())
             self._notes.append(f"recording {self.path} lacks messages that did not reach it in time: {losses}")
+
+
+def _records(kept: np.ndarray, channels: np.ndarray, entries: np.ndarray, memory: np.ndarray, at: int) -> Piece:
+    """Heads, and records with these heads, of the messages `kept` (n) of a block, whose `memory` begins at `at`."""
+    # Fill in the heads of the records.
+    written = entries[kept]
+    heads = np.zeros(len(written), HEAD)
+    heads["kind"], heads["length"] = Opcode.MESSAGE, written["end"] - written["begin"] + HEAD_LENGTH
+    heads["channel"], heads["tick"] = channels[written["number"]], written["tick"]
+    heads["time"] = heads["at"] = np.maximum(written["time"], 0)
+    begins, ends = written["begin"] - at - MARGIN, written["end"] - at
+    np.ndarray(len(memory) - MARGIN + 1, HEAD, memory, strides=(1,))[begins] = heads
+    # Pass each run of consecutive messages as one piece.
+    last = np.flatnonzero(np.diff(np.flatnonzero(kept), append=-1) != 1)
+    first = np.concatenate(([0], last[:-1] + 1))
+    return heads.data.cast("B"), *(memory.data[b:e] for b, e in zip(begins[first], ends[last], strict=True))
 
 
 def schema(kind: type[Message]) -> dict[str, Any]:
