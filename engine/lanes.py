@@ -17,7 +17,8 @@ from palpate.engine.segment import CompiledSegment, failure, view
 from palpate.engine.slot import NodeError, RecordOutput, make
 from palpate.engine.table import CLOCK, LANE, TAP
 
-LINE, PAGE = 64, 4096  # [bytes] alignment of the parts of a block; unit in which images are copied
+WORD, LINE, PAGE = 8, 64, 4096
+"""[bytes] Alignment of the arrays of a table; of the parts of a block; unit in which images are copied."""
 Pool = weakref.WeakValueDictionary[Any, np.ndarray]
 """Shared arrays by their content, while a node uses them."""
 
@@ -108,8 +109,8 @@ class Lanes:
         """
         arrays = [array for array in self.segment.tables() if array.nbytes]
         records = [slot.node._record for slot in self.segment.slots]  # type: ignore[attr-defined]
-        places = np.cumsum([0, *(_aligned(array.nbytes) for array in arrays)])
-        image = np.zeros(int(places[-1]), np.uint8)
+        places = np.cumsum([0, *(_aligned(array.nbytes, WORD) for array in arrays)])
+        image = np.zeros(_aligned(int(places[-1])), np.uint8)
         for place, array in zip(places.tolist(), arrays, strict=False):
             image[place : place + array.nbytes] = array.view(np.uint8).ravel()
         words, self._image = image.view(np.int64), image
@@ -225,5 +226,5 @@ def _address(array: np.ndarray) -> int:
     return array.__array_interface__["data"][0]
 
 
-def _aligned(size: int) -> int:
-    return -(-size // LINE) * LINE
+def _aligned(size: int, unit: int = LINE) -> int:
+    return -(-size // unit) * unit

@@ -48,6 +48,7 @@ class CompiledSegment:
         self._streams: list[str] = []
         self._out_lines: list[np.ndarray] = []
         self._kept: list[Any] = []
+        self._absent: dict[type[Message], np.ndarray] = {}  # messages that are not there, which all lanes share
         self._rows = np.zeros(len(slots), ROW)
         self._clock = np.zeros(1, CLOCK)
         self._clock["rate"], self._clock["real"] = rate, real
@@ -99,7 +100,7 @@ class CompiledSegment:
         # Inputs: the record of the sender, or a record that the host fills.
         inlets: list[tuple[Any, Any, Any] | None] = []
         for n, (port, (argument, nth)) in enumerate(zip(slot.inputs, at, strict=True)):
-            line, absent = lines[n], self._keep(blank(port.kind))
+            line, absent = lines[n], self._absent.setdefault(port.kind, blank(port.kind))
             inlet = None
             if port.inside:
                 record = _record(port.output)
