@@ -48,7 +48,7 @@ class CompiledSegment:
         self._streams: list[str] = []
         self._out_lines: list[np.ndarray] = []
         self._kept: list[Any] = []
-        self._absent: dict[type[Message], np.ndarray] = {}  # messages that are not there, which all lanes share
+        self._absent: dict[type[Message], np.ndarray] = {}  # blank records of missing messages, shared by lanes
         self._rows = np.zeros(len(slots), ROW)
         self._clock = np.zeros(1, CLOCK)
         self._clock["rate"], self._clock["real"] = rate, real
