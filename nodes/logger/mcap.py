@@ -65,12 +65,6 @@ class _Recorded:
 
     def take(self, ticks: np.ndarray) -> np.ndarray:
         """Count messages of these ascending ticks, as `Mcap.observe` counts one. Returns which of them to write."""
-        count, first, last = len(ticks), int(ticks[0]), int(ticks[-1])
-        if self.skip == self.keep == 1 and first == self.next and last - first == (count - 1) * self.every:
-            self.first, self.next = self.first if self.received else first, last + self.every
-            self.received, self.count = self.received + count, self.count + count
-            self.last.extend(ticks[-LATEST:].tolist())
-            return np.full(count, True)
         taken = np.full(len(ticks), True) if self.skip == 1 else ticks % self.skip == 0
         ticks = ticks[taken]
         if not len(ticks):
