@@ -67,11 +67,11 @@ def test_an_effect_without_influence_keeps_its_rate(write, tmp_path):
 
 @pytest.fixture(scope="module")
 def kidney(tmp_path_factory):
-    """A sudden press and a slide."""
+    """A sudden press and a slide, with exact positions: the counts of an encoder change from tick to tick."""
     path = "[{to: [0, 0, 0.0935], time: 0.15}, {to: [0.005, 0, 0.0935], time: 0.1, shape: linear}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.107]", f"scene.hand.path={path}",
             "scene.tissue.stiffness=3e3", "scene.tissue.exponent=1.5", "scene.tissue.damping=5",
-            "scene.tissue.retardation=0"]  # fmt: skip
+            "scene.tissue.retardation=0", "device.resolution=0"]  # fmt: skip
     return record_touch(find("kidney").but(duration=0.25, overrides=sets), tmp_path_factory.mktemp("kidney") / "t.mcap")
 
 
