@@ -7,19 +7,20 @@ The time constants of this observer are in seconds, so its output converges for 
 entered it, within a count of the last one. A contact of stiffness K against a hand of stiffness k amplifies a position
 error by K/k. The gain of a mean falls as 1/t, so an oscillation that the encoder sustains decays. Once the finger has
 reversed within the band, the band may be three counts wide; a slow motion without reversal is not rest. A reading
-outside the band ends the rest, and the difference between it and the mean fades out.
+outside the band ends the rest, and the difference between it and the mean fades out. On a rigid body with friction a
+finger that stops creeps on and slips several times: an earlier rest and a slow fade shorten this.
 
 **Motion.** With x the estimate and r the reading, or the mean in its place,
 
     x' = v,    v' = 4 w (p + 3/2 w d - v),    p' = a + w^2 d,    a' = (w^3/4) d,    d = u - x
 
 with the transfer function (6 w^2 s^2 + 4 w^3 s + w^4)/(s + w)^4 from u to x: four poles at w, no lag at constant speed
-or constant acceleration, and v is the exact derivative of x. u is the predicted position x + v dt clipped to
-[r - q/4, r + q/4], so the quantisation does not disturb a motion that agrees with the readings. The interval is half
-the width of a count: with a wider one x would lag behind a finger that reverses, which generates energy at a stiff
-contact. If the prediction is m > 1 counts from u, w grows as m^1.5, to follow an impact faster. p never opposes the
-last change of the reading; if it would, and at rest, a is 0. After lost samples x is limited to `FAR` counts from the
-reading, and v is the mean speed since the last one.
+or constant acceleration, and v is the exact derivative of x. u is the predicted position x + v dt clipped to [r - q/5,
+r + q/5], so the quantisation does not disturb a motion that agrees with the readings. The interval is narrower than a
+count: with a wider one x would lag behind a finger that reverses, which generates energy at a stiff contact. If the
+prediction is m > 1 counts from u, w grows as m^1.5, to follow an impact faster. p never opposes the last change of the
+reading; if it would, and at rest, a is 0. After lost samples x is limited to `FAR` counts from the reading, and v is
+the mean speed since the last one.
 
 F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Trans.
 Control Systems Technology 8 (2000) 1003-1009, for the encoder's resolution as the bound of the estimate.
@@ -31,11 +32,11 @@ from palpate.physics.kernel import kernel
 
 BANDWIDTH = 220.0  # [1/s] least w
 FASTEST = 15.0  # [1] largest w over the least
-REST = 0.025  # [s] within the band until the mean begins to count
+REST = 0.015  # [s] within the band until the mean begins to count
 BLEND = 0.03  # [s] in which it replaces the reading
-FADE = 0.02  # [s] time constant with which its difference from the reading decays after a rest
+FADE = 0.04  # [s] time constant with which its difference from the reading decays after a rest
 BAND, TURNED_BAND = 1.5, 2.5  # [counts] largest span of the readings of a rest, before and after a reversal
-CELL = 0.25  # [counts] distance from the reading within which a position agrees with it
+CELL = 0.2  # [counts] distance from the reading within which a position agrees with it
 FAR = 4.0  # [counts] largest distance from the reading
 PLACE, SPEED, TREND, LOW, HIGH, HELD, MEAN, AWAY, LAST, WAY, TURNED, RISE = range(12)
 

@@ -75,6 +75,20 @@ def test_every_body_is_quiet_under_a_still_finger_with_the_encoder(tmp_path, bod
     assert noise(held, rate, trend=True) < 0.03
 
 
+@pytest.mark.parametrize("rate", [1000, *(pytest.param(rate, marks=pytest.mark.long) for rate in (500, 2000, 5000))])
+def test_a_finger_that_slid_on_to_a_rigid_ball_rests_within_a_second(tmp_path, rate):
+    """After it stops it creeps and slips, for a time that depends on where it lies between two counts."""
+    for shift in 60e-6 * np.random.default_rng(1).random((3, 2)):
+        furrow, ball = (f"[{shift[0]}, {y + shift[1]}, {z}]" for y, z in ((0.027, 0.094), (0.045, 0.1)))
+        path = f"[{{to: {furrow}, time: 0.4}}, {{to: {ball}, time: 0.8, shape: linear}}, {{hold: 1.2}}]"
+        sets = (f"scene.hand.path={path}", "scene.hand.begin=[0, 0.027, 0.114]", f"rate={rate}")
+        bodies = ("kidney.use=deformation.Rigid", "liver.use=deformation.Rigid")
+        launch = find("organs").but(record=tmp_path / "run.mcap", overrides=(*sets, *bodies), place="fused",
+                                    duration=2.4, wanted=("controller",))  # fmt: skip
+        assert execute(launch).result.ok
+        assert noise(Recording(tmp_path / "run.mcap").columns("controller")["force"], rate, 0.2) < 0.03
+
+
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("body", ["BeamBundle", "ReducedFE", "Rigid"])
