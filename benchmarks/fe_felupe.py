@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 import numpy as np
-from fe_problems import POISSON, YOUNG, Problem
+from fe_problems import POISSON, YOUNG, FEProblem
 from scipy.sparse import csr_matrix
 
 from palpate.models.fe.element import faces as rule
@@ -19,7 +19,7 @@ from palpate.studies.peers import felupe as peer
 class FacePlane(peer.Item):
     """Contact of faces (F,6) with a rigid plane by a penalty [Pa/m] at six integration points per face."""
 
-    def __init__(self, field: Any, problem: Problem) -> None:
+    def __init__(self, field: Any, problem: FEProblem) -> None:
         super().__init__(field)
         self.faces, self.floor = problem.skin, problem.floor
         self.penalty = problem.penalty
@@ -45,7 +45,7 @@ class FacePlane(peer.Item):
         return csr_matrix((block.ravel(), (3 * row.ravel() + 2, 3 * column.ravel() + 2)), shape=size)
 
 
-def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict[str, object] | None:
+def felupe(problem: FEProblem, faces: bool = False, cholmod: bool = False) -> dict[str, object] | None:
     """Force, times and iterations of FElupe; None if it is not installed.
 
     faces    contact at integration points of faces instead of FElupe's contact at nodes

@@ -31,7 +31,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import numpy as np
 from fe_felupe import felupe
-from fe_problems import POISSON, RADIUS, YOUNG, Problem, ball, block, pressed, step
+from fe_problems import POISSON, RADIUS, YOUNG, FEProblem, ball, block, pressed, step
 
 from palpate.models.fe import RigidIndenter, Settings, Solver, neo_hooke, plane
 from palpate.models.fe.element.mesh import FACES
@@ -42,7 +42,7 @@ from palpate.studies.peers import calculix as peer
 MISSING = 3
 
 
-def palpate(problem: Problem) -> dict[str, object]:
+def palpate(problem: FEProblem) -> dict[str, object]:
     """Figures of palpate; a run on a mesh of few elements compiles the kernels first."""
     _palpate(ball(2) if len(problem.skin) else block(1))
     begun = time.perf_counter()
@@ -58,7 +58,7 @@ def palpate(problem: Problem) -> dict[str, object]:
     }
 
 
-def _palpate(problem: Problem) -> Solver:
+def _palpate(problem: FEProblem) -> Solver:
     down = np.outer(problem.driven, (0.0, 0.0, -problem.travel))
     place = np.array([0.0, 0.0, problem.floor])
     contacts = []
@@ -73,7 +73,7 @@ def _palpate(problem: Problem) -> Solver:
     return body
 
 
-def calculix(problem: Problem) -> dict[str, object] | None:
+def calculix(problem: FEProblem) -> dict[str, object] | None:
     """Figures of CalculiX; None if `ccx` is not installed."""
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -97,7 +97,7 @@ def calculix(problem: Problem) -> dict[str, object] | None:
     }
 
 
-def _deck(problem: Problem) -> list[str]:
+def _deck(problem: FEProblem) -> list[str]:
     """The input file of CalculiX; the plane is a fixed brick, whose top is the master surface."""
     mesh, count = problem.mesh, len(problem.mesh.points)
     lines = list(peer.solids(mesh, [moduli(YOUNG, POISSON)]))

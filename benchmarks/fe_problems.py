@@ -21,7 +21,7 @@ STIFF = 2e4 * YOUNG
 
 
 @dataclass(frozen=True)
-class Problem:
+class FEProblem:
     """A body that is pressed down, with or without a rigid plane below it.
 
     fixed    (N,3) fixed directions of the nodes
@@ -43,21 +43,21 @@ class Problem:
     share: float = 0.0
 
 
-def block(cells: int) -> Problem:
+def block(cells: int) -> FEProblem:
     """A unit cube, both ends clamped, compressed by 30 %."""
     mesh = box((1.0, 1.0, 1.0), (cells, cells, cells))
     z = mesh.points[:, 2]
     top = z > 1 - 1e-9
     fixed = np.repeat((top | (z < 1e-9))[:, None], 3, axis=1)
-    return Problem(mesh, fixed, top, 0.3, np.zeros((0, 6), dtype=np.int64))
+    return FEProblem(mesh, fixed, top, 0.3, np.zeros((0, 6), dtype=np.int64))
 
 
-def step(cells: int) -> Problem:
+def step(cells: int) -> FEProblem:
     """A unit cube, both ends clamped, compressed by 5 % in one step."""
     return replace(block(cells), travel=0.05, steps=1)
 
 
-def pressed(cells: int) -> Problem:
+def pressed(cells: int) -> FEProblem:
     """A unit cube, clamped at its top, pressed on a plane by 30 % in ten steps, without friction."""
     body = block(cells)
     top = np.repeat(body.driven[:, None], 3, axis=1)
@@ -65,7 +65,7 @@ def pressed(cells: int) -> Problem:
     return replace(body, fixed=top, skin=skin, steps=10, share=1.0 / len(np.unique(skin)))
 
 
-def ball(cells: int) -> Problem:
+def ball(cells: int) -> FEProblem:
     """A ball pressed between two planes by 10 % of its radius each, without friction; 1/8 of it by symmetry."""
     mesh = _octant(cells)
     x, y, z = mesh.points.T
@@ -77,7 +77,7 @@ def ball(cells: int) -> Problem:
     skin = mesh.faces[outer & (corner[:, :, 2].mean(axis=1) < -0.7 * RADIUS)]
     near_pole = np.linalg.norm(mesh.points[np.unique(skin), :2], axis=1) < 0.3 * RADIUS
     share = np.pi / 4 * (0.3 * RADIUS) ** 2 / near_pole.sum()
-    return Problem(mesh, fixed, top, 0.1 * RADIUS, skin, -RADIUS, penalty=STIFF / RADIUS, share=share)
+    return FEProblem(mesh, fixed, top, 0.1 * RADIUS, skin, -RADIUS, penalty=STIFF / RADIUS, share=share)
 
 
 def _octant(cells: int) -> TetMesh:

@@ -79,7 +79,7 @@ def measure(record: Recording, controller: str, frictions: list[str], parts: lis
     return Hold(np.linalg.norm(force, axis=1).max(), np.linalg.norm(held), noise, float(rub))
 
 
-class Run(NamedTuple):
+class MeasuredRun(NamedTuple):
     """What was measured of each device, the difference [N] of a run apart, warnings of forces that are not valid."""
 
     holds: dict[str, Hold]
@@ -87,7 +87,7 @@ class Run(NamedTuple):
     notes: list[str]
 
 
-def run(graph: str, body: str, rate: int, exact: bool = False, apart: bool = False) -> Run:
+def run(graph: str, body: str, rate: int, exact: bool = False, apart: bool = False) -> MeasuredRun:
     """Each device of a graph with a body in it at a rate [Hz]."""
     sets = [f"rate={rate}", *(f"{name}.use=deformation.{body}" for name in TISSUE.get(graph, ("tissue",)))]
     if graph == "remote":
@@ -122,7 +122,7 @@ def run(graph: str, body: str, rate: int, exact: bool = False, apart: bool = Fal
             other, _ = record("apart", begin + APART)
             parts = [(other.columns(name)["force"], force) for name, force in forces.items()]
             difference = max(float(np.abs(short - long[: len(short)]).max()) for short, long in parts)
-        return Run(holds_, difference, [note for note in notes if INVALID in note])
+        return MeasuredRun(holds_, difference, [note for note in notes if INVALID in note])
 
 
 def row(graph: str, body: str, rates: list[int], exact: bool, apart: bool) -> tuple[str, list[str]]:

@@ -84,7 +84,7 @@ def ours(turns: int, core: int) -> float:
     from palpate.launch.run.execute import execute
 
     names = [f"n{i}" for i in range(COUNT)]
-    lines = [f"  n0: {{use: relays.Start, in: {{torque: {names[-1]}}}}}"]
+    lines = [f"  n0: {{use: relays.FirstRelay, in: {{torque: {names[-1]}}}}}"]
     lines += [
         f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}" for before, name in itertools.pairwise(names)
     ]

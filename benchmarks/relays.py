@@ -4,7 +4,7 @@ from palpate.messages import Torque
 from palpate.nodes.base import Node
 
 
-class Start(Node):
+class FirstRelay(Node):
     """Sends one message per tick around the ring."""
 
     paced = True

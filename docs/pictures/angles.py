@@ -30,7 +30,7 @@ ANGLES = np.arange(0.0, 76.0, 7.5)
 DEPTH, SPEED_ALONG, MU, PITCH = 2e-3, 2e-3, 0.7, 0.8e-3
 
 
-class Slide(NamedTuple):
+class SlideForces(NamedTuple):
     """Contact area [m²], friction in full sliding [N], time to full sliding [s], and its estimate [s]."""
 
     area: float
@@ -39,7 +39,7 @@ class Slide(NamedTuple):
     expected: float
 
 
-def slide(tip: FingertipSurfaces, degrees: float, dt: float = 1e-2) -> Slide:
+def slide(tip: FingertipSurfaces, degrees: float, dt: float = 1e-2) -> SlideForces:
     """Press, wait until the beams are at rest, draw back until every node slides."""
     body = fill(tip, DEPTH, pitch=PITCH, angle=np.radians(degrees))
     state = BundleState(body)
@@ -51,7 +51,7 @@ def slide(tip: FingertipSurfaces, degrees: float, dt: float = 1e-2) -> Slide:
     while np.hypot(*force[:2]) < 0.99 * MU * force[2] and time < 5.0:
         force = step(body, state, DEPTH, (0.0, SPEED_ALONG * dt), MU, dt)
         time += dt
-    return Slide(touching.sum() * body.cell, float(np.hypot(*force[:2])), time, float(expected))
+    return SlideForces(touching.sum() * body.cell, float(np.hypot(*force[:2])), time, float(expected))
 
 
 def draw(path: Path) -> None:
