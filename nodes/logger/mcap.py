@@ -63,8 +63,15 @@ class _Recorded:
         self.next = self.due = self.first = self.received = self.count = self.gaps = 0
         self.last: deque[int] = deque(maxlen=LATEST)
 
-    def take(self, ticks: np.ndarray) -> np.ndarray:
+    def take(self, ticks: np.ndarray) -> np.ndarray | bool:
         """Count messages of these ascending ticks, as `Mcap.observe` counts one. Returns which of them to write."""
+        begin, end = int(ticks[0]), int(ticks[-1]) + 1
+        if self.keep == self.every == 1 and self.received and begin == self.next and end - begin == len(ticks):
+            self.next = end
+            self.received += len(ticks)
+            self.count += len(ticks)
+            self.last.extend(range(max(begin, end - LATEST), end))
+            return True
         taken = np.full(len(ticks), True) if self.skip == 1 else ticks % self.skip == 0
         ticks = ticks[taken]
         if not len(ticks):
@@ -184,9 +191,11 @@ class Mcap(Observer):
             return
         # Select the messages to write. The thread of the writer makes their records, from a copy of the block.
         number, kept = block.entries["number"], np.zeros(len(block.entries), bool)
-        for place, one in enumerate(recorded):
-            if one is not None and len(rows := np.flatnonzero(number == place)):
-                kept[rows] = one.take(block.entries["tick"][rows])
+        rows, counts = np.argsort(number, kind="stable"), np.bincount(number, minlength=len(recorded))
+        ticks, ends = block.entries["tick"][rows], np.cumsum(counts).tolist()
+        for one, begin, end in zip(recorded, [0, *ends], ends, strict=False):
+            if one is not None and begin < end:
+                kept[rows[begin:end]] = one.take(ticks[begin:end])
         entries = block.entries[kept]
         try:
             if len(entries):
