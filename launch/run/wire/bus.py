@@ -161,7 +161,8 @@ class Bus:
         self._ordered = True
 
     def order(self, wait: int = 0) -> Order | None:
-        """The launcher's next order; None if none arrives within `wait` [ms], or was seen by `sweep` for 0."""
+        """The launcher's next order; None if none arrives within `wait` [ms]. With 0 the socket is read only after
+        `sweep` has noted an order."""
         while (wait or self._ordered) and self._control.poll(wait):
             self._ordered = True
             with contextlib.suppress(msgspec.MsgspecError, ValueError, zmq.Again):
