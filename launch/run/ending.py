@@ -56,8 +56,7 @@ class Ending:
             self._deadline = self._quit_at + STOP_PATIENCE
 
     def follow(self) -> None:
-        """Continue a shutdown after the end of a worker: on the real clock stop all nodes once no paced worker is left,
-        and close the observers once no nodes are left.
+        """A worker has ended: on the real clock stop all nodes if no paced one is left; without nodes close observers.
 
         The process of a worker whose nodes have ended continues until the observers have received its messages.
         """
@@ -73,8 +72,7 @@ class Ending:
             self._deadline = None if left else time.monotonic() + STOP_PATIENCE
 
     def check(self, begun: bool) -> None:
-        """Act on deadlines. `begun`: whether tick 0 has begun; before it, workers that still build nodes are killed
-        0.5 s after `Quit`."""
+        """Act on deadlines. `begun`: tick 0 has begun; before, workers that build nodes are killed 0.5 s after Quit."""
         moment = time.monotonic()
         if self._quit_at is not None and moment - self._checked > STALL:  # the workers could not run either
             self._quit_at += moment - self._checked

@@ -31,8 +31,7 @@ def accuracy(
 ) -> None:
     """Measure the error and the step time of every model.
 
-    Compares standard touches with reference solutions. Writes a page, a picture and a table. An interrupted benchmark
-    resumes.
+    Compares standard touches with reference solutions. Writes a page, picture and table. An interrupted run resumes.
     """
     from dataclasses import asdict
 

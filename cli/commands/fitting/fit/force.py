@@ -26,8 +26,7 @@ def force(
     deviation: Annotated[str | None, typer.Option(help="Use this model of the standard deviation, same names.")] = None,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation.", min=3)] = 9,
     protocol: Annotated[
-        str,
-        typer.Option(help="whole: all sessions, Student's t; published: two sessions dropped, normal distribution."),
+        str, typer.Option(help="whole: all sessions, Student's t; published: two dropped, normal distribution.")
     ] = "whole",
     any_stiffness: Annotated[
         bool, typer.Option("--any-stiffness", help="Accept forces and depths even if the stiffness is implausible.")
