@@ -1,9 +1,9 @@
-"""Cost of 1000 afferents next to the kidney graph, on one core: simulated time over processor time.
+"""Cost of 1000 afferents added to the kidney graph, on one core: simulated time over processor time.
 
     python benchmarks/afferents.py [--seconds S] [--json]
 
-All nodes run in one process, without a recording. The processor time is the difference of a long and a short run, the
-smaller of two differences.
+All nodes run in one process, without a recording. The processor time is that of a long run minus that of a short one,
+the smaller of two measurements.
 """
 
 from __future__ import annotations

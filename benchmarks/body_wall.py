@@ -31,10 +31,10 @@ from palpate.studies.accuracy.chain import BALL, LAW
 
 PUSH = 0.1  # [N] of the hand: soft bodies are then pressed by millimetres
 SPEED, BEGIN, SECONDS = 0.02, 0.2e-3, 2.0  # [m/s], [m] above the body, [s]
-LONG = 100.0  # [s] A step within which a body comes to rest
-FAR = 1.0  # [m] A device that is so far away was thrown off
+LONG = 100.0  # [s] Duration of a step after which a body is at rest
+FAR = 1.0  # [m] Beyond this distance from the body, the loop counts as unstable
 PLACE: dict[str, Any] = {"surface": "plane", "vertices": 1000, "position": (0.0, 0.0, 0.0)}
-STIFF = ("Pa", "N/m", "N/m^n")  # Units of settings that say how stiff a body is
+STIFF = ("Pa", "N/m", "N/m^n")  # Units of the settings for stiffness
 NARROW = 3  # Halvings of an octave
 NONE, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -77,8 +77,8 @@ class Wall:
         return contact
 
     def linear(self, force: float) -> tuple[float, float]:
-        """K [N/m] at rest under this force [N], and B [N s/m] from what one step of the period adds to it: the wall
-        f = K s + B (s_k - s_{k-1})/T that a device feels of small movements."""
+        """K [N/m] at rest under this force [N], and B [N s/m] from the additional force in the first step after a
+        displacement: a device that moves little feels the wall f = K s + B (s_k - s_{k-1})/T."""
         high = 1e-6
         while self._rested(high) < force:
             high *= 2.0
@@ -165,7 +165,7 @@ def row(device: WallDevice, cls: type[Node], rate: float, delay: int) -> dict[st
 
 
 def stiffest(holds: Callable[[float], bool], low: float = 1 / 16, high: float = 256.0) -> float:
-    """The factor up to which something holds, from below by octaves, then by their halves; `inf`, 0 beyond the ends."""
+    """Largest factor for which `holds` is true, by octaves upwards, then bisection; `inf`: for all, 0: for none."""
     below, above = 0.0, low
     while above <= high and holds(above):
         below, above = above, 2.0 * above

@@ -1,6 +1,6 @@
 """A process that only sleeps, in parallel with a run on the real clock.
 
-The machine, not the run, causes the ticks that it misses.
+Ticks that this process misses are due to the machine, not to the run.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 
 Prints the table of docs/equations/falcon.md, a row for each motion, over all bodies, rates and phases. A phase shifts
 the motion by a random fraction of a count in each direction. Tick to tick: RMS change of the force from one tick to the
-next, over that with exact positions. The last columns are of the last 0.2 s. 6 minutes.
+next, over that with exact positions. Held values are means of the last 0.2 s. Takes 6 minutes.
 """
 
 import argparse
@@ -57,8 +57,8 @@ def forces(motion: str, body: str, rate: int, shift: Sequence[float], exact: boo
 
 
 def errors(motion: str, body: str, rate: int, shift: Sequence[float]) -> tuple[float, ...]:
-    """Of peak [%], held force [%], change from tick to tick [%], force [% of peak, RMS]; of held friction [% of it],
-    [mN]; nan without contact."""
+    """Errors of peak [%], held force [%], change from tick to tick [%], force [% of peak, RMS], and held friction [%],
+    as a vector [mN]; nan: no contact at the end."""
     (force, rub), (exact, rubs) = (forces(motion, body, rate, shift, way) for way in (False, True))
     peak, last = np.linalg.norm(exact, axis=1).max(), round(0.2 * rate)
     held, wanted = (np.linalg.norm(each[-last:].mean(axis=0)) for each in (force, exact))

@@ -3,12 +3,12 @@
     python benchmarks/hold.py [GRAPH ...] [--bodies MassSpring Rigid] [--rates 500 1000 5000] [--exact] [--no-apart]
 
 Prints the table of docs/stability.md, a row for each graph and body and in each cell a figure for each rate. A run is
-the touch of the graph on simulated time, fused; `--exact`: with exact positions in place of the encoder's. Of the
-device with the larger value: the peak of the force [N], and over the last 0.2 s, at most half, of the hold with the
-largest force, the mean force [N], the unfiltered RMS noise about the mean [mN], and the friction [N]. `apart` is the
-largest difference [N] of the force on the hand in a run with one process per node, which ends 0.2 s after contact
-begins. A combination that is refused has the reason in its place, and one whose forces are not valid a mark, and the
-warning below the table. 15 minutes on two cores.
+the touch of the graph on simulated time, fused; `--exact`: with exact positions in place of the encoder's. Figures are
+the largest over all devices: the peak of the force [N], and in the hold with the largest force, over its last 0.2 s but
+at most its second half, the mean force [N], the unfiltered RMS noise about the mean [mN], and the friction [N]. `apart`
+is the largest difference [N] of the force on the hand in a run with one process per node, which ends 0.2 s after
+contact begins. If a combination is refused, its cell shows the reason. If its forces are not valid, its row has a mark,
+and a warning follows the table. Takes 15 minutes on two cores.
 """
 
 import argparse
@@ -48,7 +48,7 @@ INVALID = "meaningless"  # in the note of a contact whose forces are not valid
 
 
 def holds(path) -> list[tuple[float, float]]:
-    """When the part of each rest that is measured begins and ends [s]."""
+    """Begin and end [s] of the measured part of each rest."""
     parts, now = [], 0.0
     for segment in path:
         rest = segment.get("hold") or 0.0
@@ -68,7 +68,7 @@ class Hold(NamedTuple):
 
 
 def measure(record: Recording, controller: str, frictions: list[str], parts: list[tuple[float, float]], rate: float):
-    """Of the hold with the largest force."""
+    """Figures of the hold with the largest force."""
     force = record.columns(controller)["force"]
     windows = [slice(a, b) for a, b in (np.round(np.array(parts) * rate).astype(int)) if b <= len(force)]
     window = max(windows, key=lambda each: np.linalg.norm(force[each].mean(axis=0)))
@@ -80,7 +80,7 @@ def measure(record: Recording, controller: str, frictions: list[str], parts: lis
 
 
 class MeasuredRun(NamedTuple):
-    """What was measured of each device, the difference [N] of a run apart, warnings of forces that are not valid."""
+    """Figures of each device, force difference [N] to one process per node, and warnings of invalid forces."""
 
     holds: dict[str, Hold]
     apart: float
@@ -126,7 +126,7 @@ def run(graph: str, body: str, rate: int, exact: bool = False, apart: bool = Fal
 
 
 def row(graph: str, body: str, rates: list[int], exact: bool, apart: bool) -> tuple[str, list[str]]:
-    """Of the table; and the warnings."""
+    """A row of the table, and the warnings."""
     cells: list[list[str]] = [[] for _ in Hold._fields]
     most, notes = 0.0, []
     for rate in rates:

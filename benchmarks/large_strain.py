@@ -3,9 +3,9 @@
     python benchmarks/large_strain.py                    # all cases, about 5 minutes on a quiet core
     python benchmarks/large_strain.py --cases 0 4        # some of them
 
-A patch that sticks presses until s is about its radius R. The law gets the compliance of the full solution at rest, so
+A patch that sticks presses until s is about its radius R. The law gets the full solution's compliance at small s, so
 the error is that of large displacement alone. Printed: force error at equal depth, RMS in % of the largest force and
-worst in % of the force, of the linear organ, of the half-space's law with R, and with R (c/c_R)² as shipped.
+worst in % of the force: linear organ; half-space's law with R; as shipped, with R (c/c_R)² unless there is a nodule.
 """
 
 from __future__ import annotations

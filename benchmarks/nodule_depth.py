@@ -1,9 +1,9 @@
-"""Down to which depth do the spikes of the SA1 afferents show a nodule? The table of docs/equations/afferents.md.
+"""Detection of a nodule from SA1 spikes by its depth: the table of docs/equations/afferents.md.
 
     python benchmarks/nodule_depth.py [--json]
 
-The finger of `--scene afferents` slides over a nodule of 4 mm at several depths. For each, SA1 spikes of 0.5 s above it
-are counted for fingers that differ in their noise alone; d' compares them with those without a nodule.
+The finger of `--scene afferents` slides over a nodule of 4 mm at several depths. SA1 spikes are counted during 0.5 s
+above it, in trials that differ only in their noise. d' is the change of the mean count over its RMS standard deviation.
 """
 
 from __future__ import annotations

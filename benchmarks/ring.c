@@ -37,7 +37,7 @@ static void serve(int rank, int count, int turns) {
     snprintf(address, sizeof address, "ipc://@ring-%d-%d", getppid(), (rank + count - 1) % count);
     zmq_connect(in, address);
     zmq_setsockopt(in, ZMQ_SUBSCRIBE, "r", 1);
-    zmq_recv(out, data, SIZE, 0); /* the reader has subscribed */
+    zmq_recv(out, data, SIZE, 0); /* wait until the reader subscribes */
     memset(data, 'r', SIZE);
     if (rank > 0) {
         for (int i = 0; i < turns; i++) {

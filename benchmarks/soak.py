@@ -3,7 +3,7 @@
     python benchmarks/soak.py [--fused 60] [--real 20] [--starts 300] [--at-once 8] [--json]
 
 fused    minutes of simulated time: the touch is repeated in one process. Memory, descriptors, threads and the duration
-         of a tick, means over the first and the last 10 %
+         of a tick, means over the first and the last 10 % after the first fifth, in which caches fill
 real     minutes on the real clock with one process per node: the same figures, summed over all processes
 starts   number of starts and stops with one process per node
 at-once  number of parallel runs on the simulated clock; each must record the bytes of a fused run

@@ -32,7 +32,7 @@ def show(title: str, rows: list[dict[str, object]], digits: int = 4) -> None:
 
 
 def figure(value: float, digits: int) -> str:
-    """The value with this number of significant digits; without exponent below 1e9."""
+    """The value with this number of significant digits; integers up to 1e9 in full, without exponent."""
     return f"{value:.0f}" if 10 ** (digits - 1) <= abs(value) < 1e9 else f"{value:.{digits}g}"
 
 

@@ -1,4 +1,4 @@
-"""Time of a step of the textures with 10 samples per tick (10 kHz at 1 kHz), compared with LuGre friction.
+"""Time of a step of the textures with 10 samples per tick (10 kHz in a loop of 1 kHz), compared with LuGre friction.
 
     python benchmarks/texture.py
 

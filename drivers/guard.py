@@ -1,10 +1,10 @@
-"""The last step before a command is sent: limits it to what is safe for the device, whichever node sent it.
+"""The last step before a command is sent: limits commands of any node to what is safe for the device.
 
 A gain between 0 and 1 multiplies the command. It ramps up to 1 within the ramp time, and down to 0 within FALL on any
 of these conditions: the device is not homed, answers are missing, the command is stale, the dead-man button is not
-held, the grip is too fast or outside its box. If commands return before it is 0, the difference from the new command
-falls to 0 within FALL, too, so that the force does not jump. Then the command is limited to the largest command and
-the largest power by one factor, which keeps its direction.
+held, the grip is too fast or outside its box. If the condition ends before the gain is 0, the difference between the
+last and the new command also fades within FALL, so that the force does not jump. One factor for all components limits
+the command and its power, which keeps the direction.
 """
 
 import math
@@ -14,11 +14,11 @@ from typing import NamedTuple
 from palpate.drivers.limits import Limits
 
 FALL = 0.015  # [s] from full to zero
-MISSED = 3  # [1] missing answers in a row at which the gain falls
+MISSED = 3  # [1] successive missing answers at which the gain falls
 SILENT = 0.020  # [s] longest time without an answer
 STALE = 0.010  # [s] longest age of a command
 HORIZON = 0.005  # [s] limit of extrapolation
-HISTORY = 8  # [1] differences over which rates are computed
+HISTORY = 8  # [1] number of differences between samples over which rates are computed
 
 
 class DeviceSample(NamedTuple):

@@ -12,11 +12,11 @@ from palpate.gym.touch import SPEED
 Observation = Mapping[str, np.ndarray]
 Policy = Callable[[Observation], np.ndarray]
 
-LINES = 9  # of the search, 3 mm apart
+LINES = 9  # number of lines of the search, 3 mm apart
 STROKE = 0.06  # [m/s] along a line
 APPROACH = 0.05  # [m/s] downwards, until the force on the finger reaches `FELT`
 NEAR, SETTLE = 0.3e-3, 0.1  # [m] distance at which it reports "here"; [s] time constant of the motion to that point
-FELT = 1.5  # [N] upwards
+FELT = 1.5  # [N] upward force on the finger at which the approach ends
 GAIN = 0.02  # [m/s/N] of the press: 10 /s with the hand's 500 N/m
 
 
@@ -53,7 +53,7 @@ class Search:
         if not self.corners:
             if self.found is None:
                 self.found = self._found()
-            away = self.found - here[:2]  # not from the goal, which friction keeps millimetres ahead
+            away = self.found - here[:2]  # not from the goal: the finger lags it by millimetres, because of friction
             near = float(np.hypot(*away)) < NEAR
             return _action(*np.clip(away / SETTLE, -STROKE, STROKE), 0.0, float(near))
         away = self.middle + self.corners[0] - self.goal

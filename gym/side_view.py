@@ -6,8 +6,8 @@ import numpy as np
 
 SIZE = 240, 320  # pixels, down and across
 COLUMN = 8  # pixels; the highest vertex in each column is drawn
-MARGIN = 0.01  # [m] above the start of the hands
-SPAN = 0.08  # [m] least width
+MARGIN = 0.01  # [m] drawn height above the start of the hands
+SPAN = 0.08  # [m] least width of the picture
 NEAR = 5e-3  # [m] distance from a finger along y of the drawn slice of tissue
 RADIUS = 6e-3  # [m] of the drawn finger
 PER_NEWTON = 6e-3  # [m] of the bar that shows the force
@@ -27,7 +27,7 @@ def side_view(
     picture = np.full((*SIZE, 3), PAPER, np.uint8)
     middle = np.mean(begins, axis=0)
     span = max(SPAN, float(np.ptp(np.array(begins)[:, 0])) + 2.0 * SPAN / 3.0)
-    scale = SIZE[1] / span  # pixels a metre
+    scale = SIZE[1] / span  # pixels per metre
     x = middle[0] + (np.arange(SIZE[1]) + 0.5 - 0.5 * SIZE[1]) / scale
     z = middle[2] + MARGIN - (np.arange(SIZE[0]) + 0.5) / scale
     for vertices in shapes:

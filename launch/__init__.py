@@ -1,1 +1,1 @@
-"""The launcher: load, check, plan, place, run, record, replay, and the command line."""
+"""The launcher: loads, checks, plans and places graphs (`load`), and runs and supervises them (`run`)."""

@@ -26,7 +26,7 @@ from palpate.records.instants import instants
 from palpate.records.player import Player, ReplaySlot, plan_of
 from palpate.records.stored import RecordingError, Stored
 
-LAG = 0.5  # [s]
+LAG = 0.5  # [s] limit of the delay between messages of the same tick in the file
 Row = tuple[str, int, int, bytes]
 
 

@@ -46,7 +46,7 @@ class ReplaySlot(Slot):
             ) from None
         self.streams = job.streams
         self.as_recorded = _every(recorded, name) in (None, job.every)
-        """Whether it steps at its recorded ticks; otherwise by the rules of simulated time."""
+        """Whether it steps at its recorded ticks. False: its divisor has changed, so it follows simulated time."""
         self.places = self._places(recorded)
         """Index of each input's tick in `used`; None if the recorded node read another stream there."""
         self.broken: str | None = None
@@ -204,7 +204,7 @@ class Player:
                 self._deliver(output.stream, output.last)
 
     def _was_recorded(self, part: ReplaySlot) -> bool:
-        """Whether the file shows all its steps, and it repeats them."""
+        """Whether the node repeats its recorded steps, and the file has all of them."""
         if not part.as_recorded:
             return False
         streams = [self.recording.streams.get(s) for s in part.streams]

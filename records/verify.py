@@ -27,8 +27,8 @@ def verify(
                their field so far, for platforms that round differently
     show       called repeatedly with the tick and the last tick
 
-    If the file lacks messages, a node is checked up to the gap, and beyond it while its messages agree, because an
-    unknown step may have changed its state.
+    If the file lacks messages of a node, the node is checked up to this gap, and after it only while its messages
+    agree: a difference there is not an error, because a step that is not in the file may have changed its state.
 
     RecordingError: the recording does not fit the plan. A node that raises counts as a difference.
     """

@@ -27,13 +27,13 @@ from palpate.studies.outputs import Outputs
 from palpate.studies.search import Evaluation, SearchResult, Show, record_touch, relative_error, write
 
 SPEEDS = (0.5, 1.0, 2.0)
-"""Of the hand, over that of the path in the graph."""
+"""[1] Speeds of the hand, relative to the path in the graph."""
 DIVISORS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 """Candidate divisors of the rate of the graph."""
 SEARCHED, ACCEPTED, HELD_OUT = 2, 6, 12
 """Numbers of other motions for the search, for accepting its rates, and for predictions only."""
 MARGIN = 0.8
-"""[1] Share of the error that motions for acceptance may reach: the worst of more motions is larger."""
+"""[1] Share of the error that motions for acceptance may reach, because other motions can have a larger one."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class Evaluation:
     error       [1] RMS error of a quantity over the peak of the reference;  worst [1] peak error over the same
     p50, p99    [s] processor time per tick, independent of other programs;  mean [s] includes the effect of lower rates
     why         the reason if the settings failed
-    slowest     slowest node apart from the body that runs in at least 1 % of the ticks, and the p50 [s] of its steps
+    slowest     slowest node and the p50 [s] of its steps, without the body and nodes that run in under 1 % of the ticks
     reference   [s] mean time per tick with the settings of the reference
     outputs     [1] error of the output of each effect (`rates`)
     wall        [s] p50 and p99 of the wall time per tick, which grows if other programs run

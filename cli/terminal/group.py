@@ -68,7 +68,7 @@ class StoppedError(KeyboardInterrupt):
 def _interruptible(numbers: list[int]) -> Iterator[None]:
     """Raise KeyboardInterrupt for SIGTERM and SIGHUP as well, and append their numbers to the list.
 
-    Python drops exceptions in some callbacks: an interrupt that is lost there is sent again.
+    Python discards exceptions raised in some callbacks, so an interrupt that is lost there is sent again.
     """
     before = sys.unraisablehook
 

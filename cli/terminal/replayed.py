@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def checked(recording: Recording, report: Report, tolerance: float, elsewhere: list[str]) -> None:
-    """Print the result of a check; elsewhere: differences in arithmetic from the machine that made the recording."""
+    """Print the result of a check; elsewhere: versions or instructions that differ from those of the recording."""
     count = sum(node.checked for node in report.nodes.values())
     if report.first is not None:
         say(f"first difference: {report.first}", "red")

@@ -116,8 +116,8 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
 
 
 def standard_pictures(file: Path, folder: Path, silent: bool) -> list[Path]:
-    """Draw the pictures of a recording into a folder; unless silent with progress, and a line for each that cannot be
-    drawn. RecordingError, OSError. PictureError: there is nothing to draw, and why."""
+    """Draw the pictures of a recording into a folder. Unless silent, print progress, and a line for each picture that
+    cannot be drawn. RecordingError, OSError. PictureError: nothing can be drawn; gives the reason."""
     from palpate.launch.run.progress import StageBars
     from palpate.views.errors import PictureError
     from palpate.views.pictures import draw

@@ -23,7 +23,7 @@ class EmulatedFaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unplug    [s]  time when it is unplugged; negative: never
     silent    [s]  time when it stops answering; negative: never
     back      [s]  time when it is plugged in or answers again; negative: never
-    flaky     [1]  number of failed attempts to load or greet it before one succeeds
+    flaky     [1]  number of attempts to load its firmware or greet it that fail before one succeeds
     """
 
     latency: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.0

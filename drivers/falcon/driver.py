@@ -116,7 +116,7 @@ class FalconDriver(PortDriver[Ftdi]):
         """Outlier rejection: the counts, or the last valid ones if these are implausible. `BELIEVED` consistent samples
         in a row are accepted; None before the first of them.
 
-        The frames have no checksum: a wrong nibble is a jump of at least 16 counts from the extrapolated angle.
+        The frames have no checksum: a wrong nibble, except the lowest, is an error of at least 16 counts.
         """
         if self.last is not None:
             elapsed = (now - self.last_at) * 1e-6

@@ -122,7 +122,7 @@ class EmulatedChip:
         self.loading: bytearray | None = None
         self.received = b""
         self.line: deque[tuple[int, int]] = deque()  # (time of arrival [ns], byte)
-        self.free = 0  # [ns] when the line to the host is free again
+        self.free = 0  # [ns] time from which the line to the host is free
         self.timer = self.opened
 
     def control(self, request: int, value: int) -> None:

@@ -189,8 +189,8 @@ def senders(kind: type[Message]) -> list[str]:
 
 
 def takers(kind: type[Message], cls: type[Node]) -> list[str]:
-    """Names of the shipped classes with an input that takes several messages of a type: those with the same outputs as
-    a class, or all if no class has the same outputs."""
+    """Names of the shipped classes with an input that takes several messages of a type; only those that send the same
+    types as `cls`, if there are any."""
     found = {e.use: e.cls for e in catalogue()[0] if not issubclass(e.cls, Observer)}
     ports = {use: inputs(cls) for use, cls in found.items()}
     several = [use for use, its_ports in ports.items() if any(p.many and p.type is kind for p in its_ports)]

@@ -19,8 +19,8 @@ from palpate.nodes.base.carrier import Carrier
 def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:
     """A fault for each node between a device and a contact whose divisor differs from that of its reader.
 
-    A contact differentiates the approach over its step. If the motion of n ticks arrives in one step, the rate is
-    n times too high, and zero in the steps between: the force is a sawtooth.
+    A contact differentiates the approach over its step. If the motion of n ticks arrives in one step, the rate in that
+    step is n times too high, and zero in the steps between: the force is a sawtooth.
     """
     motion = [w for w in wires if issubclass(w.port.type, DeviceState | Pose | Proximity)]
     path = [name for name, spec in nodes.items() if set(spec.streams.values()) & {Contact, Contacts}]
@@ -41,7 +41,7 @@ def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fa
 
 
 def unlike_areas(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterator[str]:
-    """A note for each body with another law of the contact area than the node that spreads its load."""
+    """A note for each body whose law of the contact area differs from that of the node that spreads its load."""
     for wire in wires:
         if issubclass(wire.port.type, Load) and wire.producer in nodes and wire.consumer in nodes:
             both = (nodes[name].settings.items() for name in (wire.producer, wire.consumer))

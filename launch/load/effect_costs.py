@@ -22,7 +22,7 @@ class EffectCost:
     fields  fields that are computed only for it, `stream.field`
     setting whether a setting switches it
     observed whether only observers compute it, so that no message depends on it
-    price   [s] time of these nodes per tick; None: not measured
+    price   [s] time of `nodes` per tick; None: not measured
     proof   how the forces change if it is toggled; None: not tried
     """
 

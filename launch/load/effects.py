@@ -1,7 +1,7 @@
 """Effects that graphs, scenes and `--set effects.NAME=off` switch: `effects: {friction: off, pressure: on}`.
 
-On: the effect is computed even if no node reads it. Off: its nodes do not run, its fields stay empty, and its settings
-get their value without the effect. By default, `when:` and the inputs of other nodes decide.
+On: the effect is computed even if no node reads it. Off: its nodes do not run, its fields stay empty, and the settings
+that switch it get the value that disables it. By default, `when:` and the inputs of other nodes decide.
 """
 
 from collections.abc import Iterable

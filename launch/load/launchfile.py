@@ -1,11 +1,11 @@
 """Launch files: one run with its graph, scene, placement, clock, duration, recording and overrides. The `run:` of a
-graph holds the same keys for its default run, without `graph`.
+graph has the same keys, except `graph`, for the graph's default run.
 
 graph: kidney.yaml
 place: two
 clock: real
 duration: 10 s
-record: runs/kidney.mcap       # or `sources`, or `all`: what to record, in a file of this name
+record: runs/kidney.mcap       # or what to record, `sources` or `all`, in a file with the launch file's name
 set: {tissue.stiffness: 2e3, rate: 500}
 """
 

@@ -68,9 +68,9 @@ class OrganFile:
 def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
     """The run with this organ instead of the scene's, and a note on its position.
 
-    The top of the organ moves to the point where the path first touches the scene's surface. Each point of the path
-    is raised or lowered by the difference of the two surfaces, so that the indentation stays the same. If the organ is
-    too small or too steep, the path becomes narrower. The scene's rotation is kept.
+    The top of the organ moves to the point where the hand's path first touches the scene's surface. Each point of the
+    path is raised or lowered by the difference in height of the two surfaces, so that the indentation stays the same.
+    If the organ is too small or too steep, the path is scaled down horizontally. The scene's rotation is kept.
 
     MeshError: a graph without a surface and a hand. SettingError: the mesh is unusable.
     """

@@ -27,7 +27,7 @@ BUILT_IN = (FUSED, AUTO, APART)  # placements without a file
 SHARE = 0.5
 """[1] Limit of the median time of the force path, as a fraction of the period, with margin for the worst case."""
 AWAY = 100.0
-"""[µs] Least time per tick of a node that gets a separate process: its messages cost about 40 µs per tick."""
+"""[µs] Lower bound of the time per tick of a node that gets a separate process, whose messages cost about 40 µs."""
 _Core = Annotated[int, msgspec.Meta(ge=0)]
 _Cores = Annotated[list[_Core], msgspec.Meta(min_length=1)]
 _HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"

@@ -1,8 +1,8 @@
 """Published tissues: records in `graphs/tissues/*.yaml`, and the settings that a scene takes, `tissue: liver-human`.
 
-Each record has law (conventions: see its file in `physics/materials`), state, test, range, source and how much of the
-source was read. `shear` is the shear modulus at rest, which must agree with the law and its parameters. `scene` holds
-settings that do not follow from the law.
+Each record has the law (conventions: see its file in `physics/materials`), state, test, range, source and the part of
+the source that was read. `shear` is the shear modulus at rest, which must agree with the law and its parameters.
+`scene` contains settings that do not follow from the law.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ def jobs(
     ticks  number of ticks, None: until stopped
     pace   see `Job`
 
-    Groups on the force path that name no core share one; the others get the rest.
+    Groups on the force path without a `core:` share one core; all other groups without one use the other cores.
     """
     path = force_path(plan)
     links = _links(plan, path)

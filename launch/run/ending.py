@@ -56,9 +56,9 @@ class Ending:
             self._deadline = self._quit_at + STOP_PATIENCE
 
     def follow(self) -> None:
-        """A worker has ended. Without paced workers stop the other nodes; without nodes close the observers.
+        """A worker has ended: on the real clock stop all nodes if no paced one is left; without nodes close observers.
 
-        A worker whose nodes have ended lives on until the observers have received its messages.
+        The process of a worker whose nodes have ended continues until the observers have received its messages.
         """
         left = [m for m in self._members.values() if not (m.state == "gone" or (m.state == "done" and m.clean_exit))]
         if self._real and not any(member.job.leads for member in left):
@@ -72,7 +72,7 @@ class Ending:
             self._deadline = None if left else time.monotonic() + STOP_PATIENCE
 
     def check(self, begun: bool) -> None:
-        """Act on deadlines. `begun`: tick 0 is over; before it, workers that still build nodes get no time."""
+        """Act on deadlines. `begun`: tick 0 has begun; before, workers that build nodes are killed 0.5 s after Quit."""
         moment = time.monotonic()
         if self._quit_at is not None and moment - self._checked > STALL:  # the workers could not run either
             self._quit_at += moment - self._checked

@@ -110,7 +110,7 @@ def execute(
     patience    [s] without a heartbeat after which a node counts as hung
     network     TCP settings
     leave_out, thin  streams not to record, or to record every n-th message of
-    fit_cores   use `auto` on the real clock, without a placement, with fewer cores than nodes on the force path
+    fit_cores   on the real clock, without a placement: use `auto` if there are fewer cores than nodes on the force path
     step_times  returns the step time of each node [s], for `auto`
     watch       called about ten times a second with the launcher, if the run has one
 

@@ -81,8 +81,8 @@ def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | 
 
 
 def extremes(values: Sequence[Any]) -> tuple[float, ...]:
-    """The least and the greatest value of a path, and 0 if it is one of them; () unless all are finite numbers with a
-    decimal point."""
+    """The least and the greatest of the values of a path, and 0 if it is one of the values; () unless all are finite
+    floats."""
     if not all(type(value) is float and math.isfinite(value) for value in values):
         return ()
     return tuple({min(values), max(values)} | {0.0} & set(values))
@@ -94,8 +94,8 @@ class Preparation:
     load      prepare the run with these values by path; GraphError, ArgumentError: it is invalid
     extremes  by path, see `extremes`
 
-    A graph takes about 10 ms to load. If the extreme values of a path reach settings unchanged, other values of the
-    path are written to these settings without loading the graph again; nodes check them when they are made.
+    A graph takes about 10 ms to load. If the extreme values of a path appear unchanged in settings of nodes, its other
+    values are written to these settings without loading the graph again; the nodes' constructors check them.
     """
 
     def __init__(self, load: Callable[[Mapping[str, Any]], Prepared], extremes: Mapping[str, tuple[float, ...]]):
@@ -205,7 +205,7 @@ class LaneRun:
 
     prepared  the lanes
     keep      stream and name of the fields to record
-    rows      number of recorded values of each field, the last ones
+    rows      number of values to record of each field: the last ones of a run
     every     divisor of the ticks whose values are recorded
 
     `failures` has the error of each lane that did not start or that stopped, by lane number. NodeError: a node of the

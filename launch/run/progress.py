@@ -44,7 +44,8 @@ class StageBars:
     def begin(self, name: str, note: str = "", total: float | None = 1.0) -> Callable[..., None]:
         """Begin a stage; `total` None: duration unknown. The function returned takes the fraction done and a note.
 
-        A log names the stage at its first report, so that wrong input leaves only its error there.
+        In a log, the name of the stage is printed with its first progress report, so that invalid input prints only its
+        error.
         """
         task = self.bars.add_task(name, total=total, note=note)
         printed, named = time.monotonic(), not (self.lines and name and note)

@@ -20,7 +20,7 @@ COMPILING = "compiling the kernels for this processor: once, 15 s to a minute; l
 
 
 class Screen:
-    """Draws a running graph: rates, step times, late, lost and held messages of each node, and force bars.
+    """Draws a running graph: rates, step times, late ticks, lost messages and held inputs of each node, and force bars.
 
     title  name of the run
     rate   [Hz] base rate

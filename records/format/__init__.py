@@ -1,1 +1,1 @@
-"""The form of a recording as a file."""
+"""The file format of a recording."""

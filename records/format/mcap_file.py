@@ -1,8 +1,8 @@
 """The records of a recording, an MCAP file (https://mcap.dev), each verified against its checksum.
 
 MCAP has checksums of the contents of a chunk (messages, and the schemas and channels before them), of attachments, of
-the summary at the end, and of all data of a complete file. Metadata have none, so a truncated file could not be
-verified: a checksum (`SEAL`) is one more key.
+the summary at the end, and of all data of a complete file. Metadata have none, so those of a truncated file could not
+be verified; therefore each metadata record has an additional key with its checksum, `SEAL`.
 """
 
 import json

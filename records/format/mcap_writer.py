@@ -1,8 +1,8 @@
 """Writes an MCAP file (https://mcap.dev) at the speed of a force loop.
 
-The caller only packs the head of a message and appends to a list, or adds a function that makes many records. A thread
-does the rest once per chunk: it makes and joins records, indexes (with numpy), compresses and writes the bytes. Small
-records (schemas, channels, metadata, the summary) are made by the `mcap` package.
+The caller only packs the head of a message and appends to a list, or adds a function that makes many records. Once per
+chunk a thread does the rest: it makes and joins the records, makes their index (with numpy), and compresses and writes
+the bytes. The `mcap` package makes the small records (schemas, channels, metadata, the summary).
 """
 
 import json
@@ -90,7 +90,7 @@ class McapWriter:
     def _declare(self, known: list[Any], record: Any) -> int:
         if self._size:
             self.close_chunk()
-        self._declared += _bytes(record)  # in a chunk, as a checksum covers what is in it
+        self._declared += _bytes(record)  # inside a chunk, so that the chunk's checksum covers it
         known.append(record)
         return len(known)
 

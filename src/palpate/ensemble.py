@@ -31,7 +31,7 @@ class Ensemble:
     over       settings that differ: a path in the form of `--set`, "tissue.stiffness", with an array or list of one
                value per lane, or one value for all lanes
     keep       fields that `run` returns, "stream.field"
-    every      keep one of this many ticks
+    every      keep every n-th tick
     scene, duration, sets, nodes  see `palpate.run`
     threads    number of threads; None: one per core
 
@@ -150,7 +150,7 @@ class Ensemble:
 
 
 def _path(path: str, base: Graph) -> str:
-    """Complete the path of a part of the scene: `scene.` may be left out unless a node has the same name."""
+    """The full path of a setting: `scene.` may be left out before a part of the scene that no node is named after."""
     head = path.partition(".")[0]
     if "." not in path:
         raise ArgumentError(f"over {path!r}: expected a setting, such as tissue.stiffness, or scene.<path>")

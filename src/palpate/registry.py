@@ -23,7 +23,8 @@ def files(package: ModuleType) -> list[str]:
 
 @lru_cache(maxsize=256)
 def _files(name: str, folders: tuple[str, ...], changed: tuple[int, ...]) -> list[str]:
-    """Contents of the folders, cached until the time `changed` [ns] differs: a graph asks about 10 times for each."""
+    """Contents of the folders, cached while their modification times `changed` [ns] stay the same, because loading a
+    graph lists each folder about 10 times."""
     return sorted(file.name for file in pkgutil.iter_modules(folders, f"{name}."))
 
 
@@ -39,15 +40,14 @@ def classes(package: ModuleType, base: type[T]) -> dict[str, type[T]]:
 
 
 def find(package: ModuleType, name: str, base: type[T]) -> type[T] | None:
-    """The subclass of this name, or None. The file with the matching name is searched first, so that other files are
-    imported only if the class is elsewhere. ImportError: no class was found and a file could not be imported; the first
-    of these errors."""
+    """The subclass of this name, or None. The file with the matching name is searched first; other files are imported
+    only if it lacks the class. ImportError: no class was found, and a file could not be imported (the first error)."""
     likely = f"{package.__name__}.{snake(name)}"
     unread = []
     for file in sorted(files(package), key=lambda file: file != likely):
         try:
             module = importlib.import_module(file)
-        except ImportError as error:  # the package is missing that this file needs, but perhaps not the wanted one
+        except ImportError as error:  # this file needs a missing package; the wanted class may be in another file
             unread.append(error)
             continue
         for kind in declared(module, base):
@@ -67,8 +67,8 @@ def declared(module: ModuleType, base: type[T]) -> Iterator[type[T]]:
 
 
 def registered(group: str) -> tuple[dict[str, ModuleType], dict[str, str]]:
-    """Modules that other distributions register as entry points of this group, by full name, and the import errors of
-    the others. Only listings call this, because it imports the code of these distributions."""
+    """Modules that other distributions register as entry points of this group, by full name, and by the same names the
+    errors of those that cannot be imported. Only listings call this, because it imports the distributions' code."""
     from importlib.metadata import entry_points
 
     there: dict[str, ModuleType] = {}

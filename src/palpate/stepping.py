@@ -29,8 +29,8 @@ from palpate.physics.errors import ArgumentError
 
 
 class Tick:
-    """A graph after one of its ticks. The last message of a node is the attribute with its name, `tick.contact.force`,
-    or an item if the node sends several streams, `tick["pad.Slip"]`. It is None before the first message.
+    """A graph after one of its ticks. The attribute with a node's name is the node's last message,
+    `tick.contact.force`; a node with several streams has an item for each, `tick["pad.Slip"]`. None: no message yet.
 
     number   number of the tick, from 0
     time     time on the graph's clock [s]

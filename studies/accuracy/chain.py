@@ -185,7 +185,7 @@ class _Chain:
                 raise fault.cause if isinstance(fault.cause, Exception) else fault from None
 
     def through(self, ticks: int, keep: bool) -> tuple[list[Sent], np.ndarray]:
-        """Run all ticks: the messages of each tick if `keep`, and the processor time of each tick [s] (T,)."""
+        """Run all ticks; returns the messages of each tick (`keep`) and the processor times of the ticks [s] (T,)."""
         whole = self.parts[0] if len(self.parts) == 1 else None
         spent = np.empty(ticks)
         messages: list[Sent] = []

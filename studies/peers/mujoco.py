@@ -27,7 +27,7 @@ MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}
 """Values of `elastic3d` of a flex. The first is the default of MuJoCo; MuJoCo calls the second experimental."""
 STEP, DAMPING, DENSITY = 0.01, 0.01, 1000.0  # [s], [s] Rayleigh's, [kg/m³]
 REST, STILL = 1e-5, 3
-"""At rest, the indentation changes by less than this share [1] in each of this number of steps."""
+"""At rest, the indentation changes by less than the share `REST` [1] in each of `STILL` successive steps."""
 LONGEST = 1000  # Maximum number of steps to come to rest
 
 

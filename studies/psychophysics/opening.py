@@ -121,7 +121,7 @@ def _known(experiment: Experiment) -> dict[str, dict[str, Any] | None]:
 
 
 def _next_participant(stimuli: Stimuli, folder: Path) -> str:
-    """The first participant whose last session is incomplete. ArgumentError: all are complete."""
+    """The first participant without a session, or with an incomplete last one. ArgumentError: all are complete."""
     task, known = stimuli.experiment.task, _known(stimuli.experiment)
     for who in known or (f"{n:02d}" for n in range(1, 10_000)):
         there = sessions(folder, task, who)

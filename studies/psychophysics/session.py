@@ -30,8 +30,8 @@ class Presenter(Protocol):
     """Interface to the page or a simulated observer: shows stimuli and asks for answers."""
 
     def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
-        """Show a text until the participant continues, for at least `pause` [s]; a title without a text for a moment.
-        Trial None: the end."""
+        """Show a text until the participant continues, for at least `pause` [s]; a title without a text only briefly.
+        `trial` None: end of the session."""
 
     def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
         """Run one interval. DisturbedError: it failed."""

@@ -34,7 +34,7 @@ class StabilityStudy:
         walls.check(self.device, self.rates, self.delays, self.dampings, self.order, self.lost, self.jitter)
 
     def run(self, folder: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
-        """Compute all rows and write the files; returns both. `show` is called with each loop and its rate [Hz].
+        """Compute and write all rows; returns rows and files. `show` is called with each loop and its rate [Hz].
 
         ArgumentError: see `check`. OSError: the folder cannot be written.
         """

@@ -12,7 +12,7 @@ COLUMNS = {
     "rate": "Hz", "delay": "1", "damping": "N s/m", "passive": "N/m", "stable": "N/m", "quantised": "N/m",
     "bare": "N/m", "controlled": "N/m", "commanded": "N/m", "given_out": "J",
 }  # fmt: skip
-HIGH = 1e7  # [N/m] Stiffest wall tried
+HIGH = 1e7  # [N/m] Upper bound of the simulated walls
 SECONDS = 3.0
 """[s] Duration of the loop with the controller. Without it, oscillations near the stability limit grow or decay slowly:
 see `_long`."""
@@ -93,8 +93,8 @@ def _steps(rate: float, seconds: float, lost: float, jitter: float, seed: int) -
 
 
 def largest(settled: Callable[[float], bool], low: float = 10.0) -> float:
-    """Lowest stiffness [N/m] at which the loop does not come to rest, in steps of 1/8 octave. `HIGH` if it always comes
-    to rest, 0 if it does not for the softest wall."""
+    """Stiffness [N/m] up to which the loop comes to rest, found upwards in steps of 1/8 octave. `HIGH` if it always
+    comes to rest, 0 if it does not for the softest wall."""
     k = low
     while k < HIGH:
         if not settled(k):

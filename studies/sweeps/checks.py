@@ -42,7 +42,7 @@ def space(axes: list[Axis], samples: int, design: str, seed: int, sensitivity: s
 
 
 def path(name: str, base: Graph) -> str:
-    """Complete paths in the form of `--set`: `scene.` may be left out unless a node has the same name."""
+    """Paths as for `--set`, completed: without `scene.`, they mean the scene unless a node has the same name."""
 
     def full(path: str) -> str:
         head = path.partition(".")[0]

@@ -40,7 +40,7 @@ from palpate.studies.sweeps.keep import Kept, Streams
 from palpate.views.run import Run
 
 ROOMS = ("palpate.physics", "palpate.models.fe", "palpate.messages", "palpate.nodes", "palpate.engine")
-"""Packages that compute results: an edit in one of them gives all points new keys."""
+"""Packages whose code determines the results: an edit to one of them changes the keys of all points."""
 IDLE = 600.0  # [s] The process ends after this time without a point
 
 

@@ -38,7 +38,7 @@ def _unit(launch: LaunchFile, base: Graph, first: Mapping[str, Any], name: str, 
     others = [value for value in dict.fromkeys(values) if value != first[name]]
     tried = [{name: value} for value in others[:: min(-1, -len(others) // SEVERAL)]]
     fixed = {path: value for path, value in first.items() if path != name}
-    for change in [*tried, {}]:  # at last the graph's value
+    for change in [*tried, {}]:  # {}: the graph's value
         try:
             after = launch.but(overrides=overrides(fixed | change)).load()
         except GraphError:  # a point that fails and gets an error in its row, or a value that is only valid with others

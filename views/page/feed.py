@@ -182,8 +182,8 @@ def kinds_of(touched: Touched) -> dict[str, type[Message]]:
 
 
 def frame(head: dict[str, Any], surface: Surface | None) -> bytes:
-    """A packed frame: head, nodes, displacements and pressures of the surface. The head lists the sliding nodes, if the
-    body sends them."""
+    """A packed frame: head, nodes, displacements and pressures of the surface. The head has for each node whether it
+    slides, if the body sends that."""
     if surface is None:
         return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
     if len(surface.slipped) and len(surface.slipped) == len(surface.nodes):

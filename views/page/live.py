@@ -86,8 +86,8 @@ class LiveView(Live):
 
 
 def watchable(launch: LaunchFile) -> LaunchFile:
-    """The run with the shape of its body computed even if no node reads it, with a simulated run at real-time pace,
-    since a faster one would end before it can be seen."""
+    """The run with the shape of the body computed even if no node reads it, and on the simulated clock with the pace of
+    real time, because a faster run would end before it can be seen."""
     can = {effect.name for spec in launch.load().nodes.values() for effect in effects(spec.cls)}
     shape = ["effects.shape=on"] if "shape" in can else []
     return launch.but(overrides=shape, pace=1.0 if launch.clock != "real" and launch.pace is None else None)

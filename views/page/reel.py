@@ -59,7 +59,7 @@ class RecordingSource:
         self._file.close()
 
     def _listen(self, contacts: list[str]) -> list[Curve]:
-        """Read the file once: the begin of each chunk, and the contacts."""
+        """Read the file once: the time at which each chunk begins, and the contacts."""
         rows: dict[str, list[tuple[float, float, float]]] = {contact: [] for contact in contacts}
         channels = {number: name for number, name in self.recording.channels.items() if name in rows}
         for at, chunk in self._records.chunks():

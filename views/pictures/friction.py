@@ -23,13 +23,13 @@ SPEED_BAND = 1.25  # largest ratio of maximum to minimum of a constant speed
 FORCE_BAND = 1.06  # the same for the normal force
 LEAST_CHANGE = 1.5  # smallest ratio for the other quantity
 SLOWEST = 5e-3  # [m/s] lowest sliding speed
-BEYOND_DIP = 0.05  # [m/s] default speed above which friction no longer falls with speed
+BEYOND_DIP = 0.05  # [m/s] default of the speed above which friction no longer falls (the end of the Stribeck effect)
 LIGHTEST = 0.05  # smallest normal force, as a fraction of the largest
 SHORTEST = 0.05  # [s]
 
 WIDE = 0.04  # [s] of the running mean in region B
 SLOW = 1.3  # limit of slow samples, as a multiple of the lowest speed of region B
-DIPS_FOR = 2.5  # Stribeck speeds above which friction no longer falls: e^(-2.5^2) is 0.002
+DIPS_FOR = 2.5  # the same as a multiple of the Stribeck speed: e^(-2.5^2) is 0.002
 
 
 def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-BATCH = 25  # instants drawn at a time: more would draw for a minute without progress where the processor draws
+BATCH = 25  # instants rendered in one subprocess: with software rendering, more would take a minute without progress
 ENDINGS = (".mp4", ".gif")
 DPI = 100
 QUICKEST = 50.0  # [1/s] frame rate of a GIF; browsers slow down faster ones

@@ -207,7 +207,7 @@ def _all_contacts(touch: TouchStreams) -> Columns:
 
 
 def _tips(touch: TouchStreams) -> Columns | None:
-    """The ends of the compressed fingertip: gap - h0 + s1 above the foot point on the nearest organ; -s2 in contact."""
+    """End of the compressed fingertip: gap - h0 + s1 (in contact -s2) above the foot point on the nearest organ."""
     if touch.contact is None or not touch.near:
         return None
     contact, *organs = together(touch.contact, *touch.near)

@@ -37,9 +37,9 @@ def rates(
 ) -> None:
     """Find the lowest update rate of each effect for a given error.
 
-    The search starts at the time constant of each effect, with the hand at several speeds and on other motions. It then
-    runs the graph at these speeds and on motions outside the search, raises the rates until the error is within the
-    limit, and writes a launch file. If no rates meet the limit, nothing is written and the exit code is 1.
+    The search starts at the time constant of each effect, with the hand at several speeds and on other motions. Then
+    the graph runs at these speeds and on motions outside the search; the rates are raised until the error is within the
+    limit, and a launch file is written. If no rates meet the limit, nothing is written and the exit code is 1.
     """
     from palpate.studies import rates as study
     from palpate.studies.motions import at_speeds, reached

@@ -24,7 +24,7 @@ def compare(
         list[str] | None, typer.Option("--variant", help="Variant with several new values, in quotes.")
     ] = None,
     reference: Annotated[
-        str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')
+        str | None, typer.Option(help='"recorded" or changed values; default: the first of several variants.')
     ] = None,
     out: Annotated[Path | None, out_option("PNG; FILE-compare.png if left out.")] = None,
     no_pictures: NoPictures = False,

@@ -32,7 +32,7 @@ def run(
     record_only: Annotated[
         str | None,
         typer.Option(
-            help="sources: record only what cannot be recomputed; the rest is computed when the file is read."
+            help="sources: only messages that cannot be recomputed; a reader recomputes the others; all: every message."
         ),
     ] = None,
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,

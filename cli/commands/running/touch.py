@@ -27,7 +27,7 @@ def touch(
         bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
     ] = False,
     record_only: Annotated[
-        str, typer.Option(help="sources: only what cannot be recomputed; all: every message.")
+        str, typer.Option(help="sources: only messages that cannot be recomputed; all: every message.")
     ] = "sources",
     out: Annotated[Path | None, options.out_option("Folder of the recordings.")] = None,
 ) -> None:

@@ -25,7 +25,7 @@ def experiment(
         str | None, typer.Argument(help="Experiment (.yaml), or the name of one that ships.", metavar="EXPERIMENT")
     ] = None,
     participant: Annotated[
-        str | None, typer.Option(help="Letters and digits; default: the first whose session is not over.")
+        str | None, typer.Option(help="Letters and digits; default: the first with an incomplete session, or none yet.")
     ] = None,
     session: Annotated[int | None, typer.Option(help="Number of the session; default: the last one.", min=1)] = None,
     out: Annotated[Path | None, out_option("Default: runs/experiments/EXPERIMENT.")] = None,
@@ -41,8 +41,8 @@ def experiment(
 ) -> None:
     """Run a psychophysical experiment, or analyse its data.
 
-    Thresholds, JNDs and Weber fractions with 95 % intervals. Ctrl-C ends it; the same command resumes at the first
-    unanswered trial.
+    Thresholds, JNDs and Weber fractions with 95 % intervals. Ctrl-C ends it with exit code 130; the same command
+    resumes at the first unanswered trial.
     """
     if analyse is not None:
         _analyse(analyse, as_json)

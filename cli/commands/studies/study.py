@@ -22,7 +22,7 @@ LISTED = 50  # points in the table
 def study(
     file: Annotated[str, typer.Argument(help="Study (.yaml), or the name of one that ships.", metavar="STUDY")],
     out: Annotated[Path | None, out_option("Folder of the results; default runs/studies/STUDY.")] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes here; default: one per core.", min=1)] = None,
+    workers: Annotated[int | None, typer.Option(help="Number of processes; default: one per core.", min=1)] = None,
     sensitivity: Annotated[str | None, typer.Option(help="sobol or morris: which parameter matters.")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Recompute points that failed before.")] = False,

@@ -224,7 +224,7 @@ def _instead(offer: Offer) -> str:
 
 
 def _closest(key: str, cls: type[Node]) -> str:
-    """The setting of a class with the same unit as another class's `key` and a word in common."""
+    """The setting that may replace `key` of another class: same unit and a common word, else a similar name; or ""."""
     mine, other = settings(cls), _family(cls)[0].get(key)
     same = [name for name, setting in mine.items() if other is None or setting.unit == other.unit]
     words = [name for name in same if set(name.split("_")) & set(key.split("_"))]

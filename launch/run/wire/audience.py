@@ -14,7 +14,7 @@ from palpate.nodes.base import Observer, Stream
 class Audience:
     """The observers of a worker.
 
-    leave  called with each group that sent its end-of-stream marker: it waits until no observer listens
+    leave  called with each group that sent its end-of-stream marker; that group waits until no observer is connected
     """
 
     def __init__(self, job: Job, leave: Callable[[str], None] | None) -> None:

@@ -161,7 +161,7 @@ class Bus:
         self._ordered = True
 
     def order(self, wait: int = 0) -> Order | None:
-        """The launcher's next order; None if none arrives within `wait` [ms], or was seen by `sweep` for 0."""
+        """The launcher's next order; None if none arrives within `wait` [ms], or with 0 if `sweep` has noted none."""
         while (wait or self._ordered) and self._control.poll(wait):
             self._ordered = True
             with contextlib.suppress(msgspec.MsgspecError, ValueError, zmq.Again):

@@ -126,8 +126,8 @@ def death(fault: NodeError) -> Death:
 
 
 def _trace(cause: BaseException) -> str:
-    """The traceback from the node's code on. Empty if no line of it is in the node, as for a NaN that it sent, and for
-    system errors in shipped nodes, whose message suffices."""
+    """The traceback without the frames of the engine above the node's code. Empty if the node's code raised nothing (it
+    sent a NaN), and for errors of the system or of palpate in shipped nodes, whose message suffices."""
     inner = cause.__traceback__
     while inner is not None and inner.tb_frame.f_code.co_filename.startswith(OURS):
         inner = inner.tb_next

@@ -4,8 +4,8 @@ A node waits up to one period for inputs of the same tick from the force path, a
 others; the header's `used` records which. A tick that could not begin within its period is left out and counted.
 
 Inputs expire: after `HELD` without a new message (`RELEASED` for a paced node; three periods of the sender if longer)
-an input is missing. Time in which the node itself did not step does not count, except for hardware. So at 1 kHz
-the device is free of a node that stops after less than 20 ms:
+an input is missing. Time in which the node itself did not step does not count, except for hardware. So at 1 kHz, less
+than 20 ms after a node stops, its last messages no longer affect the device:
 
 * Nodes that it drives stop at once, since a step needs a new driving message. The other nodes depend on it only
   through held inputs.

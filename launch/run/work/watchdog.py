@@ -25,9 +25,9 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     watchdog.
 
     A timer signal checks the running call, so that the loop has no overhead. Each check counts at most a quarter of the
-    patience, so that a stalled machine is not a hang. Compiled code that never returns, or a system call that waits for
-    a disk, blocks the handler: then the process prints a traceback and exits after `last` [s] (default: `LAST` or twice
-    the patience, whichever is longer). No effect outside the main thread and on systems without timer signals.
+    patience, so that a stalled machine does not count as a hang. Compiled code that never returns, or a system call
+    that waits for a disk, blocks the handler: then the process prints a traceback and exits after `last` [s] (default:
+    `LAST` or twice the patience, whichever is longer). No effect outside the main thread and without timer signals.
     """
     before: object = None
     spent, checked = 0.0, time.monotonic()

@@ -1,4 +1,4 @@
-// Strips of the last seconds, the pins of a display as bars, and pictures to keep.
+// Curves of the last seconds, the pins of a display as bars, a map of the receptors, and screenshots.
 
 import { ramp } from "/scene.js";
 
@@ -13,14 +13,14 @@ function fresh(canvas) {
   return { paint, w: box.width, h: box.height };
 }
 
-// Over a strip: what it shows up to which value, and of which time, as far as there is room.
+// Captions above a curve: its quantity and largest value on the left; its time span on the right, if there is room.
 function caption(paint, w, left, right) {
   paint.fillStyle = style("--faint"); paint.fillText(left, 0, 10);
   paint.textAlign = "right";
   if (paint.measureText(`${left}  ${right}`).width < w) paint.fillText(right, w, 10);
 }
 
-// Of several fingers the first has a solid line.
+// The curve of the first finger is solid, those of the others are dashed.
 const stroke = (paint, colour, finger) => { paint.strokeStyle = colour; paint.setLineDash(finger ? [4 / finger, 2] : []); paint.beginPath(); };
 
 export class Strip {
@@ -59,7 +59,7 @@ export class Strip {
   }
 }
 
-// A whole recording, and where one is in it.
+// A curve over a whole recording, with a cursor at the current time.
 export class Record {
   constructor(canvas, name, unit, colour, lines) { Object.assign(this, { canvas, name, unit, colour, lines }); }
 
@@ -96,7 +96,7 @@ export function bars(canvas, heights) {
   caption(paint, w, `pins, lowest to highest: ${(1e3 * span).toFixed(2)} mm`, "");
 }
 
-// Where the receptors of the finger lie, and how fast each fires [1/s]: SA1 and RA1 as dots, PC as rings.
+// A map of the finger's receptors, coloured by firing rate [1/s]: SA1 and RA1 as dots, PC as rings.
 export function spots(canvas, receptors, rates, means) {
   canvas.hidden = !rates?.length || !receptors?.x;
   if (canvas.hidden) return;
@@ -113,7 +113,7 @@ export function spots(canvas, receptors, rates, means) {
   caption(paint, w, `spikes per second: ${text}`, "");
 }
 
-// Save what a scene shows, as it was just drawn, with lines of text and its colour bar: from 0 to `top`, of `what`.
+// Save a scene, which must just have been drawn, as a PNG with lines of text and a colour bar from 0 to `top` of `what`.
 export function shot(scene, lines, top, what, name) {
   const { canvas, labels } = scene, ratio = canvas.width / canvas.clientWidth, paper = document.createElement("canvas"), paint = paper.getContext("2d");
   const high = canvas.clientHeight, line = 19, scale = document.createElement("canvas");

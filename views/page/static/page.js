@@ -1,4 +1,4 @@
-// What the page does: frames in, samples of the pointer out, switches.
+// The page of `palpate touch` and `run --view`: receives frames, and sends samples of the pointer and switches.
 
 import { Scene, each, figures, fingers, lines, offer, painted, ramp, sends } from "/scene.js";
 import { Strip, bars, shot, spots } from "/charts.js";
@@ -7,14 +7,14 @@ import { panel } from "/panel.js";
 const $ = (id) => document.getElementById(id);
 const HOVER = 0.006; // [m] above the surface while nothing is pressed
 const LOST = "Please tell the experimenter. Your answers up to now are stored.";
-const ENOUGH = 27; // [1/s] pictures; at most 30 come
+const ENOUGH = 27; // [1/s] sufficient frame rate; the server sends at most 30
 const strips = [new Strip($("forces"), "normal force", "N", "#2f7fb8", 0.5), new Strip($("depths"), "indentation", "mm", "#c2506a", 2)];
 const aim = { x: 0, y: 0.1, down: false, turning: false, fingers: new Map() };
 let scene, socket, about, newest, experiment, status = "connecting", paused = false, sample = 0, dirty = true, sent = new Map();
 
 try { scene = new Scene($("view")); } catch (error) { $("status").textContent = error.message; throw error; }
 const page = { frames: 0, latency: undefined, get newest() { return newest?.head; }, scene };
-window.palpate = page; // for tests and the curious
+window.palpate = page; // for tests and the browser's console
 
 function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -27,7 +27,7 @@ function connect() {
   };
 }
 
-// What goes on; that it is paused is said of a run that goes on.
+// Show the status of the run. A pause of the page is shown only while the run is active.
 function state(text) {
   status = text;
   $("status").textContent = paused && text === "running" ? "paused: the run continues" : text;
@@ -47,7 +47,7 @@ function take(data) {
   const indices = new Uint32Array(data, at, a), first = new Float32Array(data, at + 4 * a, b), second = new Float32Array(data, at + 4 * (a + b), c);
   if (head.kind === "mesh") return begin(head, indices, first, second);
   if (!about || paused) return;
-  const still = experiment && !experiment.show?.includes("deformation"); // what an experiment does not show
+  const still = experiment && !experiment.show?.includes("deformation"); // the experiment hides the deformation
   newest = { head, nodes: still ? new Uint32Array() : indices, displacement: still ? new Float32Array() : first, pressure: still ? new Float32Array() : second };
   if (experiment && !experiment.show?.includes("force")) for (const one of each(head)) one.force = [0, 0, 0];
   tally.came++;
@@ -62,7 +62,7 @@ function take(data) {
 
 function begin(head, triangles, places, normals) {
   about = head; newest = undefined; sent.clear(); page.latency = undefined; aim.sides = undefined;
-  document.body.classList.toggle("watch", Boolean(head.watch)); // nothing that goes on here can be steered
+  document.body.classList.toggle("watch", Boolean(head.watch)); // the page shows the run but cannot steer it
   scene.mesh(places, normals, triangles);
   strips.forEach((strip) => strip.clear());
   const names = head.bodies.includes(head.body) ? head.bodies : [head.body, ...head.bodies];
@@ -95,7 +95,7 @@ function show() {
   draw();
 }
 
-// Where the browser draws fewer pictures than come, the next ones get fewer pixels: a smooth movement tells more.
+// If the browser draws fewer frames than arrive, reduce the resolution: a smooth movement matters more than sharpness.
 const tally = { came: 0, drawn: 0, since: performance.now() };
 function pace(moment) {
   const seconds = 1e-3 * (moment - tally.since);
@@ -124,16 +124,16 @@ function point() {
   if (!aim.hit) return;
   const lift = about.thickness + (aim.down && hit ? -1e-3 * Number($("press").value) : HOVER);
   sample++;
-  if (newest) sent.set(sample, performance.now()); // until the first frame a sample waits for the start of the run
+  if (newest) sent.set(sample, performance.now()); // before the first frame, the start of the run would count as latency
   if (sent.size > 500) sent.delete(sent.keys().next().value);
   for (const [finger, { place, normal }] of steered()) {
     socket.send(JSON.stringify({ point: [sample, place.map((x, i) => x + lift * normal[i]), aim.down ? 1 : 0], finger }));
   }
 }
 
-// Which fingers the pointer steers, and where to: the chosen one, or all together. Of several each keeps to its side of the
-// organ, that under the pointer or the opposite one, so that none is dragged through it; where the organ is open they are as far
-// beside one another as they began.
+// The fingers that the pointer steers, and their goals: the chosen finger, or all. Each of several fingers stays on its side of
+// the organ, under the pointer or opposite to it, so that none is dragged through the organ. On an open surface the fingers keep
+// the distances that they have at the start.
 function steered() {
   const { begins } = about, chosen = Number($("finger").value), other = begins.length > 1 ? scene.opposite(aim.hit) : null;
   aim.sides ??= begins.map((begin) => begin.map((x, i) => x - scene.centre[i]));
@@ -146,7 +146,7 @@ function steered() {
   return goals;
 }
 
-// The finger that is left stays where it is, pressing or not.
+// Choose the finger to steer; the previous one stays where it is, pressing or not.
 function choose(finger) {
   if (finger >= -1 && finger < about.fingers.length && about.fingers.length > 1) { $("finger").value = finger; point(); }
 }
@@ -230,13 +230,13 @@ $("keep").addEventListener("click", () => order({ keep: $("keep").getAttribute("
 $("colour").addEventListener("change", () => { dirty = true; });
 $("pause").addEventListener("click", () => {
   if (!paused) { aim.down = false; point(); }
-  sent.clear(); // no frame is taken in a pause
+  sent.clear(); // frames are ignored during a pause, so no latency can be measured
   paused = !paused; $("pause").setAttribute("aria-pressed", String(paused));
   $("pause").textContent = paused ? "resume" : "pause"; state(status);
 });
 $("shot").addEventListener("click", () => {
   const sharp = scene.sharp;
-  scene.sharp = 1; draw(); scene.sharp = sharp; // what was drawn before is gone once it is shown
+  scene.sharp = 1; draw(); scene.sharp = sharp; // WebGL clears its buffer after each display, so draw again
   if (newest) shot(scene, lines(newest.head, about), $("top").textContent, $("what").textContent || $("colour").value, `${about.recording ?? "palpate"}`.replace(/\.mcap$/, "") + `-${newest.head.time.toFixed(3)}s`);
 });
 window.addEventListener("resize", () => { scene.sharp = 1; dirty = true; });

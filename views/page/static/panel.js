@@ -1,4 +1,4 @@
-// What covers the picture in an experiment: texts, questions with buttons and keys, pauses. `order` sends what is done.
+// The panel over the picture in an experiment: texts, questions with buttons and keys, pauses. `order` sends the answers.
 
 const cover = document.getElementById("panel");
 let now = null, since = 0, clock = 0;
@@ -45,7 +45,7 @@ function done(answer) {
   now.order({ shown: now.told.shown, answer, seconds: 1e-3 * (performance.now() - since) });
 }
 
-// A key counts once, not while it is held down from before: a pedal is a keyboard, too.
+// A key press counts once; repeats of a key that is held down are ignored. A foot pedal acts as a keyboard.
 window.addEventListener("keydown", (event) => {
   if (!now || event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
   const pressed = event.key.toLowerCase();

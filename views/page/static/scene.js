@@ -1,4 +1,4 @@
-// The picture: organ, fingertip and force arrow in WebGL 2, and the ray from a point of the screen to the organ.
+// The picture: organ, fingertip and force arrow in WebGL 2, and ray casting from a point of the screen to the organ.
 
 const VERTEX = `#version 300 es
 in vec3 place; in vec3 normal; in float value;
@@ -14,11 +14,11 @@ void main() {
   vec3 rgb = full > 0.0 ? texture(scale, vec2(clamp(v / full, 0.0, 1.0), 0.5)).rgb : base;
   float light = 0.42 + 0.62 * max(dot(m, lamp), 0.0);
   float gloss = 0.22 * alpha * alpha * pow(max(dot(m, normalize(lamp + eye)), 0.0), 40.0);
-  colour = vec4(rgb * light + gloss, mix(alpha, 1.0, pow(1.0 - dot(m, eye), 2.0))); // what is clear has a solid outline
+  colour = vec4(rgb * light + gloss, mix(alpha, 1.0, pow(1.0 - dot(m, eye), 2.0))); // transparent parts have an opaque outline
 }`;
 const COLOURS = ["#e8b9a6", "#f2a07c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"];
 
-const RADIUS = 0.006, PATCH = 0.004; // [m] of the ball; around a foot point
+const RADIUS = 0.006, PATCH = 0.004; // [m] radius of the ball; radius of the patch around a foot point, see `dragged`
 const BALL = [0.16, 0.36, 0.55], ARROW = [0.12, 0.42, 0.66];
 
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -34,13 +34,13 @@ export function ramp(canvas) {
   paint.fillStyle = gradient; paint.fillRect(0, 0, canvas.width, canvas.height);
 }
 
-// What is told of each finger: of the first one in the head of a picture itself.
+// The data of each finger; those of the first are in the head of the frame itself.
 export const each = (head) => [head, ...(head.others ?? [])];
 
-// What of a picture is drawn of the fingers: where each is, and the force on it.
+// The fingers to draw: those with a known position.
 export const fingers = (newest) => (newest ? each(newest.head).filter(({ tip }) => tip) : []);
 
-// Figures of the fingers as a text: force on the hand, normal force, indentation, contact and energy.
+// Numbers of all fingers as texts: force on the hand, normal force, indentation, contact and energy.
 export function figures(head) {
   const joined = (of) => each(head).map(of).join(" · ");
   return {
@@ -52,7 +52,7 @@ export function figures(head) {
   };
 }
 
-// The same in words, for a picture that is kept.
+// The same as lines of text, for a screenshot.
 export function lines(head, about) {
   const { force, load, depth } = figures(head);
   return [`${about.name ?? ""} ${about.body.split(".").pop()}, ${head.time.toFixed(3)} s`.trim(), `force on the hand ${force} N, normal force ${load} N, indentation ${depth} mm`];
@@ -64,7 +64,7 @@ export class Scene {
     this.gl = canvas.getContext("webgl2", { antialias: !software(), alpha: true });
     if (!this.gl) throw new Error("this browser has no WebGL 2, which the picture needs");
     this.azimuth = -1.15; this.height = 0.5; this.distance = 0.26; this.full = 0.01;
-    this.sharp = 1; // share of the screen's pixels along an edge
+    this.sharp = 1; // resolution as a fraction of the screen's, along an edge
     const gl = this.gl, program = this.program = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
       const shader = gl.createShader(kind);
@@ -75,7 +75,7 @@ export class Scene {
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
     this.at = (name) => gl.getUniformLocation(program, name);
     gl.useProgram(program); gl.enable(gl.DEPTH_TEST);
-    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA); // what is solid stays so
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA); // opaque pixels stay opaque
     this.organ = this.part(); this.ball = this.part(); this.arrow = this.part();
     this.shape(this.ball, ...sphere(28)); this.shape(this.arrow, ...pointer(20));
     this.ball.closed = this.arrow.closed = true;
@@ -125,7 +125,7 @@ export class Scene {
     this.shape(this.organ, this.places, this.normals, triangles);
   }
 
-  // Displacement of some vertices; all others are at rest. Normals are made anew where something has moved.
+  // Displace some vertices; all others are at rest. Normals are recomputed at the displaced vertices.
   deform(nodes, displacement, values) {
     for (const i of this.moved) {
       for (let c = 3 * i; c < 3 * i + 3; c++) { this.places[c] = this.rest[c]; this.normals[c] = this.restNormals[c]; }
@@ -141,15 +141,15 @@ export class Scene {
     this.fill(this.organ, "value", this.values);
   }
 
-  // Colours apart from what moves: of the vertices that carry load.
+  // Colour vertices other than the displaced ones: those that carry load.
   colour(nodes, values) {
     this.values.fill(0);
     nodes.forEach((i, k) => { this.values[i] = values[k]; });
     this.fill(this.organ, "value", this.values);
   }
 
-  // Colour by the strain of the surface, as physics/geometry/strain.py has it: of each triangle the largest principal one,
-  // of each vertex the mean of its triangles by their area at rest. Triangles that have not moved have none.
+  // Colour by the strain of the surface, as in physics/geometry/strain.py: the largest principal strain of each triangle, and at
+  // each vertex the mean of its triangles, weighted by their area at rest. Triangles at rest have no strain.
   strain() {
     const t = this.triangles, r = this.rest, p = this.places, moved = new Uint8Array(r.length / 3), { values } = this;
     const edge = (x, i, j) => [x[3 * j] - x[3 * i], x[3 * j + 1] - x[3 * i + 1], x[3 * j + 2] - x[3 * i + 2]];
@@ -191,8 +191,8 @@ export class Scene {
   view() {
     const c = Math.cos(this.height), eye = [c * Math.cos(this.azimuth), c * Math.sin(this.azimuth), Math.sin(this.height)];
     const right = unit(cross([0, 0, 1], eye)), up = cross(eye, right);
-    const aspect = this.canvas.width / this.canvas.height, away = this.distance / Math.min(1.3, aspect); // all of its width is in the picture
-    const lamp = unit(along(along(eye, right, -0.35), up, 0.6)); // from the upper left of who looks
+    const aspect = this.canvas.width / this.canvas.height, away = this.distance / Math.min(1.3, aspect); // so that the organ's whole width is visible
+    const lamp = unit(along(along(eye, right, -0.35), up, 0.6)); // from the upper left of the viewer
     return { eye, right, up, lamp, aspect, away, from: along(this.centre, eye, away), tan: Math.tan(0.3) };
   }
 
@@ -208,17 +208,17 @@ export class Scene {
     return m;
   }
 
-  // Where a point of the screen (each from -1 to 1) meets the undeformed organ: place and normal, or null.
+  // Where the ray through a point of the screen (x, y from -1 to 1) meets the undeformed organ: place and normal, or null.
   pick(x, y) {
     if (!this.rest) return null;
     const { eye, right, up, from, tan, aspect } = this.view();
     return this.cast(from, unit(along(along(along([0, 0, 0], right, x * tan * aspect), up, y * tan), eye, -1)), 1);
   }
 
-  // Where a straight line through the undeformed organ leaves it again: place and normal, or null where it is open.
+  // Where a straight line into the undeformed organ leaves it again: place and normal, or null where the surface is open.
   opposite({ place, normal }) { return this.cast(along(place, normal, -1e-4), normal.map((x) => -x), -1); }
 
-  // Where a ray meets a side of the organ first, 1 the outer one, -1 the inner one.
+  // Where a ray first meets a side of the organ's surface. side: 1 outer, -1 inner.
   cast(from, ray, side) {
     const t = this.triangles, p = this.rest;
     let best = Infinity, hit = null;
@@ -248,8 +248,8 @@ export class Scene {
     fingers.forEach((finger, number) => this.drawFinger(camera, finger, number));
   }
 
-  // Mean displacement along the surface around a point of the undeformed surface, as views/surface/moments.py has it: the
-  // fingertip is drawn in the dent that friction drags along.
+  // Mean displacement along the surface around a point of the undeformed surface, as in views/surface/moments.py: the fingertip is
+  // drawn in its indentation, which friction drags along the surface.
   dragged(point, up) {
     const { rest, places } = this, away = (i) => Math.hypot(rest[3 * i] - point[0], rest[3 * i + 1] - point[1], rest[3 * i + 2] - point[2]);
     const reach = this.moved.reduce((least, i) => Math.min(least, away(i)), Infinity) + PATCH;
@@ -258,7 +258,7 @@ export class Scene {
     return along(mean, up, -dot(mean, up));
   }
 
-  // The fingertip as a ball, the force on it as an arrow from its surface with the figure at its point: seen end-on as well.
+  // The fingertip as a ball, and the force on it as an arrow from the ball's surface with the number at its head: visible end-on.
   drawFinger(camera, { tip, up, foot: point, load: normal, force = [0, 0, 0] }, number) {
     const load = Math.hypot(...force), ball = along(normal > 0 ? along(tip, this.dragged(point, up), 1) : tip, up, RADIUS);
     if (!this.labels[number]) this.labels[0].after(this.labels[number] = this.labels[0].cloneNode());
@@ -272,7 +272,7 @@ export class Scene {
     this.paintAt(camera, this.ball, ball, up, RADIUS, RADIUS, BALL, 0.4);
   }
 
-  // A text beside a point of space.
+  // A text next to a point in space.
   write(label, camera, point, text) {
     const at = [0, 1, 3].map((i) => camera[i] * point[0] + camera[4 + i] * point[1] + camera[8 + i] * point[2] + camera[12 + i]);
     const box = this.canvas.getBoundingClientRect();
@@ -293,7 +293,7 @@ export class Scene {
     this.paint(part, colour, 0, alpha);
   }
 
-  // Where one looks from and what lights, in the axes of a part, and by how much it is stretched along them.
+  // Set the directions to the viewer and to the lamp in the axes of a part, and the scale of the part along these axes.
   light(eye, lamp, stretch) {
     const gl = this.gl;
     gl.uniform3fv(this.at("eye"), eye); gl.uniform3fv(this.at("lamp"), lamp); gl.uniform3fv(this.at("stretch"), stretch);
@@ -307,7 +307,7 @@ export class Scene {
   }
 }
 
-// What colours a surface: whether a picture has it, the least end of its scale, that end in words with its unit, and a name where its own says too little.
+// Quantities that colour a surface: whether a frame has it, least end of the scale, this end as text, a label if the key is unclear.
 const KINDS = {
   displacement: { has: () => true, least: 4e-3, text: (v) => `${(1e3 * v).toFixed(1)} mm` },
   pressure: { has: ({ pressure, nodes }) => pressure.length || !nodes.length, least: 2e3, text: (v) => `${(1e-3 * v).toFixed(1)} kPa` },
@@ -316,11 +316,11 @@ const KINDS = {
   strain: { has: () => true, least: 0.05, text: (v) => `${(100 * v).toFixed(0)} %`, name: "largest strain of the surface" },
 };
 
-// Offer the colours that are sent.
+// Offer the colours that the frames contain.
 export function offer(select, sent) { for (const option of select.options) option.hidden = !sent(option.value); }
 export const sends = (newest) => (name) => Boolean(KINDS[name].has(newest));
 
-// Deform and colour scenes by their newest pictures, on one scale: its end, in words with its unit, and what it is of.
+// Deform and colour scenes by their newest frames, on one scale; returns its end, the end as text, and the label of the quantity.
 export function painted(pairs, wish) {
   const of = pairs.every(([, newest]) => KINDS[wish].has(newest)) ? wish : "displacement", kind = KINDS[of];
   const length = (d) => Float32Array.from({ length: d.length / 3 }, (_, k) => Math.hypot(d[3 * k], d[3 * k + 1], d[3 * k + 2]));
@@ -336,7 +336,7 @@ export function painted(pairs, wish) {
   return { most, text: kind.text(most), what: of === wish ? kind.name ?? "" : `displacement (this body sends no ${wish})` };
 }
 
-// Whether each edge has a triangle on either side: the far faces of such a surface are never seen, and a software renderer
+// Whether each edge has a triangle on both sides. The back faces of a closed surface are never visible, and a software renderer
 // takes half the time without them.
 function closed(triangles) {
   const open = new Set(), most = 2 ** 26;
@@ -347,7 +347,7 @@ function closed(triangles) {
   return !open.size;
 }
 
-// Smooth edges cost a software renderer more than the rest of the picture.
+// Whether WebGL is rendered in software, where antialiasing costs more than the rest of the picture.
 function software() {
   const gl = document.createElement("canvas").getContext("webgl2"), about = gl?.getExtension("WEBGL_debug_renderer_info");
   return Boolean(about) && /swiftshader|llvmpipe|software/i.test(gl.getParameter(about.UNMASKED_RENDERER_WEBGL));

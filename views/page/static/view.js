@@ -1,4 +1,4 @@
-// Recordings: the page asks for a time and draws what comes, one picture for each recording.
+// The page of `palpate view`: requests the frames of a time and draws them, one picture for each recording.
 
 import { Scene, each, figures, fingers, lines, offer, painted, ramp } from "/scene.js";
 import { Record, bars, shot, spots } from "/charts.js";
@@ -8,7 +8,7 @@ const STEP = 0.001; // [s]
 const reels = [];
 let socket, wanted = null, waiting = 0, time = 0, begin = 0, end = 1, playing = false, before = 0;
 const page = { frames: 0, reels, get time() { return time; }, get playing() { return playing; } };
-window.palpate = page; // for tests and the curious
+window.palpate = page; // for tests and the browser's console
 
 function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -88,12 +88,12 @@ function play(on) {
 function go(moment) {
   if (!playing) return;
   const passed = Math.max(0, moment - before); before = moment;
-  if (waiting) { requestAnimationFrame(go); return; } // the time that a picture takes is played all the same
+  if (waiting) { requestAnimationFrame(go); return; } // while a frame is being drawn, the clock does not advance
   seek(time + 1e-3 * passed * Number($("speed").value));
   if (time >= end) play(false); else requestAnimationFrame(go);
 }
 
-// -- turning, all pictures alike -------------------------------------------------------------------------------
+// -- rotation, the same for all pictures -----------------------------------------------------------------------
 
 function turn(dx, dy) {
   for (const { scene } of reels) { scene.azimuth -= 0.008 * dx; scene.height = Math.min(Math.max(scene.height + 0.008 * dy, -1.5), 1.5); }
@@ -128,7 +128,7 @@ $("back").addEventListener("click", () => { play(false); seek(time - STEP); });
 $("on").addEventListener("click", () => { play(false); seek(time + STEP); });
 $("colour").addEventListener("change", show);
 $("shot").addEventListener("click", () => {
-  draw(); // what was drawn before is gone once it is shown
+  draw(); // WebGL clears its buffer after each display, so draw again
   for (const { scene, about, newest } of reels) {
     const name = `${about.name.replace(/\.mcap$/, "").replaceAll("/", "-")}-${time.toFixed(3)}s`;
     shot(scene, lines(newest.head, about), $("top").textContent, $("what").textContent || $("colour").value, name);

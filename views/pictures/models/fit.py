@@ -32,7 +32,7 @@ def draw(chosen: Sequence[Chosen], model: Path) -> list[Path]:
 
 @look()
 def draw_choice(result: Chosen, stem: Path) -> list[Path]:
-    """Draw force and deviation with their fits and with those of all models; the files written."""
+    """Draw force and deviation with the chosen fits, and with the fits of all models; returns the files."""
     name = result.subject.name.replace("$", r"\$")  # otherwise matplotlib reads a formula
     drawn = {"fit": _fit(result, name), "models": _models(result, name)}
     files = {stem.with_name(f"{stem.name}-{what}.png"): picture for what, picture in drawn.items()}

@@ -19,10 +19,10 @@ EXAMPLE = "palpate bench accuracy --quick"
 
 
 def accuracy(
-    touches: Annotated[list[str] | None, typer.Option("--touch", help="One touch only; may be given again.")] = None,
-    only: Annotated[list[str] | None, typer.Option("--method", help="One method only; may be given again.")] = None,
+    touches: Annotated[list[str] | None, typer.Option("--touch", help="Only this touch; may be repeated.")] = None,
+    only: Annotated[list[str] | None, typer.Option("--method", help="Only this method; may be repeated.")] = None,
     body: Annotated[
-        list[str] | None, typer.Option(help="Also a custom body: mylab.tissue.Liver; may be given again.")
+        list[str] | None, typer.Option(help="Also a custom body: mylab.tissue.Liver; may be repeated.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 2 min on one core.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Recompute cached results.")] = False,
@@ -31,7 +31,7 @@ def accuracy(
 ) -> None:
     """Measure the error and the step time of every model.
 
-    Standard touches, against references. Writes a page, a picture and a table. An interrupted benchmark resumes.
+    Compares standard touches with reference solutions. Writes a page, picture and table. An interrupted run resumes.
     """
     from dataclasses import asdict
 

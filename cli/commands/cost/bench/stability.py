@@ -33,11 +33,10 @@ def stability(
 ) -> None:
     """Compute the stiffest wall that a device can render.
 
-    By theory, and simulated with and without the controller.
-    `passive` and `stable` are exact for a linear loop, `quantised` for a spring without delay. `bare` is the simulated
-    loop without passivity control, with a hand, a unilateral wall and the encoder: the last stiffness, in steps of 1/8
-    octave, at which the oscillation decays. With the controller, `commanded` is the last stiffness of this kind and
-    `controlled` the stiffness that the hand feels at it.
+    Theory: `passive` and `stable` are exact for a linear loop, `quantised` for a spring without delay. Simulation with
+    a hand, a unilateral wall and the encoder: `bare` is the largest stiffness, in steps of 1/8 octave, at which the
+    oscillation decays without passivity control, `commanded` the largest with the controller, and `controlled` the
+    stiffness that the hand feels then.
     """
     from palpate.physics.device.wall_loop import WallDevice
     from palpate.physics.writable import check_folder

@@ -1,4 +1,4 @@
 """`palpate build`."""
 
-HELP = "Build a basis, a fingertip from scans, or run full FE."
+HELP = "Build a basis, or a fingertip from scans; run full FE models."
 ORDER = ("basis", "fingertip", "fe")

@@ -17,7 +17,7 @@ def force(
     sessions: Annotated[
         Path | None, typer.Argument(help="CSV with the columns subject, session, depth (mm), force (N).")
     ] = None,
-    subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times.")] = None,
+    subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be repeated.")] = None,
     out: Annotated[Path | None, out_option("YAML to write; else SESSIONS.model.yaml. Pictures go next to it.")] = None,
     no_pictures: NoPictures = False,
     mean: Annotated[
@@ -26,7 +26,7 @@ def force(
     deviation: Annotated[str | None, typer.Option(help="Use this model of the standard deviation, same names.")] = None,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation.", min=3)] = 9,
     protocol: Annotated[
-        str, typer.Option(help="whole: all sessions, a band for new ones; published: two dropped, a normal law.")
+        str, typer.Option(help="whole: all sessions, Student's t; published: two dropped, normal distribution.")
     ] = "whole",
     any_stiffness: Annotated[
         bool, typer.Option("--any-stiffness", help="Accept forces and depths even if the stiffness is implausible.")
@@ -37,8 +37,8 @@ def force(
 ) -> None:
     """Fit force models and their spread to indentation sessions.
 
-    Five models of the force and of its standard deviation are compared by nine-fold cross-validation; the best go into
-    a YAML file that the node contact.Probabilistic takes as its `model`.
+    Compares five models of the force and of its standard deviation by cross-validation, and writes the best to a YAML
+    file that the node contact.Probabilistic takes as its `model`.
     """
     from palpate.models.fit.fit import fit_sessions, write_example
     from palpate.models.fit.sessions import SessionError

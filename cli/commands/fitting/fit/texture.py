@@ -13,7 +13,7 @@ EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
 
 def texture(
     file: Annotated[Path, typer.Argument(help="CSV: t,speed,normal and lateral or acceleration, in SI units.")],
-    held_out: Annotated[float | None, typer.Option(help="Speed that is predicted from the others, in m/s.")] = None,
+    held_out: Annotated[float | None, typer.Option(help="Speed to predict, in m/s; default: a middle one.")] = None,
     out: Annotated[Path | None, out_option("File to write; by default RECORDING.json.")] = None,
     force: Force = False,
     as_json: Json = False,

@@ -25,7 +25,7 @@ def tissue(
         str, typer.Option(help="hertz, layer, exponential, power; ogden, demiray, yeoh, yeoh3, neo_hooke, ...")
     ],
     columns: Annotated[
-        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F counts the other way.")
+        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F inverts the sign.")
     ] = "",
     unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
     radius: Annotated[str | None, typer.Option(help="Radius of the ball or punch: '8 mm'.")] = None,

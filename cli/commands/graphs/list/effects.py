@@ -9,7 +9,7 @@ EXAMPLE = "palpate list effects"
 
 
 def effects(as_json: Json = False) -> None:
-    """List the effects: what computes each, and what shows it."""
+    """List the effects: nodes that compute and fields that show each."""
     from palpate.launch.load.effects import known
 
     rows = [_row(name, parts) for name, parts in known().items()]

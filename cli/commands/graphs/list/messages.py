@@ -16,7 +16,7 @@ def messages(
 ) -> None:
     """List the message types: fields, units and shapes.
 
-    `(k)` is a length found at run time, `*` a field that a sender must give.
+    `(k)`: the length may differ in each message; `*`: a field without a default, which a sender must set.
     """
     from palpate.engine.faults import Fault, GraphError, choices
     from palpate.messages import Message

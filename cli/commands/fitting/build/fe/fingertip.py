@@ -23,7 +23,7 @@ def fingertip(
     material: Annotated[
         str,
         typer.Option(
-            help="printed, calibrated (printed / 16.3), cortical (bone of 17 GPa) with a divisor, or a divisor"
+            help="printed, calibrated (printed / 16.3) or cortical (bone of 17 GPa), all with a divisor: cortical/36.4"
         ),
     ] = "calibrated",
     depth: Annotated[float, typer.Option(help="Travel of the plate, mm.")] = 2.4,
