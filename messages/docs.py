@@ -1,4 +1,7 @@
-"""The description of each field, read from a message's docstring: lines `name  [unit]  (shape)  text`."""
+"""The description of each field, read from a message's docstring: lines `name  [unit]  (shape)  text`.
+
+Further lines of a text are indented more than the names.
+"""
 
 import inspect
 import re
@@ -8,6 +11,7 @@ from typing import NamedTuple
 from palpate.messages.base import Message
 from palpate.registry import classes, declared, registered
 
+_CONTINUED = re.compile(r"(?<=\S)\n {20,}(?=\S)")
 _LINE = re.compile(r"(\w+)\s+\[([^\]]+)\]\s+\(([^)]*)\)\s+(\S.*)")
 
 
@@ -22,8 +26,8 @@ class Documented(NamedTuple):
 
 def documented(kind: type) -> list[Documented]:
     """The fields that a message's docstring describes, in its order."""
-    lines = map(str.strip, (inspect.getdoc(kind) or "").splitlines())
-    matches = [match for match in map(_LINE.fullmatch, lines) if match]
+    text = _CONTINUED.sub(" ", inspect.getdoc(kind) or "")
+    matches = [match for match in map(_LINE.fullmatch, text.splitlines()) if match]
     return [Documented(m[1], m[2], _shape(m[3]), m[4]) for m in matches]
 
 

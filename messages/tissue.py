@@ -58,9 +58,9 @@ class Surface(_Sparse):
                                          its end
     stored                [J]     (e)    energy stored in the body by the normal force; e = 1, 0 if the model does not
                                          report it or no node reads it
-    laws                  [SI]    (c,5)  for several contacts: stiffness, exponent, damping, rest and previous
+    laws     [N/m^n, 1, s/m, m, m] (c,5) for several contacts: stiffness, exponent, damping, rest and previous
                                          indentation of each, in the order of the loads; the fields above are the first
-    slopes                [SI]    (c,12) of each: tangential gradient [N] (3) and shape operator [1/m] (9)
+    slopes         [N (3), 1/m (9)] (c,12) of each: tangential gradient and shape operator
     coupling              [1]     (c,c)  O_ij: force at contact i that would indent it as 1 N at contact j does
 
     With a single contact the last three are omitted on the wire.
@@ -82,8 +82,8 @@ class Surface(_Sparse):
     shape_operator: Annotated[Vector, "1/m", ("t",)] = sent(())
     extrapolation: Annotated[float, "1"] = sent(0.0)
     stored: Annotated[Vector, "J", ("e",)] = sent(())
-    laws: Annotated[Floats, "SI", ("c", 5)] = NO_LAWS
-    slopes: Annotated[Floats, "SI", ("c", 12)] = NO_SLOPES
+    laws: Annotated[Floats, "N/m^n, 1, s/m, m, m", ("c", 5)] = NO_LAWS
+    slopes: Annotated[Floats, "N (3), 1/m (9)", ("c", 12)] = NO_SLOPES
     coupling: Annotated[Floats, "1", ("c", "c")] = NO_COUPLING
 
     @classmethod
