@@ -87,8 +87,8 @@ function play(on) {
 
 function go(moment) {
   if (!playing) return;
+  if (waiting) { requestAnimationFrame(go); return; } // the next frame shows the time that has passed until then
   const passed = Math.max(0, moment - before); before = moment;
-  if (waiting) { requestAnimationFrame(go); return; } // while a frame is being drawn, the clock does not advance
   seek(time + 1e-3 * passed * Number($("speed").value));
   if (time >= end) play(false); else requestAnimationFrame(go);
 }
