@@ -20,7 +20,7 @@ GAIN = {"value": (), "fall": (), "rise": ()}
 FADED = {"gain": GAIN, "last": (3,), "rest": (3,), "share": (), "missing": bool}
 """A force or a command (3) whose last value fades out when messages stop, and fades in when they return.
 
-When they return before it is zero, the difference `rest` from the new value fades out, too, with the factor `share`.
+If messages return before the value is zero, its difference `rest` from the new value fades out with factor `share`.
 """
 
 
@@ -31,7 +31,7 @@ def begin(gain: Any, fall: float, rise: float) -> None:
 
 @kernel
 def paced(pace, dt):
-    """Record the time dt [s] since the last step; whether this was a pause of the node."""
+    """Record the time dt [s] since the last step. Returns whether the node was paused during it."""
     pause = dt > GAP and 0.0 < 3.0 * pace.last < dt
     pace.usual = pace.last if 0.0 < pace.last < dt else dt
     pace.last = dt

@@ -137,9 +137,9 @@ def _thinned(
 
 
 def complete(surface: Surface, points: np.ndarray) -> Surface:
-    """The surface with all vertices listed where it is one of a body that moves as a whole: those between the ones that
-    were sent are interpolated, pressure and slip are 0 there. As it is where the others are at rest, or where it is of
-    another mesh than these points [m] (V,3)."""
+    """The message with all vertices [m] (V,3) of its mesh. If the sent ones are a sample of the whole surface
+    (`spread_over`), the displacement of the others is interpolated, and their pressure and slip are 0. Otherwise it is
+    returned unchanged: the others are at rest, or the points are those of another mesh."""
     nodes = surface.nodes
     if not len(nodes) or int(nodes.max()) >= len(points) or not spread_over(points, nodes):
         return surface

@@ -55,7 +55,7 @@ class BeamBundle(CompiledNode, WithNodule):
     pressure = Part("pressure", "pressure", about="Of the displaced nodes; 0 for those that still recover.")
     State = SEVERAL | {
         "bed": form(BeamFoundation), "places": TABLE,  # feet [m] and normals [1] (c,6) of the last step
-        "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # [1] [m²] of each vertex; room; [Pa]
+        "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # normals [1], areas [m²]; work array; [Pa]
     }  # fmt: skip
 
     shared = "facing", "areas", "bed.beams", "bed.skin.edges", *(f"bed.spreader.{name}" for name in TABLES)

@@ -16,8 +16,8 @@ from palpate.physics.device.falcon import HOME
 from palpate.physics.kernel import kernel
 
 LONGEST = 512  # [bytes] of a sample on the socket
-MOST = 64  # samples taken in one step: a flood does not hold the loop
-FARTHEST = 1e3  # [m] from the world's origin that a sample may be
+MOST = 64  # largest number of samples read in one step, so that a flood of them does not block the loop
+FARTHEST = 1e3  # [m] largest distance of a sample from the world's origin, along each axis
 
 
 class PointerSample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True):

@@ -22,8 +22,8 @@ class PinArray(OnThinnedSurface):
 
     `shows` selects the source of the shape. "force": the normal force, by the model of a fingerpad on homogeneous
     tissue. "surface": the deformed surface of the tissue. "pressure": the contact pressure of the tissue model. The
-    last two render structures below the surface and need the input `surface`; while it is missing or empty, the source
-    is the force, and `valid` is false. Only these two use the settings of the surface.
+    last two render structures below the surface, use its settings and need the input `surface`. While it is missing, or
+    for "pressure" contains no pressure, the source is the force, and `valid` is false.
 
     The pins are in the tangent plane at the contact: rows in the direction of the world's x axis (y if the normal is
     along x), columns along normal × row. `pad` names the fingerpad; `pad_b`, `pad_m` and `pad_radius` replace single

@@ -240,7 +240,7 @@ def slope(body, contact):
 @kernel(error_model="numpy")
 def displaced(body):
     """Fill `fine.nodes`, all vertices near the last foot points and fewer farther away, and `fine.moved`, their
-    displacements [m]; their number, 0 if the body is at rest."""
+    displacements [m]. Returns their number, 0 if the body is at rest."""
     if is_still(body):
         return 0
     return surface_displacements(

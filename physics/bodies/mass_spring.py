@@ -66,8 +66,8 @@ def shifted(forces, normal, share):
 
 @kernel(error_model="numpy")
 def deeper(body):
-    """Merge the displacements of several contacts, the larger one at each node, in ascending order of nodes; their
-    number."""
+    """Merge the displacements of several contacts, the larger one at each node, in ascending order of nodes. Returns
+    the number of nodes."""
     nodes, chosen, count = body.nodes, body.chosen, 0
     for c in range(len(body.counts)):
         for slot in range(body.counts[c]):
@@ -321,8 +321,8 @@ def nodal_body(
 
 @kernel(error_model="numpy")
 def move(body, contact, nodes, forces, normal, dt):
-    """Step dt > 0 [s] of a contact's indentation under nodal forces [N] (k,3); the number of displaced nodes, the first
-    of `active` and of `moved`."""
+    """Step dt > 0 [s] of a contact's indentation under nodal forces [N] (k,3). Returns the number of displaced nodes,
+    which are the first of `active` and `moved`."""
     body.counts[contact] = nodal_step(
         nodes, forces, normal, dt, body.law, body.nodal, body.edges, body.where[contact], body.active[contact],
         body.state[contact], body.moved[contact], body.room, body.counts[contact],

@@ -70,7 +70,7 @@ def respread(fine, forces, foot, normal):
 
 @kernel
 def normal_force(pull, normal):
-    """Force [N] of nodal forces (k,3) against the outward normal (3)."""
+    """Sum [N] of nodal forces (k,3) against the outward normal (3)."""
     total = 0.0
     for k in range(len(pull)):
         total -= pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]
@@ -79,7 +79,7 @@ def normal_force(pull, normal):
 
 @kernel
 def share_of(k, pull, normal, total):
-    """Share [1] of node k in the normal force `total`; equal shares if that does not press."""
+    """Share [1] of node k in the normal force `total` [N]; equal shares if `total` is not positive."""
     if not total > 0.0:
         return 1.0 / len(pull)
     return -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total

@@ -33,8 +33,8 @@ class FalconGeometry:
     """Lengths [m], leg angles [rad], encoder and motor limit of the device; equations at the top of this file.
 
     zero   [rad]  driven angle at zero encoder counts
-    count  [rad]  driven angle of one count: 4 x 320 a motor turn, drum 14.25 mm on a sector of 110 mm
-    limit  [N m]  largest torque on an arm: the motor word of 4096 at 10^4 per N m
+    count  [rad]  driven angle of one count: 4 x 320 counts per motor turn, drum of 14.25 mm on a sector of 110 mm
+    limit  [N m]  largest torque on an arm: the largest motor command, 4096, at 10^4 per N m
     """
 
     a: float = 0.060
