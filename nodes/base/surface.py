@@ -37,7 +37,7 @@ OPEN = ("plane",)  # the built-in surfaces that have a border
 PLACE: Vector3 = (0.0, 0.0, 0.084)
 LEVEL: Vector3 = (0.0, 0.0, 0.0)
 PLANE_SIZE = 0.1
-FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingertip, see `fe.fingertip`
+FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingertip, see `fe.meshing.fingertip`
 
 
 class Placed(Node):

@@ -244,7 +244,7 @@ def stretched_radius(model, numbers):
 
 @kernel
 def fixed_part(model, numbers):
-    """Compliance [m/N] of the half-space in that of the fixed patch: what the approach of a growing contact replaces,
+    """Part of the fixed patch's compliance [m/N] that the approach of a growing contact replaces: the half-space's,
     limited so that the indentation rises with the force."""
     return min(half_space(model, numbers), numbers[OWN] + 0.5 * approach(model.area.table, model.area.forces[-1])[1])
 
