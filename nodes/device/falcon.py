@@ -18,7 +18,7 @@ class Falcon(Hardware):
 
     firmware  file of the firmware image, loaded after each power-up; it is part of the manufacturer's driver
 
-    Until it is homed (push the grip all the way in, then pull it out) it reports no angles, and gives no force.
+    Until it is homed (push the grip all the way in, then pull it out), it reports no angles and exerts no force.
     """
 
     firmware: Annotated[str, "1"] = ""

@@ -176,7 +176,7 @@ def answer(body, laws, dt):
 
 @kernel
 def extrapolation(body):
-    """Excess of the last step over the limits of the body, 0 within them, 1 at twice a limit."""
+    """Excess [1] of the last step over the limits of the body: 0 within them, 1 at twice a limit."""
     most = 0.0
     for numbers in body.numbers:
         for excess in numbers[DEEP : GROWN + 1]:

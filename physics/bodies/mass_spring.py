@@ -108,7 +108,7 @@ def retarded(stiffness, exponent, retardation, dt):
 
 @kernel(error_model="numpy")
 def mean_hardness(nodes, forces, normal, hardness):
-    """Mean of the factor on K over a load, weighted by the normal forces; 1 without load."""
+    """Mean factor on K [1] under a load [N] (k,3) on nodes (k), weighted by the normal forces; 1 without load."""
     total = weighted = 0.0
     for i in range(nodes.size):
         if 0 <= nodes[i] < hardness.size:

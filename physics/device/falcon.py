@@ -108,7 +108,7 @@ def link(geometry, i, t1, t2, t3):
 
 @kernel
 def links(geometry, x, y, z):
-    """The three legs at one point: (reachable, angles t1, vector of leg 1, 2, 3, levers)."""
+    """The three legs at a point [m]: (reachable, angles t1 [rad], vectors [1] of legs 1, 2, 3, levers [m])."""
     ok0, p0, q0, r0 = leg(geometry, 0, x, y, z)
     ok1, p1, q1, r1 = leg(geometry, 1, x, y, z)
     ok2, p2, q2, r2 = leg(geometry, 2, x, y, z)
@@ -171,7 +171,7 @@ def newton(geometry, t0, t1, t2, x, y, z):
 
 @kernel
 def forward_kernel(geometry, t0, t1, t2, x, y, z):
-    """(converged, x, y, z) of the grip at the driven angles t0, t1, t2: Newton from (x, y, z), then from HOME."""
+    """(converged, x, y, z [m]) of the grip at driven angles t0, t1, t2 [rad]: Newton from (x, y, z), then from HOME."""
     if reachable(geometry, x, y, z):
         ok, px, py, pz = newton(geometry, t0, t1, t2, x, y, z)
         if ok:

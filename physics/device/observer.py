@@ -43,7 +43,7 @@ PLACE, SPEED, TREND, LOW, HIGH, HELD, MEAN, AWAY, LAST, WAY, TURNED, RISE = rang
 
 @kernel
 def begin(axis, reading):
-    """Reset: at rest at the reading."""
+    """Reset an axis (12) to rest at a reading, in its unit."""
     axis[:] = 0.0
     axis[PLACE] = axis[LOW] = axis[HIGH] = axis[MEAN] = axis[LAST] = reading
 

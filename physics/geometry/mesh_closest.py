@@ -107,7 +107,7 @@ def _segment(ax, ay, az, bx, by, bz):
 
 @kernel
 def _on_triangle(points, cells, t, p0, p1, p2):
-    """Squared distance, weights of the second and third corner, and region of the nearest point of a triangle."""
+    """Squared distance [m²], weights [1] of the second and third corner, and region of a triangle's nearest point."""
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
     ax, ay, az = points[i, 0] - p0, points[i, 1] - p1, points[i, 2] - p2
     bx, by, bz = points[j, 0] - p0, points[j, 1] - p1, points[j, 2] - p2

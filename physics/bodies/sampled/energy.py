@@ -72,7 +72,7 @@ def _deform(D, at, F, C):
 
 @kernel(error_model="numpy")
 def barrier(square, limit):
-    """B(q) and its first two derivatives by |q|²."""
+    """B(q) [J] at `square` = |q|², zero up to `limit`, and its first two derivatives by |q|²."""
     t = (square / limit - 1.0) / ROOM
     if not t > 0.0:
         return 0.0, 0.0, 0.0
