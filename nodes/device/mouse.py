@@ -54,7 +54,7 @@ class Pointer(Node):
         try:
             with contextlib.suppress(FileNotFoundError):
                 if not stat.S_ISSOCK(os.lstat(self.socket).st_mode):
-                    raise FileExistsError("a file that is no socket lies there")
+                    raise FileExistsError("a file that is not a socket exists there")
                 os.unlink(self.socket)
             self._inlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._inlet.setblocking(False)
