@@ -14,7 +14,7 @@ FADE = 20e-3  # [s] time in which an optional effect fades out or in when its se
 GAP = 9e-3  # [s] a longer step, if also 3 times the one before, is a pause of the node; slow nodes are excluded
 
 PACE = {"usual": (), "last": ()}
-"""[s] The shorter of the last two steps of a node, and the last one."""
+"""[s] `usual`: the shorter of the last two steps of a node; `last`: the last one."""
 GAIN = {"value": (), "fall": (), "rise": ()}
 """[1] A gain from 0 to 1 that falls to 0 within `fall` [s] while an input is missing, and rises within `rise` [s]."""
 FADED = {"gain": GAIN, "last": (3,), "rest": (3,), "share": (), "missing": bool}

@@ -68,8 +68,8 @@ class OnThinnedSurface(OnSurface):
     """
 
     spacing: Annotated[float, "m", msgspec.Meta(ge=0)] = 1e-3
-    """Least distance of these vertices, applied if some region has 3 times as many; 1/8 of the patch radius results in
-    150 to 200 vertices under the patch. 0: all vertices."""
+    """Least distance of these vertices. Applied only if a region has 3 times as many as this requires. 1/8 of the patch
+    radius results in 150 to 200 vertices under the patch. 0: all vertices."""
 
     def mesh(self) -> Mesh:
         """The mesh of these vertices, the same object for all nodes of a process with these settings."""

@@ -91,7 +91,7 @@ def law_now(finger, law, step, relaxation, age, dt, length):
 
 @kernel(error_model="numpy")
 def pressing(finger, proximity, there, law, step, relaxation, time, dt):
-    """Whether there is a body to press on, and approach [m], length of the step [s] and law for the force of this step.
+    """Returns whether a force must be solved for, and approach [m], length of the step [s] and law for it.
 
     there  whether the body has sent its law
     law, step [s], relaxation [s], time [ns]  of that message

@@ -187,7 +187,7 @@ def hat_moments(mesh: Mesh) -> np.ndarray:
 @kernel
 def patch_radius(points, moments, nodes, count, share):
     """Radius R [m] of a patch: twice the rms distance of its force from its centre, which is the radius of a biweight
-    patch, and 1.42 times that of a uniform one. nodes (>= count) vertices of the patch, share (V,3) with their
+    patch, and 1.41 times that of a uniform one. nodes (>= count) vertices of the patch, share (V,3) with their
     shares in the first column, used without sign."""
     total = x0 = x1 = x2 = 0.0
     for k in range(count):
