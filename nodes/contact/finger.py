@@ -10,7 +10,7 @@ from palpate.physics.records import vector
 
 FAR = 2e-3  # [m] distance beyond which an idle contact sleeps; at 1 kHz and 2 m/s it wakes one step before contact
 STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
-LATE = 1.5  # [1] age of a law in steps above which it is stale; length of a step in usual steps if it spans a gap
+LATE = 1.5  # [1] a law older than this number of steps is stale; a longer step than this number of usual ones has a gap
 AGREE = 1e-6  # [m] difference of the indentations of contact and body below which they are synchronized again
 GONE = 2.0 * FALL  # [s] time in which the force falls to zero when the body is missing
 KNOWN = 10e-3  # [s] duration of a gap in which the hand may brake: 0.4 m/s at 40 m/s^2

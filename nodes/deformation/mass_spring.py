@@ -167,7 +167,7 @@ class MassSpring(CompiledNode, WithNodule):
                 normal, hardness = vector(each.normal), floats(own.hard)
                 factors[i] = mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
             stiffness, previous = own.stiffness * factors[i], laws[i, 4]
-            if mapped:  # the indentation that the contact has computed with the law of the former place
+            if mapped:  # the indentation that the contact computed, with the law at the previous position
                 reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
             moving, rest = retarded(stiffness, own.exponent, own.retardation, dt)
             s = indentation(acting[i], dt, moving, own.exponent, own.damping, rest * previous, previous)

@@ -1,4 +1,4 @@
-"""Contact area that grows with the force: laws for its radius a(f), and the approach that goes with them.
+"""Contact area that grows with the force: laws for its radius a(f), and the approach that is conjugate to f.
 
     ball        a = (3 f R/4E*)^(1/3) of a rigid ball on a half-space, E* = E/(1 - nu²), up to a = R (H. Hertz 1881; K.
                 L. Johnson, Contact Mechanics, 1985, ch. 4.2)

@@ -54,7 +54,7 @@ def gamma(square, scale, power, most):
 
 @kernel(error_model="numpy")
 def gather(corners, weights, patch, pull, share, normal, load, measure):
-    """Add a load (k,3) to that on the coarse vertices, fill its shares in the normal force. Returns the latter [N]."""
+    """Add a load (k,3) to that on the coarse vertices, fill its shares in the normal force. Returns that force [N]."""
     measure[:] = 0.0
     total = normal_force(pull, normal)
     for k in range(len(patch)):
