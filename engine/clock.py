@@ -8,7 +8,7 @@ import time
 
 SPIN = 100_000  # [ns] of busy waiting before a deadline: a plain sleep wakes up about 90 us late
 POLL_INTERVAL = 20  # [ms] after which a waiting process polls for orders and other messages
-LONGEST_GAP = 200_000_000  # [ns] that count at most between two polls
+LONGEST_GAP = 200_000_000  # [ns] of the time between two polls, at most this counts as silence
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 

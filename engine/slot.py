@@ -386,7 +386,7 @@ def _forces(message: Message) -> dict[str, float]:
     return magnitudes
 
 
-FEW = 32  # messages that are faster to take one by one than as a block
+FEW = 32  # number of messages below which taking them one by one is faster than as a block
 
 
 class ObserverSlot:

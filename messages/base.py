@@ -4,7 +4,7 @@ A message type is declared once, as a class. The checks, the schema of recording
 its annotations:
 
     class Friction(Message):
-        \"\"\"Tangential force on the fingertip.
+        \"\"\"Tangential force of the finger on the tissue.
 
         force  [N] (3)  along the sliding velocity of the finger
         stick  [1] ()   true while the contact does not slide

@@ -11,7 +11,8 @@ class Pins(Message):
     heights   [m] (rows,columns)  of the pins, positive towards the finger
     actuator  [m] ()              position of the linear actuator, positive away from the finger
     limited   [1] ()              true if a stroke limits the commanded surface
-    valid     [1] ()              true while the contact model is valid: contact radius at most half the fingerpad's
+    valid     [1] ()              true while valid: from the force, if the contact radius is at most half
+                                  the fingerpad's; from the tissue, if the surface or its pressure is available
     """
 
     heights: Annotated[Floats, "m", ("rows", "columns")]

@@ -18,7 +18,7 @@ def example(kind: type, loaded: bool) -> Any:
 
     loaded  True: a light touch, typical numbers for each unit, arrays of one row. False: all zero, arrays empty
 
-    A vector of three without unit is a direction. TypeError: a field of another type without a default.
+    A vector of three numbers with the unit 1 is a direction. TypeError: a field of another type without a default.
     """
     optional = {field.name for field in msgspec.structs.fields(kind) if not field.required}
     return kind(**{f.name: _value(f, loaded) for f in fields(kind) if _plain(f) or f.name not in optional})

@@ -10,7 +10,7 @@ class Grip(Message):
 
     grip        [N] ()   grip force: the part of the forces that cancels; negative if they pull the body apart
     load        [N] ()   load force: magnitude of the sum of the tangential forces, which friction carries
-    ratio       [1] ()   load force over twice the grip force: it slips at the coefficient of friction; 0 without grip
+    ratio       [1] ()   load force over twice the grip force; slip begins at the friction coefficient; 0 without grip
     normal      [N] (c)  normal force of each finger, in the order of the graph
     tangential  [N] (c)  magnitude of the tangential force of each
     margin      [N] (c)  safety margin of each: normal force minus the least one that prevents slip

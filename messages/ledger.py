@@ -27,7 +27,7 @@ class Ledger(Message):
     friction_stored       [J] () stored in the bristles
     friction_dissipated   [J] () work on them minus the stored energy
     work                  [J] () of the hand in this tick
-    balance               [J] () energy of this tick that no part accounts for: the surface's curvature over a step
+    balance               [J] () energy of this tick that no part accounts for, due to the surface's curvature
     unexplained           [J] () sum of the balances
     generated             [J] () largest energy that a part, or the whole display, has released beyond what it received
     generated_by          [1] () that part

@@ -8,7 +8,7 @@ from palpate.messages.base import Floats, Ints, Message
 class Slip(Message):
     """Progress of slip over the contact area of a fingertip, in total and node by node.
 
-    contacts   [1] ()     nodes in contact
+    contacts   [1] ()     number of nodes in contact
     fraction   [1] ()     fraction of them that slides
     front      [m] ()     radius of a disc with the area that still sticks: the slip front moves inwards from the rim
     incipient  [1] ()     warning of incipient slip: a detectable part of the contact slides, and some still sticks
@@ -17,9 +17,9 @@ class Slip(Message):
     first      [s] (n)    of each, time of its first slip since the finger began to slide; -1 before that
     path       [m] (n)    of each, distance slipped since it touched: the localized displacement
     points     [m] (n,2)  of each, position in the plane of the plate, from the lowest point of the finger
-    limited    [1] ()     beams at their strain limit
+    limited    [1] ()     number of beams at their strain limit
     deeper     [1] ()     pressed deeper than the pad was meshed for: rim beams are missing, the force is too small
-    iterations [1] ()     of the solver
+    iterations [1] ()     number of iterations of the solver
     residual   [1] ()     largest violation of the friction law, over the largest friction limit of a node
     """
 

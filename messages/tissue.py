@@ -49,10 +49,10 @@ class Surface(_Sparse):
     step                  [s]     ()     length of the step for which the law is valid; 0: the step of the contact
     relaxation            [s]     ()     time constant with which the body approaches equilibrium; 0: instantly, or
                                          according to `damping`
-    limited               [1]     ()     elements and vertices at a limit of the model; normally 0
-    tangential_gradient   [N]     (3)    derivative of the body's energy, at this force, with respect to the contact's
-                                         position along the surface: the force that pushes the finger sideways. 0 if
-                                         the model does not compute it
+    limited               [1]     ()     number of elements and vertices at a limit of the model; normally 0
+    tangential_gradient   [N]     (3)    derivative of the body's complementary energy at this force by the position of
+                                         the contact along the surface: the force that pushes the finger towards softer
+                                         places. 0 if the model does not compute it
     shape_operator        [1/m]   (t)    dn_i/dx_j of the outward normal, row by row; t = 9, 0 without the gradient
     extrapolation         [1]     ()     distance outside the range that the model was built from: 0 within, 1 at twice
                                          its end

@@ -8,8 +8,8 @@ from palpate.messages.base import Floats, Message
 class Vibration(Message):
     """Fluctuation of the force of a sliding contact, as a block of samples that ends with the tick.
 
-    lateral   [N]   (n)  friction beyond its mean, along the sliding velocity of the finger; 0 without slip
-    normal    [N]   (m)  of the normal force; m = n, 0 where the texture has none
+    lateral   [N]   (n)  fluctuation about the friction law, along the sliding velocity of the finger; 0 without slip
+    normal    [N]   (m)  fluctuation of the normal force; m = n, or 0 if the texture has none
     sampling  [Hz]  ()   of the samples
     speed     [m/s] ()   of sliding, in this tick
     """

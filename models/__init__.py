@@ -1,1 +1,1 @@
-"""What is computed off-line into a basis, a finger or a law: full finite elements, scans, fits."""
+"""Offline computation of bases, fingertips and laws: full finite elements, scans, fits."""

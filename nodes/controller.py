@@ -38,7 +38,7 @@ FREE, CONTACT = 0, 1  # indices of the values of `Force.state`
 
 @kernel
 def lost(had, present):
-    """Whether a message lacks an input that earlier messages of its sender had, and all inputs so far, as bit masks."""
+    """(whether a message lacks an input that earlier messages of its sender had, bit mask of all inputs so far)."""
     return present != had | present, had | present
 
 
@@ -133,7 +133,7 @@ class Haptic(CompiledNode):
 
     When the sender of friction disappears, friction fades out within 20 ms, and only the contact force remains. The
     force falls to zero within 4 ms while a contact, a pose, or an input of the contact's computation is missing, or
-    while the device works without the command that it had. After that, and after a pause in which the device has
+    while the device runs without the command that it had before. After that, and after a pause in which the device has
     released its motors, the force ramps up from zero: at most limit/ramp times the elapsed time and, with `passivity`,
     over 1 s while the hand rests or is pushed outward. During the recovery the display generates at most the energy
     that the hand has put in since the touch began plus 0.5 mJ; if the force is withheld for more than 0.5 s, which is

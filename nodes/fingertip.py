@@ -60,8 +60,8 @@ class BundleContact(Node):
     """A fingertip as a beam bundle on a rigid plate: normal force, friction, stick and slip of every node.
 
     The bundle is filled at the start, from a scan that `palpate build fingertip` has read, or from the default
-    anatomy, and meshed once for `reach`. Deeper pressing is answered by the beams that there are, and flagged
-    (`Slip.deeper`); the force then stays bounded and is too small. See docs/equations/beam-bundle.md.
+    anatomy, and meshed once for `reach`. Beyond this depth only these beams respond, so the force is bounded but too
+    small, and `Slip.deeper` is set. See docs/equations/beam-bundle.md.
     """
 
     shape: Annotated[str, "1"] = "anatomy"  # "anatomy", or the path of a fingertip file (.npz)
@@ -187,7 +187,7 @@ class BundleContact(Node):
 
     @part("pressure", "pressure", otherwise=NO_FLOATS)
     def _pressure(self, touching: np.ndarray) -> np.ndarray:
-        """Of the plate on each node that touches."""
+        """Pressure [Pa] of the plate on each node that touches."""
         return self.state.normal[touching] / self.bundle.cell
 
     @part("slip", "slipped", otherwise=NO_NODES)

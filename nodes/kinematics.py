@@ -46,7 +46,7 @@ def send(own, seen, out):
 
 @kernel
 def sampled(own, state, count, out, dt):
-    """Set the clock to the time of a sample of `count` numbers; returns whether to use the sample.
+    """Set the clock to the time of a sample of `count` numbers. Returns whether to use the sample.
 
     The time is that of the message, or the sum of the steps if it has none. Until the device is homed, the node sends
     the last position, at rest, and the history is cleared.

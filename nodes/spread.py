@@ -40,7 +40,7 @@ class Kernel(CompiledNode, WithArea):
         "spreader": form(Spreader), "friction": FADED,
         "idles": bool, "foot": (3,), "normal": (3,),  # whether the last step had no force, and its foot and normal
         "law_forces": ARRAY, "law_radii": ARRAY,  # of the area law; empty: fixed
-        "rigid": bool, "gives": (2,), "cautioned": bool,  # [m] of finger and body where the finger is a rigid tip
+        "rigid": bool, "gives": (2,), "cautioned": bool,  # compression and indentation [m] at the first rigid contact
     }  # fmt: skip
 
     shared = tuple(f"spreader.{name}" for name in TABLES)

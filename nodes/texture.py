@@ -78,7 +78,7 @@ def send(own, friction, count, bound, direction, amplitude, sliding, dt, first, 
 class _TextureNode(CompiledNode):
     """Settings of all textures. The output is the friction plus the mean of each block.
 
-    share   the fluctuation is limited to this share of the friction
+    share   upper limit of the fluctuation, as a share of the dissipative part of the friction
     normal  ratio of the fluctuations of normal and lateral force; only readers of `Vibration` feel it, not the hand
     onset   the fluctuation grows with the sliding speed up to this speed
     """
@@ -293,7 +293,7 @@ class Autoregressive(_TextureNode):
                 low = table[i, j, k] + u * (table[i1, j, k] - table[i, j, k])
                 high = table[i, j1, k] + u * (table[i1, j1, k] - table[i, j1, k])
                 row[k] = low + w * (high - low)
-            # Turn them into filter coefficients, and filter white noise of unit output variance.
+            # Convert them to coefficients of a filter with output variance 1, and filter white noise.
             a, work, past = floats(own.a), floats(own.work), floats(own.past)
             coefficients(row[: len(a)], work[0], work[1], a)
             gain = innovation(a, work[0])

@@ -68,8 +68,8 @@ def _invoke(typing: Any, function: Any, records: Any, count: Any, dt: Any) -> An
 
 @kernel
 def call(function, records, count, dt):
-    """Call machine code (`address`) with `count` records, whose addresses are at the address `records`: whether it
-    raised, and the boolean that it returned."""
+    """Call machine code (`address`) with `count` records, whose addresses are at the address `records`. Returns whether
+    it raised, and the boolean that it returned."""
     status, result = _invoke(function, records, count, dt)
     return status != 0, result != 0
 

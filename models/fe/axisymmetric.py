@@ -5,8 +5,8 @@ incompressible laws do not lock. The meridian deformation has the gradient
 
     F = [[1 + du/dr, 0, du/dz], [0, 1 + u/r, 0], [dw/dr, 0, 1 + dw/dz]]
 
-and the laws of `palpate.physics.materials` take it as it is. A force-depth curve takes seconds where the tetrahedra of
-`Solver` take minutes: for fits, which want many. Contact without friction by a penalty.
+which the laws of `palpate.physics.materials` accept unchanged. A force-depth curve takes seconds instead of the minutes
+of the tetrahedra of `Solver`; a fit needs many curves. Frictionless contact by a penalty.
 """
 
 import math
@@ -26,8 +26,8 @@ ROW, COLUMN = np.array([0, 0, 1, 2, 2]), np.array([0, 2, 1, 0, 2])  # Of the ent
 GAUSS, WEIGHT = np.polynomial.legendre.leggauss(3)
 PENALTY = 300.0  # [1] Stiffness of contact times the size of a face, over the shear modulus
 TOLERANCE = 1e-6  # [1] Residual over the size of the inner forces
-ROUNDING = 5e-15  # [1] The same that rounding leaves, over bulk modulus times the square of the outer radius
-HALVED = 6  # How often a step may be halved before the press ends there
+ROUNDING = 5e-15  # [1] Residual due to rounding, over bulk modulus times the square of the outer radius
+HALVED = 6  # Largest number of halvings of a step; then the press ends there
 
 
 def _lagrange(x: float) -> tuple[np.ndarray, np.ndarray]:
@@ -37,10 +37,10 @@ def _lagrange(x: float) -> tuple[np.ndarray, np.ndarray]:
 
 @kernel
 def _integrate(law, change, weight, p, mixed, cofactors, stress, moduli, curve):
-    """Integrate the law at all points from the change of F's entries [1] (E,9,5); False where one is inside out.
+    """Integrate the law at all points from the change of F's entries [1] (E,9,5). Returns False if a point is inverted.
 
     weight [m³] (E,9);  filled, times the weight: cofactors dJ/dF [m³] (E,9,5), stress dPsi/dF [J] (E,9,5), its
-    derivatives [J] (E,9,5,5) unless E is 0, and U'' of the mean volume ratio over the volume [Pa/m³] (E,) if `mixed`
+    derivatives [J] (E,9,5,5) if not empty, and U'' of the mean volume ratio over the volume [Pa/m³] (E,) if `mixed`
     """
     many, tangent = weight.shape[1], len(moduli) > 0
     P, A, F, C, J = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((many, 3, 3)), np.zeros((many, 3, 3)), np.zeros(many)
@@ -74,7 +74,7 @@ def _integrate(law, change, weight, p, mixed, cofactors, stress, moduli, curve):
 
 @dataclass
 class RoundBody:
-    """A cylinder of r in `across` and z in `up` [m] (ends and midpoints of its elements), on z = 0."""
+    """A cylinder on z = 0 with nodes (ends and midpoints of its elements) at r in `across` and z in `up` [m]."""
 
     across: np.ndarray
     up: np.ndarray
@@ -110,7 +110,7 @@ class RoundBody:
         self.rows, self.columns = np.repeat(dof, 18, axis=1).ravel(), np.tile(dof, (1, 18)).ravel()
 
     def forces(self, material: Material, u: np.ndarray, tangent: bool = True) -> tuple[np.ndarray, np.ndarray] | None:
-        """Inner forces [N] (N,2) at displacements [m] (N,2), and the tangent [N/m] (E,18,18); None: inside out."""
+        """Inner forces [N] (N,2) at displacements [m] (N,2), and the tangent [N/m] (E,18,18); None: inverted."""
         E, Q, _, _ = self.gradient.shape
         B = self.gradient.reshape(E, -1, 18)
         turned, change = B.swapaxes(1, 2), (B @ u[self.elements].reshape(E, 18, 1)).reshape(E, Q, 5)
@@ -137,7 +137,7 @@ class RoundBody:
 
 @dataclass
 class Indenter:
-    """What presses from above, down to z = height of the body less the depth."""
+    """A plate, punch or ball that presses from above; its lowest point is at z = height of the body minus the depth."""
 
     held: np.ndarray  # nodes that move down with it: under a plate or a flat punch
     bonded: bool  # whether these keep their r
@@ -157,7 +157,7 @@ class Indenter:
 
 
 def press(body: RoundBody, material: Material, indenter: Indenter, depths: Iterable[float]) -> np.ndarray:
-    """Force [N] at growing depths [m] (n,); NaN from where no equilibrium is found."""
+    """Force [N] at increasing depths [m] (n,); NaN from the first depth without an equilibrium."""
     state = _AxisymmetricPress(body, material, indenter)
     forces: list[float] = []
     for depth in depths:
@@ -196,7 +196,7 @@ class _AxisymmetricPress:
         return self.force
 
     def _balance(self, u: np.ndarray, depth: float, tangent: bool = True) -> tuple[np.ndarray, np.ndarray] | None:
-        """Unbalanced forces (N,2) and tangent blocks (E,18,18), contact's (L,6,6) apart; None: inside out."""
+        """Unbalanced forces (N,2) and tangent blocks (E,18,18); those of contact in `touch` (L,6,6). None: inverted."""
         body, elastic = self.body, self.body.forces(self.material, u, tangent)
         if elastic is None:
             return None

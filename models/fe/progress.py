@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-Report = Callable[[float], None]  # Called with the completed share; a solver calls it with the load it has reached
+Report = Callable[[float], None]  # Called with the completed fraction, by a solver with the load that it has reached
 
 
 def unheard(done: float) -> None:

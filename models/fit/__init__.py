@@ -1,1 +1,1 @@
-"""The probabilistic force model fitted to measured sessions."""
+"""Fits to measurements: the probabilistic force model, material laws of tissue, textures."""

@@ -1,7 +1,7 @@
 """From magnetic resonance images of a finger to a fingertip that beams can fill.
 
-    stack = read("dicom_folder")            # or NIfTI, PNG, TIFF
-    tip = rebuild(segment(stack))           # a palpate.physics.fingertip.surfaces.Fingertip
+    stack = read("dicom_folder")            # or a NIfTI file
+    tip = rebuild(segment(stack))           # palpate.physics.fingertip.surfaces.FingertipSurfaces
     tip.save("finger.npz")
 
 Needs the extra `scan`: pip install palpate[scan].

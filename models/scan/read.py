@@ -103,7 +103,7 @@ def _dicom(folder: Path, files: list[Path]):
         return _series(folder, files)
     except ScanError:
         raise
-    except Exception as error:  # as above: a value is read from its text when it is asked for
+    except Exception as error:  # pydicom parses a value when it is accessed, and raises many types
         raise ScanError(f"{folder}: cannot be read as DICOM: {error}") from None
 
 

@@ -1,4 +1,4 @@
-"""What every node is made of: settings, ports, state; and what several of them share."""
+"""Base classes of nodes: settings, ports, state; and code that several nodes share."""
 
 from palpate.nodes.base.block import Block
 from palpate.nodes.base.compiled import ARRAY, TABLE, CompiledNode, Part

@@ -14,13 +14,13 @@ FADE = 20e-3  # [s] time in which an optional effect fades out or in when its se
 GAP = 9e-3  # [s] a longer step, if also 3 times the one before, is a pause of the node; slow nodes are excluded
 
 PACE = {"usual": (), "last": ()}
-"""[s] The shorter of the last two steps of a node, and the last one."""
+"""[s] `usual`: the shorter of the last two steps of a node; `last`: the last one."""
 GAIN = {"value": (), "fall": (), "rise": ()}
 """[1] A gain from 0 to 1 that falls to 0 within `fall` [s] while an input is missing, and rises within `rise` [s]."""
 FADED = {"gain": GAIN, "last": (3,), "rest": (3,), "share": (), "missing": bool}
 """A force or a command (3) whose last value fades out when messages stop, and fades in when they return.
 
-When they return before it is zero, the difference `rest` from the new value fades out, too, with the factor `share`.
+If messages return before the value is zero, its difference `rest` from the new value fades out with factor `share`.
 """
 
 
@@ -31,7 +31,7 @@ def begin(gain: Any, fall: float, rise: float) -> None:
 
 @kernel
 def paced(pace, dt):
-    """Record the time dt [s] since the last step; whether this was a pause of the node."""
+    """Record the time dt [s] since the last step. Returns whether the node was paused during it."""
     pause = dt > GAP and 0.0 < 3.0 * pace.last < dt
     pace.usual = pace.last if 0.0 < pace.last < dt else dt
     pace.last = dt

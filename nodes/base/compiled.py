@@ -37,7 +37,7 @@ ARRAY, TABLE = array_handle(1), array_handle(2)
 
 
 class Part:
-    """A part of a compiled node that is computed only if one of `fields` is read; a flag of this name for its kernel.
+    """Part of a compiled node that is computed only if one of `fields` is read; `own.NAME` is its flag in the kernel.
 
     effect  name of its effect
     about   description, one sentence

@@ -6,7 +6,7 @@ An effect is declared where it is computed, in one of three ways, without condit
         effect = "friction"                                   # the whole node is the effect
 
     class BeamBundle(Node):
-        relaxations: Annotated[Vector, "s", Switch("relaxation")] = (0.09, 4.4)   # a setting; zero is without it
+        relaxations: Annotated[Vector, "s", Switch("relaxation")] = (0.09, 4.4)   # a setting; 0 disables the effect
 
         @part("pressure", "pressure", otherwise=NO_PRESSURE)  # a method and the output fields that it fills
         def _pressure(self, load): ...

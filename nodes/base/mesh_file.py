@@ -47,7 +47,7 @@ def read_mesh(path: str, scale: float) -> Mesh:
     if shared:
         raise SettingError(
             f"setting 'surface': {path} has {shared} edges that more than two triangles share: it has no inside. "
-            f"{REPAIR.format(path)} makes a surface of it."
+            f"{REPAIR.format(path)} rebuilds its surface."
         )
     return Mesh(vertices, outward(vertices, triangles))
 

@@ -37,7 +37,7 @@ OPEN = ("plane",)  # the built-in surfaces that have a border
 PLACE: Vector3 = (0.0, 0.0, 0.084)
 LEVEL: Vector3 = (0.0, 0.0, 0.0)
 PLANE_SIZE = 0.1
-FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingertip, see `fe.fingertip`
+FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingertip, see `fe.meshing.fingertip`
 
 
 class Placed(Node):
@@ -68,8 +68,8 @@ class OnThinnedSurface(OnSurface):
     """
 
     spacing: Annotated[float, "m", msgspec.Meta(ge=0)] = 1e-3
-    """Least distance of these vertices, applied if some region has 3 times as many; 1/8 of the patch radius results in
-    150 to 200 vertices under the patch. 0: all vertices."""
+    """Least distance of these vertices. Applied only if a region has 3 times as many as this requires. 1/8 of the patch
+    radius results in 150 to 200 vertices under the patch. 0: all vertices."""
 
     def mesh(self) -> Mesh:
         """The mesh of these vertices, the same object for all nodes of a process with these settings."""
@@ -137,9 +137,9 @@ def _thinned(
 
 
 def complete(surface: Surface, points: np.ndarray) -> Surface:
-    """The surface with all vertices listed where it is one of a body that moves as a whole: those between the ones that
-    were sent are interpolated, pressure and slip are 0 there. As it is where the others are at rest, or where it is of
-    another mesh than these points [m] (V,3)."""
+    """The message with all vertices [m] (V,3) of its mesh. If the sent ones are a sample of the whole surface
+    (`spread_over`), the displacement of the others is interpolated, and their pressure and slip are 0. Otherwise it is
+    returned unchanged: the others are at rest, or the points are those of another mesh."""
     nodes = surface.nodes
     if not len(nodes) or int(nodes.max()) >= len(points) or not spread_over(points, nodes):
         return surface

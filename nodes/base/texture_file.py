@@ -65,7 +65,7 @@ def read_texture(path: Path) -> Texture:
 
 
 def _penn(data: bytes) -> Texture:
-    """Facts of the format: speeds in mm/s, accelerations in m/s^2, `var` is the variance of the residual."""
+    """Read a model set: speeds in mm/s, accelerations in m/s^2, `var` is the variance of the residual."""
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise ValueError("an XML file with entities; expected a model set without")
     try:

@@ -10,7 +10,7 @@ from palpate.physics.records import vector
 
 FAR = 2e-3  # [m] distance beyond which an idle contact sleeps; at 1 kHz and 2 m/s it wakes one step before contact
 STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
-LATE = 1.5  # [1] steps of the contact after which a law is old, and usual steps after which a step spans a gap
+LATE = 1.5  # [1] a law older than this number of steps is stale; a longer step than this number of usual ones has a gap
 AGREE = 1e-6  # [m] difference of the indentations of contact and body below which they are synchronized again
 GONE = 2.0 * FALL  # [s] time in which the force falls to zero when the body is missing
 KNOWN = 10e-3  # [s] duration of a gap in which the hand may brake: 0.4 m/s at 40 m/s^2
@@ -21,7 +21,7 @@ NOTHING = (0.0, 0.0, 0.0)
 FINGER = {
     "compression": (), "indentation": (), "settled": bool,  # [m]; whether the indentation is known
     "idle": bool, "previous": (), "in_step": bool, "withheld": (),  # previous [m] of the body's law; withheld [m]
-    "heard": (7,), "hears": bool,  # the body's last law, step and relaxation; whether there was one
+    "heard": (7,), "hears": bool,  # law, step and relaxation of the body's last message; whether it has sent one
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
     "deepest": (3,), "deepest_time": int,  # greatest compression [m], force [N] then; time [ns]
 }  # fmt: skip
@@ -91,7 +91,7 @@ def law_now(finger, law, step, relaxation, age, dt, length):
 
 @kernel(error_model="numpy")
 def pressing(finger, proximity, there, law, step, relaxation, time, dt):
-    """Whether there is a body to press on, and approach [m], length of the step [s] and law for the force of this step.
+    """Returns whether a force must be solved for, and approach [m], length of the step [s] and law for it.
 
     there  whether the body has sent its law
     law, step [s], relaxation [s], time [ns]  of that message

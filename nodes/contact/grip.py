@@ -18,7 +18,7 @@ from palpate.physics.records import floats, nth
 class Grip(CompiledNode):
     """Grip force, load force and safety margins of up to 16 fingers on one body (docs/equations/contact.md).
 
-    Each load is the force of one finger on the body at its foot point. The force of a finger without a sender is zero.
+    Each load is the force of one finger on the body at its foot point. A missing load counts as zero force.
     `mu_static` is the coefficient at which a sticking finger begins to slip, that of the friction law.
     """
 

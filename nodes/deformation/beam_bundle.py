@@ -52,10 +52,10 @@ class BeamBundle(CompiledNode, WithNodule):
     shape = Part(
         "shape", "nodes", "displacement", also=("pressure",), about="The vertices of the surface that are displaced."
     )
-    pressure = Part("pressure", "pressure", about="Of the displaced nodes; 0 for those that still recover.")
+    pressure = Part("pressure", "pressure", about="The pressure on the displaced nodes; 0 while they recover.")
     State = SEVERAL | {
         "bed": form(BeamFoundation), "places": TABLE,  # feet [m] and normals [1] (c,6) of the last step
-        "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # [1] [m²] of each vertex; room; [Pa]
+        "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # normals [1], areas [m²]; work array; [Pa]
     }  # fmt: skip
 
     shared = "facing", "areas", "bed.beams", "bed.skin.edges", *(f"bed.spreader.{name}" for name in TABLES)

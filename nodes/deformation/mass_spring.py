@@ -60,8 +60,8 @@ class MassSpring(CompiledNode, WithNodule):
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
     """Of the patch under each of several fingers, and of the patch of the stiffness map."""
     stiffness_map: Annotated[Literal["uniform", "basis"], "1"] = "uniform"
-    """How K depends on the place: not; or as the stiffness of deformation.ReducedFE, from its stored basis of this
-    surface without nodule. K is then the stiffness on a half-space, and the finger is pushed towards softer places."""
+    """With "basis" K varies over the surface like the stiffness of deformation.ReducedFE, from its stored basis
+    without nodule. K is then the stiffness on a half-space, and the finger is pushed towards softer places."""
 
     energy = Part(
         "energy", "stored",
@@ -74,8 +74,8 @@ class MassSpring(CompiledNode, WithNodule):
     State = SEVERAL | {
         "body": form(NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY, "factors": ARRAY,
     }  # fmt: skip
-    """The surface; factor on K of each vertex, with a nodule or map; with a map that of `factor_at`; of each
-    contact: its normal force [N], that including the coupled ones, factor on K."""
+    """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
+    each contact: its normal force [N], the sum with the coupled forces of the others, and the factor on K."""
 
     shared = "hard", "ground", "body.law", "body.nodal", "body.edges"
 
@@ -167,7 +167,7 @@ class MassSpring(CompiledNode, WithNodule):
                 normal, hardness = vector(each.normal), floats(own.hard)
                 factors[i] = mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
             stiffness, previous = own.stiffness * factors[i], laws[i, 4]
-            if mapped:  # the indentation that the contact has computed with the law of the former place
+            if mapped:  # the indentation that the contact computed, with the law at the previous position
                 reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
             moving, rest = retarded(stiffness, own.exponent, own.retardation, dt)
             s = indentation(acting[i], dt, moving, own.exponent, own.damping, rest * previous, previous)

@@ -13,7 +13,7 @@ PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each 
 
 @kernel(error_model="numpy")
 def caution_once(own, numbers):
-    """Store each new cause of extrapolation with its size, radius and width for a note."""
+    """Store each new cause of extrapolation for a note, as in `ReducedFE.State`."""
     for cause in range(len(own.cautions)):
         known, worst, contact = False, 0.0, 0
         for k in range(own.causes):

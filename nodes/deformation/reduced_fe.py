@@ -56,8 +56,8 @@ class ReducedFE(CompiledNode, WithNodule):
     rank = 3
 
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
-    """Treatment of large displacement: the law of a half-space under the patch; none; or modes of the whole body with
-    sampled energy, for the fingertip."""
+    """Large displacement: "nonlinear" uses the law of a half-space under the patch, "linear" neglects it, "sampled"
+    uses modes of the whole body with sampled energy, for the fingertip."""
     modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 80  # Of the sampled model
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
     poisson: Annotated[float, "1", msgspec.Meta(ge=0, lt=0.5)] = 0.45
@@ -69,8 +69,8 @@ class ReducedFE(CompiledNode, WithNodule):
     """Of a capsule of another modulus; 0: a homogeneous organ."""
     capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0  # Modulus of the capsule over that of the organ
     sticks: Annotated[bool, "1"] = True
-    """Whether the surface under the patch sticks to the finger or slides on it, which is valid for light loads (heavier
-    ones are reported); not for the sampled model."""
+    """Whether the surface under the patch sticks to the finger. If not, it slides freely, which is valid for light
+    loads (heavier ones are reported). The sampled model ignores it."""
     coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
     """Approximate number of vertices of the condensed surface."""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
@@ -305,7 +305,7 @@ class ReducedFE(CompiledNode, WithNodule):
 
 
 class _Sampled:
-    """The differences of a sampled body. It has no `idle`: its modes decay exponentially and never reach rest."""
+    """Overrides for the sampled model. It has no `idle`: its modes decay exponentially and never reach rest."""
 
     State = (
         SEVERAL

@@ -1,4 +1,4 @@
-"""A body that hardly gives."""
+"""A nearly rigid plate."""
 
 from typing import Annotated
 

@@ -16,9 +16,9 @@ ZERO = (0.0, 0.0, 0.0)
 class Falcon(Hardware):
     """A Novint Falcon on USB, or its emulator (docs/devices.md).
 
-    firmware  file of the image that it is loaded with after each power-up; you have it with its driver
+    firmware  file of the firmware image, loaded after each power-up; it is part of the manufacturer's driver
 
-    Until it is homed (push the grip all the way in, then pull it out) it reports no angles, and gives no force.
+    Until it is homed (push the grip all the way in, then pull it out), it reports no angles and exerts no force.
     """
 
     firmware: Annotated[str, "1"] = ""

@@ -84,7 +84,7 @@ def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: 
 
 @kernel
 def moved(own, torques, dt):
-    """Move the grip by one step of dt [s] under motor torques [N m] (3): its driven angles [rad]."""
+    """Move the grip by one step of dt [s] under motor torques [N m] (3). Returns its driven angles [rad]."""
     return grip_kernel(
         own.geometry, own.constants, own.motion, own.memory, floats(own.ends), floats(own.points),
         integers(own.shapes), torques[0], torques[1], torques[2], dt,

@@ -16,8 +16,8 @@ from palpate.physics.device.falcon import HOME
 from palpate.physics.kernel import kernel
 
 LONGEST = 512  # [bytes] of a sample on the socket
-MOST = 64  # samples taken in one step: a flood does not hold the loop
-FARTHEST = 1e3  # [m] from the world's origin that a sample may be
+MOST = 64  # largest number of samples read in one step, so that a flood of them does not block the loop
+FARTHEST = 1e3  # [m] largest distance of a sample from the world's origin, along each axis
 
 
 class PointerSample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True):
@@ -54,7 +54,7 @@ class Pointer(Node):
         try:
             with contextlib.suppress(FileNotFoundError):
                 if not stat.S_ISSOCK(os.lstat(self.socket).st_mode):
-                    raise FileExistsError("a file that is no socket lies there")
+                    raise FileExistsError("a file that is not a socket exists there")
                 os.unlink(self.socket)
             self._inlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._inlet.setblocking(False)

@@ -1,5 +1,4 @@
-"""Display nodes: what the fingerpad feels, as commands of a tactile display. Each is found by its name in any file of
-this folder."""
+"""Display nodes: commands of a tactile display. A class is found by its name in any file of this folder."""
 
 from palpate.nodes.base.room import room
 from palpate.nodes.display.pin_array import PinArray, tangent_frame

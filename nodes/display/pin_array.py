@@ -22,12 +22,12 @@ class PinArray(OnThinnedSurface):
 
     `shows` selects the source of the shape. "force": the normal force, by the model of a fingerpad on homogeneous
     tissue. "surface": the deformed surface of the tissue. "pressure": the contact pressure of the tissue model. The
-    last two render structures below the surface and need the input `surface`; while it is missing or empty, the source
-    is the force, and `valid` is false. Only these two use the settings of the surface.
+    last two render structures below the surface; only they use the settings of the surface and the input `surface`.
+    While it is missing, or for "pressure" contains no pressure, the source is the force, and `valid` is false.
 
-    The pins are in the tangent plane at the contact: rows in the direction of the world's x axis (y if the normal is
-    along x), columns along normal × row. `pad` names the fingerpad; `pad_b`, `pad_m` and `pad_radius` replace single
-    parameters of it.
+    The pins are in the tangent plane at the contact: rows along the world's x axis (y axis if the normal is within 26
+    degrees of x), columns along normal × row. `pad` names the fingerpad; `pad_b`, `pad_m` and `pad_radius` replace
+    single parameters of it.
     """
 
     effect = "display"

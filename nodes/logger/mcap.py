@@ -210,7 +210,7 @@ class Mcap(Observer):
             self._give_up(error)
 
     def _behind(self) -> bool:
-        """Whether the disk is so slow that a message on the real clock is lost, because no tick waits for the disk."""
+        """Whether the disk is too slow, so that messages are dropped: on the real clock no tick waits for the disk."""
         return self._live and self._writer.full
 
     def _on_time(self) -> None:

@@ -1,5 +1,4 @@
-"""Force sensors: the finger's force without a simulated contact. A class is found by its name in any file of this
-folder."""
+"""Force sensors, instead of a simulated contact. A class is found by its name in any file of this folder."""
 
 from palpate.nodes.base.room import room
 from palpate.nodes.sensor.force_sensor import ForceSensor

@@ -54,9 +54,9 @@ def probe_gains(depth: np.ndarray, poisson: float) -> tuple[np.ndarray, np.ndarr
 
 
 def rows(fits: np.ndarray, depth: np.ndarray, poisson: float, kind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Constants (n,21) of fibres with these fits (n,12), depths [m] (n) and types (n), for `advance`: filter b (4),
-    a (3), weights (6), D, saturation, noise, 1/tau, a_1, a_2, T/tau_m, g. And the factor (n) from q [Pa] to the input
-    [MPa]."""
+    """Constants (n,21) of `advance`, and the factor (n) from q [Pa] to the input [MPa], of fibres with these fits
+    (n,12), depths [m] (n) and types (n). Constants: filter b (4) and a (3), weights (6), D, saturation, noise, 1/tau,
+    a_1, a_2, T/tau_m, g."""
     chi, dynamic = probe_gains(depth, poisson)
     angle = math.pi * fits[:, 0] * 10.0 / RATE
     k = np.sin(angle) / np.cos(angle)  # prewarped bilinear transform of 1/((s + 1)(s² + s + 1))
@@ -89,7 +89,7 @@ def _weighed(x, positive, negative):
 
 @kernel(error_model="numpy")
 def advance(row, state, since, basis, key, sample, count, first, stride, target):
-    """Advance a fibre by `count` <= 62 samples; the bit mask of the samples that fired, and samples since the spike.
+    """Advance a fibre by `count` <= 62 samples. Returns a bit mask of those with a spike, and samples since the last.
 
     row, state   its constants and state;  since: samples since its last spike
     first        position of the first sample between the last input (0) and `target` (1);  stride: between samples

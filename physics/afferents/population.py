@@ -83,9 +83,9 @@ def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int) -> Popu
 
 @kernel(error_model="numpy")
 def place(points, at, corners, weights):
-    """Fill `corners` and `weights` (n,8), the grid points round each receptor at (n,3) and their weights for trilinear
-    interpolation of the stress. points (p,3) of `tactile.Stress`: depth by depth, x by x. Returns (0, 0), or the fault
-    and the receptor, such as (`OUTSIDE`, n)."""
+    """For each receptor, at [m] (n,3), fill `corners` and `weights` (n,8): grid points round it and their weights for
+    trilinear interpolation of the stress. points [m] (p,3) of `tactile.Stress`: depth by depth, x by x. Returns (0, 0),
+    or the fault and the receptor, such as (`OUTSIDE`, n)."""
     total = len(points)
     layer = 0
     while layer < total and points[layer, 2] == points[0, 2]:

@@ -94,8 +94,8 @@ class Patch(NamedTuple):
 class FoundationContacts(NamedTuple):
     """State and results of each contact.
 
-    nodes, shares (2,c,V)  the patch of its last load, and that of a load of zero
-    which (c), counts (c)  index of the current one of these, and its number of vertices
+    nodes, shares (2,c,V)  two patches: 0 of its last load, 1 of a load of zero
+    which (c), counts (c)  number of the current patch, 0 or 1, and its number of vertices
     borne (c), feet [m] (c,3)  number of vertices and foot point of the last load
     """
 

@@ -26,8 +26,8 @@ def held_force(force):
 
 @kernel
 def loaded_patch(nodes, forces, normal, patch, weight):
-    """Fill the patch with the shares of nodes in the normal force of a load; its length. 0 if there is no normal force,
-    with the patch unchanged; -1 for a node that the surface does not have."""
+    """Fill the patch with the shares of nodes in the normal force of a load. Returns its length; 0 without a normal
+    force, with the patch unchanged; -1 for a node that the surface does not have."""
     total = 0.0
     for k in range(nodes.shape[0]):
         if not 0 <= nodes[k] < weight.shape[0]:
@@ -50,7 +50,7 @@ def _push(force, normal):
 
 @kernel
 def patch_between(last, last_count, share, nodes, weights, patch, weight):
-    """Blend the patch of the last load, with the weight `share`, and another one; the length of the result."""
+    """Blend the patch of the last load, with the weight `share`, and another one. Returns the length of the result."""
     for k in range(last_count):
         weight[last.nodes[k]] += share * last.shares[k]
     for k in range(nodes.shape[0]):
@@ -74,7 +74,7 @@ def _collect(j, scale, patch, weight, count):
 
 @kernel
 def add_forces(nodes, forces, normal, count, moving):
-    """Add a load to the forces of the beams; the number of displaced vertices, and the load's normal force [N]."""
+    """Add a load to the beams' forces. Returns the number of displaced vertices, and the load's normal force [N]."""
     total = 0.0
     for k in range(nodes.shape[0]):
         j = nodes[k]
@@ -90,8 +90,8 @@ def add_forces(nodes, forces, normal, count, moving):
 
 @kernel
 def foundation_step(dt, count, beams, moving, contacts):
-    """Step the beams under all loads and fit the law on the patch of each contact; the numbers of displaced vertices
-    and of beams at a limit."""
+    """Step the beams under all loads and fit the law on the patch of each contact. Returns the numbers of displaced
+    vertices and of beams at a limit."""
     active, place, displacement = moving.nodes, moving.place, moving.displacement
     limited = 0.0
     for k in range(count):
@@ -118,7 +118,7 @@ def foundation_step(dt, count, beams, moving, contacts):
 
 @kernel
 def limit_displacement(count, beams, moving, skin):
-    """Limit the displacement that is sent: along the surface, then as a whole; the number of limited vertices."""
+    """Limit the sent displacement: along the surface, then as a whole. Returns the number of limited vertices."""
     moved, sideways = moving.moved, skin.sideways
     for k in range(count):
         normal = beams.normals[moving.nodes[k]]

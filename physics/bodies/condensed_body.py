@@ -176,7 +176,7 @@ def answer(body, laws, dt):
 
 @kernel
 def extrapolation(body):
-    """Excess of the last step over the limits of the body, 0 within them, 1 at twice a limit."""
+    """Excess [1] of the last step over the limits of the body: 0 within them, 1 at twice a limit."""
     most = 0.0
     for numbers in body.numbers:
         for excess in numbers[DEEP : GROWN + 1]:
@@ -240,7 +240,7 @@ def slope(body, contact):
 @kernel(error_model="numpy")
 def displaced(body):
     """Fill `fine.nodes`, all vertices near the last foot points and fewer farther away, and `fine.moved`, their
-    displacements [m]; their number, 0 if the body is at rest."""
+    displacements [m]. Returns their number, 0 if the body is at rest."""
     if is_still(body):
         return 0
     return surface_displacements(

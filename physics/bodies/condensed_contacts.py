@@ -111,7 +111,7 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
         add_others(model, dt, numbers[i], aside[i], others[i])
         tau = max(numbers[i, COMPLIANCE], 1e-300) / (take * max(numbers[i, OWN], 1e-300))
         scale[i] = np.sqrt(tau)
-        if len(model.area.forces) > 0:  # its growth is local: the others move it as they move a linear organ
+        if len(model.area.forces) > 0:  # growth of the contact is local: the others indent it as a linear organ
             others[i], scale[i] = others[i] / tau, min(scale[i], 1.0)
     # laws: free indentation without the forces of the others, which act through the coupling
     for i in range(many):
@@ -141,7 +141,7 @@ def _between(i, j, profile, numbers, feet, hats):
 @kernel
 def _joint_sticking(model, profile, marks, numbers, counts, normals, feet, room):
     """C_zt C_tt^-1 C_tz [m/N] (c,c), for a modulus of 1 Pa, by which sticking of all patches reduces the compliances;
-    the diagonal without what each patch loses by itself. 0 if patches slide."""
+    the diagonal excludes the reduction by sticking of the patch itself. 0 if patches slide."""
     many, compliance, true = len(counts), model.compliance, model.true
     lost = np.zeros((many, many))
     if not true.sticks:

@@ -47,7 +47,7 @@ def add_field(model, u, fields, marks, count, touched, normal, numbers):
 
 @kernel
 def surface_displacements(model, reach, sent, fields, marks, numbers, counts, normals, feet, u, nodes, moved):
-    """Displacements of the fine mesh near the feet due to all contacts; returns the number of vertices."""
+    """Fill `nodes` (fine vertices near the feet) and `moved` [m] under all contacts. Returns the number of these."""
     u[:] = 0.0
     for c in range(len(counts)):
         add_field(model, u, fields[c], marks[c], counts[c, 0], counts[c, 1], normals[c], numbers[c])

@@ -108,8 +108,8 @@ def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, c
 
 @kernel
 def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
-    """Step the linear body under the load `pull` [N] (k,3) on the fine vertices `patch`; `share` is 0 if this is no
-    load but defines the patch, else 1. Returns the numbers of loaded vertices and of those of the patch.
+    """Step the linear body under the load `pull` [N] (k,3) on the fine vertices `patch`; `share` is 1, or 0 if
+    the forces only define the patch. Returns the numbers of loaded vertices and of those of the patch.
 
     fields  (F,V,3)    h [N]; the load; shares of the normal force, those of the narrowed patch; workspace; derivatives
                        [1/m] of the shares when the patch moves
@@ -244,7 +244,7 @@ def stretched_radius(model, numbers):
 
 @kernel
 def fixed_part(model, numbers):
-    """Compliance [m/N] of the half-space in that of the fixed patch: what the approach of a growing contact replaces,
+    """Part of the fixed patch's compliance [m/N] that the approach of a growing contact replaces: the half-space's,
     limited so that the indentation rises with the force."""
     return min(half_space(model, numbers), numbers[OWN] + 0.5 * approach(model.area.table, model.area.forces[-1])[1])
 

@@ -44,8 +44,8 @@ FIT = np.array(
 DEEPEST = 1.5  # [1] s/R up to which rho is known
 NARROWEST = 0.5  # [1] Lower limit of (c/c_R)², for organs much stiffer than a half-space
 STIFFER = 1.6
-"""[1] Coefficient of the quadratic extrapolation of x beyond `DEEPEST`, which is not a result; it makes the body ever
-stiffer."""
+"""[1] Coefficient of the quadratic extrapolation of x beyond `DEEPEST`: an assumption, not a result of the fit. With it
+the stiffness keeps increasing."""
 
 
 def nonlinearity(poisson: float) -> np.ndarray:

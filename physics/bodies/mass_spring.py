@@ -66,8 +66,8 @@ def shifted(forces, normal, share):
 
 @kernel(error_model="numpy")
 def deeper(body):
-    """Merge the displacements of several contacts, the larger one at each node, in ascending order of nodes; their
-    number."""
+    """Merge the displacements of several contacts, the larger one at each node, in ascending order of nodes. Returns
+    the number of nodes."""
     nodes, chosen, count = body.nodes, body.chosen, 0
     for c in range(len(body.counts)):
         for slot in range(body.counts[c]):
@@ -108,7 +108,7 @@ def retarded(stiffness, exponent, retardation, dt):
 
 @kernel(error_model="numpy")
 def mean_hardness(nodes, forces, normal, hardness):
-    """Mean of the factor on K over a load, weighted by the normal forces; 1 without load."""
+    """Mean factor on K [1] under a load [N] (k,3) on nodes (k), weighted by the normal forces; 1 without load."""
     total = weighted = 0.0
     for i in range(nodes.size):
         if 0 <= nodes[i] < hardness.size:
@@ -321,8 +321,8 @@ def nodal_body(
 
 @kernel(error_model="numpy")
 def move(body, contact, nodes, forces, normal, dt):
-    """Step dt > 0 [s] of a contact's indentation under nodal forces [N] (k,3); the number of displaced nodes, the first
-    of `active` and of `moved`."""
+    """Step dt > 0 [s] of a contact's indentation under nodal forces [N] (k,3). Returns the number of displaced nodes,
+    which are the first of `active` and `moved`."""
     body.counts[contact] = nodal_step(
         nodes, forces, normal, dt, body.law, body.nodal, body.edges, body.where[contact], body.active[contact],
         body.state[contact], body.moved[contact], body.room, body.counts[contact],

@@ -70,7 +70,7 @@ def respread(fine, forces, foot, normal):
 
 @kernel
 def normal_force(pull, normal):
-    """Force [N] of nodal forces (k,3) against the outward normal (3)."""
+    """Sum [N] of nodal forces (k,3) against the outward normal (3)."""
     total = 0.0
     for k in range(len(pull)):
         total -= pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]
@@ -79,7 +79,7 @@ def normal_force(pull, normal):
 
 @kernel
 def share_of(k, pull, normal, total):
-    """Share [1] of node k in the normal force `total`; equal shares if that does not press."""
+    """Share [1] of node k in the normal force `total` [N]; equal shares if `total` is not positive."""
     if not total > 0.0:
         return 1.0 / len(pull)
     return -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total
@@ -187,7 +187,7 @@ def hat_moments(mesh: Mesh) -> np.ndarray:
 @kernel
 def patch_radius(points, moments, nodes, count, share):
     """Radius R [m] of a patch: twice the rms distance of its force from its centre, which is the radius of a biweight
-    patch, and 1.42 times that of a uniform one. nodes (>= count) vertices of the patch, share (V,3) with their
+    patch, and 1.41 times that of a uniform one. nodes (>= count) vertices of the patch, share (V,3) with their
     shares in the first column, used without sign."""
     total = x0 = x1 = x2 = 0.0
     for k in range(count):

@@ -161,8 +161,8 @@ def bear(body, contact, nodes, forces, foot, normal):
 
 @kernel(error_model="numpy")
 def answer(body, laws, coupling, dt):
-    """A step of dt > 0 [s] under the loads of all contacts: number of evaluations of the energy, and whether the step
-    reached equilibrium; else the next step continues from the residual.
+    """A step of dt > 0 [s] under the loads of all contacts. Returns the number of evaluations of the energy, and
+    whether the step reached equilibrium; else the next step continues from the residual.
 
     laws      (c,5)      filled: K, n, c, s_free and s_prev of each; s_prev is the current indentation [m], the mean of
                          -n.u over the patch, weighted with the force; n = 1 for several, see `sampled.contacts`
@@ -198,7 +198,7 @@ def extrapolation(body):
 @kernel(error_model="numpy")
 def displaced(body):
     """Fill `fine.nodes`, all vertices near the foot points and fewer farther away, and `fine.moved`, their
-    displacements [m]; their number."""
+    displacements [m]. Returns their number."""
     model, fine, u = body.model, body.fine, body.fields[3]
     field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.numbers[GAMMA])
     return interpolated(model.corners, model.weights, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)

@@ -97,8 +97,8 @@ def _allowed(a, b, cosine, most):
 
 @kernel(error_model="numpy")
 def limit_stretch(vectors, count, limit, edges, place, nodes, room):
-    """Shorten vectors [m] (count,3) of the listed nodes until neighbours differ by at most `limit` edge lengths; the
-    number of shortened ones. place (V) slot of each node in the list, -1 outside; nodes (count) node of each slot"""
+    """Shorten vectors [m] (count,3) of the listed nodes until neighbours differ by at most `limit` edge lengths.
+    Returns the number of shortened ones. place (V) slot of each node or -1; nodes (count) node of each slot"""
     if _excess(vectors, count, limit, edges, place, nodes) == 1.0:
         return 0
     lengths, queue, queued = room

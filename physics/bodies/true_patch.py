@@ -264,7 +264,7 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
 
 @kernel(error_model="numpy")
 def depth_at(profile, square):
-    """W at the square of rho = r/R, from the table `profile`."""
+    """W [1] at the square [1] of rho = r/R, by linear interpolation of `profile` in 1/(1 + rho²)."""
     q = 1.0 / (1.0 + square)
     at = q * KNOTS
     k = min(int(at), KNOTS - 1)

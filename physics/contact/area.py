@@ -1,4 +1,4 @@
-"""Contact area that grows with the force: laws for its radius a(f), and the approach that goes with them.
+"""Contact area that grows with the force: laws for its radius a(f), and the approach that is conjugate to f.
 
     ball        a = (3 f R/4E*)^(1/3) of a rigid ball on a half-space, E* = E/(1 - nu²), up to a = R (H. Hertz 1881; K.
                 L. Johnson, Contact Mechanics, 1985, ch. 4.2)
@@ -102,7 +102,7 @@ def with_approach(law: AreaLaw, compliance: float, rho: np.ndarray) -> AreaLaw:
 
 @kernel(error_model="numpy")
 def _fill(forces, radii, compliance, rho, table):
-    """Fill the table of `approach`, by Simpson's rule over t = f^(1/3)."""
+    """Fill the table [m/N^(2/3)] (2,N) of `approach`, by Simpson's rule over t = f^(1/3)."""
     total = before = middle = 0.0
     for k in range(1, 2 * table.shape[1] - 1):
         t, force = 0.5 * k * STEP, (0.5 * k * STEP) ** 3
@@ -131,7 +131,7 @@ def approach(table, force):
 
 @kernel(error_model="numpy")
 def hertz_depth(square):
-    """Displacement of a half-space under Hertz's pressure at (r/a)², over 3f/(4 E* a) (Johnson, eq. 3.42)."""
+    """Displacement [1] of a half-space under Hertz's pressure at (r/a)², over 3f/(4 E* a) (Johnson, eq. 3.42)."""
     if square <= 1.0:
         return 1.0 - 0.5 * square
     return ((2.0 - square) * math.asin(1.0 / math.sqrt(square)) + math.sqrt(square - 1.0)) / math.pi

@@ -5,7 +5,7 @@ The response of the body at contact i is its terminal law L_i; the coupling O gi
     L_i(s2_i) = f_i + sum_j O_ij f_j  (j != i),   f_i = F1_i(e_i - s2_i),   f_i >= 0
 
 with F1_i the fingertip's law (`physics.contact.series`). For a linear body of compliance C, O_ij = C_ij/C_ii; only then
-may O be negative, which shifts s_free. f is the fixed point of f_i = phi_i(sum_j O_ij f_j), where phi_i is one scalar
+may O be negative: a negative sum shifts s_free. f is the fixed point of f_i = phi_i(sum_j O_ij f_j), phi_i one scalar
 solve, decreasing with slope -t_i, 0 <= t_i < 1. Newton's matrix is I + t O, regular for positive definite C. Where a
 Newton step does not reduce the residual, one Gauss-Seidel sweep replaces it, which converges for symmetric positive
 definite C (as the projected one does: O. Mangasarian, J. Optim. Theory Appl. 22 (1977) 465-485).

@@ -9,7 +9,7 @@ for every passive part: a decreasing D is generated energy. Over a step that end
     hand        -F_{k-1-d} . dx                       F [N] (3) on the hand, held over the step; d samples of delay
     controller  -(F - G)_{k-1-d} . dx                 G = f_n n + a - f_t, the force of contact and friction
     fingertip   f_n ds1       tissue  f_n ds2 - a . dx       friction  f_t . dx
-    sampling    G_{k-1-d} where the parts take G_k; a spring K makes K |dx|^2 a step
+    sampling    -(G_{k-1-d} - G_k) . dx               for d = 0 a spring K generates K |dx|^2 per step
     balance     hand - controller - sampling - parts; 0 except for the curvature of the surface over a step
 
 with the forces f_n, a, f_t at the end of the step, as in the implicit step of the contact, so that dD >= 0 exactly for
@@ -46,7 +46,7 @@ also take `past` (d + 2, FINGERS, MOMENT), a ring buffer of the last moments."""
 
 @kernel
 def begin(ledger, past, count):
-    """Begin the next moment with `count` fingers; whether it ends a step, false after a gap."""
+    """Begin the next moment with `count` fingers. Returns whether it ends a step; False after a gap."""
     ledger.newest = (ledger.newest + 1) % len(past)
     if ledger.fingers != count:
         ledger.fingers, ledger.moments = count, 0
@@ -102,8 +102,8 @@ def end(ledger, past, stepped, tissue):
 
 @kernel
 def _works(now, last, held, along, friction):
-    """Works [J] of one finger in a step: of the hand, of the delayed G, of the present contact force, and on fingertip,
-    tissue and friction. `held` is the moment from which the force on the hand was computed."""
+    """Works [J] of one finger in a step: of the hand, of the delayed G, of the present G, and on fingertip, tissue and
+    friction. `held` is the moment from which the force on the hand was computed."""
     motion = (now[PLACE] - last[PLACE], now[PLACE + 1] - last[PLACE + 1], now[PLACE + 2] - last[PLACE + 2])
     tip, deeper = now[COMPRESSION] - last[COMPRESSION], now[INDENTATION] - last[INDENTATION]
     rubbed = dot(friction, motion)

@@ -184,7 +184,7 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
 
 @kernel(error_model="numpy")
 def spread(spreader, foot, normal, force, radius=0.0):
-    """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]; their number.
+    """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]. Returns their number.
 
     normal: outward unit normal [1] (3) of the surface at the foot point;  radius [m]  R, 0: that of the spreader
 

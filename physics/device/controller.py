@@ -62,7 +62,7 @@ def fresh(state, past):
 
 @kernel
 def remember(state, past, dt):
-    """Append the last step to the rings `past` (d + 1, columns `PUSH` ... `WHEN`); row of the step d before it."""
+    """Append the last step to the ring `past` (d + 1, `PUSH` ... `WHEN`). Returns the row of the step d before it."""
     newest = (int(state[MODE, HEAD]) + 1) % len(past)
     state[MODE, HEAD] = newest
     for i in range(3):
@@ -100,8 +100,8 @@ def observe(state, before, x, y, z, dt, resolution):
 
 @kernel(error_model="numpy")
 def dragged(point, n, place, play):
-    """Distance [m] by which a finger at `place` [m] drags a point, on a string of length `play` [m], in the plane of
-    normal n [1]. Sliding drags it by the whole motion; oscillations smaller than `play` do not move it.
+    """Distance [m] by which a finger at `place` [m] drags a point on a string of length `play` [m], in the plane with
+    the normal n [1]. Steady sliding drags it by the whole motion; oscillations smaller than `play` do not move it.
 
     point  (4)  [m] the point; changed in place
     """
@@ -217,7 +217,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     before = past[remember(state, past, dt)]
     if gains[OBSERVE] != 0.0:
         wx, wy, wz = observe(state, before, x, y, z, dt, gains[RESOLUTION])
-    # A single late step is not the pace of the loop: by its lag a hand at rest would lose some of its force.
+    # Ignore a single late step: its lag would lower the stiffness, and a hand at rest would lose part of its force.
     last = state[TIMES, LAST]
     usual = last if 0.0 < 3.0 * last < dt else dt
     state[TIMES, LAST] = dt

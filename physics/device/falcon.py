@@ -33,8 +33,8 @@ class FalconGeometry:
     """Lengths [m], leg angles [rad], encoder and motor limit of the device; equations at the top of this file.
 
     zero   [rad]  driven angle at zero encoder counts
-    count  [rad]  driven angle of one count: 4 x 320 a motor turn, drum 14.25 mm on a sector of 110 mm
-    limit  [N m]  largest torque on an arm: the motor word of 4096 at 10^4 per N m
+    count  [rad]  driven angle of one count: 4 x 320 counts per motor turn, drum of 14.25 mm on a sector of 110 mm
+    limit  [N m]  largest torque on an arm: the largest motor command, 4096, at 10^4 per N m
     """
 
     a: float = 0.060
@@ -108,7 +108,7 @@ def link(geometry, i, t1, t2, t3):
 
 @kernel
 def links(geometry, x, y, z):
-    """The three legs at one point: (reachable, angles t1, vector of leg 1, 2, 3, levers)."""
+    """The three legs at a point [m]: (reachable, angles t1 [rad], vectors [1] of legs 1, 2, 3, levers [m])."""
     ok0, p0, q0, r0 = leg(geometry, 0, x, y, z)
     ok1, p1, q1, r1 = leg(geometry, 1, x, y, z)
     ok2, p2, q2, r2 = leg(geometry, 2, x, y, z)
@@ -171,7 +171,7 @@ def newton(geometry, t0, t1, t2, x, y, z):
 
 @kernel
 def forward_kernel(geometry, t0, t1, t2, x, y, z):
-    """(converged, x, y, z) of the grip at the driven angles t0, t1, t2: Newton from (x, y, z), then from HOME."""
+    """(converged, x, y, z [m]) of the grip at driven angles t0, t1, t2 [rad]: Newton from (x, y, z), then from HOME."""
     if reachable(geometry, x, y, z):
         ok, px, py, pz = newton(geometry, t0, t1, t2, x, y, z)
         if ok:

@@ -137,7 +137,7 @@ def angles(geometry, constants, state):
 
 @kernel
 def advance(e, h, mass, drag, force, x, v, p, q, constants):
-    """One axis over one step: (position, velocity), with the target moving at constant speed from p to q."""
+    """One axis over a step h [s]: (position [m], velocity [m/s]); the target moves from p to q at constant speed."""
     rate = (q - p) / h
     if constants[STIFFNESS] == 0.0 and constants[DAMPING] == 0.0:
         p, q, rate = 0.0, 0.0, 0.0  # no hand holds the grip

@@ -32,9 +32,9 @@ from palpate.physics.kernel import kernel
 
 BANDWIDTH = 220.0  # [1/s] least w
 FASTEST = 15.0  # [1] largest w over the least
-REST = 0.015  # [s] within the band until the mean begins to count
-BLEND = 0.03  # [s] in which it replaces the reading
-FADE = 0.04  # [s] time constant with which its difference from the reading decays after a rest
+REST = 0.015  # [s] time within the band after which the mean begins to replace the reading
+BLEND = 0.03  # [s] time in which the mean replaces the reading completely
+FADE = 0.04  # [s] time constant with which the difference of mean and reading decays after a rest
 BAND, TURNED_BAND = 1.5, 2.5  # [counts] largest span of the readings of a rest, before and after a reversal
 CELL = 0.2  # [counts] distance from the reading within which a position agrees with it
 FAR = 4.0  # [counts] largest distance from the reading
@@ -43,7 +43,7 @@ PLACE, SPEED, TREND, LOW, HIGH, HELD, MEAN, AWAY, LAST, WAY, TURNED, RISE = rang
 
 @kernel
 def begin(axis, reading):
-    """Reset: at rest at the reading."""
+    """Reset an axis (12) to rest at a reading, in its unit."""
     axis[:] = 0.0
     axis[PLACE] = axis[LOW] = axis[HIGH] = axis[MEAN] = axis[LAST] = reading
 

@@ -32,7 +32,7 @@ def dissipation(energy, dt, speed2, mass):
 
 @kernel
 def clamp(fx, fy, fz, limit):
-    """The force scaled to the limit [N] where it is larger; its direction is kept. Zero where it is not finite."""
+    """The force, scaled to the limit [N] in its direction if it is larger; zero if it is not finite."""
     largest = max(abs(fx), abs(fy), abs(fz))
     if not (abs(fx) < math.inf and abs(fy) < math.inf and abs(fz) < math.inf):
         return 0.0, 0.0, 0.0

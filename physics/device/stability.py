@@ -90,7 +90,7 @@ def passive_stiffness(damping: float, drag: float, period: float, delay: int = 0
     the device. Colgate & Schenkel 1997: the wall H = z^-d (K + B (1 - z^-N)/(N T)), z = exp(j w T), is passive if
 
         b >= (T/2) Re[(1 - 1/z) H]/(1 - cos wT) = Re[L (K + B (1 - z^-N)/(N T))]   for 0 < w <= pi/T
-        L = (T/2) j exp(-j w T/2) z^-d/sin(w T/2),   a form that keeps its digits at low frequency
+        L = (T/2) j exp(-j w T/2) z^-d/sin(w T/2),   a form without cancellation at low frequency
 
     so K is the least (b - B Re[L (1 - z^-N)]/(N T))/Re[L] where Re[L] > 0.
     """

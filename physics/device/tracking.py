@@ -80,7 +80,7 @@ def take(clock, places, kind, t, reading, pose):
 
 @kernel
 def between(axes, kind, readings, count, dt):
-    """Estimates of three encoder readings between counts of size `count`; the readings if it is 0."""
+    """Estimates between counts for three encoder readings; the readings if `count`, the size of a count, is 0."""
     r0, r1, r2 = readings
     if not count > 0.0:
         return r0, r1, r2

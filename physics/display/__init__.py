@@ -1,1 +1,1 @@
-"""Tactile shape displays: what a pad feels, and the pins that show it."""
+"""Tactile shape displays: the deformation of a fingerpad, and the pins that render it."""

@@ -66,7 +66,7 @@ def local_plane(points, places, values, width):
 
 @kernel
 def heights_from_pressure(pins, places, forces, radii, b, m, out):
-    """Fill `out` [m] (n) with the deformation of the fingerpad at each pin under a pressure; the largest one, x [m].
+    """Fill `out` [m] (n) with the fingerpad's deformation at each pin under a pressure. Returns the largest one, x [m].
 
         u_f(r) = U(r)/E_f*(x),     x = max u_f,     x E_f*(x) = max U
 

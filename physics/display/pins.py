@@ -107,7 +107,7 @@ class Drives(NamedTuple):
 def drive(
     pins: np.ndarray, wanted: np.ndarray, actuator: float, approach: float, dt: float, by: Drives, shown: np.ndarray
 ):
-    """One step of the whole display; the new actuator position [m], and whether a stroke limits the surface.
+    """One step of the whole display. Returns the new actuator position [m], and whether a stroke limits the surface.
 
     pins      [m]  (n)  state of each pin, updated in place
     wanted    [m]  (n)  target deformation of the fingerpad

@@ -122,7 +122,7 @@ def deflection_under(load: float, b: float, m: float) -> float:
 
 @kernel
 def press(force: float, b: float, m: float, pad_curvature: float, compliance: float, tissue_curvature: float):
-    """(x, delta, a, E_f*, E*, share, 1/R) for one force, see `pad_contact`; zeros, with share = 1, without force."""
+    """(x, delta, a, E_f*, E*, share, 1/R) of `PadContact` for one force [N]; zeros, with share = 1, without force."""
     curvature = pad_curvature + tissue_curvature
     if not force > 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, curvature

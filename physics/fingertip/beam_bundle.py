@@ -43,7 +43,7 @@ class Bundle:
     lengths: np.ndarray  # [m] (N,h) of the elements, from the skin inwards; 0 where a beam lacks one
     moduli: np.ndarray  # [Pa] (h)
     viscosities: np.ndarray  # [Pa s] (h)
-    lateral: np.ndarray  # stiffness of each beam
+    lateral: np.ndarray  # [N/m] (N) lateral stiffness of each beam
     cell: float  # [m²] () area of a beam's grid cell
     sheet: Sheet  # the skin's triangles; none act where its thickness is 0
     retardation: float  # [s] () viscosity / modulus of the sheet

@@ -20,7 +20,7 @@ class BundleBeams(NamedTuple):
     reach: np.ndarray  # [m] (N) largest shortening of each beam
     moduli: np.ndarray  # [Pa] (h)
     viscosities: np.ndarray  # [Pa s] (h)
-    lateral: np.ndarray  # stiffness of each beam
+    lateral: np.ndarray  # [N/m] (N) lateral stiffness of each beam
     cell: float  # [m²] () area of a beam's grid cell
     fade: float  # [Pa] () pressure from which a node acts fully on the sheet
     retardation: float  # [s] () viscosity / modulus of the sheet

@@ -117,7 +117,7 @@ def stepper(kind: type[Any]) -> CompiledKernel:
 
 def _rescaled(kind: type[Any]) -> CompiledKernel:
     """`advance` with bristles that shrink to s z, s < 1, where a rising load would give them more than the energy
-    E = `spare` that it took while it fell. With the dissipation D it keeps
+    E = `spare` that it took while it fell. With the dissipation D of the step it ensures
 
         D(s) + E = f(s).v T + V(z, f_last) - V(z+(s), f_n) + E >= 0
 

@@ -76,7 +76,7 @@ class LuGre(NamedTuple):
     viscous: Annotated[float, "s/m", ">= 0"] = 0.4
     update: Annotated[Literal["exponential", "euler"], "1"] = "exponential"
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise generate energy
-    play: Annotated[float, "m", ">= 0"] = 0.0  # smaller motion does not relax the bristles: half an encoder count
+    play: Annotated[float, "m", ">= 0"] = 0.0  # smaller motion does not relax the bristles; use half an encoder count
 
     advance, stored = lugre, energy  # type: ignore[misc]
 

@@ -24,8 +24,8 @@ ACROSS, KIND, ORIGIN, COLUMNS = 3, 6, 7, 8  # columns of `cells`
 class MeshTables:
     """Tables of a mesh for the search.
 
-    cells    (T,8)  each triangle in the order of the tree: three corners, neighbours across its edges (corner i to
-                    i+1; -1 at a border), 0 or for a degenerate one 1 + its longest edge, its index in the mesh
+    cells    (T,8)  each triangle in the order of the tree: three corners; neighbours across its edges (corner i to
+                    i+1; -1 at a border); 0, or 1 + its longest edge if it is degenerate; its index in the mesh
     """
 
     points: np.ndarray  # (V,6) position [m] and outward unit normal of each vertex; equal positions are merged

@@ -107,7 +107,7 @@ def _segment(ax, ay, az, bx, by, bz):
 
 @kernel
 def _on_triangle(points, cells, t, p0, p1, p2):
-    """Squared distance, weights of the second and third corner, and region of the nearest point of a triangle."""
+    """Squared distance [m²], weights [1] of the second and third corner, and region of a triangle's nearest point."""
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
     ax, ay, az = points[i, 0] - p0, points[i, 1] - p1, points[i, 2] - p2
     bx, by, bz = points[j, 0] - p0, points[j, 1] - p1, points[j, 2] - p2
@@ -172,7 +172,7 @@ def _disc(discs, node, p0, p1, p2):
 
 @kernel
 def _search(points, cells, discs, p0, p1, p2, best, least, work):
-    """The nearest triangle by depth-first search; `best`, at the squared distance `least`, unless one is nearer."""
+    """The nearest triangle by depth-first search, or `best` if none is nearer than its squared distance `least`."""
     count, leaves = len(cells), len(discs) // 2
     depth = 1
     work[1] = 1
@@ -201,7 +201,7 @@ def _search(points, cells, discs, p0, p1, p2, best, least, work):
 
 @kernel
 def _descend(points, cells, star_at, star, p0, p1, p2, t):
-    """Descend from triangle t to ever nearer neighbours; the last one, and whether it is a local minimum."""
+    """Descend from triangle t over nearer and nearer neighbours. Returns the last one, and whether it is a minimum."""
     f, _, _, place = _on_triangle(points, cells, t, p0, p1, p2)
     for _ in range(64):
         if place == FACE:

@@ -130,7 +130,7 @@ def inside_border(data, layout, u, v, d, share):
 
 @kernel
 def _line(data, layout, p0, p1, p2, u, v, work, d):
-    """The vector r [m] (3) from p to the surface at (u, v), and r.r; the derivatives there are left in d."""
+    """The vector r [m] (3) from p to the surface at (u, v), and r.r; fills d with the derivatives there."""
     nurbs.evaluate(data, layout, u, v, work, d)
     r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
     return r0, r1, r2, r0 * r0 + r1 * r1 + r2 * r2
@@ -138,8 +138,8 @@ def _line(data, layout, p0, p1, p2, u, v, work, d):
 
 @kernel
 def newton(data, layout, p0, p1, p2, u, v, work, d):
-    """A local minimum of the distance from p, by Newton's method from (u, v): u, v and the squared distance [m²]; the
-    derivatives there are left in d (6,3)."""
+    """Local minimum of the distance from p, by Newton's method from (u, v). Returns its u, v and squared distance [m²],
+    and fills d (6,3) with the derivatives there."""
     u, v = _moved(data, layout, 0.0, u, v, 0.0, 0.0)
     r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
     u0, u1, v0, v1 = nurbs.bounds(data, layout)

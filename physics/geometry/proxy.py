@@ -65,7 +65,7 @@ def _moved(p, memory):
 
 @kernel
 def _at_border(p, along, foot):
-    """Past the border of a sheet, where the distance exceeds its part along the normal: the gap is the distance."""
+    """Past the border of a sheet (the distance exceeds its part `along` the normal), the gap is the distance."""
     a, b, c = p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]
     distance = np.sqrt(a * a + b * b + c * c)
     if distance > abs(along) * (1.0 + BORDER_EXCESS) + ROUNDING:

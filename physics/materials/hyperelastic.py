@@ -10,7 +10,7 @@ so that the mixed element can use one mean volume ratio per element. A file `x.p
     EXAMPLE     constants that x takes, for tests and tables
 
 and the equation in its docstring. Laws are found, not registered: finite elements (`palpate.models.fe.x`), sampled
-bodies, checks, `palpate list laws` and the consistency tests use every file. Compiled with `numba.njit(cache=True)`,
+bodies, checks, `palpate list laws` and the consistency tests use every file. Compiled with `kernel(pointer=True)`,
 
     energy(F, J, p, P, A) -> (W, U, U', U'')
 

@@ -45,7 +45,7 @@ def relaxed(
     """
     g, tau = np.array(shares, float), np.array(times, float)
     if g.shape != tau.shape or g.ndim != 1:
-        raise MaterialError(f"Prony series: {g.size} shares, {tau.size} times; expected as many")
+        raise MaterialError(f"Prony series: {g.size} shares, {tau.size} times; expected equal numbers")
     if not (g >= 0).all() or not g.sum() < 1.0:
         raise MaterialError(f"Prony shares {g.tolist()}: expected numbers >= 0 whose sum is below 1")
     if not (np.isfinite(tau).all() and (tau > 0).all()):

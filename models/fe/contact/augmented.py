@@ -72,7 +72,7 @@ class Augmented(ContactPair):
         return float(np.sqrt(2.0 * self.area.sum() / len(self.faces)))
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
-        """A text if the step ended with the other body pressing on the back of the faces, else ""."""
+        """Description of the fault if the step ended with the other body pressing on the back of the faces, else ""."""
         outward = np.einsum("fqi,fqi->fq", self.normal, face_rule.normals(self.points + end, self.faces))
         behind = (self.traction > 0.0) & (outward > 0.0)
         if not behind.any():

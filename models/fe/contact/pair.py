@@ -90,8 +90,8 @@ def _project(point, points, face, value, slope, normal):
 
 @kernel
 def _nearest(point, points, faces, among, room, value, normal):
-    """The nearest of the faces `among`, a list that a negative number ends: distance [m], face (-1: none), gap [m];
-    fills its shape functions (6) and normal (3) at the foot into `value` and `normal`."""
+    """The nearest of the faces `among`, a list terminated by a negative number. Returns distance [m], face (-1: none)
+    and gap [m]; fills `value` and `normal` with its shape functions (6) and normal (3) at the foot."""
     nearest, hit, gap = np.inf, -1, np.inf
     for b in range(len(among)):
         if among[b] < 0:

@@ -210,8 +210,8 @@ class RigidIndenter(Augmented):
         self._where = pattern.where(self.faces)
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
-        """Also a text if the rigid body passed through the faces within the step: it was deeper than at both ends by
-        `LEAP` edges, relative to the faces at the start."""
+        """As in `Augmented`; also if the rigid body passed through the faces within the step: it was deeper than at
+        both ends by `LEAP` edges, relative to the faces at the start."""
         fault = super().leapt(start, load, end, target)
         if fault:
             return fault

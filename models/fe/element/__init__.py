@@ -1,1 +1,1 @@
-"""Elements: shape functions, faces, materials, meshes of tetrahedra."""
+"""Elements: shape functions, faces, validity of curved elements, meshes of tetrahedra and their files."""

@@ -51,7 +51,7 @@ class FingertipDimensions:
     nail: float = 0.5e-3  # thickness of the nail, on the upper quarter of the epidermis
     phalanx: float = 12e-3  # length of the cylinder behind the rounded tip
     tilt: float = np.deg2rad(15.0)  # [rad] between axis and plate
-    plate: tuple[float, float] = (20e-3, 20e-3)  # half-widths of a deformable plate and its thickness
+    plate: tuple[float, float] = (20e-3, 20e-3)  # half-width of a deformable plate, and its thickness
     cells: int = 6  # elements across an eighth of the circumference, 3 and more
 
     def __post_init__(self) -> None:

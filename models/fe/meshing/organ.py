@@ -192,7 +192,7 @@ class Organ:
     poisson: float = 0.45  # [1] below 0.5
     bed: float = 50.0
     nodule: Nodule = Nodule()  # harder ball
-    capsule: Capsule = Capsule()  # harder skin
+    capsule: Capsule = Capsule()  # harder surface layer
 
     def __post_init__(self) -> None:
         if not self.bed > 0:

@@ -14,7 +14,7 @@ from palpate.physics.bodies.sampled.energy import Points, scratch
 from palpate.physics.bodies.sampled.solve import offline_budget, settle
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, answer, bear, sampled_body
 
-CELLS = 3  # Resolution of the fingertip's mesh, see `fe.fingertip`
+CELLS = 3  # Resolution of the fingertip's mesh, see `fe.meshing.fingertip`
 TOUCHES, SEED = 120, 1  # Touches of the full model; the fingertip adds their mirror images
 PULLED, PULLED_SEED = 24, 9  # Touches with the largest tangential force, where the truncation error is largest
 HELD, HELD_SEED = 18, 5  # Held-out touches, which set the stiffening but not the modes
@@ -22,7 +22,7 @@ ORGAN_TOUCHES, ORGAN_HELD = 40, 10  # TOUCHES and HELD of an organ
 UNSEEN, UNSEEN_SEED = 8, 2  # Touches for the error of the basis only
 RADII = (3e-3, 6e-3)  # [m] Of their patches
 HARDEST = 4e4 * 36.4 / SUBCUTIS_MODULUS
-"""[m²/m²] Largest force over modulus and squared radius: 1 N on 5 mm of a finger of E = 160 Pa, about 2 mm deep."""
+"""[1] Largest force over modulus and squared radius: 1 N on 5 mm of a finger of E = 160 Pa, about 2 mm deep."""
 ROUND, BEHIND = float(np.deg2rad(65.0)), 7e-3
 """[rad], [m] Range of the touches: angle around the pulp and over the tip, distance behind the start of the tip."""
 ORGAN_RADIUS, SOFTEST = 8e-3, 0.82

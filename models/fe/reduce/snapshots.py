@@ -40,7 +40,7 @@ class LoadPath:
     foot: np.ndarray
     normal: np.ndarray
     load: np.ndarray  # [1] (V,3) unit force along the inner normal, with its tangential part
-    levels: np.ndarray  # [N] (L,) increasing forces
+    levels: np.ndarray  # [N] (L,) increasing forces, for a modulus of 1 Pa
 
     def mirrored(self, vertices: np.ndarray) -> LoadPath:
         """Reflected in x; vertices (V,) is the index of the vertex at the reflected position of each vertex."""
@@ -91,7 +91,7 @@ def scatter(
 
     region  (T,) bool, triangles that may be touched
     radius  [m]  of the patches
-    levels  [N]  (L,) forces
+    levels  [N]  (L,) forces, for a modulus of 1 Pa
     """
     corner = surface.vertices[surface.triangles]
     area = np.linalg.norm(surface.face_vectors, axis=1) * region

@@ -58,7 +58,7 @@ class Solver:
     fixed      (N,3) bool, prescribed displacement components
     held       load -> prescribed displacement [m] (N,3) at the fixed components; zero by default
     loads      load -> external nodal forces [N] (N,3); none by default
-    contacts   see `fe.rigid`
+    contacts   see `fe.contact.protocol`
 
     The load is a scalar parameter of the functions above; it starts at 0.
 

@@ -1,1 +1,1 @@
-"""The pressed fingertip of the tactile-flow paper: records, sections, isostrain volumes, published statements."""
+"""The pressed fingertip of the tactile-flow paper: boundary conditions, records, isostrain volumes."""

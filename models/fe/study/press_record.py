@@ -54,8 +54,8 @@ class PressRun:
         self.folder = folder
 
     def begin(self, pressing: Pressing) -> list[list[float]]:
-        """Create the folder for a pressing, or resume its interrupted run; the rows so far. ArgumentError: the folder
-        contains a run with other settings, or is damaged."""
+        """Create the folder for a pressing, or resume its interrupted run. Returns the rows so far. ArgumentError: the
+        folder contains a run with other settings, or is damaged."""
         plain = json.loads(json.dumps(pressing.settings()))
         first = [0.0] * (3 + len(LEVELS))
         if not (self.folder / "run.json").exists():
@@ -160,7 +160,7 @@ def differing(first: dict[str, Any], second: dict[str, Any]) -> tuple[str, Any, 
     return None
 
 
-DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)  # What reading a damaged file may raise
+DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)  # Exceptions of reading a damaged file
 
 
 def record(pressing: Pressing, end: float, run: PressRun | None = None, report: Report = unheard) -> Record:
@@ -191,8 +191,8 @@ def run_name(plate: str, material: str, cells: int, friction: float) -> str:
 
 
 def check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:
-    """Check that the runs, by plate, are of the same finger on these plates; the ratio of the divisors, 1 unless
-    `scaled`. ArgumentError: they are not."""
+    """Check that the runs, by plate, are of the same finger on these plates. Returns the ratio of the divisors, 1
+    unless `scaled`. ArgumentError: they are not."""
     run_settings = {plate: run.settings() for plate, run in runs.items()}
     for plate, settings in run_settings.items():
         if settings.get("plate") != plate:

@@ -17,7 +17,7 @@ from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
 SHARES = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
-"""[1] Last fractions of the indentation in which a plateau is searched."""
+"""[1] Fractions of the indentation, up to its end, in which a plateau is searched."""
 FLAT = 0.3  # [1] slope at the end of the loading, over the mean slope, below which the force is constant
 TIES = 4  # number of rows with exactly the peak force at which the sensor counts as saturated
 WIDE = 0.005  # [1] smallest range of indentation of these rows, over the largest indentation
@@ -102,7 +102,7 @@ def with_smooth_factor(law: Law, reach: float) -> Law:
 
 
 def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
-    """Widen or withhold the intervals of a fit if the law misfits: (notes, notes of what is not determined).
+    """Widen or withhold the intervals of a fit if the law misfits. Returns two lists of notes.
 
     The second list is for presses whose correlated noise may hide a misfit.
     """

@@ -51,10 +51,10 @@ class Estimate:
     """Result of a fit; lists have one entry per press.
 
     correlation  of all unknowns in the order of `names`: parameters, touch points, baselines
-    condition    number of the scaled Jacobian
+    condition    condition number of the scaled Jacobian
     effective    (number of independent residuals, number of residuals)
     starts       share of the starts that converged to this minimum
-    squares      mean square of the weighted residuals
+    squares      mean square of the weighted residuals;  runs  see `residuals.runs`
     at, errors   all unknowns in search coordinates, in the order of `names`, and their standard errors
     withheld     whether no interval is given because of misfit: the intervals are then the whole range of the search
     """

@@ -274,7 +274,7 @@ def _sensitivity(fit: TissueFit, made: Callable[[Sequence[MeasuredPress]], Probl
 
 
 def _open(fit: TissueFit) -> list[str]:
-    """What the data do not determine, one sentence each."""
+    """Limits of the data: undetermined quantities, one sentence each."""
     best, notes = fit.estimate, []
     reach = fit.deepest
     what, size = ("height", fit.rig.height or 1.0) if fit.rig.kind == "cylinder" else ("radius", fit.rig.radius)

@@ -50,8 +50,8 @@ def sampled_contacts(count: int, vertices: int, modes: int) -> SampledContacts:
 
 @kernel(error_model="numpy")
 def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contacts):
-    """A step under all loads: number of evaluations of the energy, and whether the step converged. Fills `contacts`
-    except for forces and measures; other arguments as of `step.step`."""
+    """A step under all loads. Fills `contacts` except for forces and measures; other arguments as of `step.step`.
+    Returns the number of evaluations of the energy, and whether the step converged."""
     held, load, touched, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, loaded = vectors[0], vectors[1], vectors[7]
     young, bend, take = model.young, model.bend, dt / (dt + model.retardation)

@@ -72,7 +72,7 @@ def _deform(D, at, F, C):
 
 @kernel(error_model="numpy")
 def barrier(square, limit):
-    """B(q) and its first two derivatives by |q|²."""
+    """B(q) [J] at `square` = |q|², zero up to `limit`, and its first two derivatives by |q|²."""
     t = (square / limit - 1.0) / ROOM
     if not t > 0.0:
         return 0.0, 0.0, 0.0
@@ -83,7 +83,7 @@ def barrier(square, limit):
 
 @kernel(error_model="numpy")
 def forces(points, q, work, g):
-    """W(q) [J], and its gradient [J] (r,) into `g`; infinite if a point is inverted or q is out of bounds."""
+    """Fill `g` (r,) with the gradient of W(q) [J]. Returns W, inf if a point is inverted or q is out of bounds."""
     D, f, F, C, P, A = work.D, work.f, work.F, work.C, work.P, work.A
     total, pull, _ = barrier(inner(q, q), points.limit)
     if not total < np.inf:
@@ -121,7 +121,7 @@ def forces(points, q, work, g):
 
 @kernel(error_model="numpy")
 def tangent(points, q, work, hessian):
-    """d²W/dq² [J] (r,r) into `hessian`; whether no point is inverted."""
+    """Fill `hessian` (r,r) with d²W/dq² [J]. Returns False if a point is inverted or q is out of bounds."""
     D, F, C, P, A, M, T = work.D, work.F, work.C, work.P, work.A, work.M, work.T
     _, pull, curve = barrier(inner(q, q), points.limit)
     if not pull < np.inf:

@@ -24,7 +24,7 @@ def offline_budget() -> np.ndarray:
 
 @kernel(error_model="numpy")
 def invert(K, L, H):
-    """Fill H (r,r) with the inverse of K, plus a multiple of 1 if it is not positive definite; L is workspace."""
+    """Fill H (r,r) with the inverse of K, or of K + shift 1 if K is not positive definite; L is workspace."""
     r = len(K)
     mean = 0.0
     for i in range(r):
@@ -79,7 +79,7 @@ def at_rest(H):
 
 @kernel(error_model="numpy")
 def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
-    """Iterate q (r,) to equilibrium under p (r,): W there, number of evaluations, and whether it converged.
+    """Iterate q (r,) to equilibrium under p (r,). Returns W there, number of evaluations, and whether it converged.
 
     g (r,) and `energy` are the gradient of W and W at q, before and after; budget (2,): maximum number of evaluations,
     of which at most `STALLED` without the tangent, and the first length of the line search, 1 unless the last call

@@ -54,7 +54,7 @@ def gamma(square, scale, power, most):
 
 @kernel(error_model="numpy")
 def gather(corners, weights, patch, pull, share, normal, load, measure):
-    """Add a load (k,3) to that on the coarse vertices, fill its shares in the normal force; the normal force [N]."""
+    """Add a load (k,3) to that on the coarse vertices, fill its shares in the normal force. Returns that force [N]."""
     measure[:] = 0.0
     total = normal_force(pull, normal)
     for k in range(len(patch)):
@@ -113,8 +113,8 @@ def dot(x, y, active, count):
 
 @kernel(error_model="numpy")
 def follow(model, dt, fields, active, vectors, matrices, room, numbers):
-    """Update the load history h (Kelvin-Voigt retardation) and the equilibrium of the modes, dW/dq = Phi'h/E: numbers
-    of active vertices and of evaluations of the energy, and whether it converged. Arguments as of `step`."""
+    """Update the load history h (Kelvin-Voigt retardation) and the equilibrium of the modes, dW/dq = Phi'h/E. Returns
+    the numbers of active vertices and of energy evaluations, and whether it converged. Arguments as of `step`."""
     held, load, measure = fields[0], fields[1], fields[2]
     p, q, g, inverse = vectors[0], vectors[1], vectors[2], matrices[0]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
@@ -151,8 +151,8 @@ def follow(model, dt, fields, active, vectors, matrices, room, numbers):
 
 @kernel(error_model="numpy")
 def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
-    """A step under one contact, whose load and shares are in `fields`: number of evaluations of the energy, and whether
-    the step converged.
+    """A step under one contact, whose load and shares are in `fields`. Returns the number of evaluations of the energy,
+    and whether the step converged.
 
     force    [N]            of the load along the normal
     fields   [N]   (4,V,3)  h, the load, shares in the normal force; R times one of them
