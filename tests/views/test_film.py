@@ -60,12 +60,18 @@ def test_ctrl_c_during_a_film_stays_an_interrupt_though_it_ends_ffmpeg(stop, tmp
     pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (extra film)")
     figure = pytest.importorskip("matplotlib.figure").Figure(figsize=(0.64, 0.48))
 
-    def frames():
-        yield figure
+    def encoders():
         for children in Path(f"/proc/{os.getpid()}/task").glob("*/children"):
             for child in map(int, children.read_text().split()):
                 if "ffmpeg" in Path(f"/proc/{child}/comm").read_text():
-                    os.kill(child, signal.SIGKILL)
+                    yield child
+
+    def frames():
+        yield figure
+        while not (found := list(encoders())):
+            pass  # the process is still a copy of this one
+        for child in found:
+            os.kill(child, signal.SIGKILL)
         if stop is not None:
             raise stop
 
