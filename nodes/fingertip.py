@@ -128,8 +128,8 @@ class BundleContact(Node):
         summary = self.state.summary
         touching = self.state.normal > 0
         bristle = -self.state.deflection[touching].mean(axis=0) if summary.contacts else np.zeros(2)
-        stick = not 0 < summary.contacts == summary.slips
-        return Friction(force=(-reaction[0], -reaction[1], 0.0), bristle=(*bristle, 0.0), stick=stick)
+        sticks = summary.slips < summary.contacts
+        return Friction(force=(-reaction[0], -reaction[1], 0.0), bristle=(*bristle, 0.0), stick=sticks)
 
     def _slip(self) -> Slip:
         summary = self.state.summary

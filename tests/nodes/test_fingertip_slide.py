@@ -105,11 +105,11 @@ def test_surface_has_pressure_and_slip_of_the_nodes_in_contact(dome_run):
 def test_the_finger_gives_no_force_before_touch_and_after_lifting():
     bus = FakeBus(BundleContact())
     for contact, friction, slip, surface in (*bus.publish(pose(-1e-3, 0.01)),):
-        assert contact.force == 0 and friction.force == (0, 0, 0) and slip.contacts == 0
+        assert contact.force == 0 and friction.force == (0, 0, 0) and slip.contacts == 0 and not friction.stick
         assert surface.stiffness > 0 and surface.rest_indentation >= 0
     bus.publish(*[pose(1e-3)] * 50, *[pose(1e-3, 1e-5 * k) for k in range(100)])
     contact, friction, slip, surface = bus.publish(pose(-1e-3))[0]
-    assert contact.force == 0 and friction.force == (0, 0, 0)
+    assert contact.force == 0 and friction.force == (0, 0, 0) and not friction.stick
     assert surface.rest_indentation > 0 and np.all(slip.first == -1)
 
 
