@@ -27,7 +27,7 @@ from palpate.models.fe.reduce.reduction import CELLS, equilibrium, finger_touche
 from palpate.models.fe.reduce.snapshots import STIFFENING, PressSolution, press
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
+from palpate.physics.bodies.sampled_body import SampledBasis, sampled_body
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.spread import spread, spreader
 
@@ -42,7 +42,7 @@ def errors(full: Reducible, presses: list[PressSolution], basis: SampledBasis) -
     forces: list[list[float]] = [[] for _ in STIFFENING]
     depths: list[list[float]] = [[] for _ in STIFFENING]
     for pressed in presses:
-        body = SampledBody(basis, full.surface, YOUNG, 0.0, 5e-3, 1.0)
+        body = sampled_body(basis, full.surface, YOUNG, 0.0, 5e-3, 1.0)
         nodes = np.flatnonzero(np.abs(pressed.touch.load).max(axis=1) > 0).astype(np.int32)
         along = -(pressed.touch.load @ pressed.touch.normal)
         levels = pressed.touch.levels[: len(pressed.solutions)] * YOUNG

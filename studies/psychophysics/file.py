@@ -178,7 +178,7 @@ def _answers(given: Experiment, source: YamlSource, faults: Faults) -> None:
 def _fits(given: Experiment, source: YamlSource, faults: Faults) -> None:
     """Check that response, reference and procedures fit together."""
     if given.response == "2afc" and given.reference is None:
-        faults.add("reference: missing; 2afc compares two stimuli", "Say what the other one is: `reference: 3e3`, or "
+        faults.add("reference: missing; 2afc compares two stimuli", "Say what the other one is: `reference: 257`, or "
                    "`reference: {nodule.nodule_ratio: 1}`.", source.place("response"))  # fmt: skip
     for name, block in given.blocks.items():
         place = source.place("blocks", name)
