@@ -11,7 +11,6 @@
       InputError        a message that a node cannot use
       NodeError         a node that failed, with its cause
       DeviceError       a device that is missing or was lost
-      DisturbedError    an interval of an experiment that failed; its trial is repeated
       RunError          a run that cannot start, failed, or cannot be found
       RecordingError    a recording that cannot be read, or lacks requested data
       PictureError      a picture that cannot be drawn
