@@ -11,7 +11,7 @@ from typing import NamedTuple
 from palpate.messages.base import Message
 from palpate.registry import classes, declared, registered
 
-_CONTINUED = re.compile(r"(?<=\S)\n {20,}(?=\S)")
+_CONTINUED = re.compile(r"(?<=\S)\n +(?=\S)")
 _LINE = re.compile(r"(\w+)\s+\[([^\]]+)\]\s+\(([^)]*)\)\s+(\S.*)")
 
 

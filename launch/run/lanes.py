@@ -106,15 +106,16 @@ class Preparation:
 
     def __call__(self, values: Mapping[str, Any]) -> Prepared:
         """The run with these values. GraphError, ArgumentError: it is invalid."""
-        group = repr([value for path, value in values.items() if path not in self._extremes])
-        if group not in self._groups:
+        name = repr([value for path, value in values.items() if path not in self._extremes])
+        group = self._groups.get(name)
+        if group is None:
             loaded = self._loaded(values)
-            self._groups[group] = [values, None]
+            self._groups[name] = [values, None]
             return loaded
-        first, reached = self._groups[group]
+        first, reached = group
         base = self._loaded(first)
         if reached is None:
-            reached = self._groups[group][1] = self._reached(first, base)
+            reached = group[1] = self._reached(first, base)
         one = self._loaded({path: first[path] if path in reached else value for path, value in values.items()})
         if one.structure != base.structure:
             return self._loaded(values)
@@ -126,11 +127,11 @@ class Preparation:
         return Prepared(one.graph, msgspec.structs.replace(one.job, nodes=tuple(nodes)))
 
     def _loaded(self, values: Mapping[str, Any]) -> Prepared:
-        if len(self._known) > KNOWN:
-            self._known.clear()
-            self._groups.clear()
         key = repr(values)
         if key not in self._known:
+            if len(self._known) >= KNOWN:
+                self._known.clear()
+                self._groups.clear()
             self._known[key] = self._load(values)
         return self._known[key]
 

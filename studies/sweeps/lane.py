@@ -42,8 +42,11 @@ def preparation(
         graph = launch.load()
         if any(spec.observer and not issubclass(spec.cls, Mcap) and spec.off is None for spec in graph.nodes.values()):
             raise ArgumentError("a graph with observers")
-        kinds = {one.stream: graph.streams.get(one.stream) for one in keep}
-        if any(kinds[one.stream] is None or layout(kinds[one.stream])[one.field].base.fields for one in keep):
+        try:
+            variable = any(layout(graph.streams[one.stream])[one.field].base.fields for one in keep)
+        except (KeyError, TypeError):  # a stream that does not run, or a message that only nodes in Python hold
+            variable = True
+        if variable:
             raise ArgumentError("a field of variable length")
         return prepare(launch, _names(keep), graph)
 

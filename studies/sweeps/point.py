@@ -153,7 +153,7 @@ def _as_lane(task: Task, point: Point, ready: Callable[[], None]) -> Computed | 
         _tasks[:] = [(task, lanes.preparation(task.run, task.keep, task.extremes))]
     try:
         lane = _tasks[0][1](point.values)
-    except (ArgumentError, TypeError, KeyError):
+    except ArgumentError:
         return None
     _warm(task.run(point.values), lane.graph, ready)
     streams = lanes.run(lane, max(1, round(task.launch.duration * lane.job.rate)), task.keep, ready)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import palpate
+from palpate.launch.load.launchfile import find
 from palpate.launch.run import lanes as running
 from palpate.physics.errors import ArgumentError, RunError
 
@@ -203,6 +204,7 @@ READ_ONLY = """
 import ctypes, mmap, sys
 import numpy as np
 import palpate
+from palpate.launch.load.launchfile import find
 from palpate.launch.run import lanes
 
 libc = ctypes.CDLL(None, use_errno=True)
@@ -253,3 +255,20 @@ def test_numbers_that_reach_settings_unchanged_load_the_graph_only_a_few_times(m
         for a, b in zip(one.job.nodes, other.job.nodes, strict=True):
             settings = [{k: v for k, v in node.settings.items() if k != "seed"} for node in (a, b)]
             assert settings[0] == settings[1]
+
+
+@pytest.mark.parametrize("known", [1, 2, 3, 5])
+def test_results_do_not_depend_on_the_number_of_graphs_in_memory(monkeypatch, known):
+    """Lanes of three bodies in turn, more than are kept: their graphs are loaded again."""
+    tissues = ["deformation.MassSpring", "deformation.Rigid", "deformation.BeamBundle"]
+    values = [11.0, 10.0, 9.0, 8.0, 7.0, 6.0]
+    over = {"tissue.use": tissues * 2, "scene.finger.finger_damping": values}
+    expected = [one.job for one in prepared(over)]
+    monkeypatch.setattr(running, "KNOWN", known)
+    assert [one.job for one in prepared(over)] == expected
+    found = [[node.settings.get("finger_damping") for node in job.nodes if node.name == "contact"] for job in expected]
+    assert found == [[value] for value in values]
+
+
+def prepared(over):
+    return running.prepare_all(find("kidney").but(duration=0.1, overrides=TOUCH), over, LANES, [("contact", "force")])
