@@ -97,8 +97,8 @@ def draw(rows: list[dict[str, object]], file: Path) -> None:
     known = [each for each in rows if each["controller"] == "delay known" and each["delay [ms]"]]
     axes[2].plot([e["delay [ms]"] for e in known], [e["bound [N/m]"] for e in known], "k:", label="b/t + 0.01 m/t²")
     axes[2].set(title="stiffness felt during the hold", ylim=(0, 250))
-    axes[0].legend(title="passivity control", frameon=False)
-    axes[2].legend(frameon=False)
+    lines, names = axes[2].get_legend_handles_labels()
+    figure.legend(lines, names, title="passivity control", loc="outside right center", frameon=False)
     figure.savefig(file, dpi=110)
 
 
