@@ -1,11 +1,12 @@
-"""The law of large displacement against full finite elements on kidney and slab, without and with a nodule.
+"""The law of large displacement against full finite elements on kidney and slab, with a nodule, and under a capsule.
 
-    python benchmarks/large_strain.py                    # all cases, about 5 minutes on a quiet core
+    python benchmarks/large_strain.py                    # all cases, about 7 minutes on a quiet core
     python benchmarks/large_strain.py --cases 0 4        # some of them
 
 A patch that sticks presses until s is about its radius R. The law gets the full solution's compliance at small s, so
 the error is that of large displacement alone. Printed: force error at equal depth, RMS in % of the largest force and
-worst in % of the force: linear organ; half-space's law with R; as shipped, with R (c/c_R)² unless there is a nodule.
+worst in % of the force: linear organ; half-space's law with R; as shipped, with R (c/c_R)² unless there is a nodule or
+a capsule.
 """
 
 from __future__ import annotations
@@ -43,7 +44,24 @@ CASES = (
     Case("slab", 8e-3, 0.0, 0.49),
     Case("nodule", 8e-3, 5e-3, 0.45),
     Case("nodule", 12e-3, 0.0, 0.45),
+    Case("capsule", 8e-3, 0.0, 0.45),
+    Case("capsule", 12e-3, 0.0, 0.45),
+    Case("capsule", 8e-3, 0.0, 0.49),
 )
+THIN, HARD = 1e-3, 10.0  # [m] Thickness of the capsule, [1] its modulus over that of the tissue
+
+
+class CoveredBlock(TissueBlock):
+    """A slab under a capsule, a separate layer of cells."""
+
+    def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        x, y, z = super().axes()
+        return x, y, np.concatenate([z[z < -1.5 * THIN], [-THIN, 0.0]])
+
+    def hardness(self) -> np.ndarray:
+        x, y, z = self.axes()
+        layers = np.where(z[1:] > -0.5 * THIN, HARD, 1.0)
+        return np.repeat(layers, (len(x) - 1) * (len(y) - 1))
 
 
 def full(case: Case, cells: int) -> ContinuumCurve:
@@ -52,7 +70,8 @@ def full(case: Case, cells: int) -> ContinuumCurve:
     if case.organ == "kidney":
         kidney.RADIUS, kidney.POISSON = case.radius, case.poisson
         return kidney.press(kidney.Kidney(case.place, cells), levels)
-    return press(TissueBlock(case.place, cells, case.organ == "nodule", case.radius, case.poisson), levels)
+    block = CoveredBlock if case.organ == "capsule" else TissueBlock
+    return press(block(case.place, cells, case.organ == "nodule", case.radius, case.poisson), levels)
 
 
 def half_space(case: Case) -> float:
@@ -78,7 +97,7 @@ def main() -> None:
         force, depth = curve.force[within], curve.indentation[within]
         rest = depth[0] / force[0] * forces(depth[:1], 1.0, case.radius, case.poisson)[0] / depth[0]
         ratio = rest / half_space(case)
-        wide = 1.0 if case.organ == "nodule" else ratio**2
+        wide = 1.0 if case.organ in ("nodule", "capsule") else ratio**2
         print(f"{case.organ}, R {1e3 * case.radius:g} mm, at {1e3 * case.place:g} mm, nu {case.poisson}, "
               f"s/R to {depth[-1] / case.radius:.2f}, c/c_R {ratio:.3f}")  # fmt: skip
         laws = {

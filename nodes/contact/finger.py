@@ -4,6 +4,7 @@ import math
 
 from palpate.nodes.base.absence import FALL
 from palpate.physics.bodies.place_energy import on_hand
+from palpate.physics.contact.end_rate import AHEAD, AT_REST, COURSE, advance
 from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
 from palpate.physics.kernel import kernel
 from palpate.physics.records import vector
@@ -23,6 +24,7 @@ FINGER = {
     "idle": bool, "previous": (), "in_step": bool, "withheld": (),  # previous [m] of the body's law; withheld [m]
     "heard": (7,), "hears": bool,  # law, step and relaxation of the body's last message; whether it has sent one
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
+    "course": (COURSE,),  # of the compression (`physics.contact.end_rate`)
     "deepest": (3,), "deepest_time": int,  # greatest compression [m], force [N] then; time [ns]
 }  # fmt: skip
 """State of a fingertip."""
@@ -30,7 +32,7 @@ FINGER = {
 
 def begin(finger) -> None:
     """The state before the first step."""
-    finger["in_step"], finger["usual"], finger["deepest_time"] = True, math.inf, -1
+    finger["in_step"], finger["usual"], finger["deepest_time"], finger["course"] = True, math.inf, -1, AT_REST
 
 
 @kernel
@@ -122,6 +124,12 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt):
     return True, felt, math.inf, (k, n, c, free, previous)
 
 
+@kernel
+def start_of(finger):
+    """Compression [m] at the start of the step, from which a step of second order begins."""
+    return finger.course[AHEAD] * finger.compression
+
+
 @kernel(error_model="numpy")
 def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness, pressed, solved, dt):
     """The contact of this step: force [N], indentation [m], rates of compression and indentation [m/s], force along
@@ -131,12 +139,13 @@ def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness
     damping    [s/m] of the fingertip;  thickness [m] of its soft tissue
     pressed    whether `solved` (force, compression, indentation) is from this step
     """
-    before, lateral = finger.compression, NOTHING
+    before, start, lateral = finger.compression, start_of(finger), NOTHING
     force = indentation = rate = 0.0
     if pressed:
         force, finger.compression, indentation = solved
     else:
-        finger.compression = free_recovery(before, 0.0, damping, dt)
+        finger.compression = free_recovery(start, 0.0, damping, dt)
+    advance(finger.course, finger.compression, dt)
     if there:
         rate = (indentation - finger.previous) / dt
         finger.indentation, finger.settled = indentation, True
@@ -147,7 +156,7 @@ def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness
         if (finger.compression, force, proximity.time) > (deepest[0], deepest[1], finger.deepest_time):
             deepest[0], deepest[1], finger.deepest_time = finger.compression, force, proximity.time
     finger.idle = force == 0.0 and before == finger.compression and abs(indentation) < STILL
-    return force, indentation, (finger.compression - before) / dt, rate, lateral
+    return force, indentation, (finger.compression - start) / dt, rate, lateral
 
 
 @kernel

@@ -11,6 +11,7 @@ from palpate.nodes.base import TABLE, CompiledNode, InputError, Out, Wants
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
 from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
+from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.joint import joint_step
 from palpate.physics.contact.series import energy
 from palpate.physics.kernel import kernel
@@ -101,6 +102,7 @@ class Joint(Series):
         pressed, length = False, 0.0
         for i in range(count):
             one = own.finger[i]
+            arrive(one.course, nth(proximity, i).tick if own.second_order else -1)
             presses, approach, step, law = finger.pressing(
                 one, nth(proximity, i), body.there, law_for(body, several, i), body.step, body.relaxation, body.time, dt
             )
@@ -108,7 +110,7 @@ class Joint(Series):
                 own.approach[i], terminal = approach, own.terminal[i]
                 terminal[0], terminal[1], terminal[2], terminal[3], terminal[4] = law
                 pressed, length = True, max(step, length)  # after a gap the longest step, see `finger.step_length`
-            own.before[i] = one.compression
+            own.before[i] = finger.start_of(one)
         # Solve for the normal forces of all contacts together.
         if pressed:
             joint_step(

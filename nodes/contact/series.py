@@ -10,6 +10,7 @@ from palpate.nodes.base import CompiledNode, InputError, Out, Part, Switch, Want
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
 from palpate.physics.contact import series as laws
+from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.terminal import Terminal, check_law
 from palpate.physics.kernel import kernel
 from palpate.physics.records import one, put, vector
@@ -51,6 +52,9 @@ class Series(CompiledNode):
     finger_hertz_slope: Annotated[float, "Pa/m", Positive] = 5.672e6
     finger_hertz_hardening: Annotated[float, "1/m", Positive] = 466.6
     finger_hertz_radius: Annotated[float, "m", Positive] = 9.84e-3
+    second_order: Annotated[bool, "1"] = False
+    """Whether the damping uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
+    motion is passive, but not each step. Set it for the body too."""
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 4e-3
     """Of the soft tissue in front of the bone; a greater compression is outside the range of every law and is reported;
     0: unknown."""
@@ -84,13 +88,16 @@ class Series(CompiledNode):
         if body.there and not finger.in_range(law, body.step, body.relaxation):
             own.fault = BAD_LAW
             return
+        arrive(own.finger.course, proximity.tick if own.second_order else -1)
         pressed, approach, length, law = finger.pressing(
             own.finger, proximity, body.there, law, body.step, body.relaxation, body.time, dt
         )
         solved = (0.0, 0.0, 0.0)
         if pressed:
             k, n, c, free, previous = law
-            solved = laws.series_step(approach, length, own.finger.compression, own.law[:], k, n, c, free, previous)
+            solved = laws.series_step(
+                approach, length, finger.start_of(own.finger), own.law[:], k, n, c, free, previous
+            )
         out.force, out.indentation, out.compression_rate, out.indentation_rate, lateral = finger.settle(
             own.finger, proximity, body.there, body.tangential_gradient[:], body.shape_operator.values[:9],
             body.shape_operator.count == 9, own.finger_damping, own.thickness, pressed, solved, dt,

@@ -26,6 +26,7 @@ from palpate.physics.bodies.mass_spring import (
     shifted,
 )
 from palpate.physics.bodies.place_energy import surface_gradient
+from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
 from palpate.physics.exact import exp, log, row_times
 from palpate.physics.kernel import kernel
@@ -55,6 +56,9 @@ class MassSpring(CompiledNode, WithNodule):
     damping: Annotated[float, "s/m", NotNegative, Switch("relaxation")] = 5.0
     retardation: Annotated[float, "s", NotNegative, Switch("relaxation")] = 0.0
     """Kelvin-Voigt: viscosity over modulus."""
+    second_order: Annotated[bool, "1"] = False
+    """Whether the retardation uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
+    motion is passive, but not each step. Set it for the contact too."""
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
@@ -73,9 +77,11 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY, "factors": ARRAY,
+        "courses": TABLE,
     }  # fmt: skip
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
-    each contact: its normal force [N], the sum with the coupled forces of the others, and the factor on K."""
+    each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, and the course
+    of its indentation (`physics.contact.end_rate`)."""
 
     shared = "hard", "ground", "body.law", "body.nodal", "body.edges"
 
@@ -127,6 +133,7 @@ class MassSpring(CompiledNode, WithNodule):
         make_room(self, count)
         self._held["laws"][:, :3] = self.stiffness, self.exponent, self.damping
         self.hold("factors", np.ones(count))
+        self.hold("courses", np.tile(end_rate.AT_REST, (count, 1)))
         self.hold("forces", np.zeros(count))
         self.hold("acting", np.zeros(count))
         if self.own["shape"]:
@@ -154,6 +161,7 @@ class MassSpring(CompiledNode, WithNodule):
                 coupling[i, j] = shared(each.foot, other.foot, each.normal, other.normal, own.radius)
                 coupling[j, i] = coupling[i, j]
         # indentation of each contact, and its terminal law for the next step
+        body, count, courses = _body_of(own.body), 0, floats(own.courses)
         stored, factors = 0.0, floats(own.factors)
         mapped, slopes, reached = own.ground.shape[0] > 0, floats(own.slopes), 0.0
         for i in range(load.count):
@@ -166,17 +174,25 @@ class MassSpring(CompiledNode, WithNodule):
             elif own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
                 normal, hardness = vector(each.normal), floats(own.hard)
                 factors[i] = mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
-            stiffness, previous = own.stiffness * factors[i], laws[i, 4]
+            stiffness, previous, course = own.stiffness * factors[i], laws[i, 4], courses[i]
             if mapped:  # the indentation that the contact computed, with the law at the previous position
                 reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
             moving, rest = retarded(stiffness, own.exponent, own.retardation, dt)
-            s = indentation(acting[i], dt, moving, own.exponent, own.damping, rest * previous, previous)
+            free = rest * course[end_rate.AHEAD] * previous
+            s = indentation(acting[i], dt, moving, own.exponent, own.damping, free, previous)
             if not acting[i] > 0.0 and s < AT_REST:
                 s = 0.0
-            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * s, s
+            share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
+            if own.shape:  # displacement of the surface by the nodal law
+                pull, normal = floats(each.forces), vector(each.normal)
+                if 0.0 < share < 1.0:
+                    pull = shifted(pull, normal, 1.0 / share - 1.0)
+                count = move(body, i, integers(each.nodes), pull, normal, dt, course[end_rate.AHEAD])
+            end_rate.arrive(course, each.tick if own.second_order else -1)
+            end_rate.advance(course, s, dt)
+            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s, s
             if own.energy or mapped:
                 grown = own.exponent + 1.0
-                share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
                 stored += share * (stiffness * max(s, 0.0) ** grown / grown)
                 for k in range(3 if mapped else 0):
                     slopes[i, k] *= -share * (stiffness * max(reached, 0.0) ** grown / grown)
@@ -191,15 +207,6 @@ class MassSpring(CompiledNode, WithNodule):
         out.step, out.relaxation = dt, own.retardation
         if not own.shape:
             return
-        # displacement of the surface by the nodal law
-        body, count = _body_of(own.body), 0
-        for i in range(load.count):
-            each = nth(load, i)
-            pull, normal = floats(each.forces), vector(each.normal)
-            share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
-            if 0.0 < share < 1.0:
-                pull = shifted(pull, normal, 1.0 / share - 1.0)
-            count = move(body, i, integers(each.nodes), pull, normal, dt)
         if several:
             count = deeper(body)
             lend_first(out.nodes, own.body.nodes, count)

@@ -19,10 +19,12 @@ from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies import sampled_body as sampled
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody, condensed_body, under
+from palpate.physics.bodies.condensed_step import COURSE
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampled_body
 from palpate.physics.bodies.true_patch import MEAN
+from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.exact import exp, product
@@ -63,6 +65,9 @@ class ReducedFE(CompiledNode, WithNodule):
     poisson: Annotated[float, "1", msgspec.Meta(ge=0, lt=0.5)] = 0.45
     retardation: Annotated[float, "s", msgspec.Meta(ge=0), Switch("relaxation")] = 0.02
     """Kelvin-Voigt: viscosity over modulus."""
+    second_order: Annotated[bool, "1"] = False
+    """Whether the viscosity uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
+    motion is passive, but not each step. Set it for the contact too. The sampled model ignores it."""
     bed: Annotated[float, "1/m", msgspec.Meta(gt=0)] = 50.0
     """Stiffness per area of the elastic foundation below the organ, over `young`."""
     capsule_thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
@@ -162,6 +167,7 @@ class ReducedFE(CompiledNode, WithNodule):
         for i in range(load.count):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
+            arrive(body.numbers[i, COURSE], each.tick if own.second_order else -1)
             condensed.bear(body, i, nodes, forces, vector(each.foot), vector(each.normal), dt)
         condensed.answer(body, floats(own.laws), dt)
         own.beyond = condensed.extrapolation(body)

@@ -23,7 +23,9 @@ from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_contacts import joint_answer, joint_profile
 from palpate.physics.bodies.condensed_field import surface_displacements
 from palpate.physics.bodies.condensed_step import (
+    BEARS,
     COMPLIANCE,
+    COURSE,
     DEEP,
     EXPONENT,
     FIELDS,
@@ -46,6 +48,7 @@ from palpate.physics.bodies.large_displacement import stored_energy
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, lies_on, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
+from palpate.physics.contact import end_rate
 from palpate.physics.contact.area import FIXED, MEAN, AreaLaw, approach, with_approach
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.exact import row_times
@@ -70,7 +73,6 @@ class CondensedBody(NamedTuple):
     coupling: Annotated[np.ndarray, "<f8", 2]  # [1] (c,c) O, see `physics.contact.joint`
     cross: Annotated[np.ndarray, "<f8", 2]  # [m/N] (c,c) compliance between patches; the diagonal is 0
     drawn: Annotated[np.ndarray, "<f8", 2]  # [N] (c,3) tangential energy gradient due to the other contacts
-    bears: Annotated[np.ndarray, "<f8", 1]  # [N] (c) normal force with the body's retardation
     profile: Annotated[np.ndarray, "<f8", 1]  # for several contacts, see `condensed_contacts.joint_profile`
     room: Annotated[np.ndarray, "<f8", 3]  # workspace
     field: Annotated[np.ndarray, "<f4", 2]  # [m] (V,3) workspace, displacement of the coarse vertices
@@ -120,10 +122,12 @@ def condensed_body(
 def under(model: CondensedModel, ground: Ground, fine: FineMesh, count: int) -> CondensedBody:
     """An organ at rest, with `count` contacts."""
     size, several = len(model.vertices), count if count > 1 else 0
+    numbers = np.zeros((count, NUMBERS))
+    numbers[:, COURSE] = end_rate.AT_REST
     return CondensedBody(
         model, ground, fine, np.zeros((count, FIELDS, size, 3)), np.zeros((count, 3, size), np.int64),
-        np.zeros((count, NUMBERS)), np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
-        np.eye(count), np.zeros((count, count)), np.zeros((count, 3)), np.zeros(count),
+        numbers, np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
+        np.eye(count), np.zeros((count, count)), np.zeros((count, 3)),
         joint_profile() if several else np.zeros(0), np.zeros((several, 4, size)), np.zeros((size, 3), np.float32),
         np.zeros(3), np.zeros((3, 3)),
     )  # fmt: skip
@@ -157,15 +161,12 @@ def answer(body, laws, dt):
     """
     model = body.model
     if len(body.counts) == 1:
-        add_others(model, dt, body.numbers[0], 0.0, 0.0)
+        add_others(model, dt, body.numbers[0], (0.0, 0.0), 0.0)
     else:
         joint_answer(
             model, body.profile, body.fields, body.marks, body.numbers, body.counts, body.normals, body.feet,
             body.room, body.cross, body.coupling, body.drawn, dt,
         )  # fmt: skip
-        take = dt / (dt + model.retardation)
-        for i in range(len(body.bears)):
-            body.bears[i] = (1.0 - take) * body.bears[i] + take * body.numbers[i, TOTAL]
     for i in range(len(laws)):
         compliance, free, now = body.numbers[i, COMPLIANCE], body.numbers[i, FREE], body.numbers[i, NOW]
         laws[i, 0], laws[i, 1], laws[i, 3], laws[i, 4] = 1.0 / max(compliance, LEAST), 1.0, free, now
@@ -198,17 +199,17 @@ def stored(body):
     """Energy [J] stored under the patches of the last step, V(s) of `place_energy`, of each contact in proportion to
     its part of the effective force. For a linear body this is f.C f/2. The energy of tangential loads and of former
     patches is not included."""
-    if len(body.bears) == 1 and len(body.model.area.forces) == 0:
+    if len(body.numbers) == 1 and len(body.model.area.forces) == 0:
         return _stored_under(body.model, body.numbers[0])
-    total = 0.0
-    for i in range(len(body.bears)):
-        acting = body.bears[i] + row_times(body.cross[i], body.bears) / max(body.numbers[i, OWN], 1e-300)
+    total, bears = 0.0, body.numbers[:, BEARS].copy()
+    for i in range(len(bears)):
+        acting = bears[i] + row_times(body.cross[i], bears) / max(body.numbers[i, OWN], 1e-300)
         if len(body.model.area.forces) > 0:
-            press, own = body.numbers[0, PRESS] if len(body.bears) == 1 else body.bears[i], body.numbers[i, OWN]
-            linear = own * (acting - body.bears[i] + press) - fixed_part(body.model, body.numbers[i]) * press
+            press, own = body.numbers[0, PRESS] if len(bears) == 1 else bears[i], body.numbers[i, OWN]
+            linear = own * (acting - bears[i] + press) - fixed_part(body.model, body.numbers[i]) * press
             total += 0.5 * linear * press + approach(body.model.area.table, press)[2]
             continue
-        share = body.bears[i] / acting if acting > 0.0 else 0.0
+        share = bears[i] / acting if acting > 0.0 else 0.0
         total += share * _stored_under(body.model, body.numbers[i])
     return total
 

@@ -29,6 +29,7 @@ contacts at the same place equal one with both forces. The tangential energy gra
 import numpy as np
 
 from palpate.physics.bodies.condensed_step import (
+    AHEAD,
     COMPLIANCE,
     FREE,
     HOLD,
@@ -73,7 +74,7 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
     """
     # lists of vertices and shares of each contact
     many = len(counts)
-    aside, others, scale = np.zeros(many), np.zeros(many), np.zeros(many)
+    aside, others, scale = np.zeros((many, 2)), np.zeros(many), np.zeros(many)
     slope[:] = 0.0
     for i in range(many):
         cross[i, i] = 0.0
@@ -94,7 +95,7 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
         if not numbers[i, OWN] > 0.0:
             continue
         change = 1.0 - min(lost[i, i] / (model.young * numbers[i, OWN]), 0.5)
-        aside[i] -= (1.0 - change) * numbers[i, OWN] * numbers[i, PRESS]
+        _add_indentation(aside[i], (change - 1.0) * numbers[i, OWN] * numbers[i, PRESS], numbers[i])
         numbers[i, OWN] *= change
         numbers[i, COMPLIANCE] *= change
     # compliances between patches, indentation and gradient due to the others
@@ -272,7 +273,14 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
             out += slope[a, x] * normals[a, x]
         for x in range(3):
             slope[a, x] -= out * normals[a, x]
-        aside[a] += share * done
+        _add_indentation(aside[a], share * done, numbers[b])
+
+
+@kernel
+def _add_indentation(aside, indentation, numbers):
+    """Add the indentation [m] due to the history of the contact with these `numbers`, see `add_others`."""
+    aside[0] += indentation
+    aside[1] += indentation * numbers[AHEAD]
 
 
 @kernel

@@ -8,7 +8,9 @@ from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, gro
 from palpate.physics.bodies.large_displacement import DEEPEST, NARROWEST, large_depth
 from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
 from palpate.physics.bodies.true_patch import MEAN, TruePatch, narrow_load, patch_compliance
+from palpate.physics.contact import end_rate
 from palpate.physics.contact.area import WIDTH, AreaLaw, approach, radius_at
+from palpate.physics.contact.end_rate import advance
 from palpate.physics.kernel import kernel
 
 FORGOTTEN = 1e-9  # [N] Load history below which a vertex is removed from the list
@@ -44,14 +46,18 @@ radius [m] of the patch and on the coarse surface, whether the load is narrowed 
 the limits of the body, 0 within, 1 at twice the limit: deeper than `DEEPEST`, narrower than the fine mesh resolves, on
 thin or curved ground, too narrow near a nodule, too heavy for a surface that is free to slide, beyond the law of a
 contact that grows."""
-GROWN, TOTAL, EXPONENT, NUMBERS = 15, 25, 26, 27  # `GROWN`: the last excess; normal force of the load [N]; n of the law
+GROWN, TOTAL, EXPONENT = 15, 25, 26  # `GROWN`: the last excess; normal force of the load [N]; n of the law
+COURSE, BEARS, AHEAD = slice(27, 27 + end_rate.COURSE), 27 + end_rate.VALUE, 27 + end_rate.AHEAD
+"""Course (`physics.contact.end_rate`) of the normal force y [N] of the history; y; factor on the history h in the next
+step, because h is proportional to y under a patch that does not move."""
+NUMBERS = 27 + end_rate.COURSE
 ROOM, TILT, FIELDS = 3, 4, 5  # Indices of the fields of a contact, see `take_load`
 SIDE, HOLD = slice(16, 25), 19
 """Forces that hold the patch along the surface, see `true_patch.patch_compliance`; start of its compliances."""
 
 
 @kernel
-def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, count):
+def _take_history(model, patch, pull, share, normal, total, keep, take, fields, marks, count):
     """Transfer the load and the patch to the coarse mesh, and update the history h of the load. Returns the numbers of
     loaded vertices and of those of the patch."""
     held, load, measure, tilt = fields[0], fields[1], fields[2], fields[TILT]
@@ -78,8 +84,7 @@ def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, c
             for i in range(3):
                 load[v, i] += share * w * pull[k, i]
                 tilt[v, i] += part * model.slopes[p, a, i]
-    # history h of the load: Kelvin-Voigt retardation over dt
-    keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
+    # history h of the load: Kelvin-Voigt retardation
     for k in range(count):
         for i in range(3):
             held[active[k], i] *= keep
@@ -120,7 +125,11 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
     active, marked, order = marks[0], marks[1], marks[2]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     total = normal_force(pull, normal)
-    count, touched = _take_history(model, patch, pull, share, normal, total, dt, fields, marks, count)
+    count, touched = _take_history(
+        model, patch, pull, share, normal, total, keep * numbers[AHEAD], take, fields, marks, count
+    )
+    bears = (1.0 - take) * (numbers[AHEAD] * numbers[BEARS]) + take * (share * total)
+    advance(numbers[COURSE], bears if count > 0 else 0.0, dt)
     # correction of the compliance for the true load, by a half-space
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
@@ -152,7 +161,7 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
     # indentation due to the tangential load
     tangential = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
     now = (now + more * press) / young
-    free = keep * now + take * tangential
+    free = keep * numbers[AHEAD] * now + take * tangential
     numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * self_compliance, free, now
     numbers[MORE], numbers[OWN], numbers[PRESS] = 0.0, self_compliance, press
     numbers[RADIUS], numbers[WIDE], numbers[TOTAL] = radius, wide, total * share
@@ -197,16 +206,17 @@ def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
 def add_others(model, dt, numbers, aside, others):
     """Update `numbers` for other contacts and large displacement.
 
-    aside   [m] indentation of the linear body under the patch due to the history of the other contacts
+    aside   [m] (2) indentation of the linear body under the patch due to the history of the other contacts; the same
+                    at the start of the next step
     others  [N] force on the patch with the same indentation as the current forces of the other contacts
     """
     rho = model.rho
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     self_compliance = numbers[OWN]
-    numbers[FREE] += keep * aside
-    numbers[NOW] += aside
+    numbers[FREE] += keep * aside[1]
+    numbers[NOW] += aside[0]
     if len(model.area.forces) > 0:
-        _grow(model, numbers, keep, take)
+        _grow(model, numbers, keep * numbers[AHEAD], take)
         return
     if len(rho) == 0 or not self_compliance > 0.0:
         return
@@ -262,8 +272,8 @@ def _grow(model, numbers, keep, take):
     then, slope, _ = approach(area.table, after)
     numbers[NOW] += now - local * press
     numbers[FREE] += free - local * before
-    rest = take * (numbers[OWN] - local)
-    chord, tangent = rest + (then - free) / force, rest + take * slope
+    linear = take * (numbers[OWN] - local)
+    chord, tangent = linear + (then - free) / force, linear + take * slope
     numbers[COMPLIANCE], numbers[EXPONENT] = chord, min(max(chord / tangent, 1.0), 3.0)
     wide = WIDTH * max(radius_at(area.forces, area.radii, press), 1e-9)
     numbers[DEEP] = max(numbers[NOW] / (wide * DEEPEST) - 1.0, 0.0)

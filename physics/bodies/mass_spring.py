@@ -202,9 +202,10 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
 
 
 @kernel(error_model="numpy")
-def nodal_step(nodes, forces, normal, dt, law, nodal, edges, where, active, state, out, room, count):
+def nodal_step(nodes, forces, normal, dt, ahead, law, nodal, edges, where, active, state, out, room, count):
     """One step of the nodal law; returns the number of displaced nodes.
 
+    ahead    [1]     factor on u at the start of the step (`physics.contact.end_rate`)
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
     law      (7)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m], tau [s]
     nodal    (2,V)   factor on K of each node, and inverse nodal areas [1/m²]
@@ -216,6 +217,7 @@ def nodal_step(nodes, forces, normal, dt, law, nodal, edges, where, active, stat
     """
     exponent, damping, k_t, d_t, shortest = law[1], law[2], law[3], law[4], law[5]
     stiffness, rest = retarded(law[0], exponent, law[6], dt)
+    rest *= ahead
     hardness, per_area = nodal[0], nodal[1]
     total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
     # backward Euler along the surface, u_t <- keep u_t + gain f_t; `share` makes pressures fractions of the total
@@ -320,11 +322,11 @@ def nodal_body(
 
 
 @kernel(error_model="numpy")
-def move(body, contact, nodes, forces, normal, dt):
-    """Step dt > 0 [s] of a contact's indentation under nodal forces [N] (k,3). Returns the number of displaced nodes,
-    which are the first of `active` and `moved`."""
+def move(body, contact, nodes, forces, normal, dt, ahead=1.0):
+    """Step dt > 0 [s] of a contact's indentation under nodal forces [N] (k,3), see `nodal_step`. Returns the number of
+    displaced nodes, which are the first of `active` and `moved`."""
     body.counts[contact] = nodal_step(
-        nodes, forces, normal, dt, body.law, body.nodal, body.edges, body.where[contact], body.active[contact],
+        nodes, forces, normal, dt, ahead, body.law, body.nodal, body.edges, body.where[contact], body.active[contact],
         body.state[contact], body.moved[contact], body.room, body.counts[contact],
     )  # fmt: skip
     return body.counts[contact]

@@ -157,7 +157,7 @@ class _Chain:
         try:
             nodes = {
                 "near": _MotionRows(_motion(touch, times)),
-                "contact": Series(**contact),
+                "contact": Series(**contact | given.get("contact", {})),
                 "friction": LuGre(**SLIDING._asdict()) if touch.friction else None,
                 "spread": (spread := Kernel(**surface | area | given.get("spread", {}))),
                 "body": (pressed := body(**body_settings)),

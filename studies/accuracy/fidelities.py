@@ -12,6 +12,10 @@ from palpate.studies.peers.continuum import NODULE_DEPTH, NODULE_RADIUS, NODULE_
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
 MESHES = (400, 1000, 3000, 10000)
+SECOND_ORDER = Fidelity(
+    "second order", settings={"contact": {"second_order": True}, "body": {"second_order": True}}, quick=True
+)
+"""Steps of second order at 1 kHz."""
 NODULE = {"nodule_radius": NODULE_RADIUS, "nodule_depth": NODULE_DEPTH, "nodule_ratio": NODULE_RATIO}
 
 

@@ -1,10 +1,10 @@
-"""The limited rate of `benchmarks/tap_steps.py`: its order, corners, and the energy of closed motions."""
+"""Second-order rates of `benchmarks/tap_steps.py`: their order, corners, and the energy of closed motions."""
 
 import numpy as np
 import pytest
 import tap_steps
 
-LIMITED = ("limited", "lagged finger, limited tissue")
+LIMITED = ("limited", "lagged finger, limited tissue", "predicted")
 
 
 @pytest.fixture(scope="module")

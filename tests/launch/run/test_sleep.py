@@ -17,15 +17,17 @@ AIR = (
     "scene.hand.path=[{hold: 0.05}, {to: [0, 0, 0.1035], time: 0.15}, {to: [0.004, 0, 0.121], time: 0.15}, {hold: 0.5}]"
 )
 """A press from 7 mm above, a short drag, and a hold at 12 mm above that is longer than the recovery of the tissue."""
+ORDERED = ("contact", "tissue")
 
 
-@pytest.fixture(params=["MassSpring", "ReducedFE"])
+@pytest.fixture(params=["MassSpring", "ReducedFE", "MassSpring second order", "ReducedFE second order"])
 def runs(request, tmp_path, monkeypatch):
     """The recordings of a run with sleep and of one without, and the counters of the first."""
     counters = {}
     for sleeps in (False, True):
         monkeypatch.setattr(Slot, "sleeps", sleeps)
-        sets = (f"tissue.use=deformation.{request.param}", AIR)
+        body, *second = request.param.split(" ", 1)
+        sets = (f"tissue.use=deformation.{body}", AIR, *(f"{node}.second_order=true" for node in ORDERED if second))
         launch = find("kidney").but(place="fused", overrides=sets, duration=0.85)
         result = execute(dataclasses.replace(launch, record=tmp_path / f"{sleeps}.mcap")).result
         assert result.ok
