@@ -138,8 +138,9 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
             *(pa.field(f.label, _nested(pa, f), metadata={"unit": f.unit}) for f in arrays),
         ], metadata=metadata)  # fmt: skip
         path = folder / f"{name}.parquet"
+        messages = layout.messages()
         with replacing(path) as part, pq.ParquetWriter(part, schema, compression="zstd") as writer:
-            for rows in batched(layout.messages(), ROWS):
+            while rows := list(islice(messages, ROWS)):
                 cells = [[*layout.cells(m), *(getattr(m, f.name).tolist() for f in arrays)] for m in rows]
                 columns = zip(*cells, strict=True)
                 writer.write_table(
@@ -147,12 +148,6 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
                 )
         paths.append(path)
     return paths
-
-
-def batched(messages: Iterator[Message], size: int) -> Iterator[list[Message]]:
-    """Groups of `size`, the last one shorter."""
-    while rows := list(islice(messages, size)):
-        yield rows
 
 
 def _number(pa: Any, field: Field) -> Any:
