@@ -49,7 +49,7 @@ class ReplaySlot(Slot):
         """Whether it steps at its recorded ticks. False: its divisor has changed, so it follows simulated time."""
         self.places = self._places(recorded)
         """Index of each input's tick in `used`; None if the recorded node read another stream there."""
-        self.broken: str | None = None
+        self.broken = ""
         self.cpu = Histogram()
         """Processor time of this thread in each step, so that other programs do not count."""
 

@@ -36,7 +36,8 @@ def verify(
         return recording.compute(tolerance)
     # Make the nodes, and find those that cannot be checked, and gaps in the recording.
     player = Player(recording, plan, plan.order, live=False)
-    report = Report({part.name: NodeReport(stopped=part.broken or "") for part in player.parts if part.streams})
+    reports = {p.name: NodeReport(stopped=p.broken or _lack(recording, p.streams)) for p in player.parts if p.streams}
+    report = Report(reports, recording.cut)
     present = recording.ticks()
     for part in player.parts:
         if not part.as_recorded:
@@ -44,11 +45,7 @@ def verify(
                 f"{recording.path}: a check steps every node at its recorded ticks, so {part.name}.every cannot "
                 "change. Replay without --check, or leave it out."
             )
-    report.cut = recording.cut
-    for part in player.parts:
-        if part.streams and not report.nodes[part.name].stopped:
-            report.nodes[part.name].stopped = _cannot(recording, part.streams, part.name)
-    parts = [part for part in player.parts if part.streams and not report.nodes[part.name].stopped]
+    parts = [part for part in player.parts if part.streams and not reports[part.name].stopped]
     scales: dict[tuple[str, str], float] = {}
     last = last_tick(present)
     gaps = {part.name: found for part in parts if (found := _gap(recording, part.streams, present)) is not None}
@@ -93,12 +90,9 @@ def verify(
     return report
 
 
-def _cannot(recording: Recording, streams: tuple[str, ...], name: str) -> str:
+def _lack(recording: Recording, streams: tuple[str, ...]) -> str:
     """Why the file does not show all steps of a node; empty if it does."""
-    for stream in streams:
-        if lack := recording.lack(stream):
-            return f"stream {stream!r} {lack}"
-    return ""
+    return next((f"stream {stream!r} {lack}" for stream in streams if (lack := recording.lack(stream))), "")
 
 
 def _gap(recording: Recording, streams: tuple[str, ...], present: dict[str, np.ndarray]) -> tuple[int, str] | None:
