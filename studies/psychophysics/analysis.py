@@ -3,10 +3,11 @@
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from scipy import stats
 
@@ -55,10 +56,10 @@ class Outcome:
 
     def to_spec(self) -> dict[str, Any]:
         """Plain data for programs: unknown numbers and open interval ends are null."""
-        plain = asdict(self)
+        plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self))
         for name, number in self.numbers.items():
             plain["numbers"][name]["value"] = number.value if number.known else None
-        return _plain(plain)
+        return plain
 
 
 def analyse(folder: Path) -> list[Outcome]:
@@ -187,11 +188,3 @@ def _mean(outcomes: Sequence[Outcome]) -> Iterator[Outcome]:
     yield Outcome(
         first.task, ALL, first.block, sum(one.trials for one in outcomes), first.of, first.path, first.unit, numbers
     )
-
-
-def _plain(data: Any) -> Any:
-    if isinstance(data, dict):
-        return {key: _plain(value) for key, value in data.items()}
-    if isinstance(data, list):
-        return [_plain(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data
