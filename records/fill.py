@@ -22,7 +22,6 @@ from palpate.physics.archive import replacing
 from palpate.records.differences import ELSEWHERE, Difference, NodeReport, Report, compare_one
 from palpate.records.format.head import PROFILE, head_of, is_head
 from palpate.records.format.mcap_writer import McapWriter
-from palpate.records.instants import instants
 from palpate.records.player import Player, ReplaySlot, plan_of
 from palpate.records.stored import RecordingError, Stored
 
@@ -124,12 +123,12 @@ class _Filling:
     def _ticks(self, present: dict[str, np.ndarray]) -> Iterator[tuple[int, dict[str, bytes]]]:
         """The ticks of the run, with the stored messages of each."""
         if not self._simulated:
-            yield from instants(self.stored, present)
+            yield from self.stored.instants(present)
             return
         sources = {name: row for name, row in present.items() if name not in self.player.computed}
         last = min((self._last(name, row) for name, row in sources.items()), default=-1)
         due = 0
-        for tick, payloads in instants(self.stored, present):
+        for tick, payloads in self.stored.instants(present):
             while due < min(tick, last + 1):
                 yield due, {}
                 due += 1

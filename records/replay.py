@@ -15,7 +15,6 @@ from palpate.nodes.logger import Mcap
 from palpate.records.changed import sources
 from palpate.records.differences import NodeReport, compare_one
 from palpate.records.format.head import head_of
-from palpate.records.instants import instants
 from palpate.records.player import Player
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -85,7 +84,7 @@ class Replay:
         begins = {name: list(ticks) for name, ticks in self.recording.restarted.items()}
         since: dict[str, int] = {}
         try:
-            for tick, payloads in instants(self.recording, self.present):
+            for tick, payloads in self.recording.instants(self.present):
                 time = head_of(next(iter(payloads.values()))).time
                 if self.end is not None and time > self.end * 1e9:
                     break

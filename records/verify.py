@@ -8,10 +8,9 @@ import numpy as np
 from palpate.engine.plan import Plan
 from palpate.engine.slot import NodeError
 from palpate.records.differences import Difference, NodeReport, Report, compare_one
-from palpate.records.instants import instants, last_tick
 from palpate.records.player import MissingInput, Player
 from palpate.records.reader import Recording
-from palpate.records.stored import RecordingError
+from palpate.records.stored import RecordingError, last_tick
 
 
 def verify(
@@ -53,7 +52,7 @@ def verify(
     # Step each node from its recorded inputs and compare its outputs.
     player.start()
     try:
-        for tick, payloads in instants(recording, present):
+        for tick, payloads in recording.instants(present):
             player.hear(tick, payloads)
             for part in parts:
                 node = report.nodes[part.name]
