@@ -10,7 +10,7 @@ from palpate.messages import Spikes
 from palpate.physics.afferents.population import Population
 from palpate.physics.afferents.published import TYPES
 from palpate.physics.archive import replacing
-from palpate.physics.extras import missing
+from palpate.physics.extras import required
 from palpate.records.export import source
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
@@ -31,10 +31,8 @@ def write_nwb(recording: Recording, target: Path, streams: tuple[str, ...], ever
 
     RecordingError: pynwb is missing, no stream of spikes, or an unknown sender.
     """
-    try:
+    with required("NWB", "feel", RecordingError):
         from pynwb import NWBHDF5IO, NWBFile
-    except ImportError as error:
-        raise RecordingError(missing("NWB", error.name, "feel")) from None
     stream = source(recording, Spikes, streams, "`palpate run nodule --scene afferents` records one")
     made, unit, moment, span = _units(recording, stream)
     with damaged(recording.path, "the date or the versions"):

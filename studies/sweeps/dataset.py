@@ -5,16 +5,14 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import RunError
-from palpate.physics.extras import missing
+from palpate.physics.extras import required
 from palpate.studies.sweeps.store import Store
 
 
 def dataset(study: Any) -> Any:
     """Numbers and curves over the axes of a study. RunError: xarray is missing."""
-    try:
+    with required("xarray()", "study", RunError):
         import xarray
-    except ImportError as error:
-        raise RunError(missing("xarray()", error.name, "study")) from None
     space, rows = study.space, study.rows()
     dims = (*(one.paths[0] for one in space.crossed), *(("sample",) if space.sampled else ()))
     along = {path: one.paths[0] for one in space.crossed for path in one.paths}
