@@ -109,8 +109,6 @@ def title(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
 
 
 def _shade(axes: Axes, time: np.ndarray, at: Phases, named: bool) -> None:
-    if at.begin is None:
-        return
     ends = [at.begin, at.warned, at.gross, at.end]
     for i, (text, colour) in enumerate((("sticks", REGION_A), ("incipient", REGION_B), ("slides", GROSS))):
         begin = ends[i]
@@ -144,9 +142,7 @@ def _flags(slip: Columns) -> str:
 
 
 def _lead(time: np.ndarray, size: np.ndarray, at: Phases) -> str:
-    if at.begin is None:
-        return "no sliding"
-    if at.warned is None or at.gross is None:
+    if at.begin is None or at.warned is None or at.gross is None:
         return f"at most {size.max():.2f} N"
     return (
         f"warning {time[at.warned] - time[at.begin]:.2f} s after sliding begins, at {size[at.warned]:.2f} N; "
