@@ -18,7 +18,6 @@ from palpate.views.pictures.style import (
     deformation_colours,
     figure,
 )
-from palpate.views.pictures.style import over_time as time_axis
 from palpate.views.pictures.touch import TouchStreams
 
 COLOURS = (SPEED, NORMAL, FINGER)
@@ -55,7 +54,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     if touch.contact is not None:
         force.plot(touch.contact["time"], touch.contact["force"], color=TISSUE)
     force.set(ylabel="force [N]")
-    time_axis(force, time, touch.shown, touch.span)
+    touch.over_time(force, time)
     _maps(bottom, made, unit, moment, edges)
     return out
 

@@ -86,7 +86,7 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
                 axes.axvspan(begin, end, color=colour, linewidth=0)
                 place = axes.get_xaxis_transform()
                 axes.text((begin + end) / 2, 0.97, letter, transform=place, ha="center", va="top", weight="bold")
-        style.over_time(axes, time, touch.shown, touch.span)
+        touch.over_time(axes, time)
     for force, colour, label in ((normal, style.NORMAL, "normal force"), (friction, style.FRICTION, "friction force")):
         upper.plot(time, force, color=colour, alpha=0.25, linewidth=0.6)
         upper.plot(time, style.mean(force, time), color=colour, label=label)

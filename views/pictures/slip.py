@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.messages import Friction, Slip
-from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, INK, NORMAL, REGION_A, REGION_B, figure, over_time
+from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, INK, NORMAL, REGION_A, REGION_B, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     deep.plot(time, np.maximum(contact["compression"], 0.0) * 1e3, color=FINGER, linestyle=(0, (4, 2)), linewidth=1.2)
     deep.set_ylabel("depth [mm]  (dashed)", color=FINGER)
     deep.grid(visible=False)
-    over_time(panels[-1, 0], time, touch.shown, touch.span)
+    touch.over_time(panels[-1, 0], time)
     if not slid:
         return out
     middle, lower = others

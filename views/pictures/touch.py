@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from palpate.messages import Contact, Message
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
 from palpate.views.shown import Finger, fingers, links_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Columns = dict[str, np.ndarray]
 MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] fraction of the contacts' duration; [s]
@@ -98,6 +101,11 @@ class TouchStreams:
                 if len(messages) == len(wanted):
                     break
         return messages
+
+    def over_time(self, axes: Axes, time: np.ndarray) -> None:
+        """Set the time axis: all times [s] (n), or the part of the recording that is shown."""
+        part = "" if self.shown is None else f": the contacts in {self.span[0]:.0f} to {self.span[1]:.0f} s"
+        axes.set(xlabel=f"time [s]{part}", xlim=self.shown or (time[0], max(time[-1], time[0] + 1e-3)))
 
     def node(self, stream: str | None) -> dict[str, Any]:
         """The plan's entry for the node that sent a stream; empty if unknown."""
