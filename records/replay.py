@@ -13,7 +13,7 @@ from palpate.messages import Health
 from palpate.nodes.base import Observer, Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.changed import sources
-from palpate.records.differences import NodeReport, compare_one
+from palpate.records.differences import Comparer, NodeReport
 from palpate.records.format.head import head_of
 from palpate.records.player import Player
 from palpate.records.reader import Recording
@@ -75,7 +75,7 @@ class Replay:
         # Start the players and the observers.
         player = self.player = Player(self.recording, self.plan, self.running, live=True)
         reports = self.reports = {part.name: NodeReport() for part in player.parts}
-        scales: dict[tuple[str, str], float] = {}
+        comparer = Comparer(0.0)
         begun, first, time = now(), None, 0
         player.start()
         for observer in self.observers:
@@ -93,9 +93,7 @@ class Replay:
                 for part in player.parts:
                     for output in part.outputs:
                         if output.stream in sent and output.stream in payloads and output.last is not None:
-                            report = reports[part.name]
-                            report.checked += 1
-                            compare_one(report, output.stream, payloads[output.stream], output.last, 0.0, scales)
+                            comparer.compare(reports[part.name], output.stream, payloads[output.stream], output.last)
                 if time < self.begin * 1e9:
                     continue
                 # Keep the pace of the recording.

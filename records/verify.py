@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.engine.plan import Plan
 from palpate.engine.slot import NodeError
-from palpate.records.differences import Difference, NodeReport, Report, compare_one
+from palpate.records.differences import Comparer, Difference, NodeReport, Report
 from palpate.records.player import MissingInput, Player
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError, last_tick
@@ -45,7 +45,7 @@ def verify(
                 "change. Replay without --check, or leave it out."
             )
     parts = [part for part in player.parts if part.streams and not reports[part.name].stopped]
-    scales: dict[tuple[str, str], float] = {}
+    comparer = Comparer(tolerance)
     last = last_tick(present)
     gaps = {part.name: found for part in parts if (found := _gap(recording, part.streams, present)) is not None}
     lossy = any(counts.get("lost", 0) for counts in recording.counts.values())
@@ -78,8 +78,7 @@ def verify(
                 for output in part.outputs:
                     payload = payloads.get(output.stream)
                     if payload is not None and output.last is not None:
-                        node.checked += 1
-                        compare_one(node, output.stream, payload, output.last, tolerance, scales)
+                        comparer.compare(node, output.stream, payload, output.last)
                 if node.gap and node.differing > before.differing:
                     report.nodes[part.name] = replace(before, stopped=node.gap)
             if not tick % 512:

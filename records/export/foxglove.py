@@ -16,9 +16,7 @@ from palpate.records.reader import Recording
 _CHUNK = 4 << 20  # [B] room for several surfaces, which compress well together
 
 
-def write_foxglove(
-    recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None
-) -> list[Path]:
+def write_foxglove(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write one file. Each stream is a channel `/STREAM` of JSON objects; arrays are flat, in row-major order.
 
     RecordingError: a message does not fit its type.

@@ -26,7 +26,7 @@ FLOATS, INDICES = 5126, 5125  # glTF codes of float32 and uint32
 ATTRIBUTES, ELEMENTS = 34962, 34963  # glTF codes of the buffers of vertices and triangles
 
 
-def write_gltf(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_gltf(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write the mesh at rest of the first body, in one file, y upward as glTF demands.
 
     Its haptic material has the textures `stiffness` (coefficient K of the body's law at rest, median of the recording),

@@ -25,7 +25,7 @@ COLUMNS = {
 """Columns of the table of units, with their descriptions."""
 
 
-def write_nwb(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_nwb(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write the units of the first stream of spikes: spike times [s] on the graph's clock, the observed interval, type,
     position and depth of each; no electrodes. Units without a spike have an empty list.
 

@@ -19,7 +19,7 @@ ROWS = 4096  # rows of a Parquet row group
 TIME, NANOSECONDS = "time [s]", "time [ns]"  # nanoseconds are exact, for joins
 
 
-def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write a file per stream: tick, time [s] and [ns], `used` (the ticks of its inputs), then a column per number.
     Arrays of variable length go into one file per length variable, `tissue-k.csv`: one row per element, with the tick
     of its message."""
@@ -114,7 +114,7 @@ def _filled(values: Any, width: int) -> list[Any]:
     return [*values, *([None] * (width - len(values)))]
 
 
-def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write a file per stream with the columns of the CSV, and arrays as nested lists, `displacement [m]`. Units, type
     and provenance are also in the metadata. Rows are written in groups, so that a stream need not fit into memory."""
     with required("Parquet", "export", RecordingError):

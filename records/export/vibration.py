@@ -35,7 +35,7 @@ def samples(recording: Recording, streams: Sequence[str] = ()) -> tuple[np.ndarr
     return force, blocks[0].sampling, np.repeat([b.speed for b in blocks], [len(b.lateral) for b in blocks])
 
 
-def write_wav(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_wav(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """One channel of 16 bits; full scale is the largest force."""
     force, sampling, _ = samples(recording, streams)
     with replacing(target) as part, wave.open(str(part), "wb") as file:
@@ -46,7 +46,7 @@ def write_wav(recording: Recording, target: Path, streams: tuple[str, ...], ever
     return [target]
 
 
-def write_hjif(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_hjif(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Amplitudes of sines at the centres of third-octave bands, 50 times a second; the channel's gain is in newtons."""
     force, sampling, _ = samples(recording, streams)
     with replacing(target) as part:
