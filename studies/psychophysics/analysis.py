@@ -131,7 +131,7 @@ def outcome(
         fitted = fit(experiment.function, levels, greater, None, lapsing=True)
         jnd = fitted.spread.times(HALF[experiment.function])
         numbers = {"pse": fitted.threshold, "jnd": jnd, "weber fraction": jnd.times(1.0 / abs(reference))}
-        return _fitted(common, fitted, numbers, "judged greater", levels, levels, greater, 1, reference)
+        return _fitted(common, fitted, numbers, "judged greater", levels, greater, 1, reference)
     sign = 1 if reference is not None or experiment.harder == "lower" else -1
     signal = np.isfinite(levels)
     x = np.where(signal, sign * levels if reference is None else np.abs(levels - reference), -np.inf)
@@ -141,12 +141,12 @@ def outcome(
         numbers = {"threshold": fitted.threshold.times(sign)}
     else:
         numbers = {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}
-    return _fitted(common, fitted, numbers, of, levels, x, hits, sign, reference)
+    return _fitted(common, fitted, numbers, of, x, hits, sign, reference)
 
 
 def _fitted(
-    common: dict[str, Any], fitted: Fit, numbers: dict[str, IntervalEstimate], of: str, levels: np.ndarray,
-    x: np.ndarray, hits: np.ndarray, sign: int, reference: float | None,
+    common: dict[str, Any], fitted: Fit, numbers: dict[str, IntervalEstimate], of: str, x: np.ndarray, hits: np.ndarray,
+    sign: int, reference: float | None,
 ) -> Outcome:  # fmt: skip
     seen = np.unique(x[np.isfinite(x)])
     return Outcome(
