@@ -63,7 +63,10 @@ class Replay:
             if out.exists() and out.samefile(recording.path):
                 raise RecordingError(f"{out} is the file that is replayed; name another one")
             self.observers.append(self._listening("log", Mcap(path=str(out)), list(self._streams())))
-        self.observers += self._viewers()
+        for name, observed in plan.observers.items():
+            node = plan.make(name)
+            if isinstance(node, Observer) and not isinstance(node, Mcap):
+                self.observers.append(self._listening(name, node, [s for s in self._streams() if s.name in observed]))
         self.producers = {s: name for name in plan.order for s in plan.graph.nodes[name].streams}
         self.reports: dict[str, NodeReport] = {}
         self.player: Player | None = None
@@ -148,13 +151,6 @@ class Replay:
             for stream, kind in graph.nodes[name].streams.items():
                 if name in self.running or stream in self.recording.streams:
                     yield Stream(stream, kind, name, graph.nodes[name].every)
-
-    def _viewers(self) -> Iterator[ObserverSlot]:
-        """The observers of the graph except loggers."""
-        for name, observed in self.plan.observers.items():
-            node = self.plan.make(name)
-            if isinstance(node, Observer) and not isinstance(node, Mcap):
-                yield self._listening(name, node, [s for s in self._streams() if s.name in observed])
 
     def _listening(self, name: str, node: Observer, streams: list[Stream]) -> ObserverSlot:
         provenance = about(self.plan, clock="replay", replay_of=str(self.recording.path), running=self.running)
