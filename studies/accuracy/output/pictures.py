@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
 from palpate.studies.accuracy.output.pareto import ParetoPoint, best, percent
-from palpate.views.pictures.style import FAINT, INK, figure
+from palpate.views.pictures.style import FAINT, INK, figure, look
 
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
@@ -19,6 +19,7 @@ GOOD = 0.02  # [1] The goal for the force error, drawn as a line
 LEAST = 1e-4  # [1] Smaller errors are drawn at this value
 
 
+@look()
 def overview(summary: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
     """Draw median error over median step time of bodies on tissue, with a line to the worst test case.
 
