@@ -1,6 +1,8 @@
 """The extras of palpate: which optional packages each installs, and the command that installs it."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -39,6 +41,15 @@ def missing(what: str, module: str | None, extra: str) -> str:
     top = (module or "").partition(".")[0]
     names = {top: package for packages in EXTRAS.values() for package, top in packages.items()}
     return f"{what}: the package {names.get(top, top or extra)} is not installed; {install(extra)}"
+
+
+@contextmanager
+def required(what: str, extra: str, kind: type[Exception]) -> Iterator[None]:
+    """Imports of optional packages. An ImportError becomes an error of this kind with the line of `missing`."""
+    try:
+        yield
+    except ImportError as error:
+        raise kind(missing(what, error.name, extra)) from None
 
 
 def install(extra: str) -> str:

@@ -35,9 +35,14 @@ def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | No
         loaded = _recorded_graph(recording, overrides)
     else:
         return plan_of(recording)
-    _same_rate(recording, loaded)
+    recorded = recording.about.get("plan", {})
+    if loaded.rate != (rate := recorded.get("rate", loaded.rate)):
+        raise RecordingError(
+            f"{recording.path}: recorded at {rate:g} Hz, and a replay keeps these ticks: found "
+            f"rate={loaded.rate:g}, expected {rate:g}. A node may run less often: --set NODE.every=2"
+        )
     set_recording(loaded, recording.path)  # a logger reads every stream, as in a recorded run
-    return _with_fields(plan(loaded), recording.about.get("plan", {}).get("wanted", {}))
+    return _with_fields(plan(loaded), recorded.get("wanted", {}))
 
 
 def _with_fields(planned: Plan, recorded: Mapping[str, Collection[str]]) -> Plan:
@@ -58,16 +63,6 @@ def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> N
                 f"{path}: {name!r} is played from the recording, so this has no effect. A played node runs with "
                 f"--only {name}; a source reacts to new forces only in a new run (palpate run)"
             )
-
-
-def _same_rate(recording: Recording, graph: Graph) -> None:
-    """RecordingError: another rate than the recorded one; a replay keeps the recorded ticks."""
-    rate = recording.about.get("plan", {}).get("rate", graph.rate)
-    if graph.rate != rate:
-        raise RecordingError(
-            f"{recording.path}: recorded at {rate:g} Hz, and a replay keeps these ticks: found "
-            f"rate={graph.rate:g}, expected {rate:g}. A node may run less often: --set NODE.every=2"
-        )
 
 
 def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:

@@ -14,10 +14,9 @@ from palpate.engine.plan import Plan
 from palpate.engine.slot import Output
 from palpate.messages import Contact, Force, Message, Surface
 from palpate.records.changed import changed, no_idle, sources
-from palpate.records.instants import instants, last_tick
 from palpate.records.player import Player
 from palpate.records.reader import Recording
-from palpate.records.stored import RecordingError
+from palpate.records.stored import RecordingError, last_tick
 
 RECORDED = "recorded"
 POINTS = 4000  # of a curve in the picture
@@ -124,7 +123,7 @@ def compare(
         for player in players:
             player.start()
         gc.disable()  # collections would add milliseconds to a step
-        for tick, payloads in instants(recording, present):
+        for tick, payloads in recording.instants(present):
             for variant, player in zip(computed, players, strict=True):
                 wall, cpu = _totals(player)
                 if player.step(tick, payloads):

@@ -80,60 +80,60 @@ class Report:
                 "nodes": {name: asdict(report) for name, report in self.nodes.items()}}  # fmt: skip
 
 
-def compare_one(
-    report: NodeReport,
-    stream: str,
-    payload: bytes,
-    message: Message,
-    tolerance: float,
-    scales: dict[tuple[str, str], float],
-) -> None:
-    """Compare one message with its recorded bytes and note a difference. `scales`: magnitudes of the fields so far."""
-    if not tolerance and pack(message) == payload:
-        return
-    try:
-        recorded = unpack(payload, type(message))
-    except MessageError as error:
-        found = [Difference(stream, message.tick, "type", "1", str(error), type(message).__name__)]
-    else:
-        found = list(_differences(report, stream, recorded, message, tolerance, scales))
-        if not found and not tolerance:
-            found = [_other_fields(stream, payload, message)]
-    if found:
-        report.differing += 1
-        report.first = report.first or found[0]
+class Comparer:
+    """Compares messages with their recorded bytes, within a tolerance (see `verify`)."""
 
+    def __init__(self, tolerance: float) -> None:
+        self.tolerance = tolerance
+        self._scales: dict[tuple[str, str], float] = {}  # largest magnitude so far, by stream and field
 
-def _differences(
-    report: NodeReport, stream: str, a: Message, b: Message, tolerance: float, scales: dict[tuple[str, str], float]
-) -> Iterator[Difference]:
-    """Differences beyond the tolerance between the recorded message (a) and the computed one (b)."""
-    for name in HEADER:
-        if getattr(a, name) != getattr(b, name):
-            yield Difference(stream, b.tick, name, "1", repr(getattr(a, name)), repr(getattr(b, name)))
-    for each in fields(type(b)):
-        x, y = getattr(a, each.name), getattr(b, each.name)
-        numeric = each.dtype is not None or bool(each.shape) or each.type is float
-        if not numeric:
-            if x != y:
-                yield Difference(stream, b.tick, each.name, each.unit, repr(x), repr(y))
-            continue
-        p, q = np.asarray(x), np.asarray(y)
-        if p.shape != q.shape:
-            yield Difference(stream, b.tick, each.name, each.unit, f"shape {p.shape}", f"shape {q.shape}")
-            continue
-        if not p.size or p.tobytes() == q.tobytes():
-            continue
-        p, q = p.astype(float), q.astype(float)
-        scale = max(scales.get((stream, each.name), 0.0), float(np.abs(p).max()), float(np.abs(q).max()))
-        scales[stream, each.name] = scale
-        apart = np.abs(p - q) / scale if scale else np.zeros_like(p)
-        report.largest = max(report.largest, float(apart.max()))
-        wrong = np.argwhere((apart > tolerance) | ((p != q) | (np.signbit(p) != np.signbit(q))) & (tolerance == 0.0))
-        if len(wrong):
-            index = tuple(int(i) for i in wrong[0])
-            label = each.name + (f"[{', '.join(map(str, index))}]" if index else "")
-            yield Difference(stream, b.tick, label, each.unit, repr(float(p[index])), repr(float(q[index])))
+    def compare(self, report: NodeReport, stream: str, payload: bytes, message: Message) -> None:
+        """Compare one message with its recorded bytes and note a difference."""
+        report.checked += 1
+        if not self.tolerance and pack(message) == payload:
+            return
+        try:
+            recorded = unpack(payload, type(message))
+        except MessageError as error:
+            found = [Difference(stream, message.tick, "type", "1", str(error), type(message).__name__)]
+        else:
+            found = list(self._differences(report, stream, recorded, message))
+            if not found and not self.tolerance:
+                found = [_other_fields(stream, payload, message)]
+        if found:
+            report.differing += 1
+            report.first = report.first or found[0]
+
+    def _differences(self, report: NodeReport, stream: str, a: Message, b: Message) -> Iterator[Difference]:
+        """Differences beyond the tolerance between the recorded message (a) and the computed one (b)."""
+        for name in HEADER:
+            if getattr(a, name) != getattr(b, name):
+                yield Difference(stream, b.tick, name, "1", repr(getattr(a, name)), repr(getattr(b, name)))
+        for each in fields(type(b)):
+            x, y = getattr(a, each.name), getattr(b, each.name)
+            numeric = each.dtype is not None or bool(each.shape) or each.type is float
+            if not numeric:
+                if x != y:
+                    yield Difference(stream, b.tick, each.name, each.unit, repr(x), repr(y))
+                continue
+            p, q = np.asarray(x), np.asarray(y)
+            if p.shape != q.shape:
+                yield Difference(stream, b.tick, each.name, each.unit, f"shape {p.shape}", f"shape {q.shape}")
+                continue
+            if not p.size or p.tobytes() == q.tobytes():
+                continue
+            p, q = p.astype(float), q.astype(float)
+            before = self._scales.get((stream, each.name), 0.0)
+            scale = self._scales[stream, each.name] = max(before, float(np.abs(p).max()), float(np.abs(q).max()))
+            apart = np.abs(p - q) / scale if scale else np.zeros_like(p)
+            report.largest = max(report.largest, float(apart.max()))
+            wrong = apart > self.tolerance
+            if not self.tolerance:
+                wrong |= (p != q) | (np.signbit(p) != np.signbit(q))
+            if wrong.any():
+                index = tuple(int(i) for i in np.argwhere(wrong)[0])
+                label = each.name + (f"[{', '.join(map(str, index))}]" if index else "")
+                yield Difference(stream, b.tick, label, each.unit, repr(float(p[index])), repr(float(q[index])))
 
 
 def _other_fields(stream: str, payload: bytes, message: Message) -> Difference:

@@ -19,11 +19,10 @@ from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError
 from palpate.messages import fields
 from palpate.physics.archive import replacing
-from palpate.records.differences import ELSEWHERE, Difference, NodeReport, Report, compare_one
+from palpate.records.differences import ELSEWHERE, Comparer, Difference, NodeReport, Report
 from palpate.records.format.head import PROFILE, head_of, is_head
 from palpate.records.format.mcap_writer import McapWriter
-from palpate.records.instants import instants
-from palpate.records.player import Player, ReplaySlot, plan_of
+from palpate.records.player import Player, plan_of
 from palpate.records.stored import RecordingError, Stored
 
 LAG = 0.5  # [s] limit of the delay between messages of the same tick in the file
@@ -59,11 +58,11 @@ def fill(path: Path, file: IO[bytes], tolerance: float | None = None) -> tuple[R
 class _Filling:
     def __init__(self, stored: Stored, tolerance: float | None) -> None:
         self.stored, self.plan = stored, plan_of(stored)
-        self.tolerance = tolerance if tolerance is not None else ELSEWHERE if rounding(stored.about) else 0.0
+        usual = ELSEWHERE if rounding(stored.about) else 0.0
+        self.comparer = Comparer(usual if tolerance is None else tolerance)
         nodes = self.plan.graph.nodes
         self.player = Player(stored, self.plan, [n for n in self.plan.order if not nodes[n].cls.paced], live=True)
         self.report = Report({part.name: NodeReport() for part in self.player.parts if part.streams})
-        self._scales: dict[tuple[str, str], float] = {}
         self._simulated = stored.about.get("clock") == "simulated"
         checked = stored.about.get("checked", {})
         self._uncomputed = {
@@ -124,12 +123,12 @@ class _Filling:
     def _ticks(self, present: dict[str, np.ndarray]) -> Iterator[tuple[int, dict[str, bytes]]]:
         """The ticks of the run, with the stored messages of each."""
         if not self._simulated:
-            yield from instants(self.stored, present)
+            yield from self.stored.instants(present)
             return
         sources = {name: row for name, row in present.items() if name not in self.player.computed}
         last = min((self._last(name, row) for name, row in sources.items()), default=-1)
         due = 0
-        for tick, payloads in instants(self.stored, present):
+        for tick, payloads in self.stored.instants(present):
             while due < min(tick, last + 1):
                 yield due, {}
                 due += 1
@@ -150,26 +149,19 @@ class _Filling:
     def _check(self, tick: int, payloads: dict[str, bytes], sent: dict[str, bytes]) -> bool:
         """Compare the computed messages of this tick with stored checks; True: there were checks, and all agree."""
         whole = {name: data for name, data in payloads.items() if name in self.player.computed and not is_head(data)}
-        for part in self.player.parts:
-            self._compare(part, tick, whole, sent)
-        return bool(whole) and self.report.first is None
-
-    def _compare(self, part: ReplaySlot, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
-        for output in part.outputs:
-            if output.stream not in whole:
-                continue
-            report = self.report.nodes[part.name]
-            report.checked += 1
-            message = output.last
+        checked = [(part, output) for part in self.player.parts for output in part.outputs if output.stream in whole]
+        for part, output in checked:
+            report, message = self.report.nodes[part.name], output.last
             if output.stream not in sent or message is None:
+                report.checked += 1
                 report.differing += 1
                 report.first = report.first or Difference(output.stream, tick, "step", "1", "an answer", "none")
                 continue
-            skipped = self._uncomputed.get(output.stream)
-            if skipped:
+            if skipped := self._uncomputed.get(output.stream):
                 stored = self.stored.decoded(output.stream, tick, whole[output.stream], output.kind)
                 message = msgspec.structs.replace(message, **{name: getattr(stored, name) for name in skipped})
-            compare_one(report, output.stream, whole[output.stream], message, self.tolerance, self._scales)
+            self.comparer.compare(report, output.stream, whole[output.stream], message)
+        return bool(whole) and self.report.first is None
 
 
 def explained(path: Path, report: Report, about: dict[str, Any]) -> str:

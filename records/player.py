@@ -49,7 +49,7 @@ class ReplaySlot(Slot):
         """Whether it steps at its recorded ticks. False: its divisor has changed, so it follows simulated time."""
         self.places = self._places(recorded)
         """Index of each input's tick in `used`; None if the recorded node read another stream there."""
-        self.broken: str | None = None
+        self.broken = ""
         self.cpu = Histogram()
         """Processor time of this thread in each step, so that other programs do not count."""
 
@@ -67,11 +67,9 @@ class ReplaySlot(Slot):
         """Remove inputs beyond the first `count` that were added to the class after the recording was made: nothing is
         connected to them, and `step` has a default."""
         ports = self.inputs
-        if len(ports) <= count:
-            return
-        parameters = inspect.signature(type(self.node).step).parameters
         while len(ports) > count and ports[-1].dead:
-            if parameters[ports[-1].port.name].default is inspect.Parameter.empty:
+            parameter = inspect.signature(type(self.node).step).parameters[ports[-1].port.name]
+            if parameter.default is inspect.Parameter.empty:
                 break
             ports.pop()
             self.takes(self.counts[:-1])
@@ -205,10 +203,9 @@ class Player:
 
     def _was_recorded(self, part: ReplaySlot) -> bool:
         """Whether the node repeats its recorded steps, and the file has all of them."""
-        if not part.as_recorded:
-            return False
-        streams = [self.recording.streams.get(s) for s in part.streams]
-        return any(stream is not None and (stream.thin == 1 or stream.kept == "heads") for stream in streams)
+        known = self.recording.streams
+        whole = (known[s].thin == 1 or known[s].kept == "heads" for s in part.streams if s in known)
+        return part.as_recorded and any(whole)
 
     def _input(self, part: ReplaySlot, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
         if port.dead:

@@ -13,9 +13,8 @@ from palpate.messages import Health
 from palpate.nodes.base import Observer, Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.changed import sources
-from palpate.records.differences import NodeReport, compare_one
+from palpate.records.differences import Comparer, NodeReport
 from palpate.records.format.head import head_of
-from palpate.records.instants import instants
 from palpate.records.player import Player
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -64,7 +63,10 @@ class Replay:
             if out.exists() and out.samefile(recording.path):
                 raise RecordingError(f"{out} is the file that is replayed; name another one")
             self.observers.append(self._listening("log", Mcap(path=str(out)), list(self._streams())))
-        self.observers += self._viewers()
+        for name, observed in plan.observers.items():
+            node = plan.make(name)
+            if isinstance(node, Observer) and not isinstance(node, Mcap):
+                self.observers.append(self._listening(name, node, [s for s in self._streams() if s.name in observed]))
         self.producers = {s: name for name in plan.order for s in plan.graph.nodes[name].streams}
         self.reports: dict[str, NodeReport] = {}
         self.player: Player | None = None
@@ -76,7 +78,7 @@ class Replay:
         # Start the players and the observers.
         player = self.player = Player(self.recording, self.plan, self.running, live=True)
         reports = self.reports = {part.name: NodeReport() for part in player.parts}
-        scales: dict[tuple[str, str], float] = {}
+        comparer = Comparer(0.0)
         begun, first, time = now(), None, 0
         player.start()
         for observer in self.observers:
@@ -85,7 +87,7 @@ class Replay:
         begins = {name: list(ticks) for name, ticks in self.recording.restarted.items()}
         since: dict[str, int] = {}
         try:
-            for tick, payloads in instants(self.recording, self.present):
+            for tick, payloads in self.recording.instants(self.present):
                 time = head_of(next(iter(payloads.values()))).time
                 if self.end is not None and time > self.end * 1e9:
                     break
@@ -94,9 +96,7 @@ class Replay:
                 for part in player.parts:
                     for output in part.outputs:
                         if output.stream in sent and output.stream in payloads and output.last is not None:
-                            report = reports[part.name]
-                            report.checked += 1
-                            compare_one(report, output.stream, payloads[output.stream], output.last, 0.0, scales)
+                            comparer.compare(reports[part.name], output.stream, payloads[output.stream], output.last)
                 if time < self.begin * 1e9:
                     continue
                 # Keep the pace of the recording.
@@ -151,13 +151,6 @@ class Replay:
             for stream, kind in graph.nodes[name].streams.items():
                 if name in self.running or stream in self.recording.streams:
                     yield Stream(stream, kind, name, graph.nodes[name].every)
-
-    def _viewers(self) -> Iterator[ObserverSlot]:
-        """The observers of the graph except loggers."""
-        for name, observed in self.plan.observers.items():
-            node = self.plan.make(name)
-            if isinstance(node, Observer) and not isinstance(node, Mcap):
-                yield self._listening(name, node, [s for s in self._streams() if s.name in observed])
 
     def _listening(self, name: str, node: Observer, streams: list[Stream]) -> ObserverSlot:
         provenance = about(self.plan, clock="replay", replay_of=str(self.recording.path), running=self.running)

@@ -3,7 +3,7 @@
 import contextlib
 import json
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -264,6 +264,28 @@ class Stored:
                                      "`export` can still read it")  # fmt: skip
         return ticks
 
+    def instants(self, present: Mapping[str, np.ndarray]) -> Iterator[tuple[int, dict[str, bytes]]]:
+        """Each tick at which one of these streams has a message, in order, with the encoded messages by stream. The
+        file has them in order of arrival.
+
+        present  ticks of the messages of each stream, from `ticks`
+
+        The number of messages per tick is known beforehand, so only messages out of order are buffered.
+        """
+        if not present:
+            return
+        ticks, counts = np.unique(np.concatenate(list(present.values())), return_counts=True)
+        order = zip(ticks, counts, strict=True)
+        due, count = next(order, (None, 0))
+        waiting: dict[int, dict[str, bytes]] = {}
+        for name, tick, _, payload in self.raw():
+            if name not in present:
+                continue
+            waiting.setdefault(tick, {})[name] = payload
+            while due is not None and len(waiting.get(due, ())) == count:
+                yield int(due), waiting.pop(due)
+                due, count = next(order, (None, 0))
+
     def messages(self, name: str, within: tuple[float, float] | None = None) -> Iterator[Message]:
         """The messages of one stream, or those within these times [s]. RecordingError: unknown stream, or a message
         that does not fit its type."""
@@ -324,6 +346,11 @@ class Stored:
         if name not in self.streams:
             raise RecordingError(f"{self.path}: no stream {name!r}. {choices('Streams', name, self.streams)}")
         return self.streams[name]
+
+
+def last_tick(present: Mapping[str, np.ndarray]) -> int:
+    """The last tick of all streams; 0 without messages."""
+    return max((int(row[-1]) for row in present.values() if len(row)), default=0)
 
 
 def _size(record: Schema | Channel | Metadata) -> int:

@@ -7,11 +7,10 @@ import numpy as np
 
 from palpate.engine.plan import Plan
 from palpate.engine.slot import NodeError
-from palpate.records.differences import Difference, NodeReport, Report, compare_one
-from palpate.records.instants import instants, last_tick
+from palpate.records.differences import Comparer, Difference, NodeReport, Report
 from palpate.records.player import MissingInput, Player
 from palpate.records.reader import Recording
-from palpate.records.stored import RecordingError
+from palpate.records.stored import RecordingError, last_tick
 
 
 def verify(
@@ -36,7 +35,8 @@ def verify(
         return recording.compute(tolerance)
     # Make the nodes, and find those that cannot be checked, and gaps in the recording.
     player = Player(recording, plan, plan.order, live=False)
-    report = Report({part.name: NodeReport(stopped=part.broken or "") for part in player.parts if part.streams})
+    reports = {p.name: NodeReport(stopped=p.broken or _lack(recording, p.streams)) for p in player.parts if p.streams}
+    report = Report(reports, recording.cut)
     present = recording.ticks()
     for part in player.parts:
         if not part.as_recorded:
@@ -44,19 +44,15 @@ def verify(
                 f"{recording.path}: a check steps every node at its recorded ticks, so {part.name}.every cannot "
                 "change. Replay without --check, or leave it out."
             )
-    report.cut = recording.cut
-    for part in player.parts:
-        if part.streams and not report.nodes[part.name].stopped:
-            report.nodes[part.name].stopped = _cannot(recording, part.streams, part.name)
-    parts = [part for part in player.parts if part.streams and not report.nodes[part.name].stopped]
-    scales: dict[tuple[str, str], float] = {}
+    parts = [part for part in player.parts if part.streams and not reports[part.name].stopped]
+    comparer = Comparer(tolerance)
     last = last_tick(present)
     gaps = {part.name: found for part in parts if (found := _gap(recording, part.streams, present)) is not None}
     lossy = any(counts.get("lost", 0) for counts in recording.counts.values())
     # Step each node from its recorded inputs and compare its outputs.
     player.start()
     try:
-        for tick, payloads in instants(recording, present):
+        for tick, payloads in recording.instants(present):
             player.hear(tick, payloads)
             for part in parts:
                 node = report.nodes[part.name]
@@ -82,8 +78,7 @@ def verify(
                 for output in part.outputs:
                     payload = payloads.get(output.stream)
                     if payload is not None and output.last is not None:
-                        node.checked += 1
-                        compare_one(node, output.stream, payload, output.last, tolerance, scales)
+                        comparer.compare(node, output.stream, payload, output.last)
                 if node.gap and node.differing > before.differing:
                     report.nodes[part.name] = replace(before, stopped=node.gap)
             if not tick % 512:
@@ -93,12 +88,9 @@ def verify(
     return report
 
 
-def _cannot(recording: Recording, streams: tuple[str, ...], name: str) -> str:
+def _lack(recording: Recording, streams: tuple[str, ...]) -> str:
     """Why the file does not show all steps of a node; empty if it does."""
-    for stream in streams:
-        if lack := recording.lack(stream):
-            return f"stream {stream!r} {lack}"
-    return ""
+    return next((f"stream {stream!r} {lack}" for stream in streams if (lack := recording.lack(stream))), "")
 
 
 def _gap(recording: Recording, streams: tuple[str, ...], present: dict[str, np.ndarray]) -> tuple[int, str] | None:

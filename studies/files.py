@@ -10,7 +10,7 @@ import msgspec
 from palpate.engine.faults import Faults
 from palpate.launch.load.files import find_file
 from palpate.launch.load.values.lines import Line, fill
-from palpate.launch.load.values.source import YamlSource, read
+from palpate.launch.load.values.source import YamlSource
 from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 
@@ -24,19 +24,19 @@ def found(name: str, shipped: Path, what: str) -> Path:
     return file if "/" not in name and file.is_file() else find_file(name, shipped, what=what)
 
 
-def filled(kind: type[Line], path: Path, keys: str) -> tuple[Line, YamlSource]:
-    """Content of a file as a struct, and its source for messages; `keys` names the required keys.
+def filled(kind: type[Line], source: YamlSource, keys: str, within: str = "") -> Line:
+    """Content of a file, or of the part `within` it, as a struct; `keys` names the required keys.
 
-    GraphError: lists all faults of the file.
+    GraphError: lists all faults.
     """
-    source, faults = read(path), Faults()
+    faults = Faults()
     if not isinstance(source.data, dict):
-        faults.add(f"expected a mapping with {keys}", "", source.place())
+        faults.add(f"{within and f'{within}: '}expected a mapping with {keys}", "", source.place())
         faults.done()
-    given = fill(kind, source, faults)
+    given = fill(kind, source, faults, within)
     faults.done()
     assert given is not None
-    return given, source
+    return given
 
 
 def graph_of(path: Path, name: str) -> str:

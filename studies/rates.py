@@ -117,9 +117,10 @@ def rates(
     picked = [replace(rate, output_error=output) for rate, output in zip(picked, worst, strict=True)]
     met = max(one.most for one in (measured, *unseen)) <= error
     if met:
+        factors = ", ".join(f"{speed:g}" for speed in sorted(at))
         comments = [
             f"Chosen by palpate rates: the lowest update rates for an error of {100 * error:.2g} %.",
-            f"Measured on the path of this graph at {spread(at)}:",
+            f"Measured on the path of this graph at {factors} times its speed:",
             *(f"  {speed:g} times its speed: {errors_text(picked, one)}" for speed, one in sorted(at.items())),
         ]
         if unseen:
@@ -168,18 +169,12 @@ def errors_text(rates: Sequence[Rate], one: Evaluation) -> str:
     return f"{force}; output errors {outputs}"
 
 
-def spread(speeds: Iterable[float]) -> str:
-    """Speeds in words."""
-    return f"{', '.join(f'{speed:g}' for speed in sorted(speeds))} times its speed"
-
-
 def effects_of(plan: Plan) -> list[Rate]:
     """Each running node that computes one effect and nothing else. ArgumentError: the graph has none."""
     path = force_path(plan)
-    nodes = [plan.graph.nodes[name] for name in plan.order]
     found = [
         Rate(spec.name, spec.cls.effect, spec.every, spec.name in path)
-        for spec in nodes
+        for spec in (plan.graph.nodes[name] for name in plan.order)
         if spec.cls.effect and not (spec.cls.paced or spec.cls.hardware)
     ]
     if not found:

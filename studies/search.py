@@ -108,9 +108,7 @@ def relative_error(variant: Variant, quantity: str = "force", measure: str = "rm
     return spread[measure] / spread["reference_peak"] if spread["reference_peak"] > 0.0 else 0.0
 
 
-def compared(
-    recording: Recording, texts: Sequence[str], reference: Sequence[str]
-) -> tuple[Variant, Variant] | str:  # fmt: skip
+def compared(recording: Recording, texts: Sequence[str], reference: Sequence[str]) -> tuple[Variant, Variant] | str:
     """The touch with the settings of the reference and with these; the reason if these cannot compute it.
 
     RecordingError: the recording cannot be replayed.

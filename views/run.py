@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.engine.faults import choices
-from palpate.physics.extras import missing
+from palpate.physics.extras import required
 from palpate.records.reader import Recording
 from palpate.records.samples import RecordedStream, Samples
 from palpate.records.stored import RecordingError
@@ -90,23 +90,20 @@ class Run:
         return name in self._recording.streams
 
     def __getitem__(self, name: str) -> Any:
-        """A stream, `run["contact"]`, or a field, `run["contact.force"]`. RecordingError: unknown stream or field."""
+        """A stream, `run["contact"]`, or a field, `run["contact.force"]`. RecordingError: unknown stream or field.
+
+        Stream names may contain a dot, `pad.Slip`: the longest match is the stream.
+        """
         if not isinstance(name, str):
             raise RecordingError(
                 f"{self.path}: found [{name!r}], expected the name of a stream: {', '.join(self.streams)}; "
                 "messages are those of a stream, run.contact[500]"
             )
-        stream, field = self._split(name)
+        whole = name in self._recording.streams or "." not in name
+        stream, _, field = (name, "", "") if whole else name.rpartition(".")
         if stream not in self._streams:
             self._streams[stream] = RecordedStream(self._recording, stream)
-        return self._streams[stream] if field is None else self._streams[stream][field]
-
-    def _split(self, name: str) -> tuple[str, str | None]:
-        """Split into stream and field. Stream names may contain a dot, `pad.Slip`: the longest match is the stream."""
-        if name in self._recording.streams:
-            return name, None
-        stream, dot, field = name.rpartition(".")
-        return (stream, field) if dot else (name, None)
+        return self._streams[stream] if whole else self._streams[stream][field]
 
     def __getattr__(self, name: str) -> RecordedStream:
         if name.startswith("_") or name in ("path", "about"):
@@ -126,10 +123,8 @@ class Run:
 
         RecordingError: pandas is missing, or an unknown stream.
         """
-        try:
+        with required("frame()", "table", RecordingError):
             import pandas
-        except ImportError as error:
-            raise RecordingError(missing("frame()", error.name, "table")) from None
         if isinstance(streams, str):
             return self._table(streams).set_index("time [s]")
         if not streams:

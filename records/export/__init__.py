@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
+from palpate.messages import Message
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
@@ -17,6 +18,8 @@ FORMATS = {
     "gltf": ("gltf", ".gltf"),
 }
 """Format -> the module with its function `write_FORMAT`, and the ending of the file or folder."""
+THINNED = ("foxglove", "parquet", "csv")
+"""Formats that can leave out messages."""
 
 
 def export(
@@ -44,5 +47,17 @@ def export(
     module, ending = FORMATS[to]
     write = getattr(import_module(f"{__name__}.{module}"), f"write_{to}")
     target = out or recording.path.with_name(recording.path.stem + ending)
+    if every and to not in THINNED:
+        raise RecordingError(f"--every: a file of type {target.suffix} needs every message; leave it out")
+    if target.exists() and target.samefile(recording.path):
+        raise RecordingError(f"{target} is the recording itself; name another file with --out")
     files: list[Path] = write(recording, target, tuple(streams) or tuple(recording.streams), every)
     return files
+
+
+def source(recording: Recording, kind: type[Message], streams: Sequence[str], remedy: str) -> str:
+    """The first of these streams that has messages of this type. RecordingError: none has; `remedy` follows."""
+    found = [name for name in streams or recording.streams if recording.known(name).type is kind]
+    if not found:
+        raise RecordingError(f"{recording.path}: no stream of {kind.__name__}; {remedy}")
+    return found[0]

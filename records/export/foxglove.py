@@ -12,20 +12,15 @@ from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.physics.archive import replacing
 from palpate.records.reader import Recording
-from palpate.records.stored import RecordingError
 
 _CHUNK = 4 << 20  # [B] room for several surfaces, which compress well together
 
 
-def write_foxglove(
-    recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None
-) -> list[Path]:
+def write_foxglove(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write one file. Each stream is a channel `/STREAM` of JSON objects; arrays are flat, in row-major order.
 
-    RecordingError: the target is the recording, or a message does not fit its type.
+    RecordingError: a message does not fit its type.
     """
-    if target.exists() and target.samefile(recording.path):
-        raise RecordingError(f"{target} is the recording itself; name another file with --out")
     kinds = {name: recording.streams[name].type for name in streams}
     seen = dict.fromkeys(streams, 0)
     with replacing(target) as part, open(part, "wb") as file:

@@ -14,7 +14,7 @@ from palpate.messages import Surface
 from palpate.messages.vibration import Vibration
 from palpate.physics.archive import replacing
 from palpate.physics.geometry.mesh import Mesh
-from palpate.records.export.single import check_target, source
+from palpate.records.export import source
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -26,7 +26,7 @@ FLOATS, INDICES = 5126, 5125  # glTF codes of float32 and uint32
 ATTRIBUTES, ELEMENTS = 34962, 34963  # glTF codes of the buffers of vertices and triangles
 
 
-def write_gltf(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_gltf(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write the mesh at rest of the first body, in one file, y upward as glTF demands.
 
     Its haptic material has the textures `stiffness` (coefficient K of the body's law at rest, median of the recording),
@@ -34,9 +34,8 @@ def write_gltf(recording: Recording, target: Path, streams: tuple[str, ...], eve
     fluctuation of the lateral force over the normal force, along x or the texture's direction). Pixels are 16-bit grey
     levels g from 0 to 1; `extras` of each texture has offset, scale and unit: value = offset + scale g.
 
-    RecordingError: no body with a mesh, a texture without a spatial pattern, or the target is the recording.
+    RecordingError: no body with a mesh, or a texture without a spatial pattern.
     """
-    check_target(recording, target, every)
     stream = source(recording, Surface, streams, "`palpate run kidney` records one")
     planned, sender = plan_of(recording), recording.streams[stream].producer
     try:

@@ -10,8 +10,8 @@ from palpate.messages import Spikes
 from palpate.physics.afferents.population import Population
 from palpate.physics.afferents.published import TYPES
 from palpate.physics.archive import replacing
-from palpate.physics.extras import missing
-from palpate.records.export.single import check_target, source
+from palpate.physics.extras import required
+from palpate.records.export import source
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError, damaged
@@ -25,17 +25,14 @@ COLUMNS = {
 """Columns of the table of units, with their descriptions."""
 
 
-def write_nwb(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_nwb(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write the units of the first stream of spikes: spike times [s] on the graph's clock, the observed interval, type,
     position and depth of each; no electrodes. Units without a spike have an empty list.
 
-    RecordingError: pynwb is missing, no stream of spikes, an unknown sender, or the target is the recording.
+    RecordingError: pynwb is missing, no stream of spikes, or an unknown sender.
     """
-    try:
+    with required("NWB", "feel", RecordingError):
         from pynwb import NWBHDF5IO, NWBFile
-    except ImportError as error:
-        raise RecordingError(missing("NWB", error.name, "feel")) from None
-    check_target(recording, target, every)
     stream = source(recording, Spikes, streams, "`palpate run nodule --scene afferents` records one")
     made, unit, moment, span = _units(recording, stream)
     with damaged(recording.path, "the date or the versions"):

@@ -11,7 +11,7 @@ from typing import Any
 from palpate.messages import Field, Message, fields
 from palpate.messages.fields import Shape
 from palpate.physics.archive import replacing
-from palpate.physics.extras import missing
+from palpate.physics.extras import required
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
@@ -19,7 +19,7 @@ ROWS = 4096  # rows of a Parquet row group
 TIME, NANOSECONDS = "time [s]", "time [ns]"  # nanoseconds are exact, for joins
 
 
-def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write a file per stream: tick, time [s] and [ns], `used` (the ticks of its inputs), then a column per number.
     Arrays of variable length go into one file per length variable, `tissue-k.csv`: one row per element, with the tick
     of its message."""
@@ -114,14 +114,12 @@ def _filled(values: Any, width: int) -> list[Any]:
     return [*values, *([None] * (width - len(values)))]
 
 
-def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write a file per stream with the columns of the CSV, and arrays as nested lists, `displacement [m]`. Units, type
     and provenance are also in the metadata. Rows are written in groups, so that a stream need not fit into memory."""
-    try:
+    with required("Parquet", "export", RecordingError):
         import pyarrow as pa
         import pyarrow.parquet as pq
-    except ImportError as error:
-        raise RecordingError(missing("Parquet", error.name, "export")) from None
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name in streams:
@@ -138,8 +136,9 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
             *(pa.field(f.label, _nested(pa, f), metadata={"unit": f.unit}) for f in arrays),
         ], metadata=metadata)  # fmt: skip
         path = folder / f"{name}.parquet"
+        messages = layout.messages()
         with replacing(path) as part, pq.ParquetWriter(part, schema, compression="zstd") as writer:
-            for rows in batched(layout.messages(), ROWS):
+            while rows := list(islice(messages, ROWS)):
                 cells = [[*layout.cells(m), *(getattr(m, f.name).tolist() for f in arrays)] for m in rows]
                 columns = zip(*cells, strict=True)
                 writer.write_table(
@@ -147,12 +146,6 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
                 )
         paths.append(path)
     return paths
-
-
-def batched(messages: Iterator[Message], size: int) -> Iterator[list[Message]]:
-    """Groups of `size`, the last one shorter."""
-    while rows := list(islice(messages, size)):
-        yield rows
 
 
 def _number(pa: Any, field: Field) -> Any:

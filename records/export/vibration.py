@@ -12,7 +12,7 @@ import numpy as np
 from palpate.messages.vibration import Vibration
 from palpate.physics.archive import replacing
 from palpate.physics.texture.surface import third_octaves
-from palpate.records.export.single import check_target, source
+from palpate.records.export import source
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
@@ -35,9 +35,9 @@ def samples(recording: Recording, streams: Sequence[str] = ()) -> tuple[np.ndarr
     return force, blocks[0].sampling, np.repeat([b.speed for b in blocks], [len(b.lateral) for b in blocks])
 
 
-def write_wav(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_wav(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """One channel of 16 bits; full scale is the largest force."""
-    force, sampling, _ = _all(recording, target, streams, every)
+    force, sampling, _ = samples(recording, streams)
     with replacing(target) as part, wave.open(str(part), "wb") as file:
         file.setnchannels(1)
         file.setsampwidth(2)
@@ -46,17 +46,12 @@ def write_wav(recording: Recording, target: Path, streams: tuple[str, ...], ever
     return [target]
 
 
-def write_hjif(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+def write_hjif(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Amplitudes of sines at the centres of third-octave bands, 50 times a second; the channel's gain is in newtons."""
-    force, sampling, _ = _all(recording, target, streams, every)
+    force, sampling, _ = samples(recording, streams)
     with replacing(target) as part:
         part.write_text(json.dumps(haptics(force, sampling, recording.path.stem)), encoding="utf-8")
     return [target]
-
-
-def _all(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> Any:
-    check_target(recording, target, every)
-    return samples(recording, streams)
 
 
 def haptics(force: np.ndarray, sampling: float, name: str) -> dict[str, Any]:

@@ -52,9 +52,7 @@ def lacking(path: Path) -> str:
             metadata = [record for record in McapRecords(file).indexed() if isinstance(record, Metadata)]
     except (OSError, Broken) as error:
         return f"recording {path} is not complete: {error}"
-    counts = {
-        name: entry for record in metadata if record.name == "palpate.counts" for name, entry in record.metadata.items()
-    }
+    counts = next((record.metadata for record in metadata if record.name == "palpate.counts"), {})
     lost = {name: json.loads(entry)["lost"] for name, entry in counts.items()}
     losses = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
     return f"recording {path} lacks messages that did not reach it in time: {losses}" if losses else ""

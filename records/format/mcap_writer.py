@@ -159,8 +159,6 @@ class McapWriter:
         self._thread.shutdown(cancel_futures=True)
 
     def _summary(self) -> Iterable[tuple[Opcode, Iterable[records.McapRecord]]]:
-        begins = [chunk.message_start_time for chunk in self._chunks]
-        ends = [chunk.message_end_time for chunk in self._chunks]
         statistics = records.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
@@ -168,8 +166,8 @@ class McapWriter:
             chunk_count=len(self._chunks),
             message_count=self._counts.total(),
             metadata_count=len(self._metadata),
-            message_start_time=min(begins, default=0),
-            message_end_time=max(ends, default=0),
+            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
+            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
             schema_count=len(self._schemas),
         )
         yield Opcode.SCHEMA, self._schemas

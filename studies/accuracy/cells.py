@@ -90,25 +90,22 @@ def compute(
 def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) -> Cell:
     """Compute one cell. An exception of the method becomes the status `failed`."""
     cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.rate, law=method.law)
-    why = method.refuses(touch)
     solution = reference_solution(touch)
-    if not why:
-        try:
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")
-                outcome = method.compute(touch, fidelity, repeats)
-            cell.errors = score(outcome, solution)
-            if not all(np.isfinite(v) for error in cell.errors.values() for v in error.values()):
-                raise ArithmeticError("its results are not finite")
-            cell.p50, cell.p99 = (float(np.percentile(outcome.steps, p)) for p in (50, 99))
-            cell.steps, cell.memory, cell.offline = len(outcome.steps), outcome.memory, outcome.offline
-            return cell
-        except UnsupportedError as error:
-            why = str(error)
-        except Exception as error:  # a custom class may raise anything; the benchmark continues
-            cell.status, cell.why, cell.errors = "failed", f"{type(error).__name__}: {error}", charged()
-            return cell
-    cell.status, cell.why, cell.errors = "refused", why, charged()
+    try:
+        if why := method.refuses(touch):
+            raise UnsupportedError(why)
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            outcome = method.compute(touch, fidelity, repeats)
+        cell.errors = score(outcome, solution)
+        if not all(np.isfinite(v) for error in cell.errors.values() for v in error.values()):
+            raise ArithmeticError("its results are not finite")
+        cell.p50, cell.p99 = (float(np.percentile(outcome.steps, p)) for p in (50, 99))
+        cell.steps, cell.memory, cell.offline = len(outcome.steps), outcome.memory, outcome.offline
+    except UnsupportedError as error:
+        cell.status, cell.why, cell.errors = "refused", str(error), charged()
+    except Exception as error:  # a custom class may raise anything; the benchmark continues
+        cell.status, cell.why, cell.errors = "failed", f"{type(error).__name__}: {error}", charged()
     return cell
 
 

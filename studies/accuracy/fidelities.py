@@ -10,25 +10,16 @@ from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.outcome import Fidelity, MethodOutcome
 from palpate.studies.peers.continuum import NODULE_DEPTH, NODULE_RADIUS, NODULE_RATIO
 
-RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
-MESHES = (400, 1000, 3000, 10000)
+STEPS = tuple(Fidelity(f"{rate:g} Hz", rate, quick=rate == 1000.0) for rate in (250.0, 500.0, 1000.0, 2000.0, 4000.0))
+MESHES = tuple(
+    Fidelity(f"{n} vertices", settings={"surface": {"vertices": n}}, quick=n == 1000) for n in (400, 1000, 3000, 10000)
+)
+REACHES = tuple(Fidelity(f"kernel of {1e3 * r:g} mm", settings={"spread": {"radius": r}}) for r in (4e-3, 6e-3, 10e-3))
 SECOND_ORDER = Fidelity(
     "second order", settings={"contact": {"second_order": True}, "body": {"second_order": True}}, quick=True
 )
 """Steps of second order at 1 kHz."""
 NODULE = {"nodule_radius": NODULE_RADIUS, "nodule_depth": NODULE_DEPTH, "nodule_ratio": NODULE_RATIO}
-
-
-def steps() -> list[Fidelity]:
-    return [Fidelity(f"{rate:g} Hz", rate, quick=rate == 1000.0) for rate in RATES]
-
-
-def meshes(counts: tuple[int, ...] = MESHES) -> list[Fidelity]:
-    return [Fidelity(f"{n} vertices", settings={"surface": {"vertices": n}}, quick=n == 1000) for n in counts]
-
-
-def spread(name: str, value: object, text: str) -> Fidelity:
-    return Fidelity(text, settings={"spread": {name: value}})
 
 
 def of_body(
@@ -43,10 +34,6 @@ def of_body(
         return chain.run(touch, cls, replace(fidelity, settings=given), finger, repeats)
 
     return compute
-
-
-def reaches() -> list[Fidelity]:
-    return [spread("radius", r, f"kernel of {1e3 * r:g} mm") for r in (4e-3, 6e-3, 10e-3)]
 
 
 def only_slab(touch: BenchCase) -> str:

@@ -15,7 +15,7 @@ from palpate.registry import modules, snake
 from palpate.studies.accuracy import bodies as slab_bodies
 from palpate.studies.accuracy import chain, reference_solvers
 from palpate.studies.accuracy.cases import BenchCase
-from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, steps
+from palpate.studies.accuracy.fidelities import MESHES, STEPS, of_body, only_slab
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.reference import HERTZ
 from palpate.studies.peers.continuum import POISSON, YOUNG
@@ -64,8 +64,8 @@ def standard() -> list[Method]:
         else:
             others.append(of_user(name, body))
     return [
-        Method("hertz", "Hertz's law", _law(BALL), tuple(steps()), _only_ball, law=True),
-        *(Method(name, title, _law({"finger_law": law}), tuple(steps()), _only_fingertip, law=True)
+        Method("hertz", "Hertz's law", _law(BALL), STEPS, _only_ball, law=True),
+        *(Method(name, title, _law({"finger_law": law}), STEPS, _only_fingertip, law=True)
           for name, law, title in laws),
         *adapted, *others, *reference_solvers.methods(),
     ]  # fmt: skip
@@ -100,8 +100,8 @@ def of_user(name: str, cls: type[Node]) -> Method:
         material = {"young": YOUNG, "poisson": POISSON, "retardation": touch.retardation}
         return {k: v for k, v in material.items() if k in known}
 
-    points = [*steps(), *(meshes() if issubclass(cls, OnSurface) else ())]
-    return Method(name, name, of_body(cls, slab), tuple(points), only_slab, source=(_text_of(cls),))
+    points = (*STEPS, *(MESHES if issubclass(cls, OnSurface) else ()))
+    return Method(name, name, of_body(cls, slab), points, only_slab, source=(_text_of(cls),))
 
 
 def _text_of(cls: type) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
-from palpate.physics.extras import install, missing, package_version
+from palpate.physics.extras import install, package_version, required
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, ContinuumCurve, Pressure, TissueBlock
@@ -27,10 +27,8 @@ def version() -> str | None:
 
 def library() -> Any:
     """The module `felupe`. MissingError: it is not installed."""
-    try:
+    with required("FElupe", "bench", MissingError):
         import felupe
-    except ImportError as error:
-        raise MissingError(missing("FElupe", error.name, "bench")) from None
     return felupe
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import edge_nodes, six_volumes
 from palpate.models.fe.meshing.organ import SLAB
-from palpate.physics.extras import install, missing
+from palpate.physics.extras import install, required
 from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, ContinuumCurve, Tetrahedra, TissueBlock
 
@@ -42,10 +42,8 @@ def version() -> str | None:
 
 def library() -> Any:
     """The module `mujoco`. MissingError: it is not installed or too old."""
-    try:
+    with required("MuJoCo 4", "bench", MissingError):
         import mujoco
-    except ImportError as error:
-        raise MissingError(missing("MuJoCo 4", error.name, "bench")) from None
     if version() is None:
         raise MissingError(f"MuJoCo: found {mujoco.__version__}, expected 4 or newer; {INSTALL}")
     return mujoco

@@ -3,10 +3,11 @@
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from scipy import stats
 
@@ -55,10 +56,10 @@ class Outcome:
 
     def to_spec(self) -> dict[str, Any]:
         """Plain data for programs: unknown numbers and open interval ends are null."""
-        plain = asdict(self)
+        plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self))
         for name, number in self.numbers.items():
             plain["numbers"][name]["value"] = number.value if number.known else None
-        return _plain(plain)
+        return plain
 
 
 def analyse(folder: Path) -> list[Outcome]:
@@ -130,7 +131,7 @@ def outcome(
         fitted = fit(experiment.function, levels, greater, None, lapsing=True)
         jnd = fitted.spread.times(HALF[experiment.function])
         numbers = {"pse": fitted.threshold, "jnd": jnd, "weber fraction": jnd.times(1.0 / abs(reference))}
-        return _fitted(common, fitted, numbers, "judged greater", levels, levels, greater, 1, reference)
+        return _fitted(common, fitted, numbers, "judged greater", levels, greater, 1, reference)
     sign = 1 if reference is not None or experiment.harder == "lower" else -1
     signal = np.isfinite(levels)
     x = np.where(signal, sign * levels if reference is None else np.abs(levels - reference), -np.inf)
@@ -140,12 +141,12 @@ def outcome(
         numbers = {"threshold": fitted.threshold.times(sign)}
     else:
         numbers = {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}
-    return _fitted(common, fitted, numbers, of, levels, x, hits, sign, reference)
+    return _fitted(common, fitted, numbers, of, x, hits, sign, reference)
 
 
 def _fitted(
-    common: dict[str, Any], fitted: Fit, numbers: dict[str, IntervalEstimate], of: str, levels: np.ndarray,
-    x: np.ndarray, hits: np.ndarray, sign: int, reference: float | None,
+    common: dict[str, Any], fitted: Fit, numbers: dict[str, IntervalEstimate], of: str, x: np.ndarray, hits: np.ndarray,
+    sign: int, reference: float | None,
 ) -> Outcome:  # fmt: skip
     seen = np.unique(x[np.isfinite(x)])
     return Outcome(
@@ -187,11 +188,3 @@ def _mean(outcomes: Sequence[Outcome]) -> Iterator[Outcome]:
     yield Outcome(
         first.task, ALL, first.block, sum(one.trials for one in outcomes), first.of, first.path, first.unit, numbers
     )
-
-
-def _plain(data: Any) -> Any:
-    if isinstance(data, dict):
-        return {key: _plain(value) for key, value in data.items()}
-    if isinstance(data, list):
-        return [_plain(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data

@@ -18,7 +18,7 @@ import msgspec
 from palpate.engine.faults import Faults, choices
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.values.lines import fill, quantity
-from palpate.launch.load.values.source import YamlSource
+from palpate.launch.load.values.source import YamlSource, read
 from palpate.studies.files import Text, Whole, filled, found
 
 EXPERIMENTS = GRAPHS / "experiments"
@@ -130,7 +130,8 @@ def find(name: str) -> Path:
 
 def load(path: Path) -> tuple[Experiment, YamlSource]:
     """The experiment of a file, and the positions of its entries. GraphError: lists all faults."""
-    given, source = filled(Experiment, path, "graph, vary, response, question, duration and blocks")
+    source = read(path)
+    given = filled(Experiment, source, "graph, vary, response, question, duration and blocks")
     faults = Faults()
     given.task = given.task or re.sub(r"[^A-Za-z0-9]", "", path.stem)
     if not LABEL.fullmatch(given.task):

@@ -33,11 +33,8 @@ class Sitting:
         self.participant, self.session = participant, session
         self.order, self.trial = resumed(stimuli, table.rows, table.path, participant, session)
         self.ended = self.trial is None
-        self.notes = []
-        if table.recovered is not None:
-            self.notes.append(
-                f"{table.path} was broken: {len(table.rows)} whole trials are kept; as it was: {table.recovered}"
-            )
+        kept = f"{len(table.rows)} whole trials are kept; as it was: {table.recovered}"
+        self.notes = [f"{table.path} was broken: {kept}"] if table.recovered is not None else []
 
     def run(self, presenter: Any) -> None:
         run(self.stimuli, self.table, self.order, self.trial, presenter)
@@ -48,12 +45,8 @@ class Sitting:
         source = self.source.sub("observer") if file is None else read(file)
         if source.data is None:
             raise ArgumentError("the experiment has no `observer:`; expected one, or --observer FILE")
-        settings = simulated.load(source)
-        self.run(
-            simulated.SimulatedObserver(
-                self.stimuli, settings, self.participant, self.session, len(self.table.rows), done
-            )
-        )
+        settings, begun = simulated.load(source), len(self.table.rows)
+        self.run(simulated.SimulatedObserver(self.stimuli, settings, self.participant, self.session, begun, done))
 
     def page(self) -> ExperimentPage:
         """The page that runs the session with a participant. PageError."""

@@ -79,11 +79,7 @@ class Staircase:
         self._row = 0
         if self._last == -turn:
             self.reversals.append(self._level)
-        self._last = turn
-        self._move(turn * self._sign)
-
-    def _move(self, way: int) -> None:
-        """Step to a larger x (1) or a smaller one (-1)."""
+        self._last, way = turn, turn * self._sign  # to a larger x (1) or a smaller one (-1)
         step, x = self._steps[min(len(self.reversals), len(self._steps) - 1)], self._side * (self._level - self._origin)
         x = x * step**way if self._ratio else x + way * step
         level = float(f"{self._origin + self._side * x:.10g}")
@@ -100,15 +96,14 @@ class Quest:
 
     @property
     def level(self) -> float | None:
-        if self._trials >= self.most:
-            return None
-        return self._levels[int(np.argmax(self._quest.information()))]
+        return self._levels[self._best()] if self._trials < self.most else None
 
     def take(self, hit: bool) -> None:
-        level = self.level
-        assert level is not None
         self._trials += 1
-        self._quest.update(self._x[self._levels.index(level)], hit)
+        self._quest.update(self._x[self._best()], hit)
+
+    def _best(self) -> int:
+        return int(np.argmax(self._quest.information()))
 
 
 Procedure = Constant | Staircase | Quest

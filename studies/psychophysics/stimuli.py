@@ -15,7 +15,7 @@ from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.nodes.base import settings
 from palpate.studies.files import graph_of
-from palpate.studies.psychophysics.file import ConstantBlock, Experiment, QuestBlock, StaircaseBlock
+from palpate.studies.psychophysics.file import ConstantBlock, Experiment, StaircaseBlock
 from palpate.studies.sweeps.axes import GRIDS, rounded
 from palpate.studies.sweeps.checks import path as full_path
 from palpate.studies.sweeps.point import overrides
@@ -116,7 +116,7 @@ class Stimuli:
         if isinstance(block, StaircaseBlock):
             starts = block.start if isinstance(block.start, list) else [block.start]
             return [self.number(f"{at}start", start) for start in starts]
-        return self.grid(f"{at}levels", block.levels) if isinstance(block, ConstantBlock | QuestBlock) else []
+        return self.grid(f"{at}levels", block.levels)
 
     def _check(self) -> None:
         """Check that each stimulus loads, and that the stimuli of each pair differ."""

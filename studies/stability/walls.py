@@ -1,6 +1,11 @@
 """Stiffest wall of a device: by theory, and in the simulated loop with and without passivity control."""
 
+import csv
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,26 +24,63 @@ see `_long`."""
 SHOWN = ("passive", "stable", "quantised", "bare", "controlled")
 
 
-def check(
-    device: WallDevice, rates: Sequence[float], delays: Sequence[int], dampings: Sequence[float], order: int,
-    lost: float, jitter: float,
-) -> None:  # fmt: skip
-    """ArgumentError: a value is out of range."""
-    for name, value, low, high, expected in (
-        ("--mass", device.mass, 1e-6, 1e3, "1e-6 to 1000 kg"),
-        ("--drag", device.drag, 1e-6, 1e4, "1e-6 to 10000 N s/m; theory has no bound without drag"),
-        ("--coulomb", device.coulomb, 0.0, 1e3, "0 to 1000 N"),
-        ("--resolution", device.resolution, 0.0, 1e-2, "0 to 0.01 m"),
-        ("--limit", device.limit, 1e-3, 1e4, "0.001 to 10000 N"),
-        ("--filter", order, 1, 1000, "1 to 1000"),
-        ("--lost", lost, 0.0, 0.99, "0 to 0.99"),
-        ("--jitter", jitter, 0.0, 0.99, "0 to 0.99"),
-        *(("--rate", f, 1.0, 1e5, "1 to 100000 Hz") for f in rates),
-        *(("--delay", d, 0, 100, "0 to 100 samples") for d in delays),
-        *(("--damping", b, 0.0, 1e4, "0 to 10000 N s/m") for b in dampings),
-    ):
-        if not low <= value <= high:
-            raise ArgumentError(f"{name}: found {value:g}, expected {expected}")
+@dataclass(frozen=True)
+class StabilityStudy:
+    """Settings of a study: rates [Hz], delays [1], wall dampings [N s/m], velocity estimate and faults (see `row`)."""
+
+    device: WallDevice
+    rates: Sequence[float]
+    delays: Sequence[int]
+    dampings: Sequence[float]
+    order: int = 1
+    lost: float = 0.0
+    jitter: float = 0.0
+    seed: int = 0
+
+    @property
+    def cases(self) -> list[tuple[float, int, float]]:
+        return list(product(sorted(self.rates), sorted(self.delays), sorted(self.dampings)))
+
+    def check(self) -> None:
+        """ArgumentError: an option is out of range."""
+        device = self.device
+        for name, value, low, high, expected in (
+            ("--mass", device.mass, 1e-6, 1e3, "1e-6 to 1000 kg"),
+            ("--drag", device.drag, 1e-6, 1e4, "1e-6 to 10000 N s/m; theory has no bound without drag"),
+            ("--coulomb", device.coulomb, 0.0, 1e3, "0 to 1000 N"),
+            ("--resolution", device.resolution, 0.0, 1e-2, "0 to 0.01 m"),
+            ("--limit", device.limit, 1e-3, 1e4, "0.001 to 10000 N"),
+            ("--filter", self.order, 1, 1000, "1 to 1000"),
+            ("--lost", self.lost, 0.0, 0.99, "0 to 0.99"),
+            ("--jitter", self.jitter, 0.0, 0.99, "0 to 0.99"),
+            *(("--rate", f, 1.0, 1e5, "1 to 100000 Hz") for f in self.rates),
+            *(("--delay", d, 0, 100, "0 to 100 samples") for d in self.delays),
+            *(("--damping", b, 0.0, 1e4, "0 to 10000 N s/m") for b in self.dampings),
+        ):
+            if not low <= value <= high:
+                raise ArgumentError(f"{name}: found {value:g}, expected {expected}")
+
+    def run(self, folder: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
+        """Compute and write all rows; returns rows and files, with "" for the picture if matplotlib is missing. `show`
+        is called with each loop and its rate [Hz]. OSError: the folder cannot be written."""
+        rows: list[dict[str, Any]] = []
+        for f, d, b in self.cases:
+            rows.append(row(self.device, f, d, b, self.order, self.lost, self.jitter, self.seed))
+            show(f"{f:g} Hz, {d} samples late, damping {b:g} N s/m", f)
+        table, picture = folder / "stability.csv", folder / "stability.png"
+        folder.mkdir(parents=True, exist_ok=True)
+        with table.open("w", newline="", encoding="utf-8") as file:
+            write = csv.writer(file)
+            write.writerow([f"{name} [{unit}]" for name, unit in COLUMNS.items()])
+            write.writerows([[f"{one[name]:.6g}" for name in COLUMNS] for one in rows])
+        try:
+            from palpate.studies.stability.pictures import draw_walls
+        except ModuleNotFoundError:
+            drawn = ""
+        else:
+            draw_walls(rows, picture)
+            drawn = str(picture)
+        return {"table": str(table), "picture": drawn, "rows": rows}
 
 
 def row(device: WallDevice, rate: float, delay: int, damping: float, order: int, lost: float, jitter: float, seed: int

@@ -212,9 +212,9 @@ class Space:
     def __len__(self) -> int:
         return math.prod(self.shape)
 
-    def columns(self) -> dict[str, list[Any]]:
-        """All values of each path."""
-        listed = {path: [row[k] for row in one.values] for one in self.crossed for k, path in enumerate(one.paths)}
+    def columns(self, of: str = "values") -> dict[str, list[Any]]:
+        """All values of each path, or with "labels" those for tables."""
+        listed = {p: [row[k] for row in getattr(one, of)] for one in self.crossed for k, p in enumerate(one.paths)}
         return listed | {one.paths[0]: self.drawn[:, k].tolist() for k, one in enumerate(self.sampled)}
 
     def point(self, number: int) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -5,24 +5,21 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import RunError
-from palpate.physics.extras import missing
+from palpate.physics.extras import required
 from palpate.studies.sweeps.store import Store
 
 
 def dataset(study: Any) -> Any:
     """Numbers and curves over the axes of a study. RunError: xarray is missing."""
-    try:
+    with required("xarray()", "study", RunError):
         import xarray
-    except ImportError as error:
-        raise RunError(missing("xarray()", error.name, "study")) from None
     space, rows = study.space, study.rows()
     dims = (*(one.paths[0] for one in space.crossed), *(("sample",) if space.sampled else ()))
-    coords: dict[str, Any] = {}
-    for one in space.crossed:
-        for k, path in enumerate(one.paths):
-            coords[path] = (one.paths[0], [row[k] for row in one.labels], _attributes(study, path))
-    for k, one in enumerate(space.sampled):
-        coords[one.paths[0]] = ("sample", space.drawn[:, k], _attributes(study, one.paths[0]))
+    along = {path: one.paths[0] for one in space.crossed for path in one.paths}
+    coords: dict[str, Any] = {
+        path: (along.get(path, "sample"), values, {"units": study.units[path]} if path in study.units else {})
+        for path, values in space.columns("labels").items()
+    }
     data: dict[str, Any] = {
         kept.text: (dims, np.reshape([row.get(kept.text, np.nan) for row in rows], space.shape), {"units": kept.unit})
         for kept in study.numbers
@@ -43,10 +40,6 @@ def dataset(study: Any) -> Any:
         last = time if clock.ndim == 1 else f"tick{time[4:]}"
         data[curve.text] = ((*dims, last), values.reshape(*space.shape, -1), {"units": curve.unit})
     return xarray.Dataset(data, coords, {"graph": study.name})
-
-
-def _attributes(study: Any, path: str) -> dict[str, str]:
-    return {"units": study.units[path]} if path in study.units else {}
 
 
 def _clock(times: np.ndarray, clocks: list[np.ndarray]) -> tuple[str, np.ndarray]:

@@ -14,6 +14,7 @@ import msgspec
 
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.values.lines import quantity
+from palpate.launch.load.values.source import read
 from palpate.studies.files import Text, Whole, filled, found, graph_of
 from palpate.studies.sweeps.point import overrides
 from palpate.studies.sweeps.study import Study
@@ -48,7 +49,7 @@ def load(path: Path, sensitivity: str | None = None, samples: int | None = None)
 
     GraphError: the file is invalid. ArgumentError: the study is invalid.
     """
-    given, _ = filled(_File, path, "graph, over and keep")
+    given = filled(_File, read(path), "graph, over and keep")
     values = msgspec.structs.asdict(given)
     sets = overrides(values.pop("set"), "set")
     values |= {"graph": graph_of(path, given.graph), "limit": None if given.limit == "none" else given.limit}

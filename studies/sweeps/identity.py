@@ -67,10 +67,8 @@ def _flat(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 def described(space: Space) -> dict[str, str]:
     """Summary of the values of each path, as text."""
-    given = {path: [row[k] for row in one.labels] for one in space.crossed for k, path in enumerate(one.paths)}
-    given |= {one.paths[0]: space.drawn[:, k].tolist() for k, one in enumerate(space.sampled)}
     words = {}
-    for name, values in given.items():
+    for name, values in space.columns("labels").items():
         numbers = all(isinstance(value, int | float) for value in values)
         which = f"{min(values):g} to {max(values):g}" if numbers else ", ".join(map(str, values))
         words[name] = f"{len(set(values))} values, {which[:LONG]}"

@@ -7,26 +7,41 @@ network therefore cannot send work to them.
 import contextlib
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import Pipe
 from pathlib import Path
 
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
-from palpate.studies.sweeps.runner import Runner, start_with, work
+from palpate.studies.sweeps.runner import Runner
 
 AHEAD = 2  # Points per worker in the queue of the pool, so that a worker never waits for its next point
 
 
-@dataclass(frozen=True)
 class Pool:
-    """A thread pool and its number of threads, each of which computes one point at a time."""
+    """Threads, each of which computes one point at a time, in a process that `start` makes."""
 
-    executor: ThreadPoolExecutor
-    workers: int
+    def __init__(self, workers: int, start: Callable[[], Runner]) -> None:
+        self.workers, self._start, self._here = workers, start, threading.local()
+        self.executor = ThreadPoolExecutor(workers, "palpate study")
+
+    def work(self, task: Task, point: Point) -> Computed:
+        """Compute a point in the process of this thread.
+
+        RunError: the versions of the process differ from those of the study, for example after an edit of the sources.
+        """
+        runner: Runner | None = getattr(self._here, "runner", None)
+        if runner is None or not runner.alive:
+            runner = self._here.runner = self._start()
+        there = runner.about
+        pairs = ((name, there.get(name, "none"), ours) for name, ours in task.about.items())
+        other = [f"{name} {theirs} there, {ours} here" for name, theirs, ours in pairs if theirs != ours]
+        if other:
+            raise RunError(f"a new process would not give the same bytes: {'; '.join(other)}")
+        return runner.run(task, point)
 
 
 def cores() -> int:
@@ -51,13 +66,13 @@ def local(workers: int, log: Path) -> Iterator[Pool]:
             runners.append(Runner({"TMPDIR": scratch}, printed, ended))
             return runners[-1]
 
-        executor = ThreadPoolExecutor(workers, "palpate study", start_with, (start,))
+        pool = Pool(workers, start)
         try:
-            yield Pool(executor, workers)
+            yield pool
         finally:
-            executor.shutdown(wait=False, cancel_futures=True)
+            pool.executor.shutdown(wait=False, cancel_futures=True)
             end.send(None)  # wakes threads that wait for a point, which then kill its process
-            executor.shutdown()
+            pool.executor.shutdown()
             for runner in runners:
                 runner.close()
 
@@ -71,7 +86,7 @@ def compute(pool: Pool, task: Task, points: Iterable[Point], add: Callable[[Poin
     try:
         while True:
             for point in islice(waiting, AHEAD * pool.workers - len(flight)):
-                flight[pool.executor.submit(work, task, point)] = point
+                flight[pool.executor.submit(pool.work, task, point)] = point
             if not flight:
                 return
             for future in wait(flight, timeout=1.0, return_when=FIRST_COMPLETED).done:

@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,11 @@ class Task:
         """The run with these values by path, in one process."""
         return self.launch.but(overrides=overrides(values), place=FUSED, clock="simulated", record=record)
 
+    @cached_property
+    def preparation(self) -> Preparation:
+        """Prepares its points for a lane."""
+        return lanes.preparation(self.run, self.keep, self.extremes)
+
 
 @dataclass
 class Computed:
@@ -142,17 +148,12 @@ def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None)
     return replace(done, seconds=time.monotonic() - since)
 
 
-_tasks: list[tuple[Task, Preparation]] = []  # the last task, which prepares its points
-
-
 def _as_lane(task: Task, point: Point, ready: Callable[[], None]) -> Computed | None:
     """Run a point as a lane. None: it keeps a recording, or not all its nodes are compiled, or it fails."""
     if point.recording is not None or not task.keep or task.launch.duration is None:
         return None
-    if not _tasks or _tasks[0][0] is not task:
-        _tasks[:] = [(task, lanes.preparation(task.run, task.keep, task.extremes))]
     try:
-        lane = _tasks[0][1](point.values)
+        lane = task.preparation(point.values)
     except ArgumentError:
         return None
     _warm(task.run(point.values), lane.graph, ready)

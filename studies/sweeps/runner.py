@@ -5,9 +5,8 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import CancelledError
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
@@ -100,29 +99,3 @@ class Runner:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self.process.pid, signal.SIGKILL)
         self._ending()
-
-
-_here = threading.local()
-
-
-def start_with(start: Callable[[], Runner]) -> None:
-    """Set the function by which this thread starts its process."""
-    _here.start = start
-
-
-def work(task: Task, point: Point) -> Computed:
-    """Compute a point in the process of this thread.
-
-    RunError: the versions of the process differ from those of the study, for example after an edit of the sources.
-    """
-    runner = getattr(_here, "runner", None)
-    if runner is None or not runner.alive:
-        runner = _here.runner = _here.start()
-    other = [
-        f"{name} {runner.about.get(name, 'none')} there, {ours} here"
-        for name, ours in task.about.items()
-        if runner.about.get(name) != ours
-    ]
-    if other:
-        raise RunError(f"a new process would not give the same bytes: {'; '.join(other)}")
-    return runner.run(task, point)

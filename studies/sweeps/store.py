@@ -13,6 +13,7 @@ another name and then renamed, so that a full disk or a kill leaves the old file
 import contextlib
 import datetime
 import errno
+import itertools
 import json
 import math
 import time
@@ -23,16 +24,14 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import RunError
-from palpate.physics.extras import missing
+from palpate.physics.extras import required
 from palpate.studies.files import locked, refuse, replace
 from palpate.studies.sweeps.point import Computed, Point
 
-try:
+with required("studies", "study", RunError):
     import pyarrow
     import pyarrow.parquet
     import zarr
-except ImportError as error:
-    raise RunError(missing("studies", error.name, "study")) from None
 
 FIXED = ("key", "base", "slot", "error")
 SHARE = 20.0
@@ -72,16 +71,9 @@ class Store:
 
     def free(self, wanted: Iterable[int]) -> list[int]:
         """An unused slot for each number of a point: the number itself if it is free."""
-        taken = {row["slot"] for row in self.rows.values()}
-        wanted = list(wanted)
-        last = max([*taken, *wanted], default=-1)
-        slots = []
-        for number in wanted:
-            if number in taken:
-                last += 1
-                number = last
-            slots.append(number)
-        return slots
+        taken, wanted = {row["slot"] for row in self.rows.values()}, list(wanted)
+        fresh = itertools.count(max([*taken, *wanted], default=-1) + 1)
+        return [next(fresh) if number in taken else number for number in wanted]
 
     def describe(self, base: str, about: Mapping[str, Any], study: Mapping[str, Any]) -> None:
         """Store the origin of the rows of a base, and the current study."""

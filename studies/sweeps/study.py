@@ -22,12 +22,11 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.lanes import extremes
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.sweeps.axes import axis
-from palpate.studies.sweeps.checks import check, path, seconds, space
+from palpate.studies.sweeps.checks import check, path, seconds, space, units
 from palpate.studies.sweeps.identity import changes, content, described, digest, files_of
 from palpate.studies.sweeps.keep import RECORDING, Kept, kept
 from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint
 from palpate.studies.sweeps.sensitivity import indices
-from palpate.studies.sweeps.units import units
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

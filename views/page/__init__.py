@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.physics.extras import missing
+from palpate.physics.extras import required
 from palpate.views.errors import PageError
 
 if TYPE_CHECKING:
@@ -14,10 +14,8 @@ if TYPE_CHECKING:
 
 def check() -> None:
     """PageError: the package that serves the pages is missing."""
-    try:
+    with required("the page", "page", PageError):
         import websockets  # noqa: F401
-    except ImportError as error:
-        raise PageError(missing("the page", error.name, "page")) from None
 
 
 def serve(source: FrameSource, port: int = 0, host: str = "127.0.0.1") -> PageServer:

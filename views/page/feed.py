@@ -12,9 +12,8 @@ import msgspec
 import numpy as np
 import zmq
 
-from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.bus import HEALTH, split
-from palpate.launch.run.wire.discover import Running
+from palpate.launch.run.wire.discover import Running, subscriber
 from palpate.messages import (
     Contact,
     Force,
@@ -102,20 +101,10 @@ class StreamReader:
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
         large = [stream for stream, kind in self.kinds.items() if kind in (Surface, Load, Spikes)]
-        self.large = [self._socket(run, [stream], conflate=True) for stream in large]
-        self.small = self._socket(run, [stream for stream in self.kinds if stream not in large], conflate=False)
-
-    def _socket(self, run: Running, streams: list[str], conflate: bool) -> zmq.Socket:
-        socket = self.context.socket(zmq.SUB)
-        socket.set(zmq.LINGER, 0)
-        socket.set(zmq.RCVHWM, KEPT * len(self.touched.fingers))
-        if conflate:
-            socket.set(zmq.CONFLATE, 1)
-        for stream in streams:
-            socket.subscribe(stream.encode() + b"\0")
-        for group in run.groups:
-            socket.connect(endpoint(run.name, group, "observers"))
-        return socket
+        small = [stream for stream in self.kinds if stream not in large]
+        limit = KEPT * len(touched.fingers)
+        self.large = [subscriber(self.context, run, [stream], limit, newest=True) for stream in large]
+        self.small = subscriber(self.context, run, small, limit)
 
     def close(self) -> None:
         self.context.destroy(linger=0)

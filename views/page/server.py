@@ -30,6 +30,8 @@ from palpate.views.page.feed import RATE, FrameSource, binary
 HOST, ANY = "127.0.0.1", "0.0.0.0"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 RENDERERS = "/frames"
+SHARED = ("page.css", "scene.js", "charts.js", "panel.js")  # static files of all pages
+KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 PATIENCE = 30.0  # [s] timeout of opening and closing the server
 RELOAD = 2.0  # [s] without a page after which the page counts as closed, not reloaded
 
@@ -47,12 +49,7 @@ class PageServer:
         self.source, self.port, self.host = source, port, host
         self.token = secrets.token_urlsafe(24)
         page, script = source.files
-        self._files = {"/": (page, "text/html"), f"/{script}": (script, "text/javascript")} | {
-            "/page.css": ("page.css", "text/css"),
-            "/scene.js": ("scene.js", "text/javascript"),
-            "/charts.js": ("charts.js", "text/javascript"),
-            "/panel.js": ("panel.js", "text/javascript"),
-        }
+        self._files = {"/": page} | {f"/{name}": name for name in (script, *SHARED)}
         self._pages, self._left, self._renderers = 0, 0.0, 0
         self._server: Server | None = None
         self._news, self._order = asyncio.Condition(), asyncio.Lock()
@@ -196,9 +193,8 @@ class PageServer:
         if strange or (parts.path == "/" and not known):
             text = f"open the address that `{self.source.command}` prints; it contains a token\n"
             return _reply(HTTPStatus.FORBIDDEN, text.encode())
-        name, kind = self._files[parts.path]
-        body = resources.files("palpate.views.page").joinpath("static", name).read_bytes()
-        return _reply(HTTPStatus.OK, body, kind)
+        file = resources.files("palpate.views.page").joinpath("static", self._files[parts.path])
+        return _reply(HTTPStatus.OK, file.read_bytes(), KINDS[file.name.partition(".")[2]])
 
 
 def _outward() -> str:

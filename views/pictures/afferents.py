@@ -8,20 +8,10 @@ from matplotlib.figure import Figure
 from palpate.messages import Spikes
 from palpate.physics.afferents.population import Population
 from palpate.physics.afferents.published import TYPES
-from palpate.views.pictures.style import (
-    FAINT,
-    FINGER,
-    NORMAL,
-    SPEED,
-    TISSUE,
-    deformation_bar,
-    deformation_colours,
-    figure,
-)
-from palpate.views.pictures.style import over_time as time_axis
+from palpate.views.pictures import style
 from palpate.views.pictures.touch import TouchStreams
 
-COLOURS = (SPEED, NORMAL, FINGER)
+COLOURS = (style.SPEED, style.NORMAL, style.FINGER)
 WINDOW = 0.05  # [s] over which rates are counted
 INSTANTS = 4
 
@@ -34,7 +24,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     unit, moment, time = spikes(touch, stream)
     if len(time) < 2:
         return None
-    out = figure(12.0, 12.0, f"Spikes of {len(made.kind)} tactile afferents")
+    out = style.figure(12.0, 12.0, f"Spikes of {len(made.kind)} tactile afferents")
     top, bottom = out.subfigures(2, 1, height_ratios=(7.8, 4.2))  # type: ignore[misc]
     raster, *rates, force = top.subplots(5, 1, sharex=True, height_ratios=(4, 1, 1, 1, 1))
     edges = np.arange(time[0], max(time[-1], time[0] + 2 * WINDOW), WINDOW)
@@ -53,9 +43,9 @@ def draw(touch: TouchStreams) -> Figure | None:
     raster.grid(False)
     rates[0].set_title(f"Mean rate of the units of each type, over {1e3 * WINDOW:.0f} ms", size=11)
     if touch.contact is not None:
-        force.plot(touch.contact["time"], touch.contact["force"], color=TISSUE)
+        force.plot(touch.contact["time"], touch.contact["force"], color=style.TISSUE)
     force.set(ylabel="force [N]")
-    time_axis(force, time, touch.shown, touch.span)
+    touch.over_time(force, time)
     _maps(bottom, made, unit, moment, edges)
     return out
 
@@ -75,16 +65,16 @@ def _maps(part: Any, made: Population, unit: np.ndarray, moment: np.ndarray, edg
         size=12,
     )
     for axes, begin, rate in zip(np.atleast_1d(part.subplots(1, len(begins), sharey=True)), begins, rates, strict=True):
-        axes.scatter(*(1e3 * made.at[rate == 0.0, :2].T), s=5, c=FAINT, linewidths=0)
+        axes.scatter(*(1e3 * made.at[rate == 0.0, :2].T), s=5, c=style.FAINT, linewidths=0)
         for kind, size in enumerate((40, 18, 70)):
             mine = (made.kind == kind) & (rate > 0.0)
-            colours = deformation_colours()(rate[mine] / most)
+            colours = style.deformation_colours()(rate[mine] / most)
             look = {"facecolors": "none", "edgecolors": colours} if kind == 2 else {"c": colours, "linewidths": 0}
             axes.scatter(*(1e3 * made.at[mine, :2].T), s=size, **look)
         axes.set(title=f"{begin:.2f} to {begin + WINDOW:.2f} s", xlabel="x [mm]", aspect="equal")
         axes.grid(False)
     part.axes[0].set_ylabel("y [mm]")
-    deformation_bar(part, most, "spikes per second", ax=part.axes, shrink=0.8)
+    style.deformation_bar(part, most, "spikes per second", ax=part.axes, shrink=0.8)
 
 
 def population_of(touch: TouchStreams, stream: str) -> Population | None:

@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from palpate.views.pictures.style import ENERGY, FINGER, TISSUE, figure, over_time
+from palpate.views.pictures.style import ENERGY, FINGER, TISSUE, figure
 from palpate.views.pictures.touch import TouchStreams, touches
 
 
@@ -26,5 +26,5 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
     lower.plot(time, s1 - s2, color=ENERGY)
     lower.set_ylabel("s1 − s2 [mm]")
-    over_time(lower, time, touch.shown, touch.span)
+    touch.over_time(lower, time)
     return out

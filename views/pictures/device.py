@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from palpate.messages import Force, Pose
-from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean, over_time
+from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean
 from palpate.views.pictures.touch import Columns, TouchStreams
 
 
@@ -14,7 +14,6 @@ def draw(touch: TouchStreams) -> Figure | None:
     if force is None:
         return None
     time, size = force["time"], np.linalg.norm(force["force"], axis=1)
-    settings = touch.settings(touch.stream_of(Force))
     out = figure(11.5, 6.4, "Force on the hand, and energy absorbed by the display")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     sent = touch.recording.messages(touch.stream_of(Force) or "", touch.read)
@@ -29,7 +28,7 @@ def draw(touch: TouchStreams) -> Figure | None:
         upper.plot(time, mean(force["force"][:, i], time), color=colour, linewidth=1.4, label=f"F{name}")
     upper.plot(time, mean(size, time), color=INK, linewidth=1.2, linestyle=(0, (4, 2)), label="|F|")
     upper.set_ylabel("force on the hand [N]")
-    limit = settings.get("limit")
+    limit = touch.settings(touch.stream_of(Force)).get("limit")
     limit_text = f", device limit {limit:g} N" if isinstance(limit, float | int) else ""
     upper.set_title(f"largest {size.max():.2f} N{limit_text}; shaded: in contact")
     upper.legend(loc="upper left", ncols=4)
@@ -44,7 +43,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.plot(time, energy * 1e3, color=ENERGY)
     lower.set_title(f"{how}; least {round(energy.min() * 1e3, 2) + 0.0:.2f} mJ")
     lower.set_ylabel("energy [mJ]")
-    over_time(lower, time, touch.shown, touch.span)
+    touch.over_time(lower, time)
     return out
 
 

@@ -64,9 +64,16 @@ def draw(touch: TouchStreams) -> Figure | None:
     else:
         rows = out.subplot_mosaic([["force"], ["speed"]], height_ratios=(3, 2))
     _time(rows["force"], rows["speed"], data, a, b, touch)
-    if zoomed:
-        _region_a(rows["a"], data, a)
-        _region_b(rows["b"], data, b)
+    for region, letter, draws, nothing in (
+        (a, "a", _region_a, "A: no interval with constant speed and varying normal force"),
+        (b, "b", _region_b, "B: no interval with rising speed and constant normal force"),
+    ):
+        if region is not None:
+            draws(rows[letter], data, region)
+        elif zoomed:
+            axes = rows[letter]
+            axes.set_axis_off()
+            axes.text(0.5, 0.5, nothing, ha="center", va="center", color="#77777f", wrap=True, transform=axes.transAxes)
     return out
 
 
@@ -79,7 +86,7 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
                 axes.axvspan(begin, end, color=colour, linewidth=0)
                 place = axes.get_xaxis_transform()
                 axes.text((begin + end) / 2, 0.97, letter, transform=place, ha="center", va="top", weight="bold")
-        style.over_time(axes, time, touch.shown, touch.span)
+        touch.over_time(axes, time)
     for force, colour, label in ((normal, style.NORMAL, "normal force"), (friction, style.FRICTION, "friction force")):
         upper.plot(time, force, color=colour, alpha=0.25, linewidth=0.6)
         upper.plot(time, style.mean(force, time), color=colour, label=label)
@@ -93,9 +100,7 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
     lower.legend(loc="upper left", ncols=2)
 
 
-def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
-    if region is None:
-        return _none(axes, "A: no interval with constant speed and varying normal force")
+def _region_a(axes: Axes, data: tuple, region: slice) -> None:
     time, normal, friction, speed = (values[region] for values in data)
     slope = float(normal @ friction / (normal @ normal))
     axes.set_facecolor(style.REGION_A)
@@ -108,12 +113,9 @@ def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
     axes.set(xlim=(0.0, None), ylim=(0.0, None), xlabel="normal force [N]", ylabel="friction force [N]")
     axes.set_title(f"A: the normal force varies, the speed is steady:\n{low:.0f} to {high:.0f} mm/s")
     axes.legend(loc="upper left")
-    return None
 
 
-def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
-    if region is None:
-        return _none(axes, "B: no interval with rising speed and constant normal force")
+def _region_b(axes: Axes, data: tuple, region: slice) -> None:
     normal, friction, speed = (style.mean(values[region], data[0][region], WIDE) for values in data[1:])
     axes.set_facecolor(style.REGION_B)
     axes.grid(color="white")
@@ -127,12 +129,6 @@ def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
     axes.set(xlabel="speed along the surface [mm/s]", ylabel="force over its value where slow [1]")
     axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
     axes.set_ylim(1.0 - 0.4 * (top - 1.0) - 0.02, 1.0 + 1.5 * (top - 1.0))
-    return None
-
-
-def _none(axes: Axes, text: str) -> None:
-    axes.set_axis_off()
-    axes.text(0.5, 0.5, text, ha="center", va="center", color="#77777f", wrap=True, transform=axes.transAxes)
 
 
 def regions(

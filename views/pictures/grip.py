@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from palpate.messages.grip import Grip
-from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure, over_time
+from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure
 from palpate.views.pictures.touch import TouchStreams
 
 COLOURS = (FINGER, NORMAL, SPEED, FRICTION, TISSUE)
@@ -36,5 +36,5 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.set_ylabel("margin to slip [N]")
     lower.set_ylim(top=max(1.3 * float(grip["margin"].max()), 1e-3))
     lower.legend(loc="upper left", ncols=len(COLOURS))
-    over_time(lower, time, touch.shown, touch.span)
+    touch.over_time(lower, time)
     return out

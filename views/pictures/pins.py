@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from palpate.messages import Pins, Surface
 from palpate.nodes.display import tangent_frame
 from palpate.physics.display.pins import pin_grid
-from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure, over_time
+from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 COLUMNS = 5
@@ -38,15 +38,18 @@ def draw(touch: TouchStreams) -> Figure | None:
     most = max(float(heights[rows].max()), 1e-6)
     uneven = [heights[row] - ring_mean(heights[row], places) for row in rows]
     rest = max(max(float(np.abs(u).max()) for u in uneven), 1e-6)
-    nodule = touch.settings(touch.stream_of(Surface))
+    body = touch.settings(touch.stream_of(Surface))
+    radius, position = body.get("nodule_radius", 0.0), body.get("nodule_position")
+    nodule = (radius, np.asarray(position)) if below and radius and position is not None else None
     for column, row in enumerate(rows):
         shown = _map(grid[0][column], heights[row], places, pitch, "viridis", 0.0, most)
         grid[0][column].set_title(f"{contact['time'][row]:.2f} s:  {contact['force'][row]:.2f} N", loc="center")
         if below:
             lumps = _map(grid[1][column], uneven[column], places, pitch, "RdBu_r", -rest, rest)
             grid[1][column].set_title("part that is not axisymmetric", loc="center")
+        if nodule is not None:
             for axes in grid[:, column]:
-                _circle(axes, nodule, contact["foot"][row], contact["normal"][row], places, pitch)
+                _circle(axes, *nodule, contact["foot"][row], contact["normal"][row], places, pitch)
     for axes in grid[-1]:
         axes.set_xlabel("columns, x [mm]")
     for axes in grid[:, 0]:
@@ -54,7 +57,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     top.colorbar(shown, ax=grid[0], label="height [mm]", pad=0.01)
     if below:
         top.colorbar(lumps, ax=grid[1], label="height less the mean\nat that distance [mm]", pad=0.01)
-    _over_time(bottom, touch, pins, contact, heights, nodule if below else {})
+    _over_time(bottom, touch, pins, contact, heights, nodule)
     return out
 
 
@@ -85,12 +88,9 @@ def _map(
 
 
 def _circle(
-    axes: Axes, nodule: dict[str, Any], foot: np.ndarray, normal: np.ndarray, places: Any, pitch: float
+    axes: Axes, radius: float, position: np.ndarray, foot: np.ndarray, normal: np.ndarray, places: Any, pitch: float
 ) -> None:
-    radius, position = nodule.get("nodule_radius", 0.0), nodule.get("nodule_position")
-    if not radius or position is None:
-        return
-    x, y = tangent_frame(tuple(normal))[:2] @ (np.asarray(position) - foot) * 1e3
+    x, y = tangent_frame(tuple(normal))[:2] @ (position - foot) * 1e3
     angle = np.linspace(0, 2 * np.pi, 80)
     line, edge = radius * 1e3, np.abs(places).max() + pitch / 2
     axes.plot(x + line * np.cos(angle), y + line * np.sin(angle), color="black", linewidth=1.2, linestyle="--")
@@ -98,19 +98,18 @@ def _circle(
 
 
 def _over_time(
-    panel: Any, touch: TouchStreams, pins: Columns, contact: Columns, heights: np.ndarray, nodule: dict[str, Any]
-) -> None:
-    time = pins["time"]
+    panel: Any, touch: TouchStreams, pins: Columns, contact: Columns, heights: np.ndarray,
+    nodule: tuple[float, np.ndarray] | None,
+) -> None:  # fmt: skip
+    time, touching = pins["time"], contact["force"] > 0.0
     upper, lower = panel.subplots(2, 1, sharex=True)
     for axes, labelled in ((upper, True), (lower, False)):
-        outside = ~pins["valid"] & (contact["force"] > 0.0)
+        outside = ~pins["valid"] & touching
         if outside.any():
             axes.fill_between(time, 0, 1, where=outside, transform=axes.get_xaxis_transform(), color=FAINT, alpha=0.45,
                               linewidth=0, label="outside the contact model" if labelled else None)  # fmt: skip
-        radius, position = nodule.get("nodule_radius", 0.0), nodule.get("nodule_position")
-        if radius and position is not None:
-            over = np.linalg.norm(contact["foot"] - np.asarray(position), axis=1) < radius
-            over &= contact["force"] > 0.0
+        if nodule is not None:
+            over = touching & (np.linalg.norm(contact["foot"] - nodule[1], axis=1) < nodule[0])
             axes.fill_between(time, 0, 1, where=over, transform=axes.get_xaxis_transform(), color=REGION_B,
                               linewidth=0, label="finger over the nodule" if labelled else None)  # fmt: skip
     whole = touch.contact if touch.contact is not None else contact
@@ -120,7 +119,7 @@ def _over_time(
     lower.plot(time, heights.max(axis=(1, 2)), color=TISSUE, label="highest pin")
     lower.plot(time, heights.mean(axis=(1, 2)), color=FINGER, label="mean of the pins")
     lower.plot(time, pins["actuator"] * 1e3, color=NORMAL, linestyle=(0, (4, 2)), label="actuator")
-    over_time(lower, time, touch.shown, touch.span)
+    touch.over_time(lower, time)
     most = max(float(pins["actuator"].max()) * 1e3, float(heights.max()), 1e-3)
     lower.set(ylabel="height, travel [mm]", ylim=(0.0, 1.3 * most))
     lower.legend(loc="upper left", ncols=3)

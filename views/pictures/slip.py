@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from palpate.messages import Friction, Slip
-from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, INK, NORMAL, REGION_A, REGION_B, figure, over_time
+from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, INK, NORMAL, REGION_A, REGION_B, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     deep.plot(time, np.maximum(contact["compression"], 0.0) * 1e3, color=FINGER, linestyle=(0, (4, 2)), linewidth=1.2)
     deep.set_ylabel("depth [mm]  (dashed)", color=FINGER)
     deep.grid(visible=False)
-    over_time(panels[-1, 0], time, touch.shown, touch.span)
+    touch.over_time(panels[-1, 0], time)
     if not slid:
         return out
     middle, lower = others
@@ -109,8 +109,6 @@ def title(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
 
 
 def _shade(axes: Axes, time: np.ndarray, at: Phases, named: bool) -> None:
-    if at.begin is None:
-        return
     ends = [at.begin, at.warned, at.gross, at.end]
     for i, (text, colour) in enumerate((("sticks", REGION_A), ("incipient", REGION_B), ("slides", GROSS))):
         begin = ends[i]
@@ -144,9 +142,7 @@ def _flags(slip: Columns) -> str:
 
 
 def _lead(time: np.ndarray, size: np.ndarray, at: Phases) -> str:
-    if at.begin is None:
-        return "no sliding"
-    if at.warned is None or at.gross is None:
+    if at.begin is None or at.warned is None or at.gross is None:
         return f"at most {size.max():.2f} N"
     return (
         f"warning {time[at.warned] - time[at.begin]:.2f} s after sliding begins, at {size[at.warned]:.2f} N; "

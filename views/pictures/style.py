@@ -124,14 +124,6 @@ def noise(values: np.ndarray) -> float:
     return float(np.median(np.abs(second))) / (0.6745 * np.sqrt(6.0))
 
 
-def over_time(
-    axes: Axes, time: np.ndarray, shown: tuple[float, float] | None = None, of: tuple[float, float] = (0.0, 0.0)
-) -> None:
-    """Set the time axis: all times [s] (n), or the part `shown` of a recording from `of[0]` to `of[1]`."""
-    part = "" if shown is None else f": the contacts in {of[0]:.0f} to {of[1]:.0f} s"
-    axes.set(xlabel=f"time [s]{part}", xlim=shown or (time[0], max(time[-1], time[0] + 1e-3)))
-
-
 def decimate(figure: Figure) -> None:
     """Decimate long lines over time to the minimum and maximum of each column of points."""
     for line in (line for axes in figure.axes for line in axes.lines):

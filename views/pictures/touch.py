@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from palpate.nodes.base import Node
 from palpate.records.reader import Recording
 from palpate.views.shown import Finger, fingers, links_of
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 Columns = dict[str, np.ndarray]
 MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] fraction of the contacts' duration; [s]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
@@ -21,8 +24,13 @@ GAP = 0.05  # [s] shorter losses of contact do not end a touch
 class TouchStreams:
     """The streams of a recording for pictures; None for streams that do not exist or are empty.
 
-    finger  streams of the finger; default: the first finger
-    whole   read the whole recording, even if the contacts take a small part of it
+    finger   streams of the finger; default: the first finger
+    whole    read the whole recording, even if the contacts take a small part of it
+    contact  columns of the finger's contact
+    shown    begin and end [s] of the contacts with a margin, if they take less than half of the recording: the interval
+             shown over time. None: the whole recording
+    span     first and last time [s] of the contact's messages
+    read     the interval [s] that is read, to skip long times without contact. None: the whole recording
     """
 
     def __init__(self, recording: Recording, finger: Finger | None = None, whole: bool = False) -> None:
@@ -30,7 +38,20 @@ class TouchStreams:
         self._columns: dict[type[Message], Columns | None] = {}
         every = fingers(*links_of(recording))
         self._finger = every[0] if finger is None else finger
-        self._whole = whole or len(every) > 1  # pictures of several fingers show the same instants
+        self.contact: Columns | None = None
+        self.shown: tuple[float, float] | None = None
+        self.read: tuple[float, float] | None = None
+        self.span = (0.0, 0.0)
+        name = self.stream_of(Contact)
+        columns = recording.columns(name) if name is not None else None
+        if columns is not None and len(columns["tick"]):
+            self.contact, time = columns, columns["time"]
+            self.shown, self.span = _shown(columns), (float(time[0]), float(time[-1]))
+            whole = whole or len(every) > 1  # pictures of several fingers show the same instants
+            if self.shown is not None and not whole:
+                self.read = self.shown
+                part = slice(*np.searchsorted(time, (self.shown[0] - 1e-9, self.shown[1] + 1e-9)))
+                self.contact = {name: values[part].copy() for name, values in columns.items()}
 
     @cached_property
     def fingers(self) -> list[TouchStreams]:
@@ -48,39 +69,6 @@ class TouchStreams:
             columns = self.recording.columns(name, self.read) if name is not None else None
             self._columns[kind] = columns if columns is not None and len(columns["tick"]) else None
         return self._columns[kind]
-
-    @cached_property
-    def _contacts(self) -> tuple[Columns | None, tuple[float, float] | None, tuple[float, float]]:
-        """The columns of the contact, the shown interval, and the whole interval [s]."""
-        name = self.stream_of(Contact)
-        columns = self.recording.columns(name) if name is not None else None
-        if columns is None or not len(columns["tick"]):
-            return None, None, (0.0, 0.0)
-        shown, span = _shown(columns), (float(columns["time"][0]), float(columns["time"][-1]))
-        if shown is not None and not self._whole:
-            part = slice(*np.searchsorted(columns["time"], (shown[0] - 1e-9, shown[1] + 1e-9)))
-            columns = {name: values[part].copy() for name, values in columns.items()}
-        return columns, shown, span
-
-    @property
-    def contact(self) -> Columns | None:
-        return self._contacts[0]
-
-    @property
-    def shown(self) -> tuple[float, float] | None:
-        """Begin and end [s] of the contacts with a margin, if they take less than half of the recording: the interval
-        shown over time. None: the whole recording."""
-        return self._contacts[1]
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """First and last time [s] of the contact's messages."""
-        return self._contacts[2]
-
-    @property
-    def read(self) -> tuple[float, float] | None:
-        """The interval [s] that is read, to skip long times without contact. None: the whole recording."""
-        return None if self._whole else self.shown
 
     def settings(self, stream: str | None) -> dict[str, Any]:
         """Settings of the node that sent a stream; empty if unknown."""
@@ -113,6 +101,11 @@ class TouchStreams:
                 if len(messages) == len(wanted):
                     break
         return messages
+
+    def over_time(self, axes: Axes, time: np.ndarray) -> None:
+        """Set the time axis: all times [s] (n), or the part of the recording that is shown."""
+        part = "" if self.shown is None else f": the contacts in {self.span[0]:.0f} to {self.span[1]:.0f} s"
+        axes.set(xlabel=f"time [s]{part}", xlim=self.shown or (time[0], max(time[-1], time[0] + 1e-3)))
 
     def node(self, stream: str | None) -> dict[str, Any]:
         """The plan's entry for the node that sent a stream; empty if unknown."""

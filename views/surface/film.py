@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,11 +104,8 @@ def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Figu
     for begin in range(0, len(instants), BATCH):
         batch = instants[begin : begin + BATCH]
         values = [painted(of, mesh, one.surface) for one in batch]
-        rendering = Rendering(mesh, batch, values, [], most, all_of=instants)
-        try:
+        with closing(Rendering(mesh, batch, values, [], most, all_of=instants)) as rendering:
             wide = rendering.pixels()["wide"]
-        finally:
-            rendering.close()
         for pixels, instant in zip(wide, batch, strict=True):
             with look():
                 if image is None:

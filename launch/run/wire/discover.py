@@ -45,15 +45,22 @@ def find(name: str | None = None) -> Running:
     raise RunError(f"{len(live_runs)} runs are active: {', '.join(run.name for run in live_runs)}; name one with --run")
 
 
+def subscriber(context: zmq.Context, run: Running, streams: list[str], limit: int, newest: bool = False) -> zmq.Socket:
+    """A socket that receives these streams of a run: up to `limit` unread messages, or only the `newest` one."""
+    socket = context.socket(zmq.SUB)
+    socket.set(zmq.LINGER, 0)
+    socket.set(zmq.RCVHWM, limit)
+    socket.set(zmq.CONFLATE, newest)
+    for stream in streams:
+        socket.subscribe(stream.encode() + b"\0")
+    for group in run.groups:
+        socket.connect(endpoint(run.name, group, "observers"))
+    return socket
+
+
 def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
     """Stream and payload of each message of these streams of a run, until the run has ended."""
-    with zmq.Context() as context, context.socket(zmq.SUB) as socket:
-        socket.set(zmq.LINGER, 0)
-        socket.set(zmq.RCVHWM, HIGH_WATER)
-        for stream in streams:
-            socket.subscribe(stream.encode() + b"\0")
-        for group in run.groups:
-            socket.connect(endpoint(run.name, group, "observers"))
+    with zmq.Context() as context, subscriber(context, run, streams, HIGH_WATER) as socket:
         while True:
             if socket.poll(200):
                 yield split(socket.recv())

@@ -5,14 +5,13 @@ from typing import Any
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.nodes.deformation import BeamBundle
 from palpate.studies.accuracy.cases import BenchCase
-from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
+from palpate.studies.accuracy.fidelities import MESHES, NODULE, REACHES, STEPS, of_body, only_slab
 from palpate.studies.accuracy.outcome import Method
 from palpate.studies.peers.continuum import POISSON, YOUNG
 
 
 def methods() -> list[Method]:
-    finer = (*steps(), *meshes(), *reaches())
-    return [Method("BeamBundle", "BeamBundle", of_body(BeamBundle, _slab), finer, only_slab)]
+    return [Method("BeamBundle", "BeamBundle", of_body(BeamBundle, _slab), (*STEPS, *MESHES, *REACHES), only_slab)]
 
 
 def _slab(touch: BenchCase) -> dict[str, Any]:

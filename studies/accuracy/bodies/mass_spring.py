@@ -10,7 +10,7 @@ from palpate.nodes.deformation import MassSpring
 from palpate.studies.accuracy import chain
 from palpate.studies.accuracy.bodies import reduced_fe
 from palpate.studies.accuracy.cases import TOUCHES, BenchCase
-from palpate.studies.accuracy.fidelities import NODULE, SECOND_ORDER, meshes, of_body, only_slab, reaches, spread, steps
+from palpate.studies.accuracy.fidelities import MESHES, NODULE, REACHES, SECOND_ORDER, STEPS, of_body, only_slab
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.reference import HERTZ
 from palpate.studies.fit_body import power_law
@@ -23,12 +23,10 @@ class _SpringLaw(MassSpring):
 
 
 def methods() -> list[Method]:
-    forms = [spread("kernel", kernel, kernel) for kernel in ("wendland", "cosine")]
-    finer = (*steps(), *meshes(), *reaches(), *forms)
+    forms = [Fidelity(kernel, settings={"spread": {"kernel": kernel}}) for kernel in ("wendland", "cosine")]
+    finer = (*STEPS, *MESHES, *REACHES, *forms)
     return [
-        Method(
-            "series", "laws in series, no surface", of_body(_SpringLaw, _slab), tuple(steps()), _no_nodule, law=True
-        ),
+        Method("series", "laws in series, no surface", of_body(_SpringLaw, _slab), STEPS, _no_nodule, law=True),
         Method("MassSpring", "MassSpring, law of a ball", of_body(MassSpring, _slab), finer, only_slab),
         Method(
             "MassSpring-calibrated",

@@ -13,7 +13,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
 from palpate.studies.accuracy import chain
 from palpate.studies.accuracy.cases import BenchCase
-from palpate.studies.accuracy.fidelities import NODULE, SECOND_ORDER, meshes, of_body, only_slab, reaches, steps
+from palpate.studies.accuracy.fidelities import MESHES, NODULE, REACHES, SECOND_ORDER, STEPS, of_body, only_slab
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
 from palpate.studies.peers.continuum import BED, POISSON, RADIUS, YOUNG
 
@@ -23,7 +23,7 @@ BALL = {"area": "ball", "area_radius": RADIUS, "area_modulus": YOUNG / (1.0 - PO
 
 def methods() -> list[Method]:
     condensed = [Fidelity(f"condensed to {n} vertices", settings={"body": {"coarse": n}}) for n in (150, 300, 600)]
-    few, some = (*steps(), SECOND_ORDER, *meshes((1000, 3000, 10000))), reaches()[:2]
+    few, some = (*STEPS, SECOND_ORDER, *MESHES[1:]), REACHES[:2]
     return [
         Method("ReducedFE-linear", "ReducedFE, linear", _reducing("linear"), (*few, *condensed, *some), only_slab),
         Method("ReducedFE", "ReducedFE", _reducing("nonlinear"), (*few, *some), only_slab),

@@ -6,19 +6,8 @@ from typing import Any
 
 from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.output.pareto import (
-    advice,
-    best,
-    duration,
-    elsewhere,
-    front,
-    of_bodies,
-    of_laws,
-    percent,
-    point,
-    summaries,
-    unable,
-)
+from palpate.studies.accuracy.output import pareto
+from palpate.studies.accuracy.output.pareto import duration, percent
 from palpate.studies.accuracy.reference import QUANTITIES
 from palpate.studies.accuracy.sites import on_path, stored
 
@@ -43,13 +32,13 @@ NOT_COVERED = (
 
 
 def write(cells: Sequence[Cell], about: dict[str, Any], overview: Path | None, path: Path) -> None:
-    points = summaries(of_bodies(cells))
-    lines = ["# What accuracy costs in time", "", advice(points), *elsewhere(cells), ""]
+    points = pareto.summaries(pareto.of_bodies(cells))
+    lines = ["# What accuracy costs in time", "", pareto.advice(points), *pareto.elsewhere(cells), ""]
     if overview is not None:
         lines += [f"![Bodies on the test cases of tissue]({overview.name})", ""]
     lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | unsupported |"]
     lines += ["|---|---|---|---|---|---|---|"]
-    bold = best(points)
+    bold = pareto.best(points)
     for k, s in enumerate(points):
         mark = "**" if k in bold else ""
         lines.append(
@@ -57,8 +46,8 @@ def write(cells: Sequence[Cell], about: dict[str, Any], overview: Path | None, p
             f"{duration(s.p50)} | {duration(s.p99)} | {s.computed} | {s.charged or ''} |"
         )
     lines += ["", LEGEND, ""]
-    lines += [f"Methods that support no touch: {', '.join(out)}.", ""] if (out := unable(cells)) else []
-    if laws := of_laws(cells):
+    lines += [f"Methods that support no touch: {', '.join(out)}.", ""] if (out := pareto.unable(cells)) else []
+    if laws := pareto.of_laws(cells):
         lines += ["## Laws of contact alone", "", LAWS, "", "| law, setting | test case | force error | p50 | p99 |"]
         lines += ["|---|---|---|---|---|"]
         lines += [
@@ -85,7 +74,7 @@ def _of_touch(cells: list[Cell]) -> list[str]:
     quantities = [q for q in QUANTITIES if any(q in c.errors for c in cells if c.status == "ok")]
     lines += [f"| method, setting | {' | '.join(quantities)} | p50 | p99 | memory | once | reason of failure |",
               f"|---|{'---|' * (len(quantities) + 5)}"]  # fmt: skip
-    bold = front([point(c) for c in cells])
+    bold = pareto.front([pareto.point(c) for c in cells])
     for k, cell in enumerate(cells):
         if cell.status == "refused":
             continue

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
 from palpate.studies.accuracy.output.pareto import ParetoPoint, best, percent
-from palpate.views.pictures.style import FAINT, INK, figure
+from palpate.views.pictures.style import FAINT, INK, figure, look
 
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
@@ -20,6 +19,7 @@ GOOD = 0.02  # [1] The goal for the force error, drawn as a line
 LEAST = 1e-4  # [1] Smaller errors are drawn at this value
 
 
+@look()
 def overview(summary: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
     """Draw median error over median step time of bodies on tissue, with a line to the worst test case.
 
@@ -28,11 +28,13 @@ def overview(summary: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) 
     drawn = figure(10.5, 6.2, "Bodies on tissue: force error over step time")
     axes = drawn.subplots()
     axes.set(xscale="log", yscale="log")
-    look = _looks(cells)
+    order = dict.fromkeys([*(known.name for known in standard()), *sorted(c.method for c in cells)])
+    looks = {m: (COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]) for k, m in enumerate(order)}
+    # Points of each method, with lines to p50 and to the worst test case.
     points = [(s.p99, max(s.error, LEAST)) for s in summary]
     most = max(s.computed for s in summary)
     for method in dict.fromkeys(s.method for s in summary):
-        colour, mark = look[method]
+        colour, mark = looks[method]
         mine = [k for k, s in enumerate(summary) if s.method == method]
         for k in mine:
             (x, y), one = points[k], summary[k]
@@ -43,36 +45,28 @@ def overview(summary: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) 
         axes.plot(*np.array([points[k] for k in mine]).T, mark, color=colour, markersize=6, alpha=0.8, linestyle="none",
                   markerfacecolor=colour if first.computed == most else "white",
                   label=f"{first.title}: {first.computed} of {first.computed + first.charged}")  # fmt: skip
+    # Pareto front, the goal for the error, and the periods of loops.
     axes.step(*np.array([points[k] for k in best(summary)]).T, where="post", color=INK, linewidth=1.2, linestyle=":",
               label=f"Pareto front of those with {most}", zorder=1)  # fmt: skip
     axes.axhline(GOOD, color=FAINT, linewidth=1, linestyle="--", zorder=0)
     axes.annotate(f"{100 * GOOD:g} %", (0.995, GOOD), xycoords=("axes fraction", "data"), xytext=(0, 3), fontsize=8,
                   color="#77777f", textcoords="offset points", ha="right")  # fmt: skip
-    below = f"; smaller errors at {percent(LEAST)}" if any(s.error < LEAST for s in summary) else ""
-    ends = [(time, max(s.worst, LEAST)) for s in summary for time in (s.p50, s.p99)]
-    _finish(axes, f"force error, RMS over the peak:\nmedian, and worst test case{below}", points + ends)
-    axes.yaxis.set_major_formatter(lambda value, _: f"{100 * value:g} %")
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
-                title="test cases computed")  # fmt: skip
-    _save(drawn, path)
-
-
-def _looks(cells: Sequence[Cell]) -> dict[str, tuple[str, str]]:
-    """Colour and mark of each method, the same in all pictures of a run."""
-    order = dict.fromkeys([*(known.name for known in standard()), *sorted(c.method for c in cells)])
-    return {m: (COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]) for k, m in enumerate(order)}
-
-
-def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> None:
-    times, errors = np.array(points).T
-    axes.set_xlim(min(times.min() / 1.5, 5e-6), max(times.max() * 3, 3e-3))
-    axes.set_ylim(errors.min() / 3, max(2.0, errors.max() * 1.6))
     for period, name in LOOPS:
         axes.axvline(period, color=FAINT, linewidth=1, zorder=0)
         axes.annotate(name, (period, 0.01), xycoords=("data", "axes fraction"), xytext=(3, 0), color="#77777f",
                       textcoords="offset points", fontsize=8)  # fmt: skip
+    # Axes and legend.
+    ends = [(time, max(s.worst, LEAST)) for s in summary for time in (s.p50, s.p99)]
+    times, errors = np.array(points + ends).T
+    axes.set_xlim(min(times.min() / 1.5, 5e-6), max(times.max() * 3, 3e-3))
+    axes.set_ylim(errors.min() / 3, max(2.0, errors.max() * 1.6))
     axes.set_xlabel("processor time of a compiled step [s]: the point is p99, its line begins at p50")
-    axes.set_ylabel(label)
+    below = f"; smaller errors at {percent(LEAST)}" if any(s.error < LEAST for s in summary) else ""
+    axes.set_ylabel(f"force error, RMS over the peak:\nmedian, and worst test case{below}")
+    axes.yaxis.set_major_formatter(lambda value, _: f"{100 * value:g} %")
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
+                title="test cases computed")  # fmt: skip
+    _save(drawn, path)
 
 
 def _save(figure: Figure, path: Path) -> None:

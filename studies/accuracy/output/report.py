@@ -50,13 +50,8 @@ def table(cells: Sequence[Cell], provenance: dict[str, Any], path: Path) -> None
 def _drawn(cells: list[Cell], path: Path) -> Path | None:
     """The path of the picture; None if matplotlib is missing."""
     try:
-        from matplotlib import rc_context
-
         from palpate.studies.accuracy.output.pictures import overview
     except ImportError:
         return None
-    from palpate.views.pictures.style import LOOK
-
-    with rc_context(LOOK):
-        overview(summaries(of_bodies(cells)), cells, path)
+    overview(summaries(of_bodies(cells)), cells, path)
     return path

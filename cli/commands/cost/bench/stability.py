@@ -40,7 +40,7 @@ def stability(
     """
     from palpate.physics.device.wall_loop import WallDevice
     from palpate.physics.writable import check_folder
-    from palpate.studies.stability.study import StabilityStudy
+    from palpate.studies.stability.walls import StabilityStudy
 
     device = WallDevice(mass, drag, coulomb, resolution, limit)
     study = StabilityStudy(
