@@ -69,6 +69,10 @@ def capsule(x, p, normal, curvature):
     return r - p[0]
 
 
+NUMBERS: dict[Any, int] = {plane: 3, sphere: 1, capsule: 2}
+"""Number of parameters of these shapes; a compiled function would read beyond the end of a shorter list."""
+
+
 @kernel
 def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, force, data):
     """Evaluate all points; adds to `force` [N] (N,3) and, if `tangent`, to the blocks `data` [N/m] (B,3,3).
@@ -191,8 +195,11 @@ class RigidIndenter(Augmented):
         penalty: float = 0.0,
     ) -> None:
         super().__init__(faces, friction, bound, penalty)
-        self.parameters = _checked(shape, np.array(parameters, dtype=np.float64))
-        self.path = path
+        self.parameters, self.path = np.array(parameters, dtype=np.float64), path
+        count = NUMBERS.get(shape, self.parameters.size)
+        if self.parameters.shape != (count,) or not np.isfinite(self.parameters).all():
+            name = getattr(shape, "__name__", "shape")
+            raise ValueError(f"{name}: found parameters {self.parameters.tolist()}, expected {count} finite numbers")
         self._shape = compiled(shape, SHAPE)
         self._turn = np.eye(3)
 
@@ -205,9 +212,6 @@ class RigidIndenter(Augmented):
         self.moment = np.zeros(3)  # Moment of `force` about the rigid body's origin [N m]
         self._before = np.zeros((*self.area.shape, 3))
         self._bend = np.full(self.area.shape, np.nan)
-
-    def couple(self, pattern: Pattern) -> None:
-        self._where = pattern.where(self.faces)
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
         """As in `Augmented`; also if the rigid body passed through the faces within the step: it was deeper than at
@@ -286,16 +290,3 @@ class RigidIndenter(Augmented):
         pressed = np.einsum("fqi,qa,fai->fq", self.normal, self.value, change[self.faces])
         pull = self.area[..., None] * self.friction_slope(pressed) @ self._turn.T
         np.add.at(force, self.faces, np.einsum("qa,fqi->fai", self.value, pull))
-
-
-NUMBERS: dict[Any, int] = {plane: 3, sphere: 1, capsule: 2}
-"""Number of parameters of these shapes; a compiled function would read beyond the end of a shorter list."""
-
-
-def _checked(shape: Shape, parameters: np.ndarray) -> np.ndarray:
-    """The parameters of a shape. ValueError: not finite, or a wrong number of them for a shape of this file."""
-    count = NUMBERS.get(shape, parameters.size)
-    if parameters.shape != (count,) or not np.isfinite(parameters).all():
-        name = getattr(shape, "__name__", "shape")
-        raise ValueError(f"{name}: found parameters {parameters.tolist()}, expected {count} finite numbers")
-    return parameters
