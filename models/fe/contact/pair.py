@@ -80,12 +80,10 @@ def _project(point, points, face, value, slope, normal):
         if moved < 1e-12:
             break
     _place(x, y, points, face, (value, slope), (at, e1, e2))
-    n = np.cross(e1, e2)
-    n /= max(np.sqrt(np.dot(n, n)), 1e-300)
-    for i in range(3):
-        normal[i] = n[i]
+    normal[:] = np.cross(e1, e2)
+    normal /= max(np.sqrt(np.dot(normal, normal)), 1e-300)
     r = point - at
-    return np.sqrt(np.dot(r, r)), np.dot(r, n)
+    return np.sqrt(np.dot(r, r)), np.dot(r, normal)
 
 
 @kernel
@@ -99,10 +97,7 @@ def _nearest(point, points, faces, among, room, value, normal):
         away, g = _project(point, points, faces[among[b]], *room)
         if away < nearest:
             nearest, hit, gap = away, among[b], g
-            for a in range(6):
-                value[a] = room[0][a]
-            for i in range(3):
-                normal[i] = room[2][i]
+            value[:], normal[:] = room[0], room[2]
     return nearest, hit, gap
 
 
@@ -146,11 +141,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
             t = multiplier[f, k] - penalty * best_gap
             if not t > 0.0:
                 continue
-            traction[f, k], hits[f, k] = t, hit
-            for i in range(3):
-                normals[f, k, i] = best_n[i]
-            for a in range(6):
-                feet[f, k, a] = best_m[a]
+            traction[f, k], hits[f, k], normals[f, k], feet[f, k] = t, hit, best_n, best_m
             # the pair's 12 nodes: weights N_a of the slave, -N_a of the master; `spot` is their index in the clique
             for a in range(6):
                 share[a], share[6 + a] = value[k, a], -best_m[a]

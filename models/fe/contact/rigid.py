@@ -37,9 +37,7 @@ SHAPE = types.float64(VECTOR, VECTOR, VECTOR, MATRIX)
 @numba.njit(cache=True)
 def plane(x, p, normal, curvature):
     """Half-space below z = 0 of the frame with unit normal p[0:3]."""
-    for i in range(3):
-        normal[i] = p[i]
-    curvature[:] = 0.0
+    normal[:], curvature[:] = p, 0.0
     return x[0] * p[0] + x[1] * p[1] + x[2] * p[2]
 
 

@@ -49,16 +49,6 @@ def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False)
     return touches
 
 
-def finger_pressed(
-    body: Reducible, report: Report = unheard, folder: Path | None = None
-) -> tuple[list[PressSolution], list[PressSolution]]:
-    """Full solutions of the fingertip's touches and their mirror images, and of the held-out touches."""
-    touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
-    presses = snapshots.press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
-    seen, held = ([p for p in part if len(p.solutions)] for part in (presses[: len(touches)], presses[len(touches) :]))
-    return seen + snapshots.mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices)), held
-
-
 def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPath]:
     """Touches of an organ, except on the part that faces its foundation."""
     surface = body.surface
@@ -66,13 +56,28 @@ def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPat
     return snapshots.scatter(surface, count, region, ORGAN_RADIUS, SOFTEST * ORGAN_RADIUS**2 * snapshots.MILD, seed)
 
 
-def organ_pressed(
-    body: Reducible, report: Report = unheard, folder: Path | None = None
+def full_solutions(
+    body: Reducible, finger: bool, report: Report, folder: Path
 ) -> tuple[list[PressSolution], list[PressSolution]]:
-    """Full solutions of an organ's touches, and of the held-out touches."""
-    presses = snapshots.press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report, folder)
-    seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:ORGAN_TOUCHES], presses[ORGAN_TOUCHES:]))
+    """Full solutions of the touches of a body, for the fingertip also of their mirror images, and of held-out ones."""
+    if finger:
+        touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
+        count = len(touches)
+        presses = snapshots.press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
+    else:
+        touches, count = organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD), ORGAN_TOUCHES
+        presses = snapshots.press_from_rest(body, touches, report, folder)
+    seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:count], presses[count:]))
+    if finger:
+        seen += snapshots.mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices))
     return seen, held
+
+
+def unseen_solutions(body: Reducible, finger: bool, report: Report) -> list[PressSolution]:
+    """Full solutions of touches for the error of the basis only."""
+    if finger:
+        return snapshots.press(body, finger_touches(body, UNSEEN, UNSEEN_SEED), report)
+    return snapshots.press_from_rest(body, organ_touches(body, UNSEEN, UNSEEN_SEED), report)
 
 
 def build(
