@@ -136,13 +136,8 @@ def truncation_errors(
     return np.array(sizes), np.array(pulls), np.array(shares)
 
 
-def equilibrium(
-    body: SampledBody, press: PressSolution, nodes: np.ndarray, force: float
-) -> tuple[float, float, float, float]:
-    """K, n, s_free and indentation [m] of an elastic body under a constant force [N], see `sampled_body.answer`.
-
-    nodes  (k,) loaded by the touch
-    """
+def equilibrium(body: SampledBody, press: PressSolution, nodes: np.ndarray, force: float) -> float:
+    """Indentation [m] of an elastic body under a constant force [N]; nodes (k,): loaded by the touch."""
     push, foot, normal = press.touch.load[nodes], tuple(press.touch.foot), tuple(press.touch.normal)
     laws = np.zeros((1, 5))
     for _ in range(6):
@@ -150,8 +145,7 @@ def equilibrium(
         _, settled = answer(body, laws, np.eye(1), 1e6)
         if settled:
             break
-    k, n, _, free, now = laws[0].tolist()
-    return k, n, free, now
+    return float(laws[0, 4])
 
 
 def errors(body: Reducible, basis: SampledBasis, pressed: list[PressSolution]) -> tuple[np.ndarray, np.ndarray]:
@@ -167,6 +161,6 @@ def errors(body: Reducible, basis: SampledBasis, pressed: list[PressSolution]) -
         compliance = measure @ (basis.residual_compliance @ unit) + (measure @ basis.modes) @ (basis.modes.T @ unit)
         for level, u in zip(touch.levels, press.solutions, strict=False):
             indentation = float(np.sum((body.hats @ along) * u))
-            sampled.append(equilibrium(fast, press, nodes, float(level) * young)[3] / indentation - 1.0)
+            sampled.append(equilibrium(fast, press, nodes, float(level) * young) / indentation - 1.0)
             linear.append(float(level) * compliance / indentation - 1.0)
     return np.array(sampled), np.array(linear)
