@@ -5,6 +5,8 @@ master's normal, traction t = <l - e g> on the slave and its reaction on the mas
 the finer or the softer side as slave. T. A. Laursen, Computational Contact and Impact Mechanics, Springer 2002, ch. 5.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -179,6 +181,14 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                             data[where[c, spot[a], spot[b]], i, j] += scale * block[i, j]
 
 
+def _padded(rows: Sequence[Sequence[int] | np.ndarray]) -> np.ndarray:
+    """Rows of different lengths as an array (R,n), padded with -1."""
+    table = np.full((len(rows), max(map(len, rows), default=2)), -1, dtype=np.int64)
+    for k, row in enumerate(rows):
+        table[k, : len(row)] = row
+    return table
+
+
 class Pair(Augmented):
     """Two surfaces of the mesh that may touch.
 
@@ -193,8 +203,7 @@ class Pair(Augmented):
     ) -> None:
         super().__init__(slave, friction, bound, penalty)
         self.master = checked_faces(master)
-        self._candidates = np.zeros((0, 2), dtype=np.int64)
-        self._cliques = np.zeros((0, 12), dtype=np.int64)
+        self._candidates = self._cliques = _padded([])
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         self.clear(points)
@@ -225,19 +234,9 @@ class Pair(Augmented):
         tree = cKDTree(self._start[self.master[:, :3]].mean(axis=1))
         middle = self._start[self.faces[:, :3]].mean(axis=1)
         neighbours = tree.query_ball_point(middle, self._reach)
-        near = [f for f, hits in enumerate(neighbours) if hits]
-        width = max((len(neighbours[f]) for f in near), default=1)
-        candidates = np.full((len(near), 1 + width), -1, dtype=np.int64)
-        groups = []
-        for row, f in enumerate(near):
-            candidates[row, 0] = f
-            candidates[row, 1 : 1 + len(neighbours[f])] = sorted(neighbours[f])
-            groups.append(np.unique(np.concatenate([self.faces[f], self.master[neighbours[f]].ravel()])))
-        long = max((len(g) for g in groups), default=1)
-        cliques = np.full((len(near), long), -1, dtype=np.int64)
-        for row, group in enumerate(groups):
-            cliques[row, : len(group)] = group
-        self._candidates, self._cliques = candidates, cliques
+        near = [(f, hits) for f, hits in enumerate(neighbours) if hits]
+        self._candidates = _padded([[f, *sorted(hits)] for f, hits in near])
+        self._cliques = _padded([np.union1d(self.faces[f], self.master[hits]) for f, hits in near])
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False
