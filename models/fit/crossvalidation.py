@@ -172,7 +172,8 @@ def choose(
     mean = mean or min(force, key=lambda name: force[name][1])
     curve = _fit_mean(mean, depths, forces, kept)
     # model of the standard deviation with the lowest error, and the band
-    scatter, spread, around, band = used.std(axis=0, ddof=1), {}, None, Spread()
+    scatter, around, band = used.std(axis=0, ddof=1), None, Spread()
+    spread: dict[str, tuple[float, float]] = {}
     if float(np.max(np.ptp(used, axis=0))) > 1e-12 * float(np.max(np.abs(used))):
         if protocol == "whole":
             scatter = _scatter(depths, used, curve)
@@ -180,7 +181,9 @@ def choose(
             over_folds = [_scatter(depths, some, fold_curve) for some, fold_curve in groups]
         else:
             over_folds = [forces[fold.train].std(axis=0, ddof=1) for fold in folds]
-        spread = {name: _spread(name, depths, over_folds, scatter) for name in MODELS}
+        for name in MODELS:
+            train = np.mean([_fit_deviation(name, depths, fold).rmse for fold in over_folds])
+            spread[name] = float(train), _fit_deviation(name, depths, scatter).rmse
         deviation = deviation or min(spread, key=lambda name: spread[name][1])
         around = _fit_deviation(deviation, depths, scatter)
         if protocol == "whole":
@@ -239,8 +242,3 @@ def _scatter(depths: np.ndarray, forces: np.ndarray, curve: CurveFit) -> np.ndar
 def _fit_deviation(name: str, depths: np.ndarray, scatter: np.ndarray) -> CurveFit:
     pressed = depths > 0
     return fit_curve(MODELS[name], depths[pressed], scatter[pressed], constant=True)
-
-
-def _spread(name: str, depths: np.ndarray, over_folds: list[np.ndarray], scatter: np.ndarray) -> tuple[float, float]:
-    train = [_fit_deviation(name, depths, fold).rmse for fold in over_folds]
-    return float(np.mean(train)), _fit_deviation(name, depths, scatter).rmse
