@@ -49,14 +49,14 @@ def errors(full: Reducible, presses: list[PressSolution], basis: SampledBasis) -
         means = np.einsum("nv,lni->lvi", full.hats, pressed.solutions)
         deep = np.array([float(-along @ (u @ pressed.touch.normal)) for u in means])
         for k, level in enumerate(levels):
-            missed[k].append(abs(equilibrium(body, pressed, nodes, float(level))[3] / deep[k] - 1.0))
+            missed[k].append(abs(equilibrium(body, pressed, nodes, float(level)) / deep[k] - 1.0))
             depths[k].append(deep[k])
             approach = deep[k] + np.log1p(level * finger.second / finger.first) / finger.second
             low, high = 0.0, 4.0 * float(level)
             for _ in range(40):  # bisection: the force with this approach of finger and body together
                 force = 0.5 * (low + high)
                 compression = np.log1p(force * finger.second / finger.first) / finger.second
-                further = equilibrium(body, pressed, nodes, force)[3] + compression > approach
+                further = equilibrium(body, pressed, nodes, force) + compression > approach
                 low, high = (low, force) if further else (force, high)
             forces[k].append(abs(force / level - 1.0))
     return [

@@ -112,11 +112,8 @@ class Library(JITCodeLibrary):
         """The content of the cache file: machine code if it was generated, else IR."""
         if self._finalized:
             return self.name, "object", (self._get_compiled_object(), _names(self._final_module))
-        return (
-            self.name,
-            "parts",
-            (_defined(self._final_module), {digest: part.as_bitcode() for digest, part in self.parts().items()}),
-        )
+        parts = {digest: part.as_bitcode() for digest, part in self.parts().items()}
+        return self.name, "parts", (_defined(self._final_module), parts)
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:

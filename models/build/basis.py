@@ -13,7 +13,6 @@ from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.reduce import reduction
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
 from palpate.models.fe.reduce.reduction import errors
-from palpate.models.fe.reduce.snapshots import press, press_from_rest
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.basis_store import about, key, touches
 from palpate.nodes.deformation.reduced_fe import ReducedFE
@@ -138,7 +137,7 @@ def _sampled(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBasis, 
         )
     # solutions of the full model, and modes and integration points from them
     pressing = begin("pressing", f"{3 * len(body.mesh.points)} degrees of freedom")
-    seen, held_out = (reduction.finger_pressed if finger else reduction.organ_pressed)(body, pressing, kept(node))
+    seen, held_out = reduction.full_solutions(body, finger, pressing, kept(node))
     if len(seen) < 2 or not held_out:
         raise SettingError(
             f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held_out)} "
@@ -153,10 +152,7 @@ def _sampled(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBasis, 
         return basis, {}
     # errors at touches that the basis was not built from
     checked = begin("checking", f"{reduction.UNSEEN} held-out touches")
-    others = (reduction.finger_touches if finger else reduction.organ_touches)(
-        body, reduction.UNSEEN, reduction.UNSEEN_SEED
-    )
-    presses = (press if finger else press_from_rest)(body, others, checked)
+    presses = reduction.unseen_solutions(body, finger, checked)
     if not any(len(other.solutions) for other in presses):
         return basis, {}
     sampled, linear = (abs(error) for error in errors(body, basis, presses))

@@ -167,23 +167,23 @@ def choose(
     kept, dropped = drop_outliers(forces) if protocol == "published" else (np.arange(len(forces)), ())
     folds = make_folds(kept, count)
     used = forces[kept]
-    scatters = float(np.max(np.ptp(used, axis=0))) > 1e-12 * float(np.max(np.abs(used)))
     # force model with the lowest validation error
     force = {name: score(name, depths, forces, folds, protocol) for name in MODELS}
     mean = mean or min(force, key=lambda name: force[name][1])
     curve = _fit_mean(mean, depths, forces, kept)
     # model of the standard deviation with the lowest error, and the band
-    scatter, spread, around, band = used.std(axis=0, ddof=1), {}, None, Spread()
-    if scatters:
-        groups = [fold.train for fold in folds]
-        curves: list[CurveFit | None] = [None] * len(groups)
+    scatter, around, band = used.std(axis=0, ddof=1), None, Spread()
+    spread: dict[str, tuple[float, float]] = {}
+    if float(np.max(np.ptp(used, axis=0))) > 1e-12 * float(np.max(np.abs(used))):
         if protocol == "whole":
             scatter = _scatter(depths, used, curve)
-            curves = [_fit_mean(mean, depths, forces, rows) for rows in groups]
-        over_folds = [
-            _scatter(depths, forces[rows], fold_curve) for rows, fold_curve in zip(groups, curves, strict=True)
-        ]
-        spread = {name: _spread(name, depths, over_folds, scatter) for name in MODELS}
+            groups = [(forces[fold.train], _fit_mean(mean, depths, forces, fold.train)) for fold in folds]
+            over_folds = [_scatter(depths, some, fold_curve) for some, fold_curve in groups]
+        else:
+            over_folds = [forces[fold.train].std(axis=0, ddof=1) for fold in folds]
+        for name in MODELS:
+            train = np.mean([_fit_deviation(name, depths, fold).rmse for fold in over_folds])
+            spread[name] = float(train), _fit_deviation(name, depths, scatter).rmse
         deviation = deviation or min(spread, key=lambda name: spread[name][1])
         around = _fit_deviation(deviation, depths, scatter)
         if protocol == "whole":
@@ -234,17 +234,11 @@ def _fit_mean(name: str, depths: np.ndarray, forces: np.ndarray, rows: np.ndarra
     return fit_curve(MODELS[name], np.tile(depths, len(rows)), forces[rows].ravel(), labels, constant=True)
 
 
-def _scatter(depths: np.ndarray, forces: np.ndarray, curve: CurveFit | None) -> np.ndarray:
-    """Standard deviation [N] (D) of forces (S,D) from a curve, or from their means; n - 1 in the denominator."""
-    about = forces.mean(axis=0) if curve is None else curve(depths)
-    return np.sqrt(((forces - about) ** 2).sum(axis=0) / (len(forces) - 1))
+def _scatter(depths: np.ndarray, forces: np.ndarray, curve: CurveFit) -> np.ndarray:
+    """Standard deviation [N] (D) of forces (S,D) from a curve; n - 1 in the denominator."""
+    return np.sqrt(((forces - curve(depths)) ** 2).sum(axis=0) / (len(forces) - 1))
 
 
 def _fit_deviation(name: str, depths: np.ndarray, scatter: np.ndarray) -> CurveFit:
     pressed = depths > 0
     return fit_curve(MODELS[name], depths[pressed], scatter[pressed], constant=True)
-
-
-def _spread(name: str, depths: np.ndarray, over_folds: list[np.ndarray], scatter: np.ndarray) -> tuple[float, float]:
-    train = [_fit_deviation(name, depths, fold).rmse for fold in over_folds]
-    return float(np.mean(train)), _fit_deviation(name, depths, scatter).rmse

@@ -144,7 +144,8 @@ def model_yaml(choices: list[Chosen], source: Path) -> str:
         "subjects:",
     ]
     for subject, depths, _, choice in choices:
-        lines.append(f"  {_scalar(subject.name)}:")
+        label = yaml.safe_dump(subject.name, default_style='"', allow_unicode=True).strip()  # a quoted string
+        lines.append(f"  {label}:")
         for role, (name, parameters, errors) in _laws(choice).items():
             model = MODELS[name]
             lines += [f"    {role}: {model.name}  # {model.formula}", f"    {role}_parameters:"]
@@ -160,11 +161,6 @@ def model_yaml(choices: list[Chosen], source: Path) -> str:
 def _number(value: float) -> str:
     """A float in YAML 1.1, with a point and a signed exponent, without rounding."""
     return yaml.safe_dump(float(value)).split("\n")[0]
-
-
-def _scalar(text: str) -> str:
-    """A subject's label as a quoted string."""
-    return yaml.safe_dump(text, default_style='"', allow_unicode=True).strip()
 
 
 def _laws(choice: ModelChoice) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:

@@ -135,8 +135,12 @@ def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subje
     _refuse(faults)
     if not rows:
         raise SessionError(f"{path}: no row is left up to the depth limit of {depth_limit * 1e3:g} mm")
-    of = {name: [(n, r) for n, r in rows if r["subject"] == name] for name in names}
-    return [_subject(path, name, part, factors) for name, part in of.items()], ignored
+    subjects = []
+    for name in names:
+        numbers, part = zip(*((n, row) for n, row in rows if row["subject"] == name), strict=True)
+        session, depth, force = (np.array([row[key] for row in part]) for key in ("session", "depth", "force"))
+        subjects.append(Subject(name, str(path), np.array(numbers), session, depth, force, factors))
+    return subjects, ignored
 
 
 def numbered_lines(path: Path) -> list[tuple[int, str]]:
@@ -262,13 +266,6 @@ def _row(
             else:
                 measurement[name] = value * factors[name]
     return measurement if len(faults) == before else None
-
-
-def _subject(path: Path, name: str, rows: list[tuple[int, dict]], factors: dict[str, float]) -> Subject:
-    session = np.array([r["session"] for _, r in rows])
-    depth = np.array([r["depth"] for _, r in rows])
-    force = np.array([r["force"] for _, r in rows])
-    return Subject(name, str(path), np.array([n for n, _ in rows]), session, depth, force, factors)
 
 
 def _refuse(faults: list[str]) -> None:

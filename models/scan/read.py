@@ -34,7 +34,12 @@ def read(path: str | Path, spacing: tuple[float, float, float] | None = None, ax
         raise ScanError(f"{path}: no such file or folder. Expected a DICOM folder or .nii(.gz)")
     if not path.is_file():
         files = sorted(f for f in path.iterdir() if f.is_file() and not f.name.startswith("."))
-        volume, stated, mirrored = _dicom(path, files)
+        try:
+            volume, stated, mirrored = _series(path, files)
+        except ScanError:
+            raise
+        except Exception as error:  # pydicom parses a value when it is accessed, and raises many types
+            raise ScanError(f"{path}: cannot be read as DICOM: {error}") from None
     elif path.name.lower().endswith((".nii", ".nii.gz")):
         volume, stated, mirrored = _nifti(path)
     else:
@@ -96,15 +101,6 @@ def _check_head(path: Path) -> None:
 def _check_voxels(count: int) -> None:
     if not 0 < count <= MOST_VOXELS:
         raise ValueError(f"its header claims {count} voxels, expected 1 to {MOST_VOXELS}")
-
-
-def _dicom(folder: Path, files: list[Path]):
-    try:
-        return _series(folder, files)
-    except ScanError:
-        raise
-    except Exception as error:  # pydicom parses a value when it is accessed, and raises many types
-        raise ScanError(f"{folder}: cannot be read as DICOM: {error}") from None
 
 
 def _series(folder: Path, files: list[Path]):

@@ -63,13 +63,9 @@ def checked(stack: Stack) -> Stack:
                             f"for a finger; correct it with --spacing")  # fmt: skip
     empty = np.flatnonzero(np.ptp(volume, axis=(1, 2)) == 0)
     if len(empty):
-        raise ScanError(f"{where}: slices {_some(empty)} are empty; a slice is missing from the scan")
+        some = ", ".join(map(str, empty[:5].tolist())) + (", ..." if len(empty) > 5 else "")
+        raise ScanError(f"{where}: slices {some} are empty; a slice is missing from the scan")
     return stack
-
-
-def _some(numbers) -> str:
-    text = ", ".join(str(int(n)) for n in numbers[:5])
-    return text + (", ..." if len(numbers) > 5 else "")
 
 
 def oriented(stack: Stack, axes: str, mirrored: bool | None) -> Stack:

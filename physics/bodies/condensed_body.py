@@ -21,7 +21,7 @@ import numpy as np
 
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_contacts import joint_answer, joint_profile
-from palpate.physics.bodies.condensed_field import surface_displacements
+from palpate.physics.bodies.condensed_field import add_field, add_half_space
 from palpate.physics.bodies.condensed_step import (
     BEARS,
     COMPLIANCE,
@@ -45,7 +45,7 @@ from palpate.physics.bodies.condensed_step import (
     take_load,
 )
 from palpate.physics.bodies.large_displacement import stored_energy
-from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, lies_on, patch_of, respread
+from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, interpolated, lies_on, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
 from palpate.physics.contact import end_rate
@@ -244,7 +244,12 @@ def displaced(body):
     displacements [m]. Returns their number, 0 if the body is at rest."""
     if is_still(body):
         return 0
-    return surface_displacements(
-        body.model, body.fine.reach, body.fine.sent, body.fields, body.marks, body.numbers, body.counts, body.normals,
-        body.feet, body.field, body.fine.nodes, body.fine.moved,
-    )  # fmt: skip
+    model, fine, u, normals, feet = body.model, body.fine, body.field, body.normals, body.feet
+    u[:] = 0.0
+    for c in range(len(feet)):
+        count, touched = body.counts[c, 0], body.counts[c, 1]
+        add_field(model, u, body.fields[c], body.marks[c], count, touched, normals[c], body.numbers[c])
+    sent = interpolated(model.corners, model.weights, u, fine.reach, feet, fine.sent, fine.nodes, fine.moved)
+    for c in range(len(feet)):
+        add_half_space(model, feet[c], normals[c], body.numbers[c], fine.nodes[:sent], fine.moved)
+    return sent

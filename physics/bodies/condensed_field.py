@@ -3,7 +3,6 @@
 import numpy as np
 
 from palpate.physics.bodies.condensed_step import MORE, NARROWED, PRESS, RADIUS, ROOM, SIDE
-from palpate.physics.bodies.patch import interpolated
 from palpate.physics.bodies.true_patch import depth_at
 from palpate.physics.contact.area import hertz_depth, radius_at
 from palpate.physics.kernel import kernel
@@ -45,18 +44,6 @@ def add_field(model, u, fields, marks, count, touched, normal, numbers):
             u[b, 2] += hats[b] * n2
 
 
-@kernel
-def surface_displacements(model, reach, sent, fields, marks, numbers, counts, normals, feet, u, nodes, moved):
-    """Fill `nodes` (fine vertices near the feet) and `moved` [m] under all contacts. Returns the number of these."""
-    u[:] = 0.0
-    for c in range(len(counts)):
-        add_field(model, u, fields[c], marks[c], counts[c, 0], counts[c, 1], normals[c], numbers[c])
-    count = interpolated(model.corners, model.weights, u, reach, feet, sent, nodes, moved)
-    for c in range(len(counts)):
-        _add_half_space(model, feet[c], normals[c], numbers[c], nodes[:count], moved)
-    return count
-
-
 @kernel(error_model="numpy")
 def _add_three(field, rows, v, force, young):
     """Add rows 3v, 3v + 1, 3v + 2 times a force (3) over `young` to a field; sets the force to 0."""
@@ -70,7 +57,7 @@ def _add_three(field, rows, v, force, young):
 
 
 @kernel(error_model="numpy")
-def _add_half_space(model, foot, normal, numbers, nodes, moved):
+def add_half_space(model, foot, normal, numbers, nodes, moved):
     """Add the displacement of the half-space under the true load to that of the fine vertices `nodes`."""
     true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
     if len(true.table) == 0:

@@ -107,37 +107,20 @@ def caution(cause: str, excess: float, radius: float, wide: float) -> str:
     """Explains that a step exceeds a limit (`CAUSES`) by `excess` [1], 0 at the limit, 1 at twice or half of it, and
     the expected error, for a load of this radius [m], which is `wide` [m] on the coarse surface."""
     patch, ground = f"a patch of {1e3 * radius:.2g} mm", FLAT * radius
-    there = ground / (1.0 + excess)
-    if cause == "depth":
-        return "the indentation exceeds its nonlinear table; the error there is unknown"
-    if cause == "narrow":
-        return (
-            f"the load is narrower than its mesh resolves and acts like {patch}; the indentation may have an error of "
-            f"{narrow_error(excess):.0%}. More vertices resolve it"
-        )
-    if cause == "thin":
-        return (
-            f"under {patch} it is {1e3 * there:.2g} mm thick, expected at least {1e3 * ground:.2g} mm; the indentation "
-            f"may have an error of {thin_error(radius, wide, there):.1%}"
-        )
-    if cause == "curved":
-        return (
-            f"under {patch} its radius of curvature is {1e3 * there:.2g} mm, expected at least {1e3 * ground:.2g} mm; "
-            f"the indentation may have an error of {curved_error(excess)}"
-        )
-    if cause == "near":
-        return (
-            f"{patch} near another modulus, expected at least {1e3 * NEAR_WIDTH * wide:.2g} mm; the indentation may "
-            "have an error of 20 %. A basis with more coarse vertices resolves it"
-        )
-    if cause == "grown":
-        above = f" by {excess:.0%}" if excess > 0.01 else ""
-        return (
-            f"the force exceeds the range of scene.surface.area{above}; the radius of the contact stays constant there"
-        )
-    heavy = LIGHT * (1.0 + excess)
-    return (
-        f"its surface is free to slide (sticks: off) under {patch} with {heavy:.2g} E R², expected at most "
+    there, heavy, above = ground / (1.0 + excess), LIGHT * (1.0 + excess), f" by {excess:.0%}" if excess > 0.01 else ""
+    return {
+        "depth": "the indentation exceeds its nonlinear table; the error there is unknown",
+        "narrow": f"the load is narrower than its mesh resolves and acts like {patch}; the indentation may have an "
+        f"error of {narrow_error(excess):.0%}. More vertices resolve it",
+        "thin": f"under {patch} it is {1e3 * there:.2g} mm thick, expected at least {1e3 * ground:.2g} mm; the "
+        f"indentation may have an error of {thin_error(radius, wide, there):.1%}",
+        "curved": f"under {patch} its radius of curvature is {1e3 * there:.2g} mm, expected at least "
+        f"{1e3 * ground:.2g} mm; the indentation may have an error of {curved_error(excess)}",
+        "near": f"{patch} near another modulus, expected at least {1e3 * NEAR_WIDTH * wide:.2g} mm; the indentation "
+        "may have an error of 20 %. A basis with more coarse vertices resolves it",
+        "slides": f"its surface is free to slide (sticks: off) under {patch} with {heavy:.2g} E R², expected at most "
         f"{LIGHT:g} E R²; the body neglects the lateral motion of the surface and is too stiff by "
-        f"{sliding_error(heavy):.0%}"
-    )
+        f"{sliding_error(heavy):.0%}",
+        "grown": f"the force exceeds the range of scene.surface.area{above}; the radius of the contact stays constant "
+        "there",
+    }[cause]

@@ -70,58 +70,13 @@ def _cell(x, count):
 
 
 @kernel(error_model="numpy")
-def _cell_range(point, radius, origin, side, shape):
-    """First and last cell (3), (3) along each axis that a ball round a point intersects, limited to the grid."""
-    lo = (
-        _cell((point[0] - radius - origin[0]) / side, shape[0]),
-        _cell((point[1] - radius - origin[1]) / side, shape[1]),
-        _cell((point[2] - radius - origin[2]) / side, shape[2]),
+def _cells(foot, shift, scalars, shape):
+    """The cell (3) at a foot point that is shifted by `shift` [m] along each axis, limited to the grid."""
+    return (
+        _cell((foot[0] + shift - scalars[2]) / scalars[5], shape[0]),
+        _cell((foot[1] + shift - scalars[3]) / scalars[5], shape[1]),
+        _cell((foot[2] + shift - scalars[4]) / scalars[5], shape[2]),
     )
-    hi = (
-        _cell((point[0] + radius - origin[0]) / side, shape[0]),
-        _cell((point[1] + radius - origin[1]) / side, shape[1]),
-        _cell((point[2] + radius - origin[2]) / side, shape[2]),
-    )
-    return lo, hi
-
-
-@kernel(error_model="numpy")
-def spread_kernel(foot, normal, force, radius, scalars, shape, first, order, near, nodes, weights, forces):
-    """Distribute `force` [N] over the nodes round `foot` [m]; returns their number, 0 if no node is in range.
-
-    foot, normal, force  (3) each
-    radius               [m] R
-    scalars              R of the tables [m], kind (index into KERNELS), then origin (3) and side [m] of the grid
-    shape, first, order  see `cells`
-    near     (V,7)       position, normal and area of each vertex, in the order of the grid
-    nodes (V), weights (V), forces (V,3)  are filled as far as the returned count
-
-    The work depends on the number of nodes near the foot, not on the mesh.
-    """
-    kind, origin, side = int(scalars[1]), scalars[2:5], scalars[5]
-    lo, hi = _cell_range(foot, radius, origin, side, shape)
-    count = 0
-    total = 0.0
-    reach = radius * radius
-    for i in range(lo[0], hi[0] + 1):
-        for j in range(lo[1], hi[1] + 1):
-            row = (i * shape[1] + j) * shape[2]
-            for at in range(first[row + lo[2]], first[row + hi[2] + 1]):
-                x, y, z = near[at, 0] - foot[0], near[at, 1] - foot[1], near[at, 2] - foot[2]
-                square = x * x + y * y + z * z
-                if square >= reach or near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2] <= 0:
-                    continue
-                weight = near[at, 6] * kernel_value(kind, math.sqrt(square) / radius)
-                if weight > 0.0:
-                    nodes[count] = order[at]
-                    weights[count] = weight
-                    total += weight
-                    count += 1
-    for at in range(count):
-        weights[at] /= total
-        for k in range(3):
-            forces[at, k] = weights[at] * force[k]
-    return count
 
 
 @kernel(error_model="numpy")
@@ -145,13 +100,13 @@ def nearest_triangle(point, normal, points, triangles, vectors):
 
 
 class Spreader(NamedTuple):
-    """Tables of a mesh for the distribution of forces, and the last result."""
+    """Tables of a mesh for the distribution of forces, and the last result; shape, first and order: see `cells`."""
 
-    scalars: Annotated[np.ndarray, "<f8", 1]  # see `spread_kernel`; so are the next four
+    scalars: Annotated[np.ndarray, "<f8", 1]  # R [m], kind (index into KERNELS), origin (3) and side [m] of the grid
     shape: Annotated[np.ndarray, "<i8", 1]
     first: Annotated[np.ndarray, "<i4", 1]
     order: Annotated[np.ndarray, "<i4", 1]
-    near: Annotated[np.ndarray, "<f8", 2]
+    near: Annotated[np.ndarray, "<f8", 2]  # (V,7) position, normal and area of each vertex, in the order of the grid
     vertices: Annotated[np.ndarray, "<f8", 2]  # [m] (V,3)
     triangles: Annotated[np.ndarray, "<i4", 2]  # [1] (T,3)
     vectors: Annotated[np.ndarray, "<f8", 2]  # [m²] (T,3) along the triangles' normals
@@ -189,13 +144,38 @@ def spread(spreader, foot, normal, force, radius=0.0):
     normal: outward unit normal [1] (3) of the surface at the foot point;  radius [m]  R, 0: that of the spreader
 
     If no node is in range, the force is distributed over the corners of the nearest triangle by the barycentric
-    coordinates of its point nearest to the foot.
+    coordinates of its point nearest to the foot. Else the work depends on the number of nodes near the foot, not on the
+    mesh.
     """
     s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
+    # the nodes within R, in the cells of the grid round the foot
+    kind, shape, first, order, near = int(s.scalars[1]), s.shape, s.first, s.order, s.near
     r = radius if radius > 0.0 else s.scalars[0]
-    count = spread_kernel(foot, normal, force, r, s.scalars, s.shape, s.first, s.order, s.near, nodes, weights, forces)
+    lo, hi = _cells(foot, -r, s.scalars, shape), _cells(foot, r, s.scalars, shape)
+    count = 0
+    total = 0.0
+    reach = r * r
+    for i in range(lo[0], hi[0] + 1):
+        for j in range(lo[1], hi[1] + 1):
+            row = (i * shape[1] + j) * shape[2]
+            for at in range(first[row + lo[2]], first[row + hi[2] + 1]):
+                x, y, z = near[at, 0] - foot[0], near[at, 1] - foot[1], near[at, 2] - foot[2]
+                square = x * x + y * y + z * z
+                if square >= reach or near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2] <= 0:
+                    continue
+                weight = near[at, 6] * kernel_value(kind, math.sqrt(square) / r)
+                if weight > 0.0:
+                    nodes[count] = order[at]
+                    weights[count] = weight
+                    total += weight
+                    count += 1
+    for at in range(count):
+        weights[at] /= total
+        for k in range(3):
+            forces[at, k] = weights[at] * force[k]
     if count > 0:
         return count
+    # no node in range: the nearest triangle
     point = np.empty(3)  # limited to the box, so that squares of distances are finite
     for i in range(3):
         point[i] = min(max(foot[i], s.box[0, i]), s.box[1, i])

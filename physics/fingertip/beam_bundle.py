@@ -8,18 +8,11 @@ to each other, friction (`stick_slip`) to the plate. Published and assumed param
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.fingertip.bundle_step import (
-    BundleBeams,
-    BundleMotion,
-    BundleWorkspace,
-    Nodes,
-    StepSummary,
-    bundle_step,
-)
+from palpate.physics.fingertip.bundle_step import BundleMotion, BundleWorkspace, Nodes, StepSummary, bundle_step
 from palpate.physics.fingertip.skin import Sheet, grid_triangles, sheet
 from palpate.physics.fingertip.stick_slip import workspace
 from palpate.physics.materials.voigt import SKIN, STRAIN_LIMIT, TISSUE, ViscoelasticMaterial
@@ -34,26 +27,22 @@ node falls with the cube of the pressure: a linear fade would act as a switch, a
 beam."""
 
 
-@dataclass(frozen=True)
-class Bundle:
+class Bundle(NamedTuple):
     """Beams on a square grid: all that are in contact at the largest depth."""
 
     points: np.ndarray  # [m] (N,2) skin ends in the plate's plane
     heights: np.ndarray  # [m] (N) of the skin ends over the plate at first touch; the smallest is 0
     lengths: np.ndarray  # [m] (N,h) of the elements, from the skin inwards; 0 where a beam lacks one
+    length: np.ndarray  # [m] (N) of each beam
+    shares: np.ndarray  # [1] (N,h) of its elements in it
+    reach: np.ndarray  # [m] (N) largest shortening of each beam, at which its softest element is at the strain limit
     moduli: np.ndarray  # [Pa] (h)
     viscosities: np.ndarray  # [Pa s] (h)
     lateral: np.ndarray  # [N/m] (N) lateral stiffness of each beam
     cell: float  # [m²] () area of a beam's grid cell
+    fade: float  # [Pa] () pressure from which a node acts fully on the sheet
     sheet: Sheet  # the skin's triangles; none act where its thickness is 0
     retardation: float  # [s] () viscosity / modulus of the sheet
-
-    @property
-    def reach(self) -> np.ndarray:
-        """Largest shortening of each beam [m] (N), at which its softest element reaches the strain limit."""
-        present = self.lengths > 0
-        softest = np.where(present, self.moduli, np.inf).min(axis=1, keepdims=True)
-        return STRAIN_LIMIT * (self.lengths * softest / self.moduli).sum(axis=1)
 
 
 def bundle(
@@ -106,16 +95,21 @@ def bundle(
         mean = length / (bends / moduli[: bends.shape[1]]).sum(axis=1)
         stiffness = 3 * mean * (math.pi * pitch**4 / 64) / (length * length * length)
     # the sheet on the skin ends
-    points = index * pitch
+    points, length = index * pitch, lengths.sum(axis=1)
+    softest = np.where(lengths > 0, moduli, np.inf).min(axis=1, keepdims=True)
     triangles = grid_triangles(index) if skin > 0 else np.zeros((0, 3), dtype=np.int64)
     return Bundle(
         points=points,
         heights=heights,
         lengths=lengths,
+        length=length,
+        shares=lengths / length[:, None],
+        reach=STRAIN_LIMIT * (lengths * softest / moduli).sum(axis=1),
         moduli=moduli,
         viscosities=np.array([m.viscosity for m in materials]),
         lateral=stiffness,
         cell=cell,
+        fade=FADE * float(np.min(moduli)),
         sheet=sheet(points, triangles, skin_material.modulus, skin_material.poisson, skin),
         retardation=skin_material.relaxation,
     )
@@ -156,12 +150,6 @@ class BundleState:
         self.reach = body.reach
         self.summary = StepSummary()
         self.time = 0.0
-        length = body.lengths.sum(axis=1)
-        fade = FADE * float(np.min(body.moduli))
-        self.beams = BundleBeams(
-            body.heights, length, body.lengths / length[:, None], self.reach, body.moduli, body.viscosities,
-            body.lateral, body.cell, fade, body.retardation,
-        )  # fmt: skip
         self.scratch = BundleWorkspace(
             np.zeros((len(body.sheet.columns), 2, 2)), np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count),
             np.zeros(count), workspace(count, body.sheet.band),
@@ -193,5 +181,5 @@ def step(
         motion = BundleMotion(
             float(depth), float(shift[0]), float(shift[1]), float(friction), length, state.time, state.summary.last_step
         )
-        state.summary = bundle_step(state.beams, body.sheet, state.nodes, state.scratch, motion, tolerance, most)
+        state.summary = bundle_step(body, state.nodes, state.scratch, motion, tolerance, most)
     return state.force.copy()

@@ -11,21 +11,6 @@ from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import chain_compliance, chain_strain_step
 
 
-class BundleBeams(NamedTuple):
-    """The constants of a bundle."""
-
-    heights: np.ndarray  # [m] (N) of the skin ends over the plate at first touch
-    length: np.ndarray  # [m] (N) of each beam
-    shares: np.ndarray  # [1] (N,h) of its elements in it
-    reach: np.ndarray  # [m] (N) largest shortening of each beam
-    moduli: np.ndarray  # [Pa] (h)
-    viscosities: np.ndarray  # [Pa s] (h)
-    lateral: np.ndarray  # [N/m] (N) lateral stiffness of each beam
-    cell: float  # [m²] () area of a beam's grid cell
-    fade: float  # [Pa] () pressure from which a node acts fully on the sheet
-    retardation: float  # [s] () viscosity / modulus of the sheet
-
-
 class Nodes(NamedTuple):
     """State of the skin ends and results of the last step, see `beam_bundle.BundleState`."""
 
@@ -81,15 +66,15 @@ class StepSummary(NamedTuple):
 
 
 @kernel
-def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
+def bundle_step(beams, nodes, scratch, motion, tolerance, most):
     """Advance the nodes by one step; returns its summary.
 
-    beams, nodes, scratch, motion  as above      sheet  a `skin.Sheet`
-    tolerance, most                as in `stick_slip`
+    beams            a `beam_bundle.Bundle`;  nodes, scratch, motion  as above
+    tolerance, most  as in `stick_slip`
     """
     contacts, limited = _press(beams, nodes, scratch, motion)
     stiffness, touch, following = _next_law(beams, nodes, motion)
-    slips, iterations, residual = _rub(beams, sheet, nodes, scratch, motion, tolerance, most)
+    slips, iterations, residual = _rub(beams, nodes, scratch, motion, tolerance, most)
     force = nodes.force
     force[:] = 0.0
     for i in range(beams.heights.shape[0]):
@@ -145,7 +130,7 @@ def _next_law(beams, nodes, motion):
 
 
 @kernel
-def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
+def _rub(beams, nodes, scratch, motion, tolerance, most):
     """Solve stick and slip under the shift; returns the number of sliding nodes, iterations and residual."""
     if motion.friction == 0.0 and not np.any(nodes.deflection):  # without friction all nodes slide
         nodes.slip[:, 0], nodes.slip[:, 1] = motion.x, motion.y
@@ -153,7 +138,8 @@ def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
         return _slid(nodes, scratch, motion), 0, 0.0
     # With all nodes stuck the deflection would be u_s = u - shift. Elastic and viscous forces of the sheet in the step
     # are K u_new + (tau/dt) K (u_new - u); a common shift strains nothing, so r = -k u_s - K u.
-    deflection, slip, lateral, matrix = nodes.deflection, nodes.slip, beams.lateral, scratch.matrix
+    sheet, deflection, slip = beams.sheet, nodes.deflection, nodes.slip
+    lateral, matrix = beams.lateral, scratch.matrix
     count = lateral.shape[0]
     viscous = 1.0 + beams.retardation / motion.dt
     ratio = motion.dt / motion.before if motion.before > 0.0 else 0.0

@@ -58,27 +58,22 @@ def carry(z, a, b, slip):
 
 
 @kernel
-def drag(slack, a, b, v, dt, play):
+def _drag(law, slack, a, b, v, dt):
     """Displacement [m] (3) of the finger from a point that it drags on a string of length `play` [m], and the path [m]
     of the point, after a step v dt; the normal changes from a to b."""
     x, y, z = turn(slack[0], slack[1], slack[2], a[0], a[1], a[2], b[0], b[1], b[2])
     x, y, z = x + v[0] * dt, y + v[1] * dt, z + v[2] * dt
     length = math.sqrt(x * x + y * y + z * z)
-    if length <= play:
+    if length <= law.play:
         return (x, y, z), 0.0
-    keep = play / length
-    return (keep * x, keep * y, keep * z), length - play
+    keep = law.play / length
+    return (keep * x, keep * y, keep * z), length - law.play
 
 
 @kernel
 def _taut(law, slack, a, b, v, dt):
-    """`drag` for a law without play, which does not use the path."""
+    """`_drag` for a law without play, which does not use the path."""
     return NOTHING, 0.0
-
-
-@kernel
-def _played(law, slack, a, b, v, dt):
-    return drag(slack, a, b, v, dt, law.play)
 
 
 @cache
@@ -94,7 +89,7 @@ def stepper(kind: type[Any]) -> CompiledKernel:
 
     Without load the bristles are reset, the force is zero, and the contact does not stick.
     """
-    advanced, dragged = kind.advance, _played if "play" in kind._fields else _taut
+    advanced, dragged = kind.advance, _drag if "play" in kind._fields else _taut
 
     @kernel(error_model="numpy")
     def plain(law, z, v, last, spare, load, dt, path):

@@ -58,8 +58,4 @@ class ElastoPlastic(NamedTuple):
     elastic: Annotated[float, "1", ">= 0", "< 1"] = 0.9
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise generate energy
 
-    advance, stored = elastoplastic, energy  # type: ignore[misc]
-
-    def caution(self):
-        """Settings that let the law generate energy; "" for a passive law."""
-        return active(self)
+    advance, stored, caution = elastoplastic, energy, active  # type: ignore[misc]

@@ -60,6 +60,23 @@ def energy(law, z, load):
     return 0.5 * load * law.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 
 
+def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -> float:
+    """sigma1 (mu_s - mu_c)/mu_c [s/m], the least sigma2 at which LuGre friction under constant load is passive
+    (Barabanov & Ortega, IEEE Trans. Autom. Control 45, 2000, 675-686)."""
+    return bristle_damping * (mu_static - mu_slide) / mu_slide
+
+
+def active(law) -> str:
+    """A warning about settings of a LuGre law that generate energy under constant load; "" for a passive law."""
+    least = passive_viscous(law.mu_slide, law.mu_static, law.bristle_damping)
+    if law.viscous >= least * (1.0 - 1e-9):
+        return ""
+    return (
+        f"friction: viscous {law.viscous:g} s/m lets the law generate energy; it is passive from {least:.3g} s/m on "
+        "(bristle_damping (mu_static - mu_slide)/mu_slide)"
+    )
+
+
 class LuGre(NamedTuple):
     """LuGre friction: presliding, Stribeck effect and viscous friction, proportional to the normal force.
 
@@ -78,25 +95,4 @@ class LuGre(NamedTuple):
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise generate energy
     play: Annotated[float, "m", ">= 0"] = 0.0  # smaller motion does not relax the bristles; use half an encoder count
 
-    advance, stored = lugre, energy  # type: ignore[misc]
-
-    def caution(self):
-        """Settings that let the law generate energy; "" for a passive law."""
-        return active(self)
-
-
-def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -> float:
-    """sigma1 (mu_s - mu_c)/mu_c [s/m], the least sigma2 at which LuGre friction under constant load is passive
-    (Barabanov & Ortega, IEEE Trans. Autom. Control 45, 2000, 675-686)."""
-    return bristle_damping * (mu_static - mu_slide) / mu_slide
-
-
-def active(law) -> str:
-    """A warning about settings of a LuGre law that generate energy under constant load; "" for a passive law."""
-    least = passive_viscous(law.mu_slide, law.mu_static, law.bristle_damping)
-    if law.viscous >= least * (1.0 - 1e-9):
-        return ""
-    return (
-        f"friction: viscous {law.viscous:g} s/m lets the law generate energy; it is passive from {least:.3g} s/m on "
-        "(bristle_damping (mu_static - mu_slide)/mu_slide)"
-    )
+    advance, stored, caution = lugre, energy, active  # type: ignore[misc]

@@ -45,13 +45,8 @@ class ClosestPoint:
 
     def scratch(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """State (u, v, 1 while tracking), workspace, derivatives and result of `track`."""
-        degrees = self.surface.degree_u + self.surface.degree_v
-        return (
-            np.zeros(3),
-            np.empty(24 + 3 * (degrees + 2) + 4 * STARTS + 2 * STARTS),
-            np.empty((2, 6, 3)),
-            np.zeros(FOUND),
-        )
+        work = np.empty(24 + 3 * (self.surface.degree_u + self.surface.degree_v + 2) + 6 * STARTS)
+        return np.zeros(3), work, np.empty((2, 6, 3)), np.zeros(FOUND)
 
     def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Foot points [m] (...,3), outward normals [1] (...,3), parameters [1] (...,2) and signed distances [m] (...),

@@ -45,7 +45,8 @@ def tessellate(surface: NurbsPatch, count: int) -> Mesh:
     along = (np.arange(start[-1]) - start[ring] + middle[ring]) / numbers[ring] % 1.0
     found_u = _bilinear(u_at, along, level)
     found_v = _bilinear(v_at, (found_u - u0) / (u1 - u0), level)
-    return Mesh(surface(found_u, found_v), _triangles(numbers, start, middle))
+    bands = [_band(numbers[k], numbers[k + 1], start[k], start[k + 1], middle[k + 1]) for k in range(len(numbers) - 1)]
+    return Mesh(surface(found_u, found_v), np.concatenate(bands).astype(np.int32))
 
 
 def _length(points: np.ndarray, axis: int) -> np.ndarray:
@@ -83,13 +84,6 @@ def _bilinear(table: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     below = table[i, j] * (1 - x) + table[i + 1, j] * x
     above = table[i, j + 1] * (1 - x) + table[i + 1, j + 1] * x
     return below * (1 - y) + above * y
-
-
-def _triangles(numbers: np.ndarray, start: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    bands = []
-    for k in range(len(numbers) - 1):
-        bands.append(_band(int(numbers[k]), int(numbers[k + 1]), int(start[k]), int(start[k + 1]), shift[k + 1]))
-    return np.concatenate(bands).astype(np.int32)
 
 
 def _band(lower: int, upper: int, at: int, above: int, shift: float) -> np.ndarray:

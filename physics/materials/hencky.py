@@ -99,11 +99,6 @@ def _stress_alone(F, J, p, P, A):
 def energy(F, J, p, P, A):
     if np.isnan(A[0, 0]):
         return _stress_alone(F, J, p, P, A)
-    return _stress_and_tangent(F, J, p, P, A)
-
-
-@kernel
-def _stress_and_tangent(F, J, p, P, A):
     shear, bulk = p[0], p[1]
     c, N = principal_squares(F)
     e = 0.5 * np.log(c)

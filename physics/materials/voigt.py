@@ -28,15 +28,11 @@ from palpate.physics.kernel import kernel
 
 @dataclass(frozen=True)
 class ViscoelasticMaterial:
-    """A linear viscoelastic material.
-
-    status      source of the numbers: "stated", "literature", "inferred" or "assumed", in decreasing reliability
-    """
+    """A linear viscoelastic material."""
 
     modulus: float  # [Pa] E
     relaxation: float  # [s] viscosity / modulus: the retardation time of one Voigt element
-    poisson: float = 0.48  # [1] nu
-    status: str = "assumed"
+    poisson: float = 0.48  # [1] nu, assumed
 
     @property
     def viscosity(self) -> float:
@@ -49,9 +45,9 @@ class ViscoelasticMaterial:
         return self.modulus / (2 * (1 + self.poisson))
 
 
-TISSUE = ViscoelasticMaterial(3.4e4, 1.4, status="modulus stated, relaxation assumed (slow part of Pawluk & Howe)")
-SKIN = ViscoelasticMaterial(1.36e5, 0.07, status="modulus stated, relaxation assumed (middle part of Pawluk & Howe)")
-BONE = ViscoelasticMaterial(1.5e10, 0.0, status="modulus inferred, no relaxation")
+TISSUE = ViscoelasticMaterial(3.4e4, 1.4)  # modulus stated, relaxation assumed (slow part of Pawluk & Howe)
+SKIN = ViscoelasticMaterial(1.36e5, 0.07)  # modulus stated, relaxation assumed (middle part of Pawluk & Howe)
+BONE = ViscoelasticMaterial(1.5e10, 0.0)  # modulus inferred, no relaxation
 
 STRAIN_LIMIT = 0.9
 """Largest compressive strain of an element [1]: the linear law is invalid beyond it, and at 1 the length is zero."""

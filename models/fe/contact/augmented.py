@@ -59,10 +59,6 @@ class Augmented(ContactPair):
         self.force = np.zeros(3)
         self.remember()
 
-    def nodes(self) -> np.ndarray:
-        """Nodes on which it may act (F,6)."""
-        return self.faces
-
     def touches(self) -> bool:
         return bool((self.traction > 0.0).any())
 

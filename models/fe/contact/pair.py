@@ -5,6 +5,8 @@ master's normal, traction t = <l - e g> on the slave and its reaction on the mas
 the finer or the softer side as slave. T. A. Laursen, Computational Contact and Impact Mechanics, Springer 2002, ch. 5.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -80,12 +82,10 @@ def _project(point, points, face, value, slope, normal):
         if moved < 1e-12:
             break
     _place(x, y, points, face, (value, slope), (at, e1, e2))
-    n = np.cross(e1, e2)
-    n /= max(np.sqrt(np.dot(n, n)), 1e-300)
-    for i in range(3):
-        normal[i] = n[i]
+    normal[:] = np.cross(e1, e2)
+    normal /= max(np.sqrt(np.dot(normal, normal)), 1e-300)
     r = point - at
-    return np.sqrt(np.dot(r, r)), np.dot(r, n)
+    return np.sqrt(np.dot(r, r)), np.dot(r, normal)
 
 
 @kernel
@@ -99,10 +99,7 @@ def _nearest(point, points, faces, among, room, value, normal):
         away, g = _project(point, points, faces[among[b]], *room)
         if away < nearest:
             nearest, hit, gap = away, among[b], g
-            for a in range(6):
-                value[a] = room[0][a]
-            for i in range(3):
-                normal[i] = room[2][i]
+            value[:], normal[:] = room[0], room[2]
     return nearest, hit, gap
 
 
@@ -146,11 +143,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
             t = multiplier[f, k] - penalty * best_gap
             if not t > 0.0:
                 continue
-            traction[f, k], hits[f, k] = t, hit
-            for i in range(3):
-                normals[f, k, i] = best_n[i]
-            for a in range(6):
-                feet[f, k, a] = best_m[a]
+            traction[f, k], hits[f, k], normals[f, k], feet[f, k] = t, hit, best_n, best_m
             # the pair's 12 nodes: weights N_a of the slave, -N_a of the master; `spot` is their index in the clique
             for a in range(6):
                 share[a], share[6 + a] = value[k, a], -best_m[a]
@@ -188,6 +181,14 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                             data[where[c, spot[a], spot[b]], i, j] += scale * block[i, j]
 
 
+def _padded(rows: Sequence[Sequence[int] | np.ndarray]) -> np.ndarray:
+    """Rows of different lengths as an array (R,n), padded with -1."""
+    table = np.full((len(rows), max(map(len, rows), default=2)), -1, dtype=np.int64)
+    for k, row in enumerate(rows):
+        table[k, : len(row)] = row
+    return table
+
+
 class Pair(Augmented):
     """Two surfaces of the mesh that may touch.
 
@@ -202,8 +203,7 @@ class Pair(Augmented):
     ) -> None:
         super().__init__(slave, friction, bound, penalty)
         self.master = checked_faces(master)
-        self._candidates = np.zeros((0, 2), dtype=np.int64)
-        self._cliques = np.zeros((0, 12), dtype=np.int64)
+        self._candidates = self._cliques = _padded([])
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         self.clear(points)
@@ -234,19 +234,9 @@ class Pair(Augmented):
         tree = cKDTree(self._start[self.master[:, :3]].mean(axis=1))
         middle = self._start[self.faces[:, :3]].mean(axis=1)
         neighbours = tree.query_ball_point(middle, self._reach)
-        near = [f for f, hits in enumerate(neighbours) if hits]
-        width = max((len(neighbours[f]) for f in near), default=1)
-        candidates = np.full((len(near), 1 + width), -1, dtype=np.int64)
-        groups = []
-        for row, f in enumerate(near):
-            candidates[row, 0] = f
-            candidates[row, 1 : 1 + len(neighbours[f])] = sorted(neighbours[f])
-            groups.append(np.unique(np.concatenate([self.faces[f], self.master[neighbours[f]].ravel()])))
-        long = max((len(g) for g in groups), default=1)
-        cliques = np.full((len(near), long), -1, dtype=np.int64)
-        for row, group in enumerate(groups):
-            cliques[row, : len(group)] = group
-        self._candidates, self._cliques = candidates, cliques
+        near = [(f, hits) for f, hits in enumerate(neighbours) if hits]
+        self._candidates = _padded([[f, *sorted(hits)] for f, hits in near])
+        self._cliques = _padded([np.union1d(self.faces[f], self.master[hits]) for f, hits in near])
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False

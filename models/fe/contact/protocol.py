@@ -15,23 +15,27 @@ class ContactPair(ABC):
     `foresee`, `deep` and `settle` in its iterations; `leapt` at its end; `back` if it fails.
 
     The defaults are those of a permanent support: no additional couplings, active set, penetration or state.
+
+    faces  (F,6) on which it may act
     """
+
+    faces: np.ndarray
 
     @abstractmethod
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         """Initialise for a mesh with points [m] (N,3) and a stiffness [N/m] (N,) of each node."""
 
     @abstractmethod
-    def couple(self, pattern: Pattern) -> None:
-        """Use a new sparsity pattern."""
-
-    @abstractmethod
-    def nodes(self) -> np.ndarray:
-        """Nodes on which it may act."""
-
-    @abstractmethod
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         """Add to the residual [N] (N,3) and, if `tangent`, to the blocks [N/m] (B,3,3) of the symmetric tangent."""
+
+    def couple(self, pattern: Pattern) -> None:
+        """Use a new sparsity pattern."""
+        self._where = pattern.where(self.faces)
+
+    def nodes(self) -> np.ndarray:
+        """Nodes on which it may act."""
+        return self.faces
 
     def couples(self) -> np.ndarray:
         """Nodes that are coupled in addition to the elements (C,k), padded with -1."""
@@ -89,13 +93,6 @@ class ElasticFoundation(ContactPair):
         area = face_rule.areas(points, self.faces)
         self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, face_rule.VALUES, face_rule.VALUES)
         self.couple(pattern)
-
-    def couple(self, pattern: Pattern) -> None:
-        self._where = pattern.where(self.faces)
-
-    def nodes(self) -> np.ndarray:
-        """Nodes on which it acts (F,6)."""
-        return self.faces
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         np.add.at(force, self.faces, np.einsum("fab,fbi->fai", self._block, displacement[self.faces]))

@@ -37,9 +37,7 @@ SHAPE = types.float64(VECTOR, VECTOR, VECTOR, MATRIX)
 @numba.njit(cache=True)
 def plane(x, p, normal, curvature):
     """Half-space below z = 0 of the frame with unit normal p[0:3]."""
-    for i in range(3):
-        normal[i] = p[i]
-    curvature[:] = 0.0
+    normal[:], curvature[:] = p, 0.0
     return x[0] * p[0] + x[1] * p[1] + x[2] * p[2]
 
 
@@ -67,6 +65,10 @@ def capsule(x, p, normal, curvature):
             flat = (1.0 if i == j else 0.0) - normal[i] * normal[j]
             curvature[i, j] = flat / r if round_end or (i < 2 and j < 2) else 0.0
     return r - p[0]
+
+
+NUMBERS: dict[Any, int] = {plane: 3, sphere: 1, capsule: 2}
+"""Number of parameters of these shapes; a compiled function would read beyond the end of a shorter list."""
 
 
 @kernel
@@ -191,8 +193,11 @@ class RigidIndenter(Augmented):
         penalty: float = 0.0,
     ) -> None:
         super().__init__(faces, friction, bound, penalty)
-        self.parameters = _checked(shape, np.array(parameters, dtype=np.float64))
-        self.path = path
+        self.parameters, self.path = np.array(parameters, dtype=np.float64), path
+        count = NUMBERS.get(shape, self.parameters.size)
+        if self.parameters.shape != (count,) or not np.isfinite(self.parameters).all():
+            name = getattr(shape, "__name__", "shape")
+            raise ValueError(f"{name}: found parameters {self.parameters.tolist()}, expected {count} finite numbers")
         self._shape = compiled(shape, SHAPE)
         self._turn = np.eye(3)
 
@@ -205,9 +210,6 @@ class RigidIndenter(Augmented):
         self.moment = np.zeros(3)  # Moment of `force` about the rigid body's origin [N m]
         self._before = np.zeros((*self.area.shape, 3))
         self._bend = np.full(self.area.shape, np.nan)
-
-    def couple(self, pattern: Pattern) -> None:
-        self._where = pattern.where(self.faces)
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
         """As in `Augmented`; also if the rigid body passed through the faces within the step: it was deeper than at
@@ -286,16 +288,3 @@ class RigidIndenter(Augmented):
         pressed = np.einsum("fqi,qa,fai->fq", self.normal, self.value, change[self.faces])
         pull = self.area[..., None] * self.friction_slope(pressed) @ self._turn.T
         np.add.at(force, self.faces, np.einsum("qa,fqi->fai", self.value, pull))
-
-
-NUMBERS: dict[Any, int] = {plane: 3, sphere: 1, capsule: 2}
-"""Number of parameters of these shapes; a compiled function would read beyond the end of a shorter list."""
-
-
-def _checked(shape: Shape, parameters: np.ndarray) -> np.ndarray:
-    """The parameters of a shape. ValueError: not finite, or a wrong number of them for a shape of this file."""
-    count = NUMBERS.get(shape, parameters.size)
-    if parameters.shape != (count,) or not np.isfinite(parameters).all():
-        name = getattr(shape, "__name__", "shape")
-        raise ValueError(f"{name}: found parameters {parameters.tolist()}, expected {count} finite numbers")
-    return parameters

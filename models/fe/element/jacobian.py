@@ -25,11 +25,11 @@ def _bernstein(at: np.ndarray) -> np.ndarray:
 
 
 _COEFFICIENTS = np.linalg.inv(_bernstein(_AT))
-_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-_MIDDLES = {(i, j): 0.5 * (_CORNERS[i] + _CORNERS[j]) for i in range(4) for j in range(i + 1, 4)}
+CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+_MIDDLES = {(i, j): 0.5 * (CORNERS[i] + CORNERS[j]) for i in range(4) for j in range(i + 1, 4)}
 _A, _B, _C, _D, _E, _F = (_MIDDLES[i, j] for i, j in ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)))
 _EIGHT = np.array([
-    [_CORNERS[0], _A, _C, _D], [_A, _CORNERS[1], _B, _E], [_C, _B, _CORNERS[2], _F], [_D, _E, _F, _CORNERS[3]],
+    [CORNERS[0], _A, _C, _D], [_A, CORNERS[1], _B, _E], [_C, _B, CORNERS[2], _F], [_D, _E, _F, CORNERS[3]],
     [_A, _B, _C, _D], [_A, _D, _B, _E], [_B, _E, _F, _D], [_B, _F, _C, _D],
 ])  # fmt: skip
 
@@ -47,7 +47,7 @@ def inverted(points: np.ndarray, elements: np.ndarray, folded: float) -> np.ndar
     """
     size = np.abs(_determinants(points, elements, _AT)).max(axis=1)
     bad = np.zeros(len(elements), dtype=bool)
-    asked, parts = np.arange(len(elements)), [_CORNERS]
+    asked, parts = np.arange(len(elements)), [CORNERS]
     for _ in range(DEPTH):
         low, least = np.full(len(asked), np.inf), np.full(len(asked), np.inf)
         for corner in parts:

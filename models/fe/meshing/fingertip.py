@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.models.fe.element.mesh import MeshError, TetMesh, bricks, edge_nodes, grid
+from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hencky import hencky
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.mooney_rivlin import mooney_rivlin
@@ -115,8 +116,7 @@ class FingertipDimensions:
         """Faces of the lower epidermis that may touch (F,6)."""
         mesh = self.mesh
         place = mesh.points[mesh.faces[:, :3]].mean(axis=1)
-        edges = mesh.points[mesh.faces]
-        normal = np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0])
+        normal = Mesh(mesh.points, mesh.faces[:, :3]).face_vectors
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         inner = self.cut[mesh.faces].all(axis=1) | self.rear[mesh.faces].all(axis=1)
         near = place[:, 2] < 0.6 * self.radii[-1]

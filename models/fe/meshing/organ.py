@@ -106,11 +106,9 @@ def _seen(surface: Mesh, point: np.ndarray) -> bool:
 
 def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
     """MeshError: the inner side of the capsule (relative to the hub) folds, or is not visible from the hub."""
-    corner = inner[surface.triangles]
-    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    bad = (np.einsum("ij,ij->i", face, surface.face_vectors) <= 0.0) | (
-        np.einsum("ij,ij->i", face, corner[:, 0]) <= 1e-3 * np.abs(np.einsum("ij,ij->i", face, corner[:, 0])).mean()
-    )
+    face = Mesh(inner, surface.triangles).face_vectors
+    seen = np.einsum("ij,ij->i", face, inner[surface.triangles[:, 0]])
+    bad = (np.einsum("ij,ij->i", face, surface.face_vectors) <= 0.0) | (seen <= LEAST * np.abs(seen).mean())
     if bad.any():
         at = surface.vertices[surface.triangles[np.argmax(bad)]].mean(axis=0) * 1e3
         raise MeshError(
@@ -221,6 +219,5 @@ class Organ:
 
     def under(self) -> np.ndarray:
         """Whether each face is on the foundation (F,)."""
-        corner = self.mesh.points[self.faces[:, :3]]
-        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        normal = Mesh(self.mesh.points, self.faces[:, :3]).face_vectors
         return normal[:, 2] < -0.5 * np.linalg.norm(normal, axis=1)

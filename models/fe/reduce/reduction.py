@@ -49,16 +49,6 @@ def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False)
     return touches
 
 
-def finger_pressed(
-    body: Reducible, report: Report = unheard, folder: Path | None = None
-) -> tuple[list[PressSolution], list[PressSolution]]:
-    """Full solutions of the fingertip's touches and their mirror images, and of the held-out touches."""
-    touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
-    presses = snapshots.press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
-    seen, held = ([p for p in part if len(p.solutions)] for part in (presses[: len(touches)], presses[len(touches) :]))
-    return seen + snapshots.mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices)), held
-
-
 def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPath]:
     """Touches of an organ, except on the part that faces its foundation."""
     surface = body.surface
@@ -66,13 +56,28 @@ def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPat
     return snapshots.scatter(surface, count, region, ORGAN_RADIUS, SOFTEST * ORGAN_RADIUS**2 * snapshots.MILD, seed)
 
 
-def organ_pressed(
-    body: Reducible, report: Report = unheard, folder: Path | None = None
+def full_solutions(
+    body: Reducible, finger: bool, report: Report, folder: Path
 ) -> tuple[list[PressSolution], list[PressSolution]]:
-    """Full solutions of an organ's touches, and of the held-out touches."""
-    presses = snapshots.press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report, folder)
-    seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:ORGAN_TOUCHES], presses[ORGAN_TOUCHES:]))
+    """Full solutions of the touches of a body, for the fingertip also of their mirror images, and of held-out ones."""
+    if finger:
+        touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
+        count = len(touches)
+        presses = snapshots.press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
+    else:
+        touches, count = organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD), ORGAN_TOUCHES
+        presses = snapshots.press_from_rest(body, touches, report, folder)
+    seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:count], presses[count:]))
+    if finger:
+        seen += snapshots.mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices))
     return seen, held
+
+
+def unseen_solutions(body: Reducible, finger: bool, report: Report) -> list[PressSolution]:
+    """Full solutions of touches for the error of the basis only."""
+    if finger:
+        return snapshots.press(body, finger_touches(body, UNSEEN, UNSEEN_SEED), report)
+    return snapshots.press_from_rest(body, organ_touches(body, UNSEEN, UNSEEN_SEED), report)
 
 
 def build(
@@ -131,13 +136,8 @@ def truncation_errors(
     return np.array(sizes), np.array(pulls), np.array(shares)
 
 
-def equilibrium(
-    body: SampledBody, press: PressSolution, nodes: np.ndarray, force: float
-) -> tuple[float, float, float, float]:
-    """K, n, s_free and indentation [m] of an elastic body under a constant force [N], see `sampled_body.answer`.
-
-    nodes  (k,) loaded by the touch
-    """
+def equilibrium(body: SampledBody, press: PressSolution, nodes: np.ndarray, force: float) -> float:
+    """Indentation [m] of an elastic body under a constant force [N]; nodes (k,): loaded by the touch."""
     push, foot, normal = press.touch.load[nodes], tuple(press.touch.foot), tuple(press.touch.normal)
     laws = np.zeros((1, 5))
     for _ in range(6):
@@ -145,8 +145,7 @@ def equilibrium(
         _, settled = answer(body, laws, np.eye(1), 1e6)
         if settled:
             break
-    k, n, _, free, now = laws[0].tolist()
-    return k, n, free, now
+    return float(laws[0, 4])
 
 
 def errors(body: Reducible, basis: SampledBasis, pressed: list[PressSolution]) -> tuple[np.ndarray, np.ndarray]:
@@ -162,6 +161,6 @@ def errors(body: Reducible, basis: SampledBasis, pressed: list[PressSolution]) -
         compliance = measure @ (basis.residual_compliance @ unit) + (measure @ basis.modes) @ (basis.modes.T @ unit)
         for level, u in zip(touch.levels, press.solutions, strict=False):
             indentation = float(np.sum((body.hats @ along) * u))
-            sampled.append(equilibrium(fast, press, nodes, float(level) * young)[3] / indentation - 1.0)
+            sampled.append(equilibrium(fast, press, nodes, float(level) * young) / indentation - 1.0)
             linear.append(float(level) * compliance / indentation - 1.0)
     return np.array(sampled), np.array(linear)

@@ -115,33 +115,29 @@ def press(
 
 def _all(
     body: Reducible, touches: list[LoadPath], report: Report, folder: Path | None, method: str,
-    solve: Callable[[LoadPath], PressSolution],
+    solve: Callable[[LoadPath], list[np.ndarray]],
 ) -> list[PressSolution]:  # fmt: skip
     """The solutions of touches, from the folder where they exist there; the file name is a hash of all inputs."""
     presses = []
     for k, path in enumerate(touches):
-        presses.append(solve(path) if folder is None else _cached(body, path, folder, method, solve))
+        file, solutions = None, None
+        if folder is not None:
+            loads = b"".join(np.ascontiguousarray(part).tobytes() for part in (path.load, path.levels))
+            file = folder / f"{hashlib.sha256(body.digest + method.encode() + loads).hexdigest()[:24]}.npy"
+            with suppress(OSError, ValueError, EOFError):  # missing or damaged
+                solutions = np.load(file)
+        if solutions is None:
+            solutions = np.array(solve(path)).reshape(-1, *body.mesh.points.shape)
+            if file is not None:
+                with replacing(file) as part:
+                    np.save(part, solutions)
+        presses.append(PressSolution(path, solutions))
         report((k + 1) / len(touches))
     return presses
 
 
-def _cached(
-    body: Reducible, touch: LoadPath, folder: Path, method: str, solve: Callable[[LoadPath], PressSolution]
-) -> PressSolution:
-    name = hashlib.sha256(body.digest + method.encode())
-    for part in (touch.load, touch.levels):
-        name.update(np.ascontiguousarray(part).tobytes())
-    path = folder / f"{name.hexdigest()[:24]}.npy"
-    with suppress(OSError, ValueError, EOFError):  # missing or damaged
-        return PressSolution(touch, np.load(path))
-    found = solve(touch)
-    with replacing(path) as file:
-        np.save(file, found.solutions)
-    return found
-
-
-def pressed(body: Reducible, touch: LoadPath) -> PressSolution:
-    """Solution of the full model for one touch.
+def pressed(body: Reducible, touch: LoadPath) -> list[np.ndarray]:
+    """Solutions of the full model for one touch.
 
     Load steps are in numbers of levels, with geometric interpolation between levels: the displacement of a stiffening
     body grows roughly with the logarithm of the load, so that linear extrapolation gives a good initial guess.
@@ -159,7 +155,7 @@ def pressed(body: Reducible, touch: LoadPath) -> PressSolution:
         except ConvergenceError:
             break
         kept.append(solver.displacement.copy())
-    return PressSolution(touch, np.array(kept).reshape(-1, *body.mesh.points.shape))
+    return kept
 
 
 def press_from_rest(
@@ -174,7 +170,7 @@ def press_from_rest(
         displacement[body.fixed] = 0.0
         return displacement
 
-    def solution(touch: LoadPath) -> PressSolution:
+    def solution(touch: LoadPath) -> list[np.ndarray]:
         load = body.hats @ touch.load
         slope = solve(load)
         last, u, kept = 0.0, np.zeros_like(load), []
@@ -186,7 +182,7 @@ def press_from_rest(
             u = after
             slope, last = (u - start) / (level - last), level
             kept.append(u)
-        return PressSolution(touch, np.array(kept).reshape(-1, *body.mesh.points.shape))
+        return kept
 
     return _all(body, touches, report, folder, repr((TOLERANCE, MOST, MEMORY)), solution)
 

@@ -31,7 +31,6 @@ class Assembly:
 
     tangent  pattern and factor
     floor    [N] residual from rounding
-    energy   [J] of the elements at the last evaluation
 
     MeshError: an element is inverted in the undeformed mesh.
     """
@@ -45,8 +44,7 @@ class Assembly:
         contacts: Sequence[ContactPair],
     ) -> None:
         self.mesh, self.fixed, self.loads, self.contacts = mesh, fixed, loads, contacts
-        self.body, self.energy = ElasticBody(mesh, materials), 0.0
-        self._extra = np.zeros((0, 1), dtype=np.int64)
+        self.body, self._extra = ElasticBody(mesh, materials), np.zeros((0, 1), dtype=np.int64)
         self._couple()
         force, data = np.zeros_like(mesh.points), self._blocks()
         self.body.add(np.zeros_like(mesh.points), force, data)
@@ -84,7 +82,7 @@ class Assembly:
     def balance(self, u: np.ndarray, load: float) -> Balance:
         """Unbalanced force and tangent at a displacement."""
         force, data = np.zeros_like(u), self._blocks()
-        self.energy, bad = self.body.add(u, force, data)
+        _, bad = self.body.add(u, force, data)
         if bad >= 0:
             raise Inverted(f"element {bad} at {self.mesh.place(bad)} is inverted or would be")
         size = float(np.linalg.norm(force))

@@ -12,7 +12,7 @@ from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.mesh import MeshError, TetMesh, point_text
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.solve.assembly import Assembly, Balance, Inverted
-from palpate.models.fe.solve.support import Support, check_locking, check_units, checked
+from palpate.models.fe.solve.support import Support, check_materials, checked
 from palpate.models.fe.sparse.tangent import UnheldError
 from palpate.physics.archive import replacing
 from palpate.physics.errors import PalpateError
@@ -84,8 +84,7 @@ class Solver:
                 f"fixed: found shape {fixed.shape} of {fixed.dtype}, expected {mesh.points.shape} of bool: a flag for "
                 "each displacement component of each node"
             )
-        check_units(mesh, materials)
-        check_locking(mesh, materials)
+        check_materials(mesh, materials)
         self.mesh, self.materials, self.settings = mesh, dict(materials), settings
         self.contacts = list(contacts)
         self.held = held

@@ -19,38 +19,28 @@ HELD = 1e-8  # [1] The same for contacts; a contact of 0.1 % of the size of the 
 CARRIED = 1e-11  # [1] Force of the contacts over stiffness times size of the body, below which they are unloaded
 
 
-def check_units(mesh: TetMesh, materials: Mapping[int, Material]) -> None:
-    """MeshError, MaterialError: lengths are not in metres, or moduli not in pascals."""
+def check_materials(mesh: TetMesh, materials: Mapping[int, Material]) -> None:
+    """MeshError, MaterialError: lengths not in metres, moduli not in pascals, or plain elements of a nearly
+    incompressible material, which lock."""
     if not SMALLEST <= mesh.size <= LARGEST:
         raise MeshError(
             f"mesh: {mesh.size:.4g} m across, expected {SMALLEST:g} ... {LARGEST:g} m. Points are in metres: for "
             "a mesh in millimetres use points * 1e-3"
         )
     for region in np.unique(mesh.region).tolist():
-        E = young(materials[region])
+        material = materials[region]
+        shear, bulk = rest_moduli(material)
+        E, ratio = 9.0 * bulk * shear / (3.0 * bulk + shear), poisson_of(shear, bulk)
         if not SOFTEST <= E <= STIFFEST:
             raise MaterialError(
                 f"region {region}: Young's modulus {E:.4g} Pa, expected {SOFTEST:g} ... {STIFFEST:g} Pa. Moduli "
                 f"are in pascals: {E:.4g} kPa is {1e3 * E:.4g} Pa, {E:.4g} MPa is {1e6 * E:.4g} Pa"
             )
-
-
-def check_locking(mesh: TetMesh, materials: Mapping[int, Material]) -> None:
-    """MaterialError: plain elements of a nearly incompressible material, which lock."""
-    for region in np.unique(mesh.region).tolist():
-        material = materials[region]
-        ratio = poisson_of(*rest_moduli(material))
         if not material.mixed and ratio > PLAIN_UP_TO + 1e-9:
             raise MaterialError(
                 f"region {region}: plain elements at a Poisson's ratio of {ratio:.6g}, where they lock; expected at "
                 f"most {PLAIN_UP_TO:g}. Use the mixed element: `Material(..., mixed=True)`"
             )
-
-
-def young(material: Material) -> float:
-    """Young's modulus of the undeformed material [Pa]. MaterialError: see `rest_moduli`."""
-    shear, bulk = rest_moduli(material)
-    return 9.0 * bulk * shear / (3.0 * bulk + shear)
 
 
 def checked(what: str, values: np.ndarray, load: float, wanted: np.ndarray) -> np.ndarray:

@@ -71,7 +71,8 @@ class Cholesky:
         self._trsm = _Routine("blas", letter + "trsm", 11)
         self._syrk = _Routine("blas", letter + "syrk", 10)
         self._gemm = _Routine("blas", letter + "gemm", 13)
-        self._scale = np.array([1.0, -1.0], dtype=self.dtype)
+        # arguments of BLAS by address: letters, 1 and -1, and memory for sizes
+        self._words = _LETTERS, np.array([1.0, -1.0], dtype=self.dtype), np.zeros(4, dtype=np.int32)
         self._factor: np.ndarray | None = None
 
     def alike(self, single: bool) -> Cholesky:
@@ -79,10 +80,6 @@ class Cholesky:
         made = copy(self)
         made._set(single)
         return made
-
-    def _words(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Arguments of BLAS by address: letters, 1 and -1, and memory for sizes."""
-        return _LETTERS, self._scale, np.zeros(4, dtype=np.int32)
 
     def factor(self, data: np.ndarray) -> None:
         """Factor the matrix with these blocks (B,3,3). NotPositive: it is not positive definite, or contains NaN."""
@@ -93,7 +90,7 @@ class Cholesky:
             self._updates = np.empty(self._stack, dtype=self.dtype)
         bad = _factor(
             self._potrf, self._trsm, self._syrk, self._fronts, (self._children, self._relative), self._blocks,
-            np.ascontiguousarray(data), self._factor, self._front, self._updates, self._words(),
+            np.ascontiguousarray(data), self._factor, self._front, self._updates, self._words,
         )  # fmt: skip
         if bad >= 0:
             raise NotPositive(int(self.tree.order[bad]))
@@ -108,7 +105,7 @@ class Cholesky:
         work = np.empty(largest * x.shape[1], dtype=self.dtype)
         _solve(
             self._trsm, self._gemm, self._fronts, self.tree.first, self.tree.boundary, self._factor, x, work,
-            self._words(),
+            self._words,
         )  # fmt: skip
         solution = np.empty((len(self.tree.order), 3, x.shape[1]))
         solution[self.tree.order] = x.reshape(-1, 3, x.shape[1])

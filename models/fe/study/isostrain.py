@@ -10,23 +10,19 @@ import itertools
 import numpy as np
 
 from palpate.models.fe.element.elements import gradients, shape
+from palpate.models.fe.element.jacobian import CORNERS
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.meshing.fingertip import BONE, EPIDERMIS, NAIL
 from palpate.physics.contact.tactile import equivalent_strain, isostrain_volume
 
 CUTS = 4  # Number of divisions of each edge of an element for volumes
 CHUNK = 2048  # Number of elements that are processed together
-_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-def strain(mesh: TetMesh, displacement: np.ndarray) -> np.ndarray:
-    """Equivalent strain [1] (E,4) at the corners of each element, not averaged, for displacements [m] (N,3). Effective
-    Poisson's ratio: that of the material in the elastic layers, 0.5 in the others."""
-    return _strain(mesh, displacement, slice(None), _CORNERS)
-
-
-def _strain(mesh: TetMesh, displacement: np.ndarray, chunk: slice, at: np.ndarray) -> np.ndarray:
-    """Equivalent strain [1] (C,n) of some elements at natural coordinates (n,3)."""
+def strain(mesh: TetMesh, displacement: np.ndarray, chunk: slice = slice(None), at: np.ndarray = CORNERS) -> np.ndarray:
+    """Equivalent strain [1] (E,n) of a chunk of elements at natural coordinates (n,3), by default the corners, not
+    averaged, for displacements [m] (N,3). Effective Poisson's ratio: that of the material in the elastic layers, 0.5 in
+    the others."""
     slope, _ = gradients(mesh.points, mesh.elements[chunk], at)
     F = np.eye(3) + np.einsum("eai,enaj->enij", displacement[mesh.elements[chunk]], slope, optimize=True)
     poisson = np.where(np.isin(mesh.region[chunk], (BONE, EPIDERMIS, NAIL)), 0.3, 0.5)
@@ -40,7 +36,7 @@ def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, c
     moved, volumes = mesh.points + displacement, np.zeros(len(levels))
     for start in range(0, len(mesh.elements), CHUNK):
         chunk = slice(start, start + CHUNK)
-        values = _strain(mesh, displacement, chunk, at)
+        values = strain(mesh, displacement, chunk, at)
         place = np.einsum("na,eai->eni", value, moved[mesh.elements[chunk]])
         corner = place[:, pieces].reshape(-1, 4, 3)
         volume = np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) / 6.0

@@ -1,6 +1,5 @@
 """A finger pressed on a plate: boundary conditions, contact, and the resulting strain."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
 from palpate.models.fe.meshing.fingertip import PAPER, PLATE, FingertipDimensions, divisor_and_bone, materials
 from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.models.fe.study.isostrain import strain, volumes_above
-from palpate.physics.materials.hyperelastic import Material
 
 PENETRATION = 2e-6  # [m] Largest accepted penetration
 SIDES = 2.0  # [1] Factor on forces and areas: half of the finger is meshed
@@ -31,7 +29,6 @@ class Pressing:
     plate: str = "steel"  # "steel" (200 GPa, rigid compared with tissue) or "silicone"
     material: str | float = "printed"
     friction: float = 0.2
-    laws: Callable[[str | float], dict[int, Material]] = materials  # `material` -> material of each layer
 
     def __post_init__(self) -> None:
         if self.plate not in PAPER:
@@ -65,7 +62,7 @@ class Pressing:
             self.touch = Pair(pad, top, self.friction, PENETRATION)
         fixed[np.abs(mesh.points[:, 0]) < 1e-9, 0] = True
         steps = Settings(tolerance=1e-5, step=5e-5, largest=1e-4, least=1e-7)
-        self.solver = Solver(mesh, self.laws(self.material), fixed, lift, contacts=[self.touch], settings=steps)
+        self.solver = Solver(mesh, materials(self.material), fixed, lift, contacts=[self.touch], settings=steps)
 
     def _block(self) -> TetMesh:
         """The half of the plate under half a finger, refined under the finger."""

@@ -7,6 +7,7 @@ significantly better, it is fitted, and the intervals are widened to include its
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -110,18 +111,17 @@ def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
     limit = SUSPECT if best.effective[0] < SMOOTH * problem.count else UNLIKELY
     reach = max(float(p.depth.max()) - t for p, t in zip(problem.presses, best.touches, strict=True))
     drifting = [replace(press, drifts=True) for press in problem.presses]
-    others = {
-        DRIFT: (drifting, problem.law, problem.kind),
-        BENT: (problem.presses, with_smooth_factor(problem.law, reach), problem.kind),
-        RATE: (problem.presses, problem.law, "hunt-crossley"),
-    }
+    others: dict[str, dict[str, Any]] = {
+        DRIFT: {"presses": drifting}, BENT: {"law": with_smooth_factor(problem.law, reach)},
+        RATE: {"kind": "hunt-crossley"},
+    }  # fmt: skip
     # fit each shape that explains the residuals, from the minimum of the law; widen the intervals to include it
     notes, lost = [], True
     given = {p.name: replace(best.intervals[p.name]) for p in problem.parameters}
-    for what, (presses, law, kind) in others.items():
+    for what, change in others.items():
         if chances.get(what, 1.0) > limit:
             continue
-        other = Problem(presses, law, kind, problem.free_touch, problem.relative)
+        other = problem.changed(**change)
         begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
         free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
         moved = []

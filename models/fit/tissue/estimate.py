@@ -10,8 +10,10 @@ Biometrika 41 (1954) 390-402). Intervals use Student's t with n_eff - p degrees 
 same level. With several presses, the interval is at least as wide as the scatter between presses requires.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -122,6 +124,13 @@ class Problem:
         self.names += [f"touch, {p.name}" for p in presses] if free_touch else []
         self.names += [name for name, _, _ in self.baselines]
         self.count = sum(len(p.force) for p in presses)
+
+    def changed(
+        self, presses: Sequence[MeasuredPress] | None = None, law: Law | None = None, kind: str | None = None
+    ) -> Problem:
+        """The problem with other presses, another law or another relaxation."""
+        presses = self.presses if presses is None else presses
+        return Problem(presses, law or self.law, kind or self.kind, self.free_touch, self.relative)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         low = [p.searched(p.low) for p in self.parameters]
@@ -306,11 +315,11 @@ def _profile(
     return (ends[0], ends[1]), points
 
 
-def widen_by_scatter(problem: Problem, made: Callable[[list[MeasuredPress]], Problem], pooled: Estimate) -> None:
+def widen_by_scatter(problem: Problem, pooled: Estimate) -> None:
     """Fit each press separately and widen the pooled intervals to t s/sqrt(n) of these n values."""
     if len(problem.presses) < 2:
         return
-    alone = [estimate(made([press]), profiles=False) for press in problem.presses]
+    alone = [estimate(problem.changed([press]), profiles=False) for press in problem.presses]
     n = len(alone)
     for p in problem.parameters:
         values = np.array([each.values[p.name] for each in alone])

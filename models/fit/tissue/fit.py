@@ -1,7 +1,7 @@
 """`palpate fit tissue`: fit a material law to measured presses, with intervals and the limits of the data."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -75,7 +75,6 @@ def fit_tissue(
 
     SessionError: a fault in the data, or an unknown law.
     """
-    relative = rig.kind == "cylinder"  # its forces span decades
     if name == "hunt-crossley":
         name, relaxation = "power", name
     # select the rows: loading only without relaxation, no saturation
@@ -86,16 +85,12 @@ def fit_tissue(
         loaded.append(part)
         notes += note
     reach = max(float(p.depth.max()) - p.touch for p in loaded)
-    law, more = _law(rig, name, relaxation, loaded, touch, relative, reach, report)
+    law, more = _law(rig, name, relaxation, loaded, touch, reach, report)
     notes += more
     whole = loaded
-
-    def made(some: Sequence[MeasuredPress]) -> Problem:
-        return Problem(some, law, relaxation, touch, relative)
-
     # fit, and fit again without the rows beyond the range of the law, measured from the fitted touch point
     loaded = [p.part(p.depth - p.touch <= 1.02 * law.reach) for p in whole]
-    problem = made(loaded)
+    problem = Problem(loaded, law, relaxation, touch, rig.kind == "cylinder")  # its forces span decades
     best = estimate(problem)
     slack = max(2.0 * best.number(f"touch, {p.name}")[1] * p.slack for p in loaded)
     found = max(float(p.depth.max()) - t for p, t in zip(whole, best.touches, strict=True))
@@ -103,10 +98,10 @@ def fit_tissue(
         notes.append(f"pressed {1e3 * found:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm "
                      f"({law.remark}): the deeper rows are excluded")  # fmt: skip
         loaded = [p.part(p.depth - t <= law.reach) for p, t in zip(whole, best.touches, strict=True)]
-        problem = made(loaded)
+        problem = problem.changed(loaded)
         best = estimate(problem)
     # widen the intervals by the scatter between presses and by lack of fit
-    widen_by_scatter(problem, made, best)
+    widen_by_scatter(problem, best)
     misfits, hidden = checks.widen(problem, best)
     notes += checks.baselines(problem, best) + misfits
     if rig.kind == "fingertip" and relaxation != "none":
@@ -119,13 +114,13 @@ def fit_tissue(
     kept = [_kept(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
     fitted = TissueFit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses))
     fitted.held_out = [_predicted(problem, best, press) for press in kept]
-    fitted.sensitivity = _sensitivity(fitted, made)
+    fitted.sensitivity = _sensitivity(fitted, problem)
     fitted.open_ = hidden + _open(fitted)
     if "finite elements" in law.remark:
         fitted.notes.append(_mesh_error(fitted))
     if compare:
-        others = [_law(rig, one, relaxation, loaded, touch, relative, reach, report)[0] for one in compare]
-        fitted.compared = _compared(fitted, [Problem(loaded, one, relaxation, touch, relative) for one in others])
+        others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
+        fitted.compared = _compared(fitted, [problem.changed(law=one) for one in others])
     return fitted
 
 
@@ -207,14 +202,7 @@ def _in_table(rig: Rig, name: str) -> bool:
 
 
 def _law(
-    rig: Rig,
-    name: str,
-    relaxation: str,
-    loaded: list[MeasuredPress],
-    touch: bool,
-    relative: bool,
-    reach: float,
-    report: Report,
+    rig: Rig, name: str, relaxation: str, loaded: list[MeasuredPress], touch: bool, reach: float, report: Report
 ) -> tuple[Law, list[str]]:
     """The law in closed form, or tabulated by finite elements; and notes.
 
@@ -224,7 +212,7 @@ def _law(
         return closed_form(rig, name), []
     if rig.kind == "cylinder":
         first = replace(rig, plates="frictionless")
-        rough = estimate(Problem(loaded, closed_form(first, name), relaxation, touch, relative), profiles=False)
+        rough = estimate(Problem(loaded, closed_form(first, name), relaxation, touch, True), profiles=False)
         middle = next((rough.values[p.name] for p in SHAPES[name]), None)
         note = f"with frictionless plates young is {rough.values['young']:.4g} Pa: the true value is between the two"
         return tabulated(rig, name, reach, middle, report=report), [note]
@@ -242,7 +230,7 @@ def _errors(presses: Sequence[MeasuredPress], forces: Sequence[np.ndarray]) -> d
 
 def _predicted(problem: Problem, best: Estimate, press: MeasuredPress) -> dict[str, Any]:
     """The force on a held-out press: the parameters stay, its touch point and baseline are fitted."""
-    alone = Problem([press], problem.law, problem.kind, problem.free_touch, problem.relative)
+    alone = problem.changed([press])
     x, count = alone.start(), len(problem.parameters)
     x[:count] = [p.searched(best.values[p.name]) for p in problem.parameters]
     if len(x) > count:
@@ -253,7 +241,7 @@ def _predicted(problem: Problem, best: Estimate, press: MeasuredPress) -> dict[s
             "curve": (press.depth, press.force, forces[0])}  # fmt: skip
 
 
-def _sensitivity(fit: TissueFit, made: Callable[[Sequence[MeasuredPress]], Problem]) -> dict[str, float]:
+def _sensitivity(fit: TissueFit, problem: Problem) -> dict[str, float]:
     """Change of the first parameter [%] if a fixed length is 1 % larger, or Poisson's ratio 0.01 lower."""
     if "finite elements" in fit.law.remark:
         return {}
@@ -264,12 +252,11 @@ def _sensitivity(fit: TissueFit, made: Callable[[Sequence[MeasuredPress]], Probl
             continue
         now = getattr(fit.rig, key)
         other = replace(fit.rig, **{key: now - 0.01 if key == "poisson" else 1.01 * now})
-        problem = made(fit.presses)
-        problem.law = closed_form(other, fit.law.name)
-        x = problem.start()
-        x[: len(problem.parameters)] = [p.searched(fit.estimate.values[p.name]) for p in problem.parameters]
-        solved, _ = problem.solve(x)
-        out[key] = 100.0 * (problem.values(solved)[first] / fit.estimate.values[first] - 1.0)
+        moved = problem.changed(law=closed_form(other, fit.law.name))
+        x = moved.start()
+        x[: len(moved.parameters)] = [p.searched(fit.estimate.values[p.name]) for p in moved.parameters]
+        solved, _ = moved.solve(x)
+        out[key] = 100.0 * (moved.values(solved)[first] / fit.estimate.values[first] - 1.0)
     return out
 
 

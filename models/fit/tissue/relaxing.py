@@ -5,8 +5,6 @@ hunt-crossley   F = F_e(s) <1 + c s'>
 prony:N         F = integral of g(t - t') dF_e(t'), N terms: quasi-linear viscoelasticity
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from palpate.models.fit.sessions import SessionError
@@ -37,29 +35,18 @@ def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-Response = Callable[[np.ndarray], np.ndarray]
-"""Elastic force [N] (n,) -> force [N] (n,); linear."""
-
-
-def response(kind: str, values: Values, press: MeasuredPress) -> Response:
-    """Linear map from the elastic force to the force at the rows of a press."""
+def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: float) -> np.ndarray:
+    """Force [N] (n,) of a law at the rows of a press that touches at `touch` [m]."""
+    elastic = law.force(values, np.maximum(press.depth - touch, 0.0))
     if kind == "none" or press.time is None:
-        return lambda elastic: elastic
-    time = press.time
+        return elastic
     if kind == "kelvin-voigt":
-        return lambda elastic: elastic + values["retardation"] * np.gradient(elastic, time)
+        return np.maximum(elastic + values["retardation"] * np.gradient(elastic, press.time), 0.0)
     if kind == "hunt-crossley":
-        more = np.maximum(1.0 + values["damping"] * press.rate, 0.0)
-        return lambda elastic: elastic * more
+        return elastic * np.maximum(1.0 + values["damping"] * press.rate, 0.0)
     shares, left = [], 1.0
     for i in range(1, int(kind.partition(":")[2]) + 1):  # each is a share of the remainder, so that their sum is < 1
         shares.append(left * values[f"share_{i}"])
         left -= shares[-1]
     times = [values[f"time_{i}"] for i in range(1, len(shares) + 1)]
-    return lambda elastic: relaxed(shares, times, time, elastic)
-
-
-def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: float) -> np.ndarray:
-    """Force [N] (n,) of a law at the rows of a press that touches at `touch` [m]."""
-    made = response(kind, values, press)(law.force(values, np.maximum(press.depth - touch, 0.0)))
-    return np.maximum(made, 0.0) if kind == "kelvin-voigt" else made
+    return relaxed(shares, times, press.time, elastic)

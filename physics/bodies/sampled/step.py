@@ -161,12 +161,10 @@ def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
     matrices (3,r,r)        inverse of the tangent d2W/dq2, and workspace
     room, numbers           workspace of the energy; see the names above
     """
-    residual, modes, bend, young, retardation = (
-        model.residual_compliance, model.modes, model.bend, model.young, model.retardation,
-    )  # fmt: skip
+    residual, modes, bend, young = model.residual_compliance, model.modes, model.bend, model.young
     held, load, measure, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, inverse = vectors[0], vectors[1], matrices[0]
-    keep, take = retardation / (dt + retardation), dt / (dt + retardation)
+    keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     r = len(q)
     count, used, settled = follow(model, dt, fields, active, vectors, matrices, room, numbers)
     # static correction: compliance R outside the reduced basis, scaled by gamma of its energy h.R h
