@@ -92,7 +92,7 @@ class CompiledSegment:
             at += [(len(ports), n if form.many else -1) for n in range(abs(count))]
         outputs = [_record(output) for output in slot.outputs]
         records = self._keep(np.zeros(1 + len(ports) + len(outputs), np.int64))
-        records[0] = node.own.__array_interface__["data"][0]
+        records[0] = node._record.ctypes.data
         for n, table in enumerate(ports):
             if table is not None:
                 records[1 + n] = table.ctypes.data

@@ -263,17 +263,16 @@ class Records:
         for out in self._out:
             out["tick"] = out["time"] = -1
         self._read = [(reader(k), out.view(np.uint8).data) for k, out in zip(outputs(kind), self._out, strict=True)]
-        own = node.own.__array_interface__["data"][0]
-        self._table = np.array([own, *(r.ctypes.data for r in (*self._ports, *self._out))], np.int64)
+        self._table = np.array(
+            [node._record.ctypes.data, *(r.ctypes.data for r in (*self._ports, *self._out))], np.int64
+        )
         self._call = entry_point(call, 0, 0, 0, 0.0)
         self._where = self._table.ctypes.data, len(self._table)
         self._compute = code(kind, "compute")
         self._idle = code(kind, "idle") if kind.idle is not None else 0
-        self._messages: Sequence[Any] = ()
 
     def write(self, messages: Sequence[Any]) -> None:
         """Write the inputs to their records."""
-        self._messages = messages
         for fill, given in zip(self._fill, messages, strict=True):
             for (write, memory, there), message in zip(
                 fill, given if isinstance(given, list) else (given,), strict=True
