@@ -152,26 +152,21 @@ def classes(module: ModuleType) -> list[type[Node]]:
     return node_classes
 
 
-def shipped_modules() -> list[str]:
-    """Names of palpate's node modules as written in `use:`, without importing them."""
-    return [name for file in files(palpate.nodes) if (name := file.rpartition(".")[2]) != "base"]
-
-
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
     """Shipped node classes and those of entry points in the group `palpate.nodes`, sorted by name; and the modules
     that cannot be imported, with the reason."""
     uses: dict[type[Node], str] = {}
     others, missing = registered("palpate.nodes")
-    for name in shipped_modules():
+    for file in files(palpate.nodes):
+        name = file.rpartition(".")[2]
         try:
-            module = importlib.import_module(f"{SHIPPED}.{name}")
-            offered = classes(module)
+            offered = classes(importlib.import_module(file)) if name != "base" else []
         except ImportError as error:
             missing[name] = str(error)
             continue
         for cls in offered:
-            if cls.__module__.startswith(module.__name__):
+            if cls.__module__.startswith(file):
                 uses.setdefault(cls, f"{name}.{cls.__name__}")
     for name, module in others.items():
         try:

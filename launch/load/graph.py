@@ -118,28 +118,28 @@ def load(
             _check_fields(nodes[name], draft.line, kinds, unclear, faults)
         else:
             draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
-    close_loops([w for d in drafts.values() for w in d.wires], list(drafts), faults)
+    connections = [wire for draft in drafts.values() for wire in draft.wires]
+    close_loops(connections, list(drafts), faults)
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
     # Check that each value of the scene is used, and switch the effects.
-    notes: tuple[str, ...] = ()
+    notes: list[str] = []
     if not unclear:
         check_offers(offers, world, faults)
         scene_changes = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
-        notes = check_taken(offers, scene_changes, world, faults)
-        notes += tuple(
-            t for n, d in drafts.items() if nodes[n].off is None for t in uncalibrated(n, d.cls, d.set_keys, offers)
-        )
+        notes += check_taken(offers, scene_changes, world, faults)
+        for name, draft in drafts.items():
+            notes += uncalibrated(name, draft.cls, draft.set_keys, offers) if nodes[name].off is None else ()
     switch(switched, nodes, faults)
     # Check the force path: contacts, bodies, controllers, divisors and delays.
     if not unclear:
         may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
-        contacts = ContactPaths({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
+        contacts = ContactPaths({n: s.cls for n, s in may.items()}, connections)
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
-        check_divisors(may, (w for d in drafts.values() for w in d.wires), faults)
-        notes += tuple(unlike_areas(may, [w for d in drafts.values() for w in d.wires]))
-        notes += tuple(unknown_delays(may, [w for d in drafts.values() for w in d.wires], contents.rate))
+        check_divisors(may, connections, faults)
+        notes += unlike_areas(may, connections)
+        notes += unknown_delays(may, connections, contents.rate)
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:
@@ -147,9 +147,9 @@ def load(
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
-    notes += tuple(_half_emulated(nodes))
+    notes += _half_emulated(nodes)
     recorded = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
-    graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, notes)
+    graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, tuple(notes))
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
