@@ -81,7 +81,7 @@ class CompiledNode(Node):
     def start(self) -> None:
         """Make the record of the node: settings, requested parts, zero state. A subclass with more state calls this
         first."""
-        self._notes = []
+        self._notes, self._noted = [], set[str]()
         if not hasattr(self, "own"):
             self._record = np.zeros(1, record(type(self)))
             self.own = self._record[0]  # never reallocated: its address is in use elsewhere
@@ -93,6 +93,12 @@ class CompiledNode(Node):
             elif isinstance(part := getattr(type(self), name, None), Part):
                 self.own[name] = part.wanted(self)
         self._records: Records | None = None
+
+    def _note_once(self, text: str) -> None:
+        """Add a line for the user, at most once after a start."""
+        if text not in self._noted:
+            self._noted.add(text)
+            self._notes.append(text)
 
     def hold(self, name: str, value: Any) -> None:
         """Set a field of the state to a contiguous array, or a group to the fields of a NamedTuple of its form

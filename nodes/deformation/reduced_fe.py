@@ -106,7 +106,6 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def start(self) -> None:
         super().start()
-        self._noted = 0
         modulus = self.young / (1.0 - self.poisson**2)
         if self.area in ("ball", "fingertip") and not 0.98 < modulus / self.area_modulus < 1.02:
             found = f"area_modulus is {self.area_modulus:.4g} Pa, expected {modulus:.4g} Pa, E/(1 - nu²) of this body"
@@ -176,9 +175,8 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def notes(self) -> list[str]:
         """A note for each new cause of extrapolation."""
-        for cause, *found in self.own["cautions"][self._noted : self.own["causes"]] if hasattr(self, "own") else ():
-            self._noted += 1
-            self._notes.append(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
+        for cause, *found in self.own["cautions"][: self.own["causes"]] if hasattr(self, "own") else ():
+            self._note_once(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
         return super().notes()
 
     def _apart(self) -> np.ndarray | None:
