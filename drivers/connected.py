@@ -25,7 +25,7 @@ P = TypeVar("P", bound=_Closable)
 
 
 class PortDriver(Generic[P]):
-    """A driver with a connection, which its `open` stores.
+    """A driver that opens and closes its connection.
 
     connect  opens the connection
     """
@@ -42,6 +42,10 @@ class PortDriver(Generic[P]):
         if self._port is None:
             raise DeviceError(f"the {self.name} is not open", lost=True)
         return self._port
+
+    @port.setter
+    def port(self, port: P) -> None:
+        self._port = port
 
     def close(self) -> None:
         if self._port is not None:

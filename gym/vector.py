@@ -17,6 +17,8 @@ from gymnasium.vector.utils import batch_space
 
 from palpate.engine.lanes import NodeImage, Pool
 from palpate.engine.slot import RecordOutput
+from palpate.gym.find_nodule import FindNodule
+from palpate.gym.press import Press
 from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
 from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled
 from palpate.messages.record import reader
@@ -225,15 +227,11 @@ def _alike(task: Touch) -> Touch:
 
 def find_nodule(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
     """Parallel environments of `palpate/FindNodule-v0`."""
-    from palpate.gym.find_nodule import FindNodule
-
     return VectorTouch(FindNodule, num_envs, **given)
 
 
 def press(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
     """Parallel environments of `palpate/Press-v0`."""
-    from palpate.gym.press import Press
-
     return VectorTouch(Press, num_envs, **given)
 
 

@@ -59,7 +59,7 @@ class FalconDriver(PortDriver[Ftdi]):
         self.doubted: list[Counts] = []
         self.state = frames.HOMING | frames.RED
         self.reader.clear()
-        self._port = self.connect()
+        self.port = self.connect()
         firmware.run_mode(self.port)
         self.attempts = 0
         if self._answers():

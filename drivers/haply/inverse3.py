@@ -87,7 +87,7 @@ class Inverse3Driver(PortDriver[WebSocket]):
         self.device = device
 
     def open(self) -> None:
-        self._port, self.calm = self.connect(), CALM
+        self.port, self.calm = self.connect(), CALM
         for _ in attempts(2.0):
             first = state(self.port.read(0.2))
             if "inverse3" in first:

@@ -111,7 +111,7 @@ class RawHidDriver(PortDriver[HidPort]):
 
     def open(self) -> None:
         self.sequence, self.last = 0, -1
-        self._port = self.connect()
+        self.port = self.connect()
         self.info = self._ask()
         axes = self.info.axes
         if not 1 <= axes <= 3:

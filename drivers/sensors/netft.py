@@ -86,7 +86,7 @@ class NetFTDriver(PortDriver[Udp]):
         if not self.host:
             raise DeviceError(f"the {NAME} is on the network: give its address as `port`, 192.168.1.1 as delivered.")
         self.scale = scale(self._page())
-        self._port = self.connect()
+        self.port = self.connect()
         self.number = -1
         self._ask(STREAM)
 

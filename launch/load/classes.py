@@ -46,7 +46,7 @@ class Entry:
 def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
     """The node class that `use:` names: a shipped one such as `contact.Series`, or a full dotted name.
 
-    sends  message types that the graph expects from it: the error lists classes that send them
+    sends  message types that the graph expects from it: the error lists classes that send them. Read only for an error
 
     ClassError: module, class or a package missing, not a node, or the class is malformed.
     """
@@ -59,9 +59,9 @@ def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
     except ImportError as error:
         raise _missing(use, error) from None
     if cls is None:
-        known = [c.__name__ for c in classes(module)]
+        known, kinds = [c.__name__ for c in classes(module)], list(sends)
         close = choices(f"{module_name} has", name, known)
-        more = "" if close.startswith("Did you mean") and not sends else _fitting(use, sends)
+        more = "" if close.startswith("Did you mean") and not kinds else _fitting(use, kinds)
         raise ClassError(f"use: {module_name!r} has no class {name!r}", f"{close} {more}".strip())
     if not (isinstance(cls, type) and issubclass(cls, Node)):
         what = f"the class {cls.__name__}" if isinstance(cls, type) else f"a {type(cls).__name__}"
@@ -194,7 +194,7 @@ def takers(kind: type[Message], cls: type[Node]) -> list[str]:
 
 def _fitting(use: str, sends: Iterable[type[Message]]) -> str:
     """Suggestions: the shipped classes that send the wanted types; without wanted types, those with similar names."""
-    kinds = list(sends)
+    kinds = list(dict.fromkeys(sends))
     if not kinds:
         close = nearest(use, [e.use for e in catalogue()[0]])
         return f"Did you mean {' or '.join(close)}?" if close else ""

@@ -3,6 +3,7 @@
 `load` returns a `Graph` whose nodes have their classes, settings and edges, or raises GraphError with all faults.
 """
 
+import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -217,30 +218,17 @@ def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[
             unclear.add(name)
             continue
         try:
-            cls = find_class(line_keys.use)
+            cls = find_class(line_keys.use, _expected(name, given))
         except ClassError as error:
             unclear.add(name)
-            _report_class(name, line_keys.use, error, source, faults)
+            faults.add(str(error), error.cure, source.place("nodes", name, "use"), node=name)
             continue
         drafts[name] = _Draft(line, line_keys, cls, [key for key in line.data if key not in LINE])
     return drafts, unclear
 
 
-def _report_class(name: str, use: str, error: ClassError, source: YamlSource, faults: Faults) -> None:
-    """A fault for a class that is not found, with the classes that send what the graph expects of the node."""
-    cure = error.cure
-    kinds = _expected(name, source.data["nodes"])
-    if kinds:
-        try:
-            find_class(use, kinds)
-        except ClassError as again:
-            cure = again.cure
-    faults.add(str(error), cure, source.place("nodes", name, "use"), node=name)
-
-
-def _expected(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
-    """The message types that other nodes expect of a node."""
-    expected: dict[type[Message], None] = {}
+def _expected(name: str, nodes: dict[str, Any]) -> Iterator[type[Message]]:
+    """The message types that other nodes expect of a node; computed only for the error of a missing class."""
     for line in nodes.values():
         given = line.get("in") if isinstance(line, dict) else None
         if not (isinstance(given, dict) and isinstance(line.get("use"), str)):
@@ -248,15 +236,11 @@ def _expected(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
         for port_name, value in given.items():
             several = value if isinstance(value, list) else [value]
             named = [one.get("from") if isinstance(one, dict) else one for one in several]
-            if name not in [str(sender).partition(".")[0] for sender in named]:
-                continue
-            try:
-                cls = find_class(line["use"])
-            except ClassError:
-                continue
-            ports = () if issubclass(cls, Observer) else inputs(cls)
-            expected |= {p.type: None for p in ports if p.name == port_name}
-    return list(expected)
+            if name in [str(sender).partition(".")[0] for sender in named]:
+                with contextlib.suppress(ClassError):
+                    cls = find_class(line["use"])
+                    ports = () if issubclass(cls, Observer) else inputs(cls)
+                    yield from (p.type for p in ports if p.name == port_name)
 
 
 def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: Faults) -> NodeSpec:

@@ -13,12 +13,11 @@ from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
 from palpate.engine.segment import CompiledSegment, segments
-from palpate.engine.slot import NodeError, Output, RemoteStream, Slot, make
+from palpate.engine.slot import Input, NodeError, Output, RemoteStream, Slot, make
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
-from palpate.launch.run.work.ages import permitted
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Block, Node
@@ -28,6 +27,16 @@ OVERHEARD = 1000  # frames for observers handled in a row before the nodes run a
 ORPHANED = 5_000_000_000  # [ns] without an order of the launcher, time without scheduling excluded
 LOOK = 5_000_000  # [ns] between two polls of orders and readers while messages arrive
 REPORT = 200_000_000  # [ns] between two heartbeats
+HELD = 0.007  # [s] age at which an input of a node on the real clock counts as absent
+RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
+
+
+def permitted(job: Job, slot: Slot, port: Input) -> float:
+    """The age [s] up to which an input is held on the real clock; `real` derives from it when the device stops."""
+    period = port.every / job.rate
+    age = max(RELEASED if slot.node.paced else HELD, 3 * period)
+    chained = job.links > 1 and not (slot.node.paced or port.port.optional)
+    return max(age / job.links, period) if chained else age
 
 
 class EndedError(Exception):
