@@ -124,10 +124,9 @@ def execute(
     if launch.only == SOURCES and launch.record is not None:
         planned = record_sources(graph, clock)
     # Place the nodes and make the jobs of the workers, with the provenance for the recording.
-    crowded = False
-    if fit_cores and launch.place is None and clock == "real":
-        # More processes on the force path than cores wait for one another: 9 processes on 2 cores do not keep 1 kHz.
-        crowded = len(force_path(planned)) > len(os.sched_getaffinity(0))
+    # More processes on the force path than cores wait for one another: 9 processes on 2 cores do not keep 1 kHz.
+    crowded = fit_cores and launch.place is None and clock == "real"
+    crowded = crowded and len(force_path(planned)) > len(os.sched_getaffinity(0))
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))

@@ -305,18 +305,7 @@ class ReducedFE(CompiledNode, WithNodule):
 class _Sampled:
     """Overrides for the sampled model. It has no `idle`: its modes decay exponentially and never reach rest."""
 
-    State = (
-        SEVERAL
-        | PRESSURE
-        | {
-            "body": form(SampledBody),
-            "beyond": (),
-            "cautions": (1, 4),
-            "causes": int,
-            "evaluations": int,
-            "settled": bool,
-        }
-    )
+    State = ReducedFE.State | {"body": form(SampledBody), "cautions": (1, 4), "evaluations": int, "settled": bool}
     idle = None
 
     def _made(self: Any) -> Any:
