@@ -294,9 +294,7 @@ class ReducedFE(CompiledNode, WithNodule):
             path = basis_store.find(folder, self.key())
             if path is not None:
                 try:
-                    if self.model == "sampled":
-                        return path, SampledBasis.load(path)
-                    return path, Basis.load(path)
+                    return path, (SampledBasis if self.model == "sampled" else Basis).load(path)
                 except ArchiveError as error:
                     raise SettingError(f"{error}, here: {self.command()} --force") from None
         return None
