@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.engine.job import NodeJob
 from palpate.engine.segment import CompiledSegment, failure, view
-from palpate.engine.slot import NodeError, RecordOutput, make
+from palpate.engine.slot import NodeError, make
 from palpate.engine.table import CLOCK, LANE, TAP
 from palpate.messages.record import address_of
 
@@ -127,13 +127,13 @@ class Lanes:
         self._clock = int(places[1])
         words[(self._clock + CLOCK.fields["failed"][1]) // 8] = -1  # type: ignore[index]
 
-    def keep(self, fields: Sequence[tuple[RecordOutput, str]], rows: int, every: int = 1) -> None:
-        """Record these message fields in `columns`, each of shape (lanes, rows, ...): the last `rows` values, at the
-        ticks that `every` divides. Call it before `place`."""
-        forms = [output.record.dtype.fields[name][:2] for output, name in fields]  # type: ignore[index]
+    def keep(self, fields: Sequence[tuple[np.ndarray, str]], rows: int, every: int = 1) -> None:
+        """Record these fields of messages, given by their records in the segment, in `columns`, each of shape (lanes,
+        rows, ...): the last `rows` values, at the ticks that `every` divides. Call it before `place`."""
+        forms = [record.dtype.fields[name][:2] for record, name in fields]  # type: ignore[index]
         self.columns = [np.zeros((self.count, rows), dtype) for dtype, _ in forms]
         self._sources = np.array(
-            [self._places[address_of(output.record)] + at for (output, _), (_, at) in zip(fields, forms, strict=True)],
+            [self._places[address_of(record)] + at for (record, _), (_, at) in zip(fields, forms, strict=True)],
             np.int64,
         )
         self._taps = np.zeros((self.count, len(forms)), TAP)
@@ -179,9 +179,9 @@ class Lanes:
         """(lanes,) The next tick of each lane, or the tick at which it failed."""
         return self._lanes["tick"]
 
-    def record(self, lane: int, output: RecordOutput) -> np.ndarray:
-        """The record (1,) of the last message of an output in a lane."""
-        return view(int(self._bases[lane]) + self._places[address_of(output.record)], output.record.dtype)
+    def record(self, lane: int, record: np.ndarray) -> np.ndarray:
+        """The record (1,) in a lane of the message with this record in the segment."""
+        return view(int(self._bases[lane]) + self._places[address_of(record)], record.dtype)
 
     def failure(self, lane: int) -> NodeError | None:
         """Cause of the failure of a lane; None: it has not failed."""

@@ -90,7 +90,7 @@ class CompiledSegment:
                 table["count"] = count
             ports.append(table)
             at += [(len(ports), n if form.many else -1) for n in range(abs(count))]
-        outputs = [_record(output) for output in slot.outputs]
+        outputs = [record_of(output) for output in slot.outputs]
         records = self._keep(np.zeros(1 + len(ports) + len(outputs), np.int64))
         records[0] = node._record.ctypes.data
         for n, table in enumerate(ports):
@@ -103,7 +103,7 @@ class CompiledSegment:
             line, absent = lines[n], self._absent.setdefault(port.kind, blank(port.kind))
             inlet = None
             if port.inside:
-                record = _record(port.output)
+                record = record_of(port.output)
             else:
                 record = self._keep(blank(port.kind))
                 inlet = writer(port.kind, port.port.wants), record.view(np.uint8).data, record["there"]
@@ -256,7 +256,7 @@ class CompiledSegment:
     def tables(self) -> list[np.ndarray]:
         """All arrays that a run writes or reads addresses from, except those of the nodes: the rows, the clock, the
         others."""
-        records = [_record(output) for slot in self.slots for output in slot.outputs]
+        records = [record_of(output) for slot in self.slots for output in slot.outputs]
         return [self._rows, self._clock, *self._kept, *records]
 
     def count(self) -> None:
@@ -316,7 +316,7 @@ def _seen(record: int, port: Input) -> Message | None:
     return message
 
 
-def _record(output: Output | None) -> np.ndarray:
+def record_of(output: Output | None) -> np.ndarray:
     """The record of a compiled node's output."""
     assert isinstance(output, RecordOutput)
     return output.record

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from palpate.engine.lanes import NodeImage, Pool
-from palpate.engine.slot import RecordOutput
+from palpate.engine.segment import record_of
 from palpate.gym.find_nodule import FindNodule
 from palpate.gym.press import Press
 from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
@@ -150,8 +150,7 @@ class VectorTouch(VectorEnv):
         outputs = {}
         for slot in self._slots:
             for output in slot.outputs:
-                assert isinstance(output, RecordOutput)
-                memory = self._lanes.record(lane, output).view(np.uint8).data
+                memory = self._lanes.record(lane, record_of(output)).view(np.uint8).data
                 outputs[output.stream] = _Last(reader(output.kind), memory)
         return SimpleNamespace(job=self.tasks[0].stepper.job, outputs=outputs, slots=[])
 

@@ -19,7 +19,8 @@ from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.lanes import Lanes, NodeImage, Pool
 from palpate.engine.plan import Plan
-from palpate.engine.slot import NodeError, RecordOutput
+from palpate.engine.segment import record_of
+from palpate.engine.slot import NodeError
 from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import fused
@@ -221,12 +222,7 @@ class LaneRun:
         self.worker, self.segment, self._pool = worker, segment, Pool()
         self._images: dict[Any, NodeImage] = {}
         self.lanes = Lanes(segment, len(prepared))
-        fields = []
-        for stream, name in keep:
-            output = worker.outputs[stream]
-            assert isinstance(output, RecordOutput)
-            fields.append((output, name))
-        self.lanes.keep(fields, rows, every)
+        self.lanes.keep([(record_of(worker.outputs[stream]), name) for stream, name in keep], rows, every)
         self._prepared = prepared
         self.restart()
 
