@@ -59,7 +59,7 @@ class Exchange:
         self._notes: list[str] = []
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self.cycles = self.answers = 0
+        self.answers = 0
         self.rate = 0.0  # [Hz] of the device's answers over the last second in which it answered
 
     def start(self) -> None:
@@ -116,7 +116,6 @@ class Exchange:
             command, given = self._command
             sample = self.driver.cycle(self.guard.apply(command, time.monotonic_ns(), given))
             self.guard.saw(sample)
-            self.cycles += 1
             now = time.monotonic()
             silent += min(now - then, limit / LEAST)  # a stall of the machine does not use up the limit
             then = now

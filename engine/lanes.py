@@ -14,8 +14,9 @@ import numpy as np
 
 from palpate.engine.job import NodeJob
 from palpate.engine.segment import CompiledSegment, failure, view
-from palpate.engine.slot import NodeError, RecordOutput, make
+from palpate.engine.slot import NodeError, make
 from palpate.engine.table import CLOCK, LANE, TAP
+from palpate.messages.record import address_of
 
 WORD, LINE, PAGE = 8, 64, 4096
 """[bytes] Alignment of the arrays of a table; of the parts of a block; unit in which images are copied."""
@@ -44,7 +45,7 @@ class NodeImage:
                 key = array.dtype.str, array.shape, hashlib.blake2b(array).digest()
                 same = pool.setdefault(key, array)
                 self.shared.append(same)
-                record.view(np.int64)[_offset(record.dtype, path) // 8] = _address(same)
+                record.view(np.int64)[_offset(record.dtype, path) // 8] = address_of(same)
             else:
                 private[path] = array
         # The image: the record, then the memory of the private arrays without overlaps.
@@ -62,8 +63,8 @@ class NodeImage:
         begins, links = [begin for begin, _ in spans], []
         for path, array in private.items():
             if array.nbytes:
-                span = bisect_right(begins, _address(array)) - 1
-                links.append((_offset(record.dtype, path), places[span] + _address(array) - begins[span]))
+                span = bisect_right(begins, address_of(array)) - 1
+                links.append((_offset(record.dtype, path), places[span] + address_of(array) - begins[span]))
         self.links = np.array(links, np.int64).reshape(-1, 2)
         # New memory is zero and takes no physical memory before it is written, so pages of zeros are not copied.
         used = np.flatnonzero(np.diff(image.reshape(-1, PAGE).any(axis=1), prepend=False, append=False)) * PAGE
@@ -114,7 +115,7 @@ class Lanes:
         for place, array in zip(places.tolist(), arrays, strict=False):
             image[place : place + array.nbytes] = array.view(np.uint8).ravel()
         words, self._image = image.view(np.int64), image
-        spans = np.array([(_address(a), _address(a) + a.nbytes) for a in (*arrays, *records)])
+        spans = np.array([(address_of(a), address_of(a) + a.nbytes) for a in (*arrays, *records)])
         order = np.argsort(spans[:, 0])
         found = order[np.maximum(np.searchsorted(spans[order, 0], words, side="right") - 1, 0)]
         inside = np.flatnonzero((spans[found, 0] <= words) & (words < spans[found, 1]))
@@ -122,23 +123,23 @@ class Lanes:
         here = target < len(arrays)
         self._links = inside[here], places[target[here]] + deep[here]
         self._owns = inside[~here], target[~here] - len(arrays)
-        self._places = {_address(array): place for place, array in zip(places.tolist(), arrays, strict=False)}
+        self._places = {address_of(array): place for place, array in zip(places.tolist(), arrays, strict=False)}
         self._clock = int(places[1])
         words[(self._clock + CLOCK.fields["failed"][1]) // 8] = -1  # type: ignore[index]
 
-    def keep(self, fields: Sequence[tuple[RecordOutput, str]], rows: int, every: int = 1) -> None:
-        """Record these message fields in `columns`, each of shape (lanes, rows, ...): the last `rows` values, at the
-        ticks that `every` divides. Call it before `place`."""
-        forms = [output.record.dtype.fields[name][:2] for output, name in fields]  # type: ignore[index]
+    def keep(self, fields: Sequence[tuple[np.ndarray, str]], rows: int, every: int = 1) -> None:
+        """Record these fields of messages, given by their records in the segment, in `columns`, each of shape (lanes,
+        rows, ...): the last `rows` values, at the ticks that `every` divides. Call it before `place`."""
+        forms = [record.dtype.fields[name][:2] for record, name in fields]  # type: ignore[index]
         self.columns = [np.zeros((self.count, rows), dtype) for dtype, _ in forms]
         self._sources = np.array(
-            [self._places[_address(output.record)] + at for (output, _), (_, at) in zip(fields, forms, strict=True)],
+            [self._places[address_of(record)] + at for (record, _), (_, at) in zip(fields, forms, strict=True)],
             np.int64,
         )
         self._taps = np.zeros((self.count, len(forms)), TAP)
         self._taps["size"] = [dtype.itemsize for dtype, _ in forms]
         for number, column in enumerate(self.columns):
-            self._taps["column"][:, number] = _address(column) + np.arange(self.count) * column.strides[0]
+            self._taps["column"][:, number] = address_of(column) + np.arange(self.count) * column.strides[0]
         self.every = every
         self._lanes["every"], self._lanes["tapped"], self._lanes["room"] = every, len(forms), rows
 
@@ -146,8 +147,8 @@ class Lanes:
         """Reset a lane to the start of the run, with these nodes."""
         parts = np.cumsum([len(self._image), *(_aligned(node.size) for node in nodes)])
         block = self._blocks[lane] = np.zeros(int(parts[-1]) + LINE, np.uint8)
-        base = self._bases[lane] = -(-_address(block) // LINE) * LINE
-        memory = block[base - _address(block) :][: int(parts[-1])]
+        base = self._bases[lane] = -(-address_of(block) // LINE) * LINE
+        memory = block[base - address_of(block) :][: int(parts[-1])]
         words = memory.view(np.int64)
         memory[: len(self._image)] = self._image
         at, to = self._links
@@ -162,7 +163,7 @@ class Lanes:
         taps = self._taps[lane]
         taps["source"] = base + self._sources
         given = self._lanes[lane]
-        given["rows"], given["clock"], given["tick"], given["taps"] = base, base + self._clock, 0, _address(taps)
+        given["rows"], given["clock"], given["tick"], given["taps"] = base, base + self._clock, 0, address_of(taps)
 
     def own(self, lane: int, place: int) -> np.ndarray:
         """The record (1,) of the node with index `place` in the segment."""
@@ -171,16 +172,16 @@ class Lanes:
 
     def run(self, first: int, count: int, ticks: int) -> None:
         """Run `ticks` ticks of `count` lanes from lane `first` on, without the interpreter lock."""
-        self._run(_address(self._lanes) + first * LANE.itemsize, count, ticks)
+        self._run(address_of(self._lanes) + first * LANE.itemsize, count, ticks)
 
     @property
     def ticks(self) -> np.ndarray:
         """(lanes,) The next tick of each lane, or the tick at which it failed."""
         return self._lanes["tick"]
 
-    def record(self, lane: int, output: RecordOutput) -> np.ndarray:
-        """The record (1,) of the last message of an output in a lane."""
-        return view(int(self._bases[lane]) + self._places[_address(output.record)], output.record.dtype)
+    def record(self, lane: int, record: np.ndarray) -> np.ndarray:
+        """The record (1,) in a lane of the message with this record in the segment."""
+        return view(int(self._bases[lane]) + self._places[address_of(record)], record.dtype)
 
     def failure(self, lane: int) -> NodeError | None:
         """Cause of the failure of a lane; None: it has not failed."""
@@ -198,14 +199,14 @@ class Lanes:
         images = {id(node): node for nodes in self._nodes for node in nodes}
         table = self.count * len(self._image)
         private = table + sum(len(piece) for nodes in self._nodes for node in nodes for _, piece in node.pieces)
-        arrays = {_address(array): array.nbytes for node in images.values() for array in node.shared}
+        arrays = {address_of(array): array.nbytes for node in images.values() for array in node.shared}
         return private, sum(arrays.values())
 
 
 def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:
     """Begin and end of the memory of arrays; overlapping ones are merged."""
     joined: list[tuple[int, int]] = []
-    for begin, end in sorted((_address(array), _address(array) + array.nbytes) for array in arrays):
+    for begin, end in sorted((address_of(array), address_of(array) + array.nbytes) for array in arrays):
         if joined and begin < joined[-1][1]:
             joined[-1] = joined[-1][0], max(end, joined[-1][1])
         else:
@@ -220,10 +221,6 @@ def _offset(dtype: np.dtype, path: str) -> int:
         dtype, offset = dtype.fields[name][:2]  # type: ignore[index]
         at += offset
     return at
-
-
-def _address(array: np.ndarray) -> int:
-    return array.__array_interface__["data"][0]
 
 
 def _aligned(size: int, unit: int = LINE) -> int:

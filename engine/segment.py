@@ -95,9 +95,9 @@ class CompiledSegment:
                 table["count"] = count
             ports.append(table)
             at += [(len(ports), n if form.many else -1) for n in range(abs(count))]
-        outputs = [_record(output) for output in slot.outputs]
+        outputs = [record_of(output) for output in slot.outputs]
         records = self._keep(np.zeros(1 + len(ports) + len(outputs), np.int64))
-        records[0] = node.own.__array_interface__["data"][0]
+        records[0] = node._record.ctypes.data
         for n, table in enumerate(ports):
             if table is not None:
                 records[1 + n] = table.ctypes.data
@@ -108,7 +108,7 @@ class CompiledSegment:
             line, absent = lines[n], self._absent.setdefault(port.kind, blank(port.kind))
             inlet = None
             if port.inside:
-                record = _record(port.output)
+                record = record_of(port.output)
             else:
                 record = self._keep(blank(port.kind))
                 inlet = writer(port.kind, port.port.wants), record.view(np.uint8).data, record["there"]
@@ -261,7 +261,7 @@ class CompiledSegment:
     def tables(self) -> list[np.ndarray]:
         """All arrays that a run writes or reads addresses from, except those of the nodes: the rows, the clock, the
         others."""
-        records = [_record(output) for slot in self.slots for output in slot.outputs]
+        records = [record_of(output) for slot in self.slots for output in slot.outputs]
         return [self._rows, self._clock, *self._kept, *records]
 
     def count(self) -> None:
@@ -321,7 +321,7 @@ def _seen(record: int, port: Input) -> Message | None:
     return message
 
 
-def _record(output: Output | None) -> np.ndarray:
+def record_of(output: Output | None) -> np.ndarray:
     """The record of a compiled node's output."""
     assert isinstance(output, RecordOutput)
     return output.record

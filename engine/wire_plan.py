@@ -78,7 +78,4 @@ class WirePlan:
         return self._step(kind, at, math.prod(shape), key + header)
 
 
-@functools.cache
-def wire_plan(kind: type[Message], source: str) -> WirePlan:
-    """The plan of a message type and its sender."""
-    return WirePlan(kind, source)
+wire_plan = functools.cache(WirePlan)  # of a message type and its sender

@@ -16,7 +16,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from palpate.engine.lanes import NodeImage, Pool
-from palpate.engine.slot import RecordOutput
+from palpate.engine.segment import record_of
+from palpate.gym.find_nodule import FindNodule
+from palpate.gym.press import Press
 from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
 from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled
 from palpate.messages.record import reader
@@ -148,8 +150,7 @@ class VectorTouch(VectorEnv):
         outputs = {}
         for slot in self._slots:
             for output in slot.outputs:
-                assert isinstance(output, RecordOutput)
-                memory = self._lanes.record(lane, output).view(np.uint8).data
+                memory = self._lanes.record(lane, record_of(output)).view(np.uint8).data
                 outputs[output.stream] = _Last(reader(output.kind), memory)
         return SimpleNamespace(job=self.tasks[0].stepper.job, outputs=outputs, slots=[])
 
@@ -225,15 +226,11 @@ def _alike(task: Touch) -> Touch:
 
 def find_nodule(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
     """Parallel environments of `palpate/FindNodule-v0`."""
-    from palpate.gym.find_nodule import FindNodule
-
     return VectorTouch(FindNodule, num_envs, **given)
 
 
 def press(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
     """Parallel environments of `palpate/Press-v0`."""
-    from palpate.gym.press import Press
-
     return VectorTouch(Press, num_envs, **given)
 
 

@@ -64,7 +64,6 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, gc=False):
 
 
 M = TypeVar("M", bound=Message)
-_DECODERS: dict[type, msgspec.msgpack.Decoder] = {}
 
 
 def pack(message: Message) -> bytes:
@@ -72,12 +71,10 @@ def pack(message: Message) -> bytes:
     return _ENCODER.encode(message)
 
 
-def decoder(kind: type[M]) -> msgspec.msgpack.Decoder[M]:
+@cache
+def decoder(kind: type) -> msgspec.msgpack.Decoder:
     """The decoder of `unpack`, cached. Its errors do not name the message type."""
-    known = _DECODERS.get(kind)
-    if known is None:
-        known = _DECODERS[kind] = msgspec.msgpack.Decoder(kind, dec_hook=_decode_array)
-    return known
+    return msgspec.msgpack.Decoder(kind, dec_hook=_decode_array)
 
 
 def unpack(data: bytes, kind: type[M]) -> M:

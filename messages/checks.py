@@ -7,6 +7,7 @@ on first use, as dataclasses do. The slow checks, which produce the error messag
 import math
 import typing
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -16,7 +17,6 @@ from palpate.messages.fields import Field, MessageError, Vector, fields
 
 _vdot = getattr(np.vdot, "_implementation", np.vdot)
 """`np.vdot` without numpy's dispatch to array types of other packages, which takes longer than the product."""
-_FINITE: dict[type, Callable[[Any], bool]] = {}
 
 
 class _Settling(dict[type, Callable[[Any], None]]):
@@ -36,17 +36,19 @@ MessageError: a field cannot be converted.
 
 def check_finite(message: Any) -> None:
     """MessageError: a field contains NaN or infinity; names the field, the index and the value."""
-    if not finite_check(type(message))(message):
-        _raise_infinite(message)
-
-
-def finite_check(kind: type) -> Callable[[Any], bool]:
-    """The fast check of a message type. True: all numbers are finite. False: a number is not finite, or the sum of very
-    large ones overflows; `check_finite` decides which."""
-    known = _FINITE.get(kind)
-    if known is None:
-        known = _FINITE[kind] = _write_finite(kind)
-    return known
+    kind: Any = type(message)
+    for field in () if finite_check(kind)(message) else fields(kind):
+        value = getattr(message, field.name)
+        if field.type is not float and not field.shape:
+            continue
+        array = np.asarray(value)
+        if array.dtype.kind != "f" or np.isfinite(array).all():
+            continue
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        where = f" at index {place if len(place) > 1 else place[0]}" if place else ""
+        raise MessageError(
+            f"{kind.__name__}.{field.name} [{field.unit}]: found {float(array[place])}{where}, expected a finite number"
+        )
 
 
 def _write_settle(kind: type) -> Callable[[Any], None]:
@@ -97,9 +99,14 @@ def _settle_array(field: Field, known: set[str]) -> list[str]:
     ]
 
 
-def _write_finite(kind: type) -> Callable[[Any], bool]:
-    """The code of `finite_check`: whether the sum of all numbers, of squares for arrays, is finite. NaN and infinity
-    survive every sum, and BLAS does not warn when a sum overflows."""
+@cache
+def finite_check(kind: type) -> Callable[[Any], bool]:
+    """The fast check of a message type. True: all numbers are finite. False: a number is not finite, or the sum of very
+    large ones overflows; `check_finite` decides which.
+
+    It tests whether the sum of all numbers, of squares for arrays, is finite. NaN and infinity survive every sum, and
+    BLAS does not warn when a sum overflows.
+    """
     lines, terms, tests = ["def finite(m):"], [], []
     for field in fields(kind):
         name = field.name
@@ -125,22 +132,6 @@ def _write_finite(kind: type) -> Callable[[Any], bool]:
 def _function(name: str, lines: list[str], names: dict[str, Any]) -> Callable:
     exec("\n".join(lines), names)  # safe: field names are identifiers of an existing class
     return names[name]
-
-
-def _raise_infinite(message: Any) -> None:
-    for field in fields(type(message)):
-        value = getattr(message, field.name)
-        if field.type is not float and not field.shape:
-            continue
-        array = np.asarray(value)
-        if array.dtype.kind != "f" or np.isfinite(array).all():
-            continue
-        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        where = f" at index {place if len(place) > 1 else place[0]}" if place else ""
-        raise MessageError(
-            f"{type(message).__name__}.{field.name} [{field.unit}]: found {float(array[place])}{where}, "
-            f"expected a finite number"
-        )
 
 
 def _element(field: Field) -> type:
@@ -198,7 +189,7 @@ def _array(kind: type, field: Field, value: Any, lengths: dict[str, int]) -> np.
 
 def _settle_all(message: Any) -> None:
     """Convert each field to its declared form. MessageError: a field cannot be converted."""
-    kind = type(message)
+    kind: Any = type(message)
     lengths: dict[str, int] = {}
     for field in fields(kind):
         value = getattr(message, field.name)

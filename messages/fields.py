@@ -2,6 +2,7 @@
 
 import typing
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -44,20 +45,14 @@ class Field:
         return f"{self.name} [{self.unit}]"
 
 
-_FIELDS: dict[type, tuple[Field, ...]] = {}
-
-
+@cache
 def fields(kind: Any) -> tuple[Field, ...]:
     """The declared fields of a message type, without the header, in order of declaration.
 
     TypeError: a field has no unit, or an array no shape.
     """
-    known = _FIELDS.get(kind)
-    if known is None:
-        hints = typing.get_type_hints(kind, include_extras=True)
-        known = tuple(_field(kind, name, hints[name]) for name in kind.__struct_fields__ if name not in HEADER)
-        _FIELDS[kind] = known
-    return known
+    hints = typing.get_type_hints(kind, include_extras=True)
+    return tuple(_field(kind, name, hints[name]) for name in kind.__struct_fields__ if name not in HEADER)
 
 
 def _field(kind: type, name: str, hint: Any) -> Field:

@@ -84,7 +84,7 @@ def writer(kind: type[Message], names: Collection[str]) -> Callable[[Message, An
     record = layout(kind)
     given = ["True", "m.tick", "m.time", "present(m.used)"]
     format_, filled = "=?7xqqq", 32
-    known: dict[str, Any] = {"address": _address, "present": _present}
+    known: dict[str, Any] = {"address": address_of, "present": _present}
     for field in fields(kind):
         if field.name not in names:
             continue
@@ -164,7 +164,8 @@ def _too_many(message: Message, name: str) -> int:
     raise MessageError(f"{type(message).__name__}.{name}: found {found} numbers; a compiled node takes {ROOM} at most")
 
 
-def _address(array: np.ndarray) -> int:
+def address_of(array: np.ndarray) -> int:
+    """Address of the first byte of an array."""
     return array.__array_interface__["data"][0]
 
 

@@ -179,7 +179,6 @@ class Haptic(CompiledNode):
         begin(self.own["gain"], FALL, self.ramp)
         begin(self.own["friction"]["gain"], FADE, FADE)
         self.own["least"], self.own["open"] = -LENT, 1.0
-        self._reported: set[str] = set()
 
     def replaces(self) -> None:
         self.own["replaces"] = True
@@ -244,21 +243,16 @@ class Haptic(CompiledNode):
         if hasattr(self, "own"):
             if self.own["withheld"]:
                 self._note_once(
-                    f"the force on the hand was withheld for more than {PATIENCE:g} s after messages of the contact, "
-                    "the pose or the device were missing; it recovers slowly, so that it does not push the hand"
+                    f"Haptic: the force on the hand was withheld for more than {PATIENCE:g} s after messages "
+                    "of the contact, the pose or the device were missing; it recovers slowly, so that it does not push "
+                    "the hand"
                 )
             if self.own["too_steep"]:
                 dt = float(self.own["steep_dt"])
                 most = stiffest.py_func(self.mass, self.drag, self.resolution, dt * (self.delay + 0.5))
                 self._note_once(
-                    f"the contact is stiffer than {most:.0f} N/m, the limit of this device at this rate and delay, so "
-                    "the hand feels a softer one, and may oscillate by less than 1 mm under a large force. `palpate "
-                    "bench stability` computes the bounds"
+                    f"Haptic: the contact is stiffer than {most:.0f} N/m, the limit of this device at this rate and "
+                    "delay, so the hand feels a softer one, and may oscillate by less than 1 mm under a large force. "
+                    "`palpate bench stability` computes the bounds"
                 )
         return super().notes()
-
-    def _note_once(self, text: str) -> None:
-        """Add a note, once."""
-        if text not in self._reported:
-            self._reported.add(text)
-            self._notes.append(f"Haptic: {text}")

@@ -1,7 +1,7 @@
 """A fingertip of beams on a rigid plate: the scripted hand that moves it, and its contact."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -16,7 +16,10 @@ from palpate.physics.materials.voigt import BONE, SKIN, TISSUE, ViscoelasticMate
 
 UP = (0.0, 0.0, 1.0)
 CLEAR = 1e-3  # [m] height above the plate at which a lifted finger stops
-NO_SLIP = 0.0, 0.0, False, False, NO_FLOATS, NO_FLOATS, NO_NODES, np.zeros((0, 2))
+NO_SLIP = {
+    "fraction": 0.0, "front": 0.0, "incipient": False, "gross": False, "first": NO_FLOATS, "path": NO_FLOATS,
+    "state": NO_NODES, "points": np.zeros((0, 2)),
+}  # fmt: skip
 
 
 class Slide(Node):
@@ -133,33 +136,23 @@ class BundleContact(Node):
 
     def _slip(self) -> Slip:
         summary = self.state.summary
-        fraction, front, incipient, gross, first, path, state, points = self._slipped()
         return Slip(
-            contacts=summary.contacts,
-            fraction=fraction,
-            front=front,
-            incipient=incipient,
-            gross=gross,
-            state=state,
-            first=first,
-            path=path,
-            points=points,
-            limited=summary.limited,
-            deeper=self.depth > self.reach * (1 + 1e-9),
-            iterations=summary.iterations,
-            residual=summary.residual,
-        )
+            contacts=summary.contacts, limited=summary.limited, deeper=self.depth > self.reach * (1 + 1e-9),
+            iterations=summary.iterations, residual=summary.residual, **self._slipped(),
+        )  # fmt: skip
 
     @part("slip", "fraction", "front", "incipient", "gross", "first", "path", "state", "points", otherwise=NO_SLIP)
-    def _slipped(self) -> tuple[float, float, bool, bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _slipped(self) -> dict[str, Any]:
         """Sliding parts of the contact, with onset and path of each node."""
         s = self.state
         contacts, slips = s.summary.contacts, s.summary.slips
         fraction, gross = slips / contacts if contacts else 0.0, 0 < contacts == slips
-        front = math.sqrt((contacts - slips) * self.bundle.cell / math.pi)
-        first = np.where(s.first < 0, -1.0, np.maximum(s.first - max(self.onset, 0.0), 0.0))
-        state = (s.normal > 0).astype("<i4") + s.slipping
-        return fraction, front, fraction >= self.warning and not gross, gross, first, s.path, state, self.bundle.points
+        return {
+            "fraction": fraction, "front": math.sqrt((contacts - slips) * self.bundle.cell / math.pi),
+            "incipient": fraction >= self.warning and not gross, "gross": gross,
+            "first": np.where(s.first < 0, -1.0, np.maximum(s.first - max(self.onset, 0.0), 0.0)), "path": s.path,
+            "state": (s.normal > 0).astype("<i4") + s.slipping, "points": self.bundle.points,
+        }  # fmt: skip
 
     def _surface(self) -> Surface:
         """The pad, and the law of the fingertip for its next step: depth against normal force."""

@@ -95,14 +95,4 @@ def _setting(hint: Any) -> Any:
     return Annotated[kind, unit, msgspec.Meta(**bounds)] if bounds else hint
 
 
-_NODES = {name: node_of(law) for name, law in classes(friction, tuple).items() if hasattr(law, "advance")}
-
-
-def __getattr__(name: str) -> type[Node]:
-    if name not in _NODES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return _NODES[name]
-
-
-def __dir__() -> list[str]:
-    return [*globals(), *_NODES]
+globals().update((name, node_of(law)) for name, law in classes(friction, tuple).items() if hasattr(law, "advance"))

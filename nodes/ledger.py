@@ -49,7 +49,6 @@ class Energy(CompiledNode):
     def start(self) -> None:
         super().start()
         self.hold("past", np.zeros((self.delay + 2, ledger.FINGERS, ledger.MOMENT)))
-        self._reported = False
 
     def generated(self, part: str) -> float:
         """Energy [J] that one part has generated."""
@@ -59,9 +58,8 @@ class Energy(CompiledNode):
         return "tripped" if hasattr(self, "own") and self.own["tripped"] else ""
 
     def notes(self) -> list[str]:
-        if self.condition() and not self._reported:
-            self._reported = True
-            self._notes.append(
+        if self.condition():
+            self._note_once(
                 f"the {PARTS[self.own['by']]} generated {self.own['most'] * 1e3:.3g} mJ, above the bound of "
                 f"{self.bound * 1e3:.3g} mJ, at {self.own['time'] * 1e-9:.3f} s: the force falls to zero"
             )

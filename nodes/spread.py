@@ -65,7 +65,6 @@ class Kernel(CompiledNode, WithArea):
                 f"{1e3 * self.radius:.2g} mm; set scene.surface.spacing to {125 * self.radius:.2g} mm"
             )
         begin(self.own["friction"]["gain"], FADE, FADE)
-        self._reported = False
 
     @compiled
     def idle(own, contact, friction, out, dt):
@@ -102,10 +101,9 @@ class Kernel(CompiledNode, WithArea):
         return "outside its range" if hasattr(self, "own") and self.own["rigid"] else ""
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and self.own["cautioned"] and not self._reported:
-            self._reported = True
+        if hasattr(self, "own") and self.own["cautioned"]:
             (give, deep), width = 1e3 * self.own["gives"], 1e3 * self.radius
-            self._notes.append(
+            self._note_once(
                 f"Kernel: the finger gives {give:.2g} mm where the body gives {deep:.2g} mm, as a rigid tip does. The "
                 f"contact of a rigid ball of radius r widens with the depth s, to sqrt(r s); this patch keeps "
                 f"{width:.2g} mm. A body that answers to its load (ReducedFE) takes {width:.2g} mm/sqrt(r s) times the "

@@ -196,13 +196,11 @@ class Spectral(_TextureNode):
         self.own["spacing"], self.own["fastest"] = spacing, self.fit
         length = math.sqrt(sum(each * each for each in self.direction))
         self.own["axis"] = [each / length for each in self.direction] if length else 0.0
-        self._reported = False
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and self.own["late"] and not self._reported:
-            self._reported = True
-            self._notes.append(f"Spectral: the finger slid faster than {self.fit:.3g} m/s, the highest speed that fits "
-                               f"{self.sampling:g} Hz; the texture was silent there")  # fmt: skip
+        if hasattr(self, "own") and self.own["late"]:
+            self._note_once(f"Spectral: the finger slid faster than {self.fit:.3g} m/s, the highest speed that fits "
+                            f"{self.sampling:g} Hz; the texture was silent there")  # fmt: skip
         return super().notes()
 
     @kernel(error_model="numpy")

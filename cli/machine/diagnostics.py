@@ -1,6 +1,7 @@
 """Diagnostics of this machine, with a remedy for each missing function."""
 
 import ctypes
+import ctypes.util
 import importlib.metadata
 import importlib.util
 import os
@@ -76,21 +77,18 @@ def _packages() -> Iterator[Diagnostic]:
         if "extra ==" in line:
             continue
         name = re.split(r"[\s<>=!~;\[]", line, maxsplit=1)[0]
-        if version := package_version(name):
-            yield Diagnostic(name, "ok", version + (f", ZeroMQ {_zeromq()}" if name == "pyzmq" else ""))
-        else:
-            yield Diagnostic(name, "fault", "not installed", f"pip install {name}")
+        version = package_version(name)
+        if version and name == "pyzmq":
+            import zmq
+
+            version += f", ZeroMQ {zmq.zmq_version()}"
+        yield Diagnostic(name, "ok" if version else "fault", version or "not installed",
+                         "" if version else f"pip install {name}")  # fmt: skip
     for extra, packages in EXTRAS.items():
         versions = {name: package_version(name) for name in packages}
         lacking = [name for name, version in versions.items() if version is None]
         listing = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
         yield Diagnostic(f"extra {extra}", "note" if lacking else "ok", listing, install(extra) if lacking else "")
-
-
-def _zeromq() -> str:
-    import zmq
-
-    return zmq.zmq_version()
 
 
 def _pictures() -> Diagnostic:
@@ -163,8 +161,6 @@ def _usb() -> Iterator[Diagnostic]:
 
 def _libusb() -> Iterator[Diagnostic]:
     """Whether the system library behind pyusb is installed."""
-    import ctypes.util
-
     if package_version("pyusb") is None:
         return
     library = ctypes.util.find_library("usb-1.0")

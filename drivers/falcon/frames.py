@@ -5,6 +5,7 @@ byte of state; one filler. To the device the words are motor commands, from it e
 0x41 .. 0x50, so they contain neither `<` nor `>`.
 """
 
+import re
 from typing import NamedTuple
 
 LENGTH = 16
@@ -69,41 +70,25 @@ def torques(values: tuple[int, int, int]) -> tuple[float, float, float]:
     return a, b, c
 
 
-class FalconFrameReader:
-    """Finds the frames of a Falcon in a stream of bytes; resynchronises after an invalid one.
+_FRAME = re.compile(rb"<[\x41-\x50]{12}[\x41-\xc0].>", re.DOTALL)
 
-    wrong  [1]  number of bytes outside of frames
-    """
+
+class FalconFrameReader:
+    """Finds the frames of a Falcon in a stream of bytes; resynchronises after an invalid one."""
 
     def __init__(self) -> None:
         self._rest = b""
-        self.wrong = 0
 
     def clear(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
         """Add bytes; returns the complete frames."""
-        rest, frames = self._rest + data, []
-        while (start := rest.find(b"<")) >= 0:
-            self.wrong += start
-            rest = rest[start:]
-            if len(rest) < LENGTH:
-                break
-            if _whole(rest[:LENGTH]):
-                frames.append(rest[:LENGTH])
-                rest = rest[LENGTH:]
-            else:
-                self.wrong += 1
-                rest = rest[1:]
-        else:
-            self.wrong += len(rest)
-            rest = b""
-        self._rest = rest
+        data, end, frames = self._rest + data, 0, []
+        for match in _FRAME.finditer(data):
+            frames.append(match[0])
+            end = match.end()
+        # The last bytes may begin a frame.
+        begin = data.find(b"<", max(end, len(data) - LENGTH + 1))
+        self._rest = data[begin:] if begin >= 0 else b""
         return frames
-
-
-def _whole(frame: bytes) -> bool:
-    """Whether bytes that begin like a frame are valid."""
-    words, state = frame[1:13], frame[13]
-    return frame[15:] == b">" and all(BASE <= b <= BASE + 0xF for b in words) and BASE <= state <= BASE + 0x7F

@@ -59,11 +59,9 @@ class UsbFtdi:
         self.util = package("usb.util")
         self.name = name
         self.device = self._choose(vendor, product, port, backend)
-        try:
+        with suppress(NotImplementedError, self.usb.USBError):  # the claim below reports the error
             if self.device.is_kernel_driver_active(0):
                 self.device.detach_kernel_driver(0)
-        except (NotImplementedError, self.usb.USBError):
-            pass  # the claim below reports the error
         with self._usb_errors():
             self.util.claim_interface(self.device, 0)
 
@@ -75,21 +73,18 @@ class UsbFtdi:
                 "libusb, which pyusb needs, is not on this machine. Install it: apt install libusb-1.0-0"
             ) from None
         names = {f"{d.bus}:{d.address}": d for d in devices}
-        if port:
-            for name, device in names.items():
-                if port in (name, self._serial(device)):
-                    return device
+        chosen = [d for name, d in names.items() if not port or port in (name, self._serial(d))]
         if not devices:
             raise DeviceError(
                 f"no {self.name} on USB ({vendor:04x}:{product:04x}). Plug it in and give it power; `palpate devices`"
                 " shows what is there; `port: emulator` runs without one."
             )
         listed = ", ".join(names)
-        if port:
+        if not chosen:
             raise DeviceError(f"no {self.name} at port {port!r}. There are: {listed}.")
-        if len(devices) > 1:
+        if len(chosen) > 1 and not port:
             raise DeviceError(f"{len(devices)} devices are a {self.name}. Say which one with `port`: {listed}.")
-        return devices[0]
+        return chosen[0]
 
     def _serial(self, device: Any) -> str | None:
         try:

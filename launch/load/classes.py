@@ -46,7 +46,7 @@ class Entry:
 def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
     """The node class that `use:` names: a shipped one such as `contact.Series`, or a full dotted name.
 
-    sends  message types that the graph expects from it: the error lists classes that send them
+    sends  message types that the graph expects from it: the error lists classes that send them. Read only for an error
 
     ClassError: module, class or a package missing, not a node, or the class is malformed.
     """
@@ -59,9 +59,9 @@ def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
     except ImportError as error:
         raise _missing(use, error) from None
     if cls is None:
-        known = [c.__name__ for c in classes(module)]
+        known, kinds = [c.__name__ for c in classes(module)], list(sends)
         close = choices(f"{module_name} has", name, known)
-        more = "" if close.startswith("Did you mean") and not sends else _fitting(use, sends)
+        more = "" if close.startswith("Did you mean") and not kinds else _fitting(use, kinds)
         raise ClassError(f"use: {module_name!r} has no class {name!r}", f"{close} {more}".strip())
     if not (isinstance(cls, type) and issubclass(cls, Node)):
         what = f"the class {cls.__name__}" if isinstance(cls, type) else f"a {type(cls).__name__}"
@@ -152,26 +152,21 @@ def classes(module: ModuleType) -> list[type[Node]]:
     return node_classes
 
 
-def shipped_modules() -> list[str]:
-    """Names of palpate's node modules as written in `use:`, without importing them."""
-    return [name for file in files(palpate.nodes) if (name := file.rpartition(".")[2]) != "base"]
-
-
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
     """Shipped node classes and those of entry points in the group `palpate.nodes`, sorted by name; and the modules
     that cannot be imported, with the reason."""
     uses: dict[type[Node], str] = {}
     others, missing = registered("palpate.nodes")
-    for name in shipped_modules():
+    for file in files(palpate.nodes):
+        name = file.rpartition(".")[2]
         try:
-            module = importlib.import_module(f"{SHIPPED}.{name}")
-            offered = classes(module)
+            offered = classes(importlib.import_module(file)) if name != "base" else []
         except ImportError as error:
             missing[name] = str(error)
             continue
         for cls in offered:
-            if cls.__module__.startswith(module.__name__):
+            if cls.__module__.startswith(file):
                 uses.setdefault(cls, f"{name}.{cls.__name__}")
     for name, module in others.items():
         try:
@@ -199,7 +194,7 @@ def takers(kind: type[Message], cls: type[Node]) -> list[str]:
 
 def _fitting(use: str, sends: Iterable[type[Message]]) -> str:
     """Suggestions: the shipped classes that send the wanted types; without wanted types, those with similar names."""
-    kinds = list(sends)
+    kinds = list(dict.fromkeys(sends))
     if not kinds:
         close = nearest(use, [e.use for e in catalogue()[0]])
         return f"Did you mean {' or '.join(close)}?" if close else ""

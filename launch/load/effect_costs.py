@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 from palpate.engine.faults import NOWHERE, GraphError
 from palpate.engine.graph import EffectChoice
 from palpate.engine.plan import Plan
-from palpate.launch.load.effects import state, trimmed
+from palpate.launch.load.effects import by_effect, state, trimmed
 from palpate.launch.load.plan import plan
-from palpate.nodes.base import Effect, effects, inputs
+from palpate.nodes.base import Effect, inputs
 
 
 @dataclass
@@ -44,11 +44,8 @@ def effect_costs(planned: Plan, times: dict[str, float] | None = None) -> list[E
 
     times  [s] measured step time of each node
     """
-    able: dict[str, list[tuple[str, Effect]]] = {}
-    for spec in planned.graph.nodes.values():
-        for effect in effects(spec.cls):
-            able.setdefault(effect.name, []).append((spec.name, effect))
-    items = [_item(planned, name, able[name], times or {}) for name in sorted(able)]
+    able = by_effect((spec.name, spec.cls) for spec in planned.graph.nodes.values())
+    items = [_item(planned, name, parts, times or {}) for name, parts in able.items()]
     return sorted(items, key=lambda item: not item.on)
 
 

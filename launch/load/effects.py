@@ -17,13 +17,18 @@ from palpate.nodes.base.effect import switch
 KEY = "effects"
 
 
+def by_effect(named: Iterable[tuple[str, type[Node]]]) -> dict[str, list[tuple[str, Effect]]]:
+    """The effects of these classes by name, sorted: the name of each class that can compute it, and how."""
+    table: dict[str, list[tuple[str, Effect]]] = {}
+    for name, cls in named:
+        for effect in effects(cls):
+            table.setdefault(effect.name, []).append((name, effect))
+    return dict(sorted(table.items()))
+
+
 def known() -> dict[str, list[tuple[str, Effect]]]:
     """Each effect that a shipped class can compute: the class's name in `use:` and the kind of effect."""
-    table: dict[str, list[tuple[str, Effect]]] = {}
-    for entry in catalogue()[0]:
-        for effect in effects(entry.cls):
-            table.setdefault(effect.name, []).append((entry.use, effect))
-    return dict(sorted(table.items()))
+    return by_effect((entry.use, entry.cls) for entry in catalogue()[0])
 
 
 def chosen(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, EffectChoice]:

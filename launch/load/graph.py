@@ -3,6 +3,7 @@
 `load` returns a `Graph` whose nodes have their classes, settings and edges, or raises GraphError with all faults.
 """
 
+import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -118,28 +119,28 @@ def load(
             _check_fields(nodes[name], draft.line, kinds, unclear, faults)
         else:
             draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
-    close_loops([w for d in drafts.values() for w in d.wires], list(drafts), faults)
+    connections = [wire for draft in drafts.values() for wire in draft.wires]
+    close_loops(connections, list(drafts), faults)
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
     # Check that each value of the scene is used, and switch the effects.
-    notes: tuple[str, ...] = ()
+    notes: list[str] = []
     if not unclear:
         check_offers(offers, world, faults)
         scene_changes = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
-        notes = check_taken(offers, scene_changes, world, faults)
-        notes += tuple(
-            t for n, d in drafts.items() if nodes[n].off is None for t in uncalibrated(n, d.cls, d.set_keys, offers)
-        )
+        notes += check_taken(offers, scene_changes, world, faults)
+        for name, draft in drafts.items():
+            notes += uncalibrated(name, draft.cls, draft.set_keys, offers) if nodes[name].off is None else ()
     switch(switched, nodes, faults)
     # Check the force path: contacts, bodies, controllers, divisors and delays.
     if not unclear:
         may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
-        contacts = ContactPaths({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
+        contacts = ContactPaths({n: s.cls for n, s in may.items()}, connections)
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
-        check_divisors(may, (w for d in drafts.values() for w in d.wires), faults)
-        notes += tuple(unlike_areas(may, [w for d in drafts.values() for w in d.wires]))
-        notes += tuple(unknown_delays(may, [w for d in drafts.values() for w in d.wires], contents.rate))
+        check_divisors(may, connections, faults)
+        notes += unlike_areas(may, connections)
+        notes += unknown_delays(may, connections, contents.rate)
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:
@@ -147,9 +148,9 @@ def load(
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
-    notes += tuple(_half_emulated(nodes))
+    notes += _half_emulated(nodes)
     recorded = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
-    graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, notes)
+    graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, tuple(notes))
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
@@ -217,30 +218,17 @@ def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[
             unclear.add(name)
             continue
         try:
-            cls = find_class(line_keys.use)
+            cls = find_class(line_keys.use, _expected(name, given))
         except ClassError as error:
             unclear.add(name)
-            _report_class(name, line_keys.use, error, source, faults)
+            faults.add(str(error), error.cure, source.place("nodes", name, "use"), node=name)
             continue
         drafts[name] = _Draft(line, line_keys, cls, [key for key in line.data if key not in LINE])
     return drafts, unclear
 
 
-def _report_class(name: str, use: str, error: ClassError, source: YamlSource, faults: Faults) -> None:
-    """A fault for a class that is not found, with the classes that send what the graph expects of the node."""
-    cure = error.cure
-    kinds = _expected(name, source.data["nodes"])
-    if kinds:
-        try:
-            find_class(use, kinds)
-        except ClassError as again:
-            cure = again.cure
-    faults.add(str(error), cure, source.place("nodes", name, "use"), node=name)
-
-
-def _expected(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
-    """The message types that other nodes expect of a node."""
-    expected: dict[type[Message], None] = {}
+def _expected(name: str, nodes: dict[str, Any]) -> Iterator[type[Message]]:
+    """The message types that other nodes expect of a node; computed only for the error of a missing class."""
     for line in nodes.values():
         given = line.get("in") if isinstance(line, dict) else None
         if not (isinstance(given, dict) and isinstance(line.get("use"), str)):
@@ -248,15 +236,11 @@ def _expected(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
         for port_name, value in given.items():
             several = value if isinstance(value, list) else [value]
             named = [one.get("from") if isinstance(one, dict) else one for one in several]
-            if name not in [str(sender).partition(".")[0] for sender in named]:
-                continue
-            try:
-                cls = find_class(line["use"])
-            except ClassError:
-                continue
-            ports = () if issubclass(cls, Observer) else inputs(cls)
-            expected |= {p.type: None for p in ports if p.name == port_name}
-    return list(expected)
+            if name in [str(sender).partition(".")[0] for sender in named]:
+                with contextlib.suppress(ClassError):
+                    cls = find_class(line["use"])
+                    ports = () if issubclass(cls, Observer) else inputs(cls)
+                    yield from (p.type for p in ports if p.name == port_name)
 
 
 def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: Faults) -> NodeSpec:

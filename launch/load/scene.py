@@ -24,9 +24,6 @@ class Scene:
         self.data: dict[str, Any] = source.data
         self.used: set[str] = set()
 
-    def paths(self) -> list[str]:
-        return list(_paths(self.data, ""))
-
     def has(self, path: str) -> bool:
         return self._find(path)[0]
 
@@ -40,7 +37,7 @@ class Scene:
 
     def cure(self, path: str) -> str:
         """The nearest paths of the scene."""
-        return choices("The scene has", path, self.paths())
+        return choices("The scene has", path, _paths(self.data, ""))
 
     def fill(
         self, value: Any, faults: Faults, place: Location, about: dict[str, str], inside: tuple[str, ...] = ()

@@ -124,10 +124,9 @@ def execute(
     if launch.only == SOURCES and launch.record is not None:
         planned = record_sources(graph, clock)
     # Place the nodes and make the jobs of the workers, with the provenance for the recording.
-    crowded = False
-    if fit_cores and launch.place is None and clock == "real":
-        # More processes on the force path than cores wait for one another: 9 processes on 2 cores do not keep 1 kHz.
-        crowded = len(force_path(planned)) > len(os.sched_getaffinity(0))
+    # More processes on the force path than cores wait for one another: 9 processes on 2 cores do not keep 1 kHz.
+    crowded = fit_cores and launch.place is None and clock == "real"
+    crowded = crowded and len(force_path(planned)) > len(os.sched_getaffinity(0))
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
@@ -150,8 +149,20 @@ def execute(
                 forkserver.close()
             result = _in_this_process(work[0], screen, patience)
         else:
-            address = network.address if joined else None
-            result = _in_processes(work, planned, screen, forkserver, patience, watch, joined, address, key)
+            from palpate.launch.run.launcher import Launcher, silent  # needs POSIX
+
+            def show(launcher: Launcher) -> None:
+                watch(launcher)
+                if screen:
+                    screen.show(launcher.result, launcher.phase, launcher.busy, launcher.kernels)
+
+            _open_files(len(work))
+            result = Launcher(
+                work, forkserver, joined=joined, address=network.address if joined else None, key=key,
+                patience=patience, restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
+                spared=spared(planned), show=show, printed=screen.print if screen else silent,
+                died=screen.died if screen else lambda _: None,
+            ).run()  # fmt: skip
         if made and launch.record is not None and not result.ticks:
             launch.record.unlink(missing_ok=True)
     if crowded:
@@ -176,42 +187,6 @@ def _in_this_process(work: Job, screen: Screen | None, patience: float) -> Resul
         lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels),
         screen.print,
     )
-
-
-def _in_processes(
-    work: list[Job],
-    planned: Plan,
-    screen: Screen | None,
-    forkserver: ForkServer | None,
-    patience: float,
-    watch: Callable[[Launcher], None],
-    joined: frozenset[str],
-    address: str | None,
-    key: Key | None,
-) -> Result:
-    from palpate.launch.run.launcher import Launcher, silent
-
-    _open_files(len(work))
-
-    def show(launcher: Launcher) -> None:
-        watch(launcher)
-        if screen:
-            screen.show(launcher.result, launcher.phase, launcher.busy, launcher.kernels)
-
-    launcher = Launcher(
-        work,
-        forkserver,
-        joined=joined,
-        address=address,
-        key=key,
-        patience=patience,
-        restart=frozenset(name for name in planned.order if planned.graph.nodes[name].restart),
-        spared=spared(planned),
-        show=show,
-        printed=screen.print if screen else silent,
-        died=screen.died if screen else lambda _: None,
-    )
-    return launcher.run()
 
 
 def _reachable(work: list[Job], joined: frozenset[str], network: Network) -> list[Job]:
@@ -266,24 +241,18 @@ def _folder(file: Path | None) -> Iterator[list[Path]]:
     made = [] if file is None else [folder for folder in file.parents if not folder.exists()]
     try:
         if file is not None:
-            _check_writable(file)
+            try:
+                check_file(file)
+                file.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                what = f"{error.strerror}; choose another file with --record FILE"
+                # With a file name it is wrong input: exit code 2.
+                raise OSError(error.errno, what, f"recording {file}") from None
         yield made
     finally:
         for folder in made:
             with contextlib.suppress(OSError):
                 folder.rmdir()
-
-
-def _check_writable(file: Path) -> None:
-    """Create the folders of the recording. OSError: it cannot be written there."""
-    try:
-        check_file(file)
-        file.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        what = f"{error.strerror}; choose another file with --record FILE"
-        raise OSError(
-            error.errno, what, f"recording {file}"
-        ) from None  # with a file name it is wrong input: exit code 2
 
 
 def _is_here(host: str | None) -> bool:

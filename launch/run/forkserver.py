@@ -157,18 +157,14 @@ def _work(end: socket.socket, request: Start) -> NoReturn:
 
 
 def _reap(end: socket.socket, workers: dict[int, str]) -> None:
-    while True:
-        try:
-            pid, status = os.waitpid(-1, os.WNOHANG)
-        except ChildProcessError:
-            return
-        if pid == 0:
-            return
-        group = workers.pop(pid, None)
-        if group is not None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(pid, signal.SIGKILL)
-            end.sendall(msgspec.json.encode(Exited(group, os.waitstatus_to_exitcode(status))) + b"\n")
+    with contextlib.suppress(ChildProcessError):  # no child is left
+        while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            pid, status = ended
+            group = workers.pop(pid, None)
+            if group is not None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(pid, signal.SIGKILL)
+                end.sendall(msgspec.json.encode(Exited(group, os.waitstatus_to_exitcode(status))) + b"\n")
 
 
 def load() -> None:

@@ -81,7 +81,7 @@ class CompiledNode(Node):
     def start(self) -> None:
         """Make the record of the node: settings, requested parts, zero state. A subclass with more state calls this
         first."""
-        self._notes = []
+        self._notes, self._noted = [], set[str]()
         if not hasattr(self, "own"):
             self._record = np.zeros(1, record(type(self)))
             self.own = self._record[0]  # never reallocated: its address is in use elsewhere
@@ -93,6 +93,12 @@ class CompiledNode(Node):
             elif isinstance(part := getattr(type(self), name, None), Part):
                 self.own[name] = part.wanted(self)
         self._records: Records | None = None
+
+    def _note_once(self, text: str) -> None:
+        """Add a line for the user, at most once after a start."""
+        if text not in self._noted:
+            self._noted.add(text)
+            self._notes.append(text)
 
     def hold(self, name: str, value: Any) -> None:
         """Set a field of the state to a contiguous array, or a group to the fields of a NamedTuple of its form
@@ -263,17 +269,16 @@ class Records:
         for out in self._out:
             out["tick"] = out["time"] = -1
         self._read = [(reader(k), out.view(np.uint8).data) for k, out in zip(outputs(kind), self._out, strict=True)]
-        own = node.own.__array_interface__["data"][0]
-        self._table = np.array([own, *(r.ctypes.data for r in (*self._ports, *self._out))], np.int64)
+        self._table = np.array(
+            [node._record.ctypes.data, *(r.ctypes.data for r in (*self._ports, *self._out))], np.int64
+        )
         self._call = entry_point(call, 0, 0, 0, 0.0)
         self._where = self._table.ctypes.data, len(self._table)
         self._compute = code(kind, "compute")
         self._idle = code(kind, "idle") if kind.idle is not None else 0
-        self._messages: Sequence[Any] = ()
 
     def write(self, messages: Sequence[Any]) -> None:
         """Write the inputs to their records."""
-        self._messages = messages
         for fill, given in zip(self._fill, messages, strict=True):
             for (write, memory, there), message in zip(
                 fill, given if isinstance(given, list) else (given,), strict=True

@@ -111,7 +111,6 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def start(self) -> None:
         super().start()
-        self._noted = 0
         modulus = self.young / (1.0 - self.poisson**2)
         if self.area in ("ball", "fingertip") and not 0.98 < modulus / self.area_modulus < 1.02:
             found = f"area_modulus is {self.area_modulus:.4g} Pa, expected {modulus:.4g} Pa, E/(1 - nu²) of this body"
@@ -182,9 +181,8 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def notes(self) -> list[str]:
         """A note for each new cause of extrapolation."""
-        for cause, *found in self.own["cautions"][self._noted : self.own["causes"]] if hasattr(self, "own") else ():
-            self._noted += 1
-            self._notes.append(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
+        for cause, *found in self.own["cautions"][: self.own["causes"]] if hasattr(self, "own") else ():
+            self._note_once(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
         return super().notes()
 
     def _apart(self) -> np.ndarray | None:
@@ -302,9 +300,7 @@ class ReducedFE(CompiledNode, WithNodule):
             path = basis_store.find(folder, self.key())
             if path is not None:
                 try:
-                    if self.model == "sampled":
-                        return path, SampledBasis.load(path)
-                    return path, Basis.load(path)
+                    return path, (SampledBasis if self.model == "sampled" else Basis).load(path)
                 except ArchiveError as error:
                     raise SettingError(f"{error}, here: {self.command()} --force") from None
         return None
@@ -313,18 +309,7 @@ class ReducedFE(CompiledNode, WithNodule):
 class _Sampled:
     """Overrides for the sampled model. It has no `idle`: its modes decay exponentially and never reach rest."""
 
-    State = (
-        SEVERAL
-        | PRESSURE
-        | {
-            "body": form(SampledBody),
-            "beyond": (),
-            "cautions": (1, 4),
-            "causes": int,
-            "evaluations": int,
-            "settled": bool,
-        }
-    )
+    State = ReducedFE.State | {"body": form(SampledBody), "cautions": (1, 4), "evaluations": int, "settled": bool}
     idle = None
 
     def _made(self: Any) -> Any:

@@ -5,9 +5,9 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.nodes.base import CompiledNode, SettingError
-from palpate.nodes.device.hand import GRIP, HeldGrip, hold_grip, moved
-from palpate.physics.device.falcon import FALCON, HOME, leg
+from palpate.nodes.base import CompiledNode
+from palpate.nodes.device.hand import GRIP, HeldGrip, check_reach, hold_grip, moved
+from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.grip import CLOCK, LINEAR, POSITION
 from palpate.physics.kernel import kernel
@@ -30,13 +30,7 @@ class Follower(HeldGrip, CompiledNode):
 
     def start(self) -> None:
         super().start()
-        here = np.array(self.begin) - np.array(self.origin)
-        # Uncompiled as in `device.Simulated`, because it is called once.
-        if not all(leg.py_func(FALCON.geometry, i, *here.tolist())[0] for i in range(3)):
-            raise SettingError(
-                f"setting 'begin' [m]: found {self.begin}, {tuple(here.tolist())} from the device's origin, out of its "
-                f"reach. Points near {HOME} from its origin work; 'origin' places the device in the world."
-            )
+        here = check_reach(self, "begin", self.begin)
         hold_grip(self, np.zeros(1), np.array([here, here]), np.array([LINEAR], np.int32))
         self.own["goal"] = here
 

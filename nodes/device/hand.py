@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Vector3
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node
-from palpate.physics.device.falcon import FALCON, HOME
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node, SettingError
+from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, POSITION, grip_kernel
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, integers
@@ -70,6 +70,18 @@ class HeldGrip(Node):
     damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
     hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0
     hand_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 10.0
+
+
+def check_reach(grip: HeldGrip, name: str, point: Vector3) -> np.ndarray:
+    """A point of the world [m] in the device's frame (3). SettingError: out of its reach; `name`: of the setting."""
+    inside = np.array(point) - np.array(grip.origin)
+    # Uncompiled, because the launcher needs no other kernel and the compiler takes 0.25 s to start.
+    if not all(leg.py_func(FALCON.geometry, i, *inside.tolist())[0] for i in range(3)):
+        raise SettingError(
+            f"setting {name!r} [m]: found {point}, {tuple(inside.tolist())} from the device's origin, which is out of "
+            f"its reach. Points near {HOME} from its origin work; 'origin' places the device in the world."
+        )
+    return inside
 
 
 def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: np.ndarray) -> None:

@@ -42,7 +42,8 @@ def read_motion(path: str) -> Motion:
 
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
-            rows = [(file_line, row) for file_line, row in _rows(file)]
+            reader = csv.reader(file)
+            rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
     except OSError as error:
         raise wrong(f"{error.strerror}") from None
     except UnicodeDecodeError:
@@ -72,10 +73,3 @@ def read_motion(path: str) -> Motion:
     values = table[:, [head.index(name) for name in names]]
     buttons = table[:, head.index("buttons")] if "buttons" in head else np.zeros(len(times))
     return Motion(times, values, names is angles, buttons.astype(np.int64))
-
-
-def _rows(file):
-    reader = csv.reader(file)
-    for row in reader:
-        if row and not row[0].lstrip().startswith("#"):
-            yield reader.line_num, row

@@ -5,12 +5,12 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from palpate.messages import DeviceState, Torque, Vector3
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
+from palpate.messages import DeviceState, Torque
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
 from palpate.nodes.base.absence import FADED, FALL, PACE, begin, faded, paced
-from palpate.nodes.device.hand import GRIP, SimulatedOperator, hold_grip, moved
+from palpate.nodes.device.hand import GRIP, SimulatedOperator, check_reach, hold_grip, moved
 from palpate.physics.device import random_numbers
-from palpate.physics.device.falcon import FALCON, HOME, leg
+from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.grip import CLOCK, angles
 from palpate.physics.device.random_numbers import seeded, uniform
 from palpate.physics.kernel import kernel
@@ -48,20 +48,10 @@ class Simulated(SimulatedOperator, CompiledNode):
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        self._reach("begin", self.begin)
+        check_reach(self, "begin", self.begin)
         for i, segment in enumerate(self.path):
             if segment.to is not None:
-                self._reach(f"path[{i}].to", segment.to)
-
-    def _reach(self, name: str, point: Vector3) -> None:
-        inside = tuple(p - o for p, o in zip(point, self.origin, strict=True))
-        # Uncompiled, because the launcher needs no other kernel and the compiler takes 0.25 s to start.
-        geometry = FALCON.geometry
-        if not all(leg.py_func(geometry, i, *inside)[0] for i in range(3)):
-            raise SettingError(
-                f"setting {name!r} [m]: found {point}, {inside} from the device's origin, which is out of its reach. "
-                f"Points near {HOME} from its origin work; 'origin' places the device in the world."
-            )
+                check_reach(self, f"path[{i}].to", segment.to)
 
     def start(self) -> None:
         super().start()

@@ -107,20 +107,18 @@ class PinArray(OnThinnedSurface):
                 else:
                     valid = self._from_pressure(contact, surface)
         if touching and not valid and not self._cautioned and self.shows == "force":
-            self._caution(contact.force)
+            self._cautioned = True
+            self._notes.append(
+                f"PinArray: at {contact.force:.3g} N the contact is wider than Hertz theory allows (its radius is "
+                f"above {pads.VALID_RATIO:g} times that of the fingerpad); the pins still follow it, with "
+                "`valid: false`"
+            )
         self.actuator, limited = drive(self.pins, self.shape, self.actuator, approach, dt, self.drives, self.shown)
         return Pins(
             heights=self.shown.reshape(self.rows, self.columns),
             actuator=self.actuator,
             limited=limited,
             valid=bool(valid and contact.force >= 0.0),
-        )
-
-    def _caution(self, force: float) -> None:
-        self._cautioned = True
-        self._notes.append(
-            f"PinArray: at {force:.3g} N the contact is wider than Hertz theory allows (its radius is above "
-            f"{pads.VALID_RATIO:g} times that of the fingerpad); the pins still follow it, with `valid: false`"
         )
 
     def _from_force(self, force: float) -> tuple[float, bool]:

@@ -1,19 +1,14 @@
 """`palpate plan`: what runs, what does not and why."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
 from palpate.cli.terminal.output import console, print_json
 from palpate.launch.run.progress import steps
-
-if TYPE_CHECKING:
-    from palpate.launch.load.effect_costs import EffectCost
 
 EXAMPLE = "palpate plan kidney --scene frictionless"
 
@@ -43,7 +38,12 @@ def plan(
     placement = run.placement(planned, times)
     items = effect_costs(planned, times)
     if ablate is not None:
-        _prove(ablate, items, sets or [], as_json)
+        from palpate.records.reader import Recording
+        from palpate.studies import ablation
+
+        title = f"plan: the touch again with each of {len(items)} effects toggled"
+        with steps(title, len(items), silent=as_json) as done:
+            ablation.ablate(Recording(ablate), items, sets or [], lambda name: done(f"{name} toggled"))
     if as_json:
         groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host,
                    "why": g.why}
@@ -66,11 +66,3 @@ def plan(
         if items:
             screen.print()
             screen.print(plan_tables.costs(items, source))
-
-
-def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -> None:
-    from palpate.records.reader import Recording
-    from palpate.studies.ablation import ablate
-
-    with steps(f"plan: the touch again with each of {len(items)} effects toggled", len(items), silent=silent) as done:
-        ablate(Recording(file), items, sets, lambda name: done(f"{name} toggled"))

@@ -20,18 +20,13 @@ def overrides(given: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
     if isinstance(given, str):
         return [given]
     if isinstance(given, Mapping):
-        return list(of_nodes(given))
+        return [f"{path}={text}" for path, text, _ in _parts(given)]
     if isinstance(given, Sequence) and all(isinstance(text, str) for text in given):
         return list(given)
     raise ArgumentError(
         f"found {given!r}, expected 'tissue.use=deformation.Rigid', a list of such texts, or a dict, "
         "{'tissue': 'deformation.Rigid'}"
     )
-
-
-def of_nodes(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[str]:
-    """Overrides of nodes by name: a model, or settings by name. ArgumentError."""
-    yield from (f"{path}={text}" for path, text, _ in _parts(nodes))
 
 
 def of_keywords(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[Override]:

@@ -123,28 +123,22 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
     user of the same mapping, a `when:` or `$path`, or a shipped class has it. A boolean may also be an effect of the
     scene that no node of this graph reads, unless its key resembles the name of a setting.
     """
-    taken: set[tuple[str, str]] = set()
-    names: dict[type[Node], dict[str, Setting]] = {}
-    sure: dict[type[Node], bool] = {}
-    for offer in offers:
-        if offer.cls not in names:
-            names[offer.cls], sure[offer.cls] = _family(offer.cls)
-        if offer.key in names[offer.cls] or not sure[offer.cls]:
-            taken.add((offer.path, offer.key))
+    families = {cls: _family(cls) for cls in {offer.cls for offer in offers}}
+    taken = {(o.path, o.key) for o in offers if o.key in families[o.cls][0] or not families[o.cls][1]}
     reported = set()
     for offer in offers:
-        path = f"{offer.path}.{offer.key}"
+        path, (names, _) = f"{offer.path}.{offer.key}", families[offer.cls]
         read = offer.path and any(used == path or used.startswith(f"{path}.") for used in scene.used)
         if (offer.path, offer.key) in taken or read or offer.place in reported:
             continue
-        if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls], likeness=0.8):
+        if isinstance(offer.value, bool) and not nearest(offer.key, names, likeness=0.8):
             continue
         shipped, missing = catalogue()
         if missing or any(offer.key in settings(entry.cls) for entry in shipped):
             continue
         reported.add(offer.place)
         text = f"with: {path.lstrip('.')!r} is a setting of no class of {offer.cls.__module__}"
-        cure = choices(f"Settings of {offer.cls.__name__}", offer.key, names[offer.cls])
+        cure = choices(f"Settings of {offer.cls.__name__}", offer.key, names)
         faults.add(text, cure, offer.place, node=offer.node, setting=offer.key)
 
 

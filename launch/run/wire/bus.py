@@ -297,10 +297,11 @@ class Bus:
         """Buffer a frame for the observers; `flush` sends it."""
         self._kept.append(data)
 
-    def flush(self, holds: Callable[[], None]) -> None:
+    def flush(self, holds: Callable[[], None] = lambda: None) -> None:
         """Send the buffered frames.
 
-        holds  called repeatedly while the buffer of an observer of the run is full, on the simulated clock
+        holds  called repeatedly while the buffer of an observer of the run is full, on the simulated clock; the
+               launcher kills observers that hang
         """
         kept, self._kept = self._kept, []
         self._public.publish(kept)
@@ -355,13 +356,13 @@ class Bus:
             inlet.close()
         self._observed.close(linger=0)
         with contextlib.suppress(zmq.ZMQError):
-            self.flush(_wait)
+            self.flush()
             if clean_exit:
                 self._observers.set(zmq.XPUB_NODROP, 1)
                 self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
                 end = frame(END, self.group.encode())
                 self._kept.append(end)
-                self.flush(_wait)
+                self.flush()
                 self.listened()
                 self._wait_taken(end)
         self._outlet.close()
@@ -370,7 +371,3 @@ class Bus:
             self._keeper.close()
         self._control.close(linger=0)
         self.context.destroy()
-
-
-def _wait() -> None:
-    """Keep waiting for an observer whose buffer is full: the launcher kills those that hang."""

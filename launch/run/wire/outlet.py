@@ -219,7 +219,8 @@ class Outlet:
             for flags, body in frames:
                 self._handle_frame(reader, flags, body)
         except ZmtpError as error:
-            self._refuse(reader, str(error))
+            self._notes[f"a reader of group {self._group!r} was refused, {reader.name}: {error}"] += 1
+            self.drop(reader)
         except OSError:
             self.drop(reader)
 
@@ -241,10 +242,6 @@ class Outlet:
             sender.readers = tuple(
                 reader for reader in self._readers if any(sender.topic.startswith(topic) for topic in reader.topics)
             )
-
-    def _refuse(self, reader: ReaderConnection, why: str) -> None:
-        self._notes[f"a reader of group {self._group!r} was refused, {reader.name}: {why}"] += 1
-        self.drop(reader)
 
     def drop(self, reader: ReaderConnection) -> None:
         if reader not in self._readers:

@@ -56,7 +56,11 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         text = str(error) or "stopped by its user"
         failure = death(error) if isinstance(error, NodeError) else Death("", "process", text)
         bus.report(reports.NodeFault(failure.node, failure.where, failure.text, failure.trace))
-        _stop_rest(worker)
+        try:
+            if worker is not None:
+                worker.stop()
+        except NodeError as second:  # printed, so that it does not replace the first
+            print(f"a second failure while stopping: {second}", file=sys.stderr)
         if isinstance(error, KeyboardInterrupt):
             raise
         return 1
@@ -93,15 +97,6 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
                 return origin, senders
 
 
-def _stop_rest(worker: Worker | None) -> None:
-    """Stop the other nodes after a failure; print a second failure, so that it does not replace the first."""
-    if worker is not None:
-        try:
-            worker.stop()
-        except NodeError as error:
-            print(f"a second failure while stopping: {error}", file=sys.stderr)
-
-
 MISMATCH = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 REFUSED = MISMATCH | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 NO_RETRY = 3  # refusals after which to give up; a launcher that ends during the handshake causes fewer
@@ -118,7 +113,7 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
     """
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     orders_at, reports_at = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
-    take = None
+    take: reports.Take | None = None
     with zmq.Context() as context, context.socket(zmq.SUB) as incoming, context.socket(zmq.PUSH) as outgoing:
         for socket in (incoming, outgoing):
             socket.set(zmq.LINGER, 0)
@@ -138,19 +133,11 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             if refusals >= NO_RETRY:
                 raise RunError(f"{address} refuses the connection: its key is different, or only one side is encrypted")
             if incoming.poll(250):
-                take = _take(incoming.recv())
-                if take is not None:
+                with contextlib.suppress(msgspec.MsgspecError, ValueError):  # another order, or not of a launcher
+                    take = msgspec.json.decode(split(incoming.recv())[1], type=reports.Take)
                     break
         else:
             what = "" if key is None else " and has the same key"
             raise RunError(f"no launcher at {address} that waits for group {group!r}{what}")
     assert take is not None
     return serve(reports.Start(take.job, take.run, orders_at, reports_at, key, key is not None), alone=True)
-
-
-def _take(data: bytes) -> reports.Take | None:
-    try:
-        order = reports.ORDERS.decode(split(data)[1])
-    except (msgspec.MsgspecError, ValueError):
-        return None
-    return order if isinstance(order, reports.Take) else None

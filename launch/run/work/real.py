@@ -24,8 +24,7 @@ from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import needed, next_run
 from palpate.engine.slot import Input, Slot
 from palpate.engine.tick import run_tick
-from palpate.launch.run.work.ages import permitted
-from palpate.launch.run.work.worker import EndedError, Worker
+from palpate.launch.run.work.worker import EndedError, Worker, permitted
 from palpate.messages import Message
 
 

@@ -5,6 +5,7 @@ import faulthandler
 import signal
 import time
 from collections.abc import Iterator
+from threading import current_thread, main_thread
 from types import FrameType
 
 from palpate.engine.slot import ObserverSlot, Slot
@@ -29,29 +30,26 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     that waits for a disk, blocks the handler: then the process prints a traceback and exits after `last` [s] (default:
     `LAST` or twice the patience, whichever is longer). No effect outside the main thread and without timer signals.
     """
+    if patience is None or not hasattr(signal, "setitimer") or current_thread() is not main_thread():
+        yield
+        return
     before: object = None
     spent, checked = 0.0, time.monotonic()
-    end = max(2.0 * (patience or 0.0), LAST) if last is None else last
+    end = max(2.0 * patience, LAST) if last is None else last
 
     def check(_: int, frame: FrameType | None) -> None:
         nonlocal before, spent, checked
         with contextlib.suppress(OSError, ValueError):  # standard error is not a file
             faulthandler.dump_traceback_later(end, exit=True)
         moment, here = time.monotonic(), _running(frame)
-        spent += min(moment - checked, 2.0 * (patience or 0.0) / CHECKS)
+        spent += min(moment - checked, 2.0 * patience / CHECKS)
         checked = moment
         if here is None or here != before:
             before, spent = here, 0.0
-        elif patience is not None and spent >= patience:
+        elif spent >= patience:
             raise HangError(f"no sign of life for {patience:.3g} s")
 
-    known = None
-    if patience is not None and hasattr(signal, "setitimer"):  # POSIX only
-        with contextlib.suppress(ValueError):
-            known = signal.signal(signal.SIGALRM, check)
-    if known is None or patience is None:
-        yield
-        return
+    known = signal.signal(signal.SIGALRM, check)
     left, _ = signal.setitimer(signal.ITIMER_REAL, patience / CHECKS, patience / CHECKS)
     try:
         yield

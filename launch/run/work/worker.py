@@ -13,12 +13,11 @@ from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
 from palpate.engine.segment import CompiledSegment, segments
-from palpate.engine.slot import NodeError, Output, RemoteStream, Slot, make
+from palpate.engine.slot import Input, NodeError, Output, RemoteStream, Slot, make
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
-from palpate.launch.run.work.ages import permitted
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Block, Node
@@ -28,6 +27,16 @@ OVERHEARD = 1000  # frames for observers handled in a row before the nodes run a
 ORPHANED = 5_000_000_000  # [ns] without an order of the launcher, time without scheduling excluded
 LOOK = 5_000_000  # [ns] between two polls of orders and readers while messages arrive
 REPORT = 200_000_000  # [ns] between two heartbeats
+HELD = 0.007  # [s] age at which an input of a node on the real clock counts as absent
+RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
+
+
+def permitted(job: Job, slot: Slot, port: Input) -> float:
+    """The age [s] up to which an input is held on the real clock; `real` derives from it when the device stops."""
+    period = port.every / job.rate
+    age = max(RELEASED if slot.node.paced else HELD, 3 * period)
+    chained = job.links > 1 and not (slot.node.paced or port.port.optional)
+    return max(age / job.links, period) if chained else age
 
 
 class EndedError(Exception):
@@ -53,6 +62,7 @@ class Worker:
             self._feed(slot)
         self.parts: list[Slot | CompiledSegment] = list(self.slots)
         """What runs, in order: after the start, consecutive compiled nodes are merged into segments."""
+        self.segments: list[CompiledSegment] = []  # those among the parts
         self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
         self.stopping = False
@@ -83,25 +93,20 @@ class Worker:
 
     def start(self) -> None:
         """Start all nodes. NodeError: one raised."""
-        names: list[str] = []
-
-        def begin(name: str, node: Node, start: Callable[[], None]) -> None:
-            names.append(name)
-            self._start(name, node, start)
-
         shipped = [slot.start for slot in self.slots if type(slot.node).__module__.startswith("palpate.nodes.")
                 and not (slot.node.hardware or slot.node.sink)]  # fmt: skip
         others = [*shipped[1:2], *shipped[:1:-1]]  # the second process: the next node, then from the last backwards
-        with compiling(lambda count: self.report(Starting(names[-1], count)), others):
+        with compiling(lambda count: self.report(Starting(self._starting, count)), others):
             for slot in self.slots:
                 self.report(Starting(slot.name))
-                begin(slot.name, slot.node, slot.start)
+                self._start(slot.name, slot.node, slot.start)
             for observer in self.audience.slots:
-                begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
+                self._start(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
             job, ages = self.job, partial(permitted, self.job)
             self.parts = segments(
                 self.slots, lambda own: CompiledSegment(own, job.rate, self._real, ages, self._deliver_block)
             )
+            self.segments = [part for part in self.parts if isinstance(part, CompiledSegment)]
         if self.bus is None and not self._real:
             for slot in self.slots:
                 for output in slot.outputs:
@@ -111,6 +116,7 @@ class Worker:
 
     def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
         """Start one node or observer; if it fails, stop it, so that it releases its resources."""
+        self._starting = name
         try:
             start()
         except BaseException:
@@ -152,9 +158,8 @@ class Worker:
         self._mark_heard()
         for slot in self.slots:
             slot.follows = self._real and slot.driver is not None
-        for part in self.parts:
-            if isinstance(part, CompiledSegment):
-                part.refresh()
+        for segment in self.segments:
+            segment.refresh()
         for observer in self.audience.begun:
             observer.node.begun(origin)
         if self._real:
@@ -315,9 +320,8 @@ class Worker:
                     port.dead = not back
                     port.queue.clear()
                     port.message = None
-        for part in self.parts:
-            if isinstance(part, CompiledSegment):
-                part.refresh()
+        for segment in self.segments:
+            segment.refresh()
 
     def _overhear_some(self) -> None:
         if self.bus is not None and self.audience.slots:
@@ -349,9 +353,8 @@ class Worker:
             self.sign_of_life()
 
     def _flush(self) -> None:
-        for part in self.parts:
-            if isinstance(part, CompiledSegment):
-                part.hand_over()
+        for segment in self.segments:
+            segment.hand_over()
         for observer in self.audience.begun:
             observer.take()
         if self.bus is not None:
@@ -369,16 +372,14 @@ class Worker:
         if self.bus is not None:
             for output in self.outputs.values():
                 output.observed = self.bus.heard(output.stream)
-            for part in self.parts:
-                if isinstance(part, CompiledSegment):
-                    part.listen()
+            for segment in self.segments:
+                segment.listen()
 
     def sign_of_life(self) -> None:
         """Send the health of the nodes to launcher and observers."""
         self._reported = now()
-        for part in self.parts:
-            if isinstance(part, CompiledSegment):
-                part.count()
+        for segment in self.segments:
+            segment.count()
         for slot in self.slots:
             slot.health.state = slot.node.condition() or "ready"
         nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}

@@ -75,7 +75,5 @@ def record(
     typer.echo(f"recording {file}")
     law = "--rig ball --radius '8 mm' --law power --relaxation hunt-crossley"
     typer.echo(f"next: palpate fit tissue {file} {law}  # the shape of your probe")
-    if count < FOLDS:
-        typer.echo(f"      {FOLDS - count} more sessions for the scatter of the force: palpate fit force {sessions}")
-    else:
-        typer.echo(f"      or the scatter of the force: palpate fit force {sessions}")
+    more = f"{FOLDS - count} more sessions for" if count < FOLDS else "or"
+    typer.echo(f"      {more} the scatter of the force: palpate fit force {sessions}")

@@ -1,17 +1,12 @@
 """`palpate list nodes`: the catalogue of node classes."""
 
-from __future__ import annotations
-
 import inspect
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
 from palpate.cli.terminal.options import Json
 from palpate.cli.terminal.output import console, print_json, say, table
-
-if TYPE_CHECKING:
-    from palpate.nodes.base import Node
 
 EXAMPLE = "palpate list nodes contact.Series"
 
@@ -32,7 +27,7 @@ def nodes(
         if as_json:
             print_json(describe(name, cls))
         else:
-            _show(name, cls)
+            _show(describe(name, cls), inspect.getdoc(cls) or "")
         return
     entries, missing = catalogue()
     if as_json:
@@ -52,13 +47,10 @@ def nodes(
         out.print(Text.assemble((module, "yellow"), f" cannot be loaded. {why}"))
 
 
-def _show(name: str, cls: type[Node]) -> None:
-    from palpate.launch.load.classes import describe
-
-    data = describe(name, cls)
+def _show(data: dict[str, Any], text: str) -> None:
     out = console()
-    say(name, "bold", wrap=True)
-    say(inspect.getdoc(cls) or "", wrap=True)
+    say(data["use"], "bold", wrap=True)
+    say(text, wrap=True)
     kind = "source (the clock runs it)" * data["source"] or "observer (listens to streams)" * data["observer"]
     if kind:
         out.print(f"\n{kind}")
