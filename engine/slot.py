@@ -239,19 +239,11 @@ class Slot:
         return None if self.node.paced or not self.inputs else self.inputs[0]
 
     def forces(self) -> dict[str, float]:
-        """Each force [N] in the last outputs by `stream.field`, for the live view: a number, the magnitude of a vector,
-        each number of a list."""
+        """Magnitude [N] of each force in the last outputs by `stream.field`, for the live view."""
         forces: dict[str, float] = {}
         for output in self.outputs:
-            message = output.last
-            for field in fields(type(message)) if message is not None else ():
-                if field.unit != "N" or field.dtype is not None:
-                    continue
-                name, value = f"{output.stream}.{field.name}", getattr(message, field.name)
-                if field.shape and not isinstance(field.shape[0], int):
-                    forces |= {f"{name}[{i}]": each for i, each in enumerate(value)}
-                else:
-                    forces[name] = math.hypot(*value) if isinstance(value, tuple) else value
+            if output.last is not None:
+                forces |= {f"{output.stream}.{name}": value for name, value in _forces(output.last).items()}
         return forces
 
     def start(self) -> None:
@@ -379,6 +371,19 @@ def _call(
         at += abs(count)
     call = f"lambda messages, dt: function({', '.join([*arguments, *more])})"
     return eval(compile(call, __file__, "eval"), {"function": function})
+
+
+def _forces(message: Message) -> dict[str, float]:
+    """Each force [N] in a message: a number, the magnitude of a vector, each number of a list."""
+    magnitudes: dict[str, float] = {}
+    for field in fields(type(message)):
+        if field.unit == "N" and field.dtype is None:
+            value = getattr(message, field.name)
+            if field.shape and not isinstance(field.shape[0], int):
+                magnitudes |= {f"{field.name}[{i}]": each for i, each in enumerate(value)}
+            else:
+                magnitudes[field.name] = math.hypot(*value) if isinstance(value, tuple) else value
+    return magnitudes
 
 
 FEW = 32  # number of messages below which taking them one by one is faster than as a block

@@ -149,20 +149,8 @@ def execute(
                 forkserver.close()
             result = _in_this_process(work[0], screen, patience)
         else:
-            from palpate.launch.run.launcher import Launcher, silent  # needs POSIX
-
-            def show(launcher: Launcher) -> None:
-                watch(launcher)
-                if screen:
-                    screen.show(launcher.result, launcher.phase, launcher.busy, launcher.kernels)
-
-            _open_files(len(work))
-            result = Launcher(
-                work, forkserver, joined=joined, address=network.address if joined else None, key=key,
-                patience=patience, restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
-                spared=spared(planned), show=show, printed=screen.print if screen else silent,
-                died=screen.died if screen else lambda _: None,
-            ).run()  # fmt: skip
+            address = network.address if joined else None
+            result = _in_processes(work, planned, screen, forkserver, patience, watch, joined, address, key)
         if made and launch.record is not None and not result.ticks:
             launch.record.unlink(missing_ok=True)
     if crowded:
@@ -187,6 +175,42 @@ def _in_this_process(work: Job, screen: Screen | None, patience: float) -> Resul
         lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels),
         screen.print,
     )
+
+
+def _in_processes(
+    work: list[Job],
+    planned: Plan,
+    screen: Screen | None,
+    forkserver: ForkServer | None,
+    patience: float,
+    watch: Callable[[Launcher], None],
+    joined: frozenset[str],
+    address: str | None,
+    key: Key | None,
+) -> Result:
+    from palpate.launch.run.launcher import Launcher, silent
+
+    _open_files(len(work))
+
+    def show(launcher: Launcher) -> None:
+        watch(launcher)
+        if screen:
+            screen.show(launcher.result, launcher.phase, launcher.busy, launcher.kernels)
+
+    launcher = Launcher(
+        work,
+        forkserver,
+        joined=joined,
+        address=address,
+        key=key,
+        patience=patience,
+        restart=frozenset(name for name in planned.order if planned.graph.nodes[name].restart),
+        spared=spared(planned),
+        show=show,
+        printed=screen.print if screen else silent,
+        died=screen.died if screen else lambda _: None,
+    )
+    return launcher.run()
 
 
 def _reachable(work: list[Job], joined: frozenset[str], network: Network) -> list[Job]:
@@ -241,18 +265,24 @@ def _folder(file: Path | None) -> Iterator[list[Path]]:
     made = [] if file is None else [folder for folder in file.parents if not folder.exists()]
     try:
         if file is not None:
-            try:
-                check_file(file)
-                file.parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                what = f"{error.strerror}; choose another file with --record FILE"
-                # With a file name it is wrong input: exit code 2.
-                raise OSError(error.errno, what, f"recording {file}") from None
+            _check_writable(file)
         yield made
     finally:
         for folder in made:
             with contextlib.suppress(OSError):
                 folder.rmdir()
+
+
+def _check_writable(file: Path) -> None:
+    """Create the folders of the recording. OSError: it cannot be written there."""
+    try:
+        check_file(file)
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        what = f"{error.strerror}; choose another file with --record FILE"
+        raise OSError(
+            error.errno, what, f"recording {file}"
+        ) from None  # with a file name it is wrong input: exit code 2
 
 
 def _is_here(host: str | None) -> bool:

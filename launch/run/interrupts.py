@@ -26,11 +26,16 @@ def interrupts(handler: Callable[[int], None], numbers: Sequence[int] = ENDING) 
 
 
 def _call(handler: Callable[[int], None], number: int) -> None:
-    # If the terminal has closed, redirect output to /dev/null: printing would raise errors during the shutdown.
-    for output in (1, 2) if number == getattr(signal, "SIGHUP", None) else ():
+    if number == getattr(signal, "SIGHUP", None):
+        _leave_terminal()
+    handler(number)
+
+
+def _leave_terminal() -> None:
+    """Redirect output to /dev/null if the terminal has closed: printing would raise errors during the shutdown."""
+    for output in (1, 2):
         with contextlib.suppress(OSError):
             if stat.S_ISCHR(os.fstat(output).st_mode) and not os.isatty(output):
                 nowhere = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(nowhere, output)
                 os.close(nowhere)
-    handler(number)

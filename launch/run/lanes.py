@@ -19,7 +19,7 @@ from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.lanes import Lanes, NodeImage, Pool
 from palpate.engine.plan import Plan
-from palpate.engine.segment import record_of
+from palpate.engine.segment import CompiledSegment, record_of
 from palpate.engine.slot import NodeError
 from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
@@ -167,7 +167,7 @@ def prepare_all(
 
     each = Preparation(load, {path: extremes(values) for path, values in over.items()})
     prepared = []
-    for lane in range(lanes):  # `load` names it in faults
+    for lane in range(lanes):
         prepared.append(each({path: values[lane] for path, values in over.items()}))
     return prepared
 
@@ -217,8 +217,8 @@ class LaneRun:
         self.failures: dict[int, NodeError] = {}
         worker = Worker(prepared[0].job, None, lambda report: None)
         worker.start()
-        (segment,) = worker.segments
-        assert segment.alone() and len(worker.parts) == 1, worker.parts
+        (segment,) = worker.parts
+        assert isinstance(segment, CompiledSegment) and segment.alone(), worker.parts
         self.worker, self.segment, self._pool = worker, segment, Pool()
         self._images: dict[Any, NodeImage] = {}
         self.lanes = Lanes(segment, len(prepared))

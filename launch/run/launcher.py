@@ -86,6 +86,7 @@ class Launcher:
         self._real = any(job.clock == "real" for job in jobs)
         self._interrupts: list[int] = []
         self._handled = 0  # interrupts
+        self._started: float | None = None
         self._ended = 0.0
         self._tail: list[str] = []
         self._beat = 0.0
@@ -125,8 +126,8 @@ class Launcher:
         """Run to the end. Ctrl-C or SIGTERM shuts the run down gracefully."""
         with interrupts(self._interrupts.append):
             self._run()
-        if self.result.origin:
-            self.result.wall = self._ended - self.result.origin
+        if self._started is not None:
+            self.result.wall = self._ended - self._started
         self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
         return self.result
 
@@ -287,8 +288,9 @@ class Launcher:
 
     def _go(self) -> None:
         self.phase = "running"
-        self.result.origin = time.monotonic()
-        self.result.start = self.result.origin - self.begun
+        self._started = time.monotonic()
+        self.result.start = self._started - self.begun
+        self.result.origin = self._started
         self.origin = now() + (HEAD_START if self._real else 0)
         self._control.tell("*", reports.Go(self.origin))
         for member in self.members.values():

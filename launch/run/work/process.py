@@ -56,11 +56,7 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         text = str(error) or "stopped by its user"
         failure = death(error) if isinstance(error, NodeError) else Death("", "process", text)
         bus.report(reports.NodeFault(failure.node, failure.where, failure.text, failure.trace))
-        try:
-            if worker is not None:
-                worker.stop()
-        except NodeError as second:  # printed, so that it does not replace the first
-            print(f"a second failure while stopping: {second}", file=sys.stderr)
+        _stop_rest(worker)
         if isinstance(error, KeyboardInterrupt):
             raise
         return 1
@@ -95,6 +91,15 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
                 bus.report(reports.Linked())
             case reports.Go(origin):
                 return origin, senders
+
+
+def _stop_rest(worker: Worker | None) -> None:
+    """Stop the other nodes after a failure; print a second failure, so that it does not replace the first."""
+    if worker is not None:
+        try:
+            worker.stop()
+        except NodeError as error:
+            print(f"a second failure while stopping: {error}", file=sys.stderr)
 
 
 MISMATCH = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL

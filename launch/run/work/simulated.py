@@ -6,6 +6,7 @@ Every worker runs its nodes in the graph's order, which excludes deadlocks.
 
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import nanoseconds, next_run
+from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.engine.tick import run_tick
 from palpate.launch.run.reports import Paused
@@ -44,7 +45,8 @@ class SimulatedClock:
     def ahead(self, tick: int) -> int:
         """Number of ticks that can run as one block: more than one if all nodes form one segment."""
         worker = self.worker
-        if len(worker.parts) > 1 or not worker.segments or not worker.segments[0].alone():
+        (part, *others) = worker.parts
+        if others or not isinstance(part, CompiledSegment) or not part.alone():
             return 1
         return self.most if worker.last is None else max(1, min(worker.last - tick + 1, self.most))
 
@@ -57,10 +59,11 @@ class SimulatedClock:
             run_tick(worker.parts, tick, self)
         else:
             begun = now()
-            (segment,) = worker.segments
-            segment.run_many(tick, ticks)
+            (part,) = worker.parts
+            assert isinstance(part, CompiledSegment)
+            part.run_many(tick, ticks)
             if worker.bus is not None:
-                segment.hand_over()
+                part.hand_over()
             self.most = max(16, self.most // 2) if now() - begun > BLOCK else min(2 * self.most, 1 << 16)
         worker.housekeep()
 

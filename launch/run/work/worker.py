@@ -62,7 +62,6 @@ class Worker:
             self._feed(slot)
         self.parts: list[Slot | CompiledSegment] = list(self.slots)
         """What runs, in order: after the start, consecutive compiled nodes are merged into segments."""
-        self.segments: list[CompiledSegment] = []  # those among the parts
         self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
         self.stopping = False
@@ -93,20 +92,25 @@ class Worker:
 
     def start(self) -> None:
         """Start all nodes. NodeError: one raised."""
+        names: list[str] = []
+
+        def begin(name: str, node: Node, start: Callable[[], None]) -> None:
+            names.append(name)
+            self._start(name, node, start)
+
         shipped = [slot.start for slot in self.slots if type(slot.node).__module__.startswith("palpate.nodes.")
                 and not (slot.node.hardware or slot.node.sink)]  # fmt: skip
         others = [*shipped[1:2], *shipped[:1:-1]]  # the second process: the next node, then from the last backwards
-        with compiling(lambda count: self.report(Starting(self._starting, count)), others):
+        with compiling(lambda count: self.report(Starting(names[-1], count)), others):
             for slot in self.slots:
                 self.report(Starting(slot.name))
-                self._start(slot.name, slot.node, slot.start)
+                begin(slot.name, slot.node, slot.start)
             for observer in self.audience.slots:
-                self._start(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
+                begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
             job, ages = self.job, partial(permitted, self.job)
             self.parts = segments(
                 self.slots, lambda own: CompiledSegment(own, job.rate, self._real, ages, self._deliver_block)
             )
-            self.segments = [part for part in self.parts if isinstance(part, CompiledSegment)]
         if self.bus is None and not self._real:
             for slot in self.slots:
                 for output in slot.outputs:
@@ -116,7 +120,6 @@ class Worker:
 
     def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
         """Start one node or observer; if it fails, stop it, so that it releases its resources."""
-        self._starting = name
         try:
             start()
         except BaseException:
@@ -158,8 +161,9 @@ class Worker:
         self._mark_heard()
         for slot in self.slots:
             slot.follows = self._real and slot.driver is not None
-        for segment in self.segments:
-            segment.refresh()
+        for part in self.parts:
+            if isinstance(part, CompiledSegment):
+                part.refresh()
         for observer in self.audience.begun:
             observer.node.begun(origin)
         if self._real:
@@ -320,8 +324,9 @@ class Worker:
                     port.dead = not back
                     port.queue.clear()
                     port.message = None
-        for segment in self.segments:
-            segment.refresh()
+        for part in self.parts:
+            if isinstance(part, CompiledSegment):
+                part.refresh()
 
     def _overhear_some(self) -> None:
         if self.bus is not None and self.audience.slots:
@@ -353,8 +358,9 @@ class Worker:
             self.sign_of_life()
 
     def _flush(self) -> None:
-        for segment in self.segments:
-            segment.hand_over()
+        for part in self.parts:
+            if isinstance(part, CompiledSegment):
+                part.hand_over()
         for observer in self.audience.begun:
             observer.take()
         if self.bus is not None:
@@ -372,14 +378,16 @@ class Worker:
         if self.bus is not None:
             for output in self.outputs.values():
                 output.observed = self.bus.heard(output.stream)
-            for segment in self.segments:
-                segment.listen()
+            for part in self.parts:
+                if isinstance(part, CompiledSegment):
+                    part.listen()
 
     def sign_of_life(self) -> None:
         """Send the health of the nodes to launcher and observers."""
         self._reported = now()
-        for segment in self.segments:
-            segment.count()
+        for part in self.parts:
+            if isinstance(part, CompiledSegment):
+                part.count()
         for slot in self.slots:
             slot.health.state = slot.node.condition() or "ready"
         nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}
