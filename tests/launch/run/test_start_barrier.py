@@ -80,8 +80,9 @@ def test_a_worker_that_missed_the_stop_gets_it_after_its_subscription(launched, 
     it = threading.Thread(target=late, args=(port, "b", orders, 0.2, END))
 
     def stop(running: Launcher) -> None:
-        if not it.ident and all(running.members[other.group].state == "ready" for other in others):
+        if not running.result.interrupted and all(running.members[o.group].state == "ready" for o in others):
             running.stop()
+        if not it.ident and running._ending.over:  # its report comes after the end of the nodes
             it.start()
 
     launcher = launch(OBSERVER, *others, show=stop)
