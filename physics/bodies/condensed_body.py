@@ -44,7 +44,7 @@ from palpate.physics.bodies.condensed_step import (
     stretched_radius,
     take_load,
 )
-from palpate.physics.bodies.large_displacement import stored_energy
+from palpate.physics.bodies.large_displacement import DEEPEST, DEEPEST_COVERED, stored_energy
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, interpolated, lies_on, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
@@ -101,7 +101,7 @@ def condensed_body(
     reach     [m] distance from the foot point within which all displacements are sent, fewer beyond it
     poisson   [1] of the organ under the patch; None: the compliance of the widened load is not corrected
     sticks    whether the surface under the patch sticks to the finger
-    apart     [m] (V,) distance of each vertex of `basis` from a nodule or capsule; None: the organ has neither
+    apart     [m] (V,) distance of each vertex of `basis` from a nodule, 0 under a capsule; None: the organ has neither
     rho       [1] (3,) coefficients, see `large_displacement`; empty: the organ is linear
     area      law of a contact that grows with the force; its load acts on the coarse surface on the patch of `radius`
     """
@@ -113,7 +113,7 @@ def condensed_body(
         area, rho = with_approach(area, half_space, rho), np.array(NO_FLOATS)
     model = CondensedModel(
         basis.compliance, basis.vertices, rho, hat_moments(coarse), corners, weights, weight_slopes(coarse, corners),
-        young, retardation, mesh.vertices, true, area,
+        young, retardation, mesh.vertices, true, area, DEEPEST if apart is None or apart.any() else DEEPEST_COVERED,
     )  # fmt: skip
     ground = Ground(coarse.normals, softness(coarse, model, fine.spreader), rho)
     return under(model, ground, fine, 1)

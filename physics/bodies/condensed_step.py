@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
-from palpate.physics.bodies.large_displacement import DEEPEST, NARROWEST, large_depth
+from palpate.physics.bodies.large_displacement import NARROWEST, large_depth
 from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
 from palpate.physics.bodies.true_patch import MEAN, TruePatch, narrow_load, patch_compliance
 from palpate.physics.contact import end_rate
@@ -37,13 +37,14 @@ class CondensedModel(NamedTuple):
     fine: Annotated[np.ndarray, "<f8", 2]  # [m] (W,3) vertices of the fine mesh
     true: TruePatch  # the correction for the true load
     area: AreaLaw  # of a contact that grows; `rho` is then in its table
+    deepest: float  # [1] s/R up to which the law of large displacement is valid
 
 
 COMPLIANCE, FREE, NOW, MORE, OWN, PRESS, RADIUS, WIDE, NARROWED, DEEP, NARROW, THIN, CURVED, NEAR, SLIDES = range(15)
 """Numbers of a contact: compliance [m/N], s_free and s [m] of its law, additional load [N] on the patch for large
 displacement, compliance [m/N] of the linear body at rest, normal force [N] on the patch with the additional load,
 radius [m] of the patch and on the coarse surface, whether the load is narrowed near a nodule; then the excess [1] over
-the limits of the body, 0 within, 1 at twice the limit: deeper than `DEEPEST`, narrower than the fine mesh resolves, on
+the limits of the body, 0 within, 1 at twice the limit: deeper than `deepest`, narrower than the fine mesh resolves, on
 thin or curved ground, too narrow near a nodule, too heavy for a surface that is free to slide, beyond the law of a
 contact that grows."""
 GROWN, TOTAL, EXPONENT = 15, 25, 26  # `GROWN`: the last excess; normal force of the load [N]; n of the law
@@ -224,7 +225,7 @@ def add_others(model, dt, numbers, aside, others):
     force = max(numbers[TOTAL] + others, LEAST_FORCE)
     numbers[NOW] = radius * large_depth(now / radius, rho)[0]
     numbers[FREE] = radius * large_depth(free / radius, rho)[0]
-    numbers[DEEP] = max(numbers[NOW] / (min(radius, numbers[RADIUS]) * DEEPEST) - 1.0, 0.0)
+    numbers[DEEP] = max(numbers[NOW] / (min(radius, numbers[RADIUS]) * model.deepest) - 1.0, 0.0)
     then, slope = large_depth((free + take * self_compliance * force) / radius, rho)
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
     # the tangent of a convex s(f), so that the contact approaches its force from above without oscillation; s_free at
@@ -276,5 +277,5 @@ def _grow(model, numbers, keep, take):
     chord, tangent = linear + (then - free) / force, linear + take * slope
     numbers[COMPLIANCE], numbers[EXPONENT] = chord, min(max(chord / tangent, 1.0), 3.0)
     wide = WIDTH * max(radius_at(area.forces, area.radii, press), 1e-9)
-    numbers[DEEP] = max(numbers[NOW] / (wide * DEEPEST) - 1.0, 0.0)
+    numbers[DEEP] = max(numbers[NOW] / (wide * model.deepest) - 1.0, 0.0)
     numbers[GROWN] = max(numbers[TOTAL] / area.forces[-1] - 1.0, 0.0)

@@ -252,6 +252,21 @@ def test_beyond_the_deepest_press_the_body_stiffens():
     assert (np.diff(np.diff(depth[out]) / np.diff(forces[out])) < 0).all()
 
 
+def test_under_a_capsule_the_range_ends_at_a_smaller_depth():
+    """0.3 instead of 1.5 radii of the load; a nodule elsewhere in the organ does not change the range."""
+    foot, n, nodes, push = at_vertex(49)
+    away, radii = np.full(len(basis().vertices), 0.02), []
+    for force in (5.0, 8.0):
+        found = []
+        for apart in (None, away, 0.0 * away):
+            it = CondensedBody(basis(), organ().surface, YOUNG, 0.0, RADIUS, 1.0, rho=RHO, apart=apart)
+            found.append((it.step(nodes, force * push, foot, n, 1e3)[2], it.extrapolation))
+        (depth, beyond), nodule, (same, covered) = found
+        assert nodule == (depth, beyond) and same == depth and beyond == 0.0 < covered
+        radii.append(depth / (0.3 * (1.0 + covered)))
+    assert radii[0] == approx(radii[1], rel=1e-9) and RADIUS < radii[0] < 2.0 * RADIUS
+
+
 def test_10_newtons_do_not_push_through_the_kidney():
     """The kidney is 42 mm thick; without a bound they would indent it by 34.6 mm."""
     node = ReducedFE(position=(0.0, 0.0, 0.0))
