@@ -109,8 +109,8 @@ def caution(cause: str, excess: float, radius: float, wide: float) -> str:
     patch, ground = f"a patch of {1e3 * radius:.2g} mm", FLAT * radius
     there, heavy, above = ground / (1.0 + excess), LIGHT * (1.0 + excess), f" by {excess:.0%}" if excess > 0.01 else ""
     return {
-        "depth": f"the indentation exceeds the range of its law{above}: 1.5 radii of the load, 0.3 under a capsule. The "
-        "error there is unknown; under a capsule the force is 11 % too small at 0.75 radii",
+        "depth": f"the indentation exceeds the range of its law{above}: 1.5 radii of the load, 0.3 under a capsule; "
+        "the error there is unknown, under a capsule the force is 11 % too small at 0.75 radii",
         "narrow": f"the load is narrower than its mesh resolves and acts like {patch}; the indentation may have an "
         f"error of {narrow_error(excess):.0%}. More vertices resolve it",
         "thin": f"under {patch} it is {1e3 * there:.2g} mm thick, expected at least {1e3 * ground:.2g} mm; the "
