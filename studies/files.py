@@ -24,16 +24,16 @@ def found(name: str, shipped: Path, what: str) -> Path:
     return file if "/" not in name and file.is_file() else find_file(name, shipped, what=what)
 
 
-def filled(kind: type[Line], source: YamlSource, keys: str, within: str = "") -> Line:
-    """Content of a file, or of the part `within` it, as a struct; `keys` names the required keys.
+def filled(kind: type[Line], source: YamlSource, keys: str) -> Line:
+    """Content of a file as a struct; `keys` names the required keys.
 
     GraphError: lists all faults.
     """
     faults = Faults()
     if not isinstance(source.data, dict):
-        faults.add(f"{within and f'{within}: '}expected a mapping with {keys}", "", source.place())
+        faults.add(f"expected a mapping with {keys}", "", source.place())
         faults.done()
-    given = fill(kind, source, faults, within)
+    given = fill(kind, source, faults)
     faults.done()
     assert given is not None
     return given

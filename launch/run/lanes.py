@@ -167,7 +167,7 @@ def prepare_all(
 
     each = Preparation(load, {path: extremes(values) for path, values in over.items()})
     prepared = []
-    for lane in range(lanes):
+    for lane in range(lanes):  # `load` names it in faults
         prepared.append(each({path: values[lane] for path, values in over.items()}))
     return prepared
 

@@ -7,8 +7,9 @@ triangles round a vertex, displacements averaged with the same weights), is
 
 C [m/N] (3V,3V) is the compliance for a modulus of 1 Pa, E the organ's modulus, tau the retardation time of a
 Kelvin-Voigt solid with stiffness-proportional damping. Backward Euler: h <- (tau h + T f)/(T + tau). C is symmetric and
-positive, so a step of any length is passive: the work on the body is at least the increase of the energy h.C h/(2E). h
-is nonzero only at vertices that are loaded or were loaded a few tau ago.
+positive, so a step of any length is passive: the work on the body is at least the increase of the energy h.C h/(2E). A
+step of second order (`physics.contact.end_rate`) first scales h, and is not passive in itself. h is nonzero only at
+vertices that are loaded or were loaded a few tau ago.
 
 The patch has the compliance of the true load (`physics.bodies.true_patch`): V* = h.C h/2E + (c - g.C g/E) y²/2, with
 the normal force y on the patch that corresponds to h. With `large_displacement` u = dV*/dh; its V* is convex, so the
@@ -161,7 +162,7 @@ def answer(body, laws, dt):
     """
     model = body.model
     if len(body.counts) == 1:
-        add_others(model, dt, body.numbers[0], (0.0, 0.0), 0.0)
+        add_others(model, dt, body.numbers[0], 0.0, 0.0, 0.0)
     else:
         joint_answer(
             model, body.profile, body.fields, body.marks, body.numbers, body.counts, body.normals, body.feet,

@@ -109,7 +109,7 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
         for j in range(many):
             others[i] += cross[i, j] * numbers[j, TOTAL] / self_compliance
     for i in range(many):
-        add_others(model, dt, numbers[i], aside[i], others[i])
+        add_others(model, dt, numbers[i], aside[i, 0], aside[i, 1], others[i])
         tau = max(numbers[i, COMPLIANCE], 1e-300) / (take * max(numbers[i, OWN], 1e-300))
         scale[i] = np.sqrt(tau)
         if len(model.area.forces) > 0:  # growth of the contact is local: the others indent it as a linear organ

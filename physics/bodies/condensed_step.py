@@ -204,18 +204,18 @@ def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
 
 
 @kernel
-def add_others(model, dt, numbers, aside, others):
+def add_others(model, dt, numbers, aside, ahead, others):
     """Update `numbers` for other contacts and large displacement.
 
-    aside   [m] (2) indentation of the linear body under the patch due to the history of the other contacts; the same
-                    at the start of the next step
+    aside   [m] indentation of the linear body under the patch due to the history of the other contacts
+    ahead   [m] the same at the start of the next step
     others  [N] force on the patch with the same indentation as the current forces of the other contacts
     """
     rho = model.rho
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     self_compliance = numbers[OWN]
-    numbers[FREE] += keep * aside[1]
-    numbers[NOW] += aside[0]
+    numbers[FREE] += keep * ahead
+    numbers[NOW] += aside
     if len(model.area.forces) > 0:
         _grow(model, numbers, keep * numbers[AHEAD], take)
         return

@@ -21,14 +21,13 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.engine.faults import Fault, GraphError
+from palpate.engine.faults import Faults
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import FUSED
-from palpate.launch.load.values.lines import quantity
+from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.studies.files import filled
 from palpate.studies.psychophysics.functions import proportion
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Answer
@@ -61,10 +60,15 @@ class ObserverSettings(msgspec.Struct, kw_only=True):
 
 def load(source: YamlSource) -> ObserverSettings:
     """The observer that a file, or the `observer:` of an experiment, describes. GraphError: lists its faults."""
-    given = filled(ObserverSettings, source, "feels and noise, or threshold and spread", "observer")
-    if bool(given.feels) == (given.threshold is not None and given.spread is not None):
-        text = "observer: expected either `feels`, or `threshold` and `spread`"
-        raise GraphError([Fault(text, place=source.place())])
+    faults = Faults()
+    if not isinstance(source.data, dict):
+        faults.add("observer: expected a mapping with feels and noise, or threshold and spread", "", source.place())
+        faults.done()
+    given = fill(ObserverSettings, source, faults, "observer")
+    if given is not None and bool(given.feels) == (given.threshold is not None and given.spread is not None):
+        faults.add("observer: expected either `feels`, or `threshold` and `spread`", "", source.place())
+    faults.done()
+    assert given is not None
     return given
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from palpate.views.pictures.style import ENERGY, FINGER, NORMAL, SPEED, figure
+from palpate.views.pictures.style import ENERGY, FINGER, NORMAL, SPEED, figure, look
 
 WALL_LINES = (
     ("passive", NORMAL, "-", "passive, theory"),
@@ -16,6 +16,7 @@ WALL_LINES = (
 """Columns of the table, with their colours, marks and labels."""
 
 
+@look()
 def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
     """Left: stiffness over damping at the middle rate and least delay. Right: stiffness over delay at each rate."""
     drawn = figure(11.0, 5.0, "Stiffest wall that the device can render")

@@ -62,7 +62,11 @@ class StabilityStudy:
 
     def run(self, folder: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
         """Compute and write all rows; returns rows and files, with "" for the picture if matplotlib is missing. `show`
-        is called with each loop and its rate [Hz]. OSError: the folder cannot be written."""
+        is called with each loop and its rate [Hz].
+
+        ArgumentError: see `check`. OSError: the folder cannot be written.
+        """
+        self.check()
         rows: list[dict[str, Any]] = []
         for f, d, b in self.cases:
             rows.append(row(self.device, f, d, b, self.order, self.lost, self.jitter, self.seed))
