@@ -12,6 +12,7 @@ import llvmlite.binding as llvm
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.environment import lookup_environment
 
+COUNTING = "NRT_incref"  # numba's function that counts a reference to an array; one module contains all that count
 ENVIRONMENT = "_ZN08NumbaEnv"  # Prefix of the names of numba's environments
 DYNAMIC = "numba.dynamic.globals"  # Prefix of the names of Python objects that code refers to
 
@@ -81,6 +82,8 @@ class Library(JITCodeLibrary):
                     copy.get_function(name).linkage = "external"
                 self._final_module.link_in(copy)
         at = {f.name: part for part in parts for f in part.functions if not f.is_declaration}
+        counting = at.get(COUNTING)
+        at = {name: part for name, part in at.items() if part is not counting}
         while needed := dict.fromkeys(
             at[f.name] for f in self._final_module.functions if f.is_declaration and f.name in at
         ):
@@ -88,9 +91,23 @@ class Library(JITCodeLibrary):
                 self._final_module.link_in(part, preserve=True)
         for name in names:
             self._final_module.get_function(name).linkage = "external"
-        self._optimize_final_module()
+        self._optimize(counting)
         self._final_module.verify()
         self._finalize_final_module()
+
+    def _optimize(self, counting: Any) -> None:
+        """The passes of `_optimize_final_module`. After the first, which removes superfluous counts, the functions of
+        the module `counting` are inlined, so that nothing remains of counts for arrays in records, which have no owner:
+        a tick of ReducedFE takes 9 % less time."""
+        generator = self._codegen
+        passes, builder = generator._module_pass_manager(
+            loop_vectorize=generator._loopvect, slp_vectorize=False, opt=generator._opt_level, cost="cheap"
+        )
+        passes.run(self._final_module, builder)
+        if counting is not None:
+            self._final_module.link_in(llvm.parse_assembly(str(counting).replace("noinline", "alwaysinline")))
+        passes, builder = generator._module_pass_manager()
+        passes.run(self._final_module, builder)
 
     def _finalize_specific(self) -> None:
         super()._finalize_specific()

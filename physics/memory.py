@@ -1,11 +1,13 @@
-"""Reads and writes memory by address, for kernels that iterate over tables and write bytes."""
+"""Memory in kernels: reads and writes by address, for tables and bytes, and small arrays on the stack."""
 
+import math
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
 from numba.core import cgutils, extending
+from numba.np.arrayobj import make_array, populate_array
 
 intrinsic: Any = extending.intrinsic  # callers omit the first argument, the typing context
 
@@ -40,6 +42,26 @@ def _reader(form: Any, cell: ir.Type) -> Any:
 
 word = _reader(types.int64, INTEGER)  # the 64-bit integer at an address
 number = _reader(types.float64, ir.DoubleType())  # the double at an address
+
+
+@extending.intrinsic(prefer_literal=True)
+def stack_zeros(typing: Any, shape: Any) -> Any:
+    """An array of zeros of a constant shape on the stack of the calling kernel, which must not return it. `np.zeros`
+    would allocate memory at each call."""
+    sizes = [size.literal_value for size in shape]
+    kind = types.Array(types.float64, len(sizes), "C")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        form = ir.ArrayType(ir.DoubleType(), math.prod(sizes))
+        memory = cgutils.alloca_once(builder, form, zfill=True)
+        array = make_array(kind)(context, builder)
+        lengths = [ir.Constant(INTEGER, size) for size in sizes]
+        strides = [ir.Constant(INTEGER, 8 * math.prod(sizes[k + 1 :])) for k in range(len(sizes))]
+        data = builder.bitcast(memory, array.data.type)
+        populate_array(array, data, lengths, strides, ir.Constant(INTEGER, 8), meminfo=None)
+        return array._getvalue()
+
+    return kind(shape), generate
 
 
 @intrinsic

@@ -152,7 +152,7 @@ def _joint_sticking(model, profile, marks, numbers, counts, normals, feet, room)
     held, drag = np.zeros((size, size)), np.zeros((many, size))
     block, axes = np.zeros((3, 3)), np.zeros((many, 2, 3))
     for i in range(many):
-        axes[i] = sideways(normals[i])
+        sideways(normals[i], axes[i])
         for a in range(2):
             drag[i, 2 * i + a] = numbers[i, HOLD + 4 + a]
             for b in range(2):

@@ -12,6 +12,7 @@ from palpate.physics.contact import end_rate
 from palpate.physics.contact.area import WIDTH, AreaLaw, approach, radius_at
 from palpate.physics.contact.end_rate import advance
 from palpate.physics.kernel import kernel
+from palpate.physics.memory import stack_zeros
 
 FORGOTTEN = 1e-9  # [N] Load history below which a vertex is removed from the list
 LEAST_FORCE = 1e-3  # [N] Smallest force at which the terminal law is fitted
@@ -136,9 +137,9 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
     numbers[DEEP : GROWN + 1] = 0.0
     narrowed = narrow_load(model, patch, pull, normal, total, order, touched, measure, radius)
-    block = np.zeros((3, 3))
+    block = stack_zeros((3, 3))
     # indentation of the linear body: m.C h of the history, m.C f of the load
-    sums = np.zeros(4)
+    sums = stack_zeros((4,))
     for k in range(count):
         _gather(model, active[k], order, touched, measure, held, load, normal, block, sums)
     for k in range(touched):

@@ -31,6 +31,7 @@ from palpate.physics.contact.spread import Spreader, spread
 from palpate.physics.exact import log, row_times
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
+from palpate.physics.memory import stack_zeros
 
 STEEPEST = 0.75  # [1] Limit of e S: beyond it the bone edge is near the surface's centre of curvature
 
@@ -123,7 +124,7 @@ def along(ground, nodes, touched, tilt, normal, radius, power, compliance, force
     shape[:] = 0.0
     if not (force > 0.0 and compliance > 0.0):
         return
-    softer = np.zeros(3)
+    softer = stack_zeros((3,))
     # derivatives of the patch's mean log compliance and mean normal along the surface
     for a in range(touched):
         v = nodes[a]
@@ -151,7 +152,7 @@ def on_hand(gradient, shape, approach, normal):
     for k in range(9):
         size += shape[k] * shape[k]
     deep = min(approach, STEEPEST / max(np.sqrt(size), 1e-12))
-    force = np.zeros(3)
+    force = stack_zeros((3,))
     for _ in range(40):  # Neumann series; the error decreases by the factor STEEPEST in each iteration
         for i in range(3):
             force[i] = gradient[i] + deep * (shape[i] * force[0] + shape[3 + i] * force[1] + shape[6 + i] * force[2])

@@ -44,6 +44,7 @@ from palpate.physics.bodies.patch import patch_radius, share_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
+from palpate.physics.memory import stack_zeros
 
 MEAN = 2.40816816  # I: mean of W over the patch, weighted with the pressure
 HELD = 0.1764960  # S_0, reduction of c_R by sticking of each point, over (1 - 2nu)²/(1 - nu)²
@@ -120,9 +121,9 @@ def half_space_depth(rho: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def sideways(normal):
-    """Two orthogonal unit vectors [1] (2,3) along the surface."""
-    along = np.zeros((2, 3))
+def sideways(normal, along):
+    """Fill `along` [1] (2,3) with two orthogonal unit vectors along the surface."""
+    along[:] = 0.0
     k = 0 if abs(normal[0]) < 0.8 else 1
     along[0, k] = 1.0
     out = normal[k]
@@ -134,15 +135,14 @@ def sideways(normal):
     along[1, 0] = normal[1] * along[0, 2] - normal[2] * along[0, 1]
     along[1, 1] = normal[2] * along[0, 0] - normal[0] * along[0, 2]
     along[1, 2] = normal[0] * along[0, 1] - normal[1] * along[0, 0]
-    return along
 
 
 @kernel
 def _held_sideways(block, normal, more, side):
     """Reduction c_zt c_tt^-1 c_tz of the compliance [m/N] by sticking of the mean position, from g.C g `block` [m/N]
     (3,3) and the correction `more` of the tangential compliance; fills `side` (9,), see `patch_compliance`."""
-    along = sideways(normal)
-    own, cross = np.zeros((2, 2)), np.zeros(2)
+    own, cross, along = stack_zeros((2, 2)), stack_zeros((2,)), stack_zeros((2, 3))
+    sideways(normal, along)
     for a in range(2):
         for i in range(3):
             for j in range(3):
@@ -173,7 +173,7 @@ def narrow_load(model, patch, pull, normal, total, order, touched, measure, radi
     if len(apart) == 0:
         return False
     # w from the patch's mean distance to the other modulus
-    away, x = 0.0, np.zeros(3)
+    away, x = 0.0, stack_zeros((3,))
     for k in range(touched):
         v = order[k]
         away += measure[v, 0] * apart[v]

@@ -98,8 +98,10 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     least = free_recovery(previous, free, damping, dt)
     if not force > 0.0:
         return least
-    inverse = damping / dt
     goal = min(force / stiffness, 1e300)
+    if exponent == 1.0 and damping == 0.0:
+        return max(goal + free, least)
+    inverse = damping / dt
     p = previous - free
     x = p
     value = slope = 0.0
