@@ -40,9 +40,6 @@ class CompiledSegment:
         permitted: Callable[[Slot, Input], float],
         deliver: Callable[[Block], None],
     ) -> None:
-        from palpate.engine.compiled_tick import run_freely, run_table  # the compiler is slow to import
-        from palpate.physics.entry_point import entry_point
-
         self.slots = list(slots)
         self._deliver = deliver
         self._streams: list[str] = []
@@ -65,7 +62,7 @@ class CompiledSegment:
         ]
         self._inlets: dict[int, list[tuple[Any, Any, Any] | None]] = {}
         self._lines = [self._fill(place, slot, rate, permitted) for place, slot in enumerate(slots)]
-        self._run = entry_point(run_table if real else run_freely, 0, 0, 0, 0)
+        self._run = table_runner(real)
         self._where = self._rows.ctypes.data, self._clock.ctypes.data
         # views of single fields: faster in each tick than a lookup by name
         self._due, self._skip, self._stepped, self._times = (
@@ -121,8 +118,7 @@ class CompiledSegment:
             line["drives"] = port is slot.driver
         self._inlets[place] = inlets
         numbers = self._keep(np.array([a for record in outputs for a in _numbers(record)], np.int64))
-        row["compute"] = code(kind, "compute")
-        row["idle"] = code(kind, "idle") if kind.idle is not None and slot.sleeps else 0
+        row["compute"], row["idle"] = kernels(kind, slot.sleeps)
         row["records"], row["count"] = records.ctypes.data, len(records)
         row["inputs"], row["input"], row["used"] = len(lines), lines.ctypes.data, used.ctypes.data
         row["outputs"], row["output"] = len(outputs), self._lines_of(slot).ctypes.data
@@ -273,6 +269,19 @@ class CompiledSegment:
             health.held += int(row["held"])
             health.lost += int(row["lost"])
             row["steps"] = row["asleep"] = row["held"] = row["lost"] = 0
+
+
+def table_runner(real: bool) -> Callable[..., Any]:
+    """The compiled function that runs a table on the real or the simulated clock."""
+    from palpate.engine.compiled_tick import run_freely, run_table  # the compiler is slow to import
+    from palpate.physics.entry_point import entry_point
+
+    return entry_point(run_table if real else run_freely, 0, 0, 0, 0)
+
+
+def kernels(kind: type[CompiledNode], sleeps: bool) -> tuple[int, int]:
+    """Addresses of the machine code of a node class: a step, and the test for rest, 0 if it never sleeps."""
+    return code(kind, "compute"), code(kind, "idle") if kind.idle is not None and sleeps else 0
 
 
 def failure(slot: Slot, node: Any, rows: int, clock: int) -> NodeError:

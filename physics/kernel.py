@@ -22,6 +22,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
+from numba.core.compiler import Flags
 from numba.core.cpu import CPUContext
 from numba.core.externals import c_math_functions
 from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
@@ -124,23 +125,47 @@ dispatcher_registry[_Processor] = Pinned
 jit_registry[_Processor] = partial(numba.jit, _target=TARGET)  # for functions of numpy that numba implements in Python
 
 
-class CachedFunction(Pinned):
-    """A pinned function that is cached on disk. If another process is compiling it, wait and load the result.
+class _Flags(Flags):
+    """numba's flags. numba compares all flags each time that it looks up a function for some types; reading them one by
+    one takes 6 % of the time of a compilation."""
 
-    Garbage collection is suspended meanwhile: it would take 6 % of the time, as the compiler keeps millions of objects.
-    """
+    _DEFAULTS = {name: option.default for name, option in Flags.options.items()}
+    _HASH = hash(Flags())
+
+    def __hash__(self) -> int:
+        return self._HASH
+
+    def values(self) -> dict[str, Any]:
+        return self._DEFAULTS | self._values
+
+
+@contextlib.contextmanager
+def collection_suspended() -> Iterator[None]:
+    """Suspend garbage collection, which would take 10 % of the time of compilations: the compiler keeps millions of
+    objects."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
+class CachedFunction(Pinned):
+    """A pinned function that is cached on disk. If another process is compiling it, wait and load the result."""
 
     def __init__(self, py_func: Any, targetoptions: Any = None, *, machine_code: bool = False, **more: Any) -> None:
         super().__init__(py_func, targetoptions=targetoptions, **more)
         self._cache = _Cache(py_func, machine_code)
+        self._compiler._customize_flags = _Flags
 
     def compile(self, sig: Any) -> Any:
         """The code for these types, compiled or loaded."""
         with contextlib.ExitStack() as stack:
             stack.enter_context(target_override(TARGET))
-            if gc.isenabled():  # calls are nested: a kernel compiles those that it calls
-                stack.callback(gc.enable)
-                gc.disable()
+            stack.enter_context(collection_suspended())
             with contextlib.suppress(OSError):  # without write access, each process compiles for itself
                 folder = Path(self.stats.cache_path or "")
                 folder.mkdir(parents=True, exist_ok=True)

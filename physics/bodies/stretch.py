@@ -152,5 +152,7 @@ def _shorten(vectors, count, limit, edges, place, nodes, room):
     worst = _excess(vectors, count, limit, edges, place, nodes)
     if worst < 1.0:
         shorter = count
-        vectors[:count] *= worst
+        for slot in range(count):
+            for k in range(3):
+                vectors[slot, k] *= worst
     return shorter

@@ -60,7 +60,8 @@ def arrive(course, tick):
 def advance(course, value, dt):
     """Add y >= 0 at the end of a step of dt [s]. The factor for the next step is 1 - T d/2y, within 0 and 2."""
     if not value > 0.0:
-        course[VALUE:] = AT_REST[VALUE:]
+        for k in range(VALUE, len(AT_REST)):  # numba takes a second to compile the assignment of a slice
+            course[k] = AT_REST[k]
         return
     remember(course[RATES:], (value - course[VALUE]) / dt, course[FOLLOWS] > 0.0)
     shift = 0.5 * dt * expected_change(course[RATES:])

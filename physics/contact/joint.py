@@ -71,12 +71,14 @@ def joint_step(approach, dt, before, finger, laws, coupling, force, out):
             return
         if worst < least:
             least = worst
-            best[:] = force
+            for i in range(count):
+                best[i] = force[i]
             if solve_in_place(matrix.reshape(1, count, count), miss.reshape(1, count, 1)):
                 for i in range(count):
                     force[i] = max(force[i] + miss[i], 0.0)
                 continue
-        force[:] = best
+        for i in range(count):
+            force[i] = best[i]
         for i in range(count):
             _one(i, _others(i, coupling, force), approach, dt, before, finger, laws, out)
             force[i] = out[i, 0]

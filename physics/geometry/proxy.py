@@ -187,7 +187,8 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
             foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
         if foot[8] > 0.0:
             memory[INSIDE] = 0.0
-            foot[:] = nearest
+            for k in range(len(foot)):
+                foot[k] = nearest[k]
         state[0], state[1] = foot[6], foot[7]
     if _end(p, moved, inside, foot, memory):
         foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
@@ -215,7 +216,8 @@ def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, fo
             work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
         if foot[8] > 0.0:
             memory[INSIDE], work[0] = 0.0, local
-            foot[:] = nearest
+            for k in range(len(foot)):
+                foot[k] = nearest[k]
     if _end(p, moved, inside, foot, memory):
         work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
     foot[9] = cells[work[0], ORIGIN]

@@ -42,8 +42,10 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
         def on_end(self, event: Any) -> None:
             pass
 
+    from palpate.physics.kernel import collection_suspended
+
     listener = Compiled()
-    with event.install_listener("numba:compile", listener):
+    with event.install_listener("numba:compile", listener), collection_suspended():
         try:
             yield
         finally:

@@ -12,7 +12,7 @@ from functools import partial
 from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
-from palpate.engine.segment import CompiledSegment, segments
+from palpate.engine.segment import CompiledSegment, kernels, segments, table_runner
 from palpate.engine.slot import Input, NodeError, Output, RemoteStream, Slot, make
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
@@ -20,7 +20,7 @@ from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages import MessageError, pack, unpack
-from palpate.nodes.base import Block, Node
+from palpate.nodes.base import Block, CompiledNode, Node
 
 BURST = 16  # ticks between two bursts to the observers
 OVERHEARD = 1000  # frames for observers handled in a row before the nodes run again
@@ -92,16 +92,15 @@ class Worker:
 
     def start(self) -> None:
         """Start all nodes. NodeError: one raised."""
-        names: list[str] = []
+        names = [slot.name for slot in self.slots[:1]]
 
         def begin(name: str, node: Node, start: Callable[[], None]) -> None:
             names.append(name)
             self._start(name, node, start)
 
-        shipped = [slot.start for slot in self.slots if type(slot.node).__module__.startswith("palpate.nodes.")
-                and not (slot.node.hardware or slot.node.sink)]  # fmt: skip
-        others = [*shipped[1:2], *shipped[:1:-1]]  # the second process: the next node, then from the last backwards
-        with compiling(lambda count: self.report(Starting(names[-1], count)), others):
+        with compiling(lambda count: self.report(Starting(names[-1], count)), self._compilations()):
+            if any(isinstance(slot.node, CompiledNode) for slot in self.slots):
+                table_runner(self._real)
             for slot in self.slots:
                 self.report(Starting(slot.name))
                 begin(slot.name, slot.node, slot.start)
@@ -117,6 +116,17 @@ class Worker:
                     output.period = math.gcd(*(taken.node.period(output.stream) for taken in output.listeners))
                 slot.period = math.gcd(*(output.period for output in slot.outputs))
                 slot.sends = 0 if slot.period else sys.maxsize
+
+    def _compilations(self) -> list[Callable[[], object]]:
+        """Calls that compile the kernels of all nodes, those first that `start` reaches last."""
+        calls: list[Callable[[], object]] = []
+        for slot in self.slots:
+            kind = type(slot.node)
+            if issubclass(kind, CompiledNode):
+                calls.append(partial(kernels, kind, slot.sleeps))
+            elif kind.__module__.startswith("palpate.nodes.") and not (slot.node.hardware or slot.node.sink):
+                calls.append(slot.start)
+        return calls[:1] + calls[:0:-1]
 
     def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
         """Start one node or observer; if it fails, stop it, so that it releases its resources."""
