@@ -20,7 +20,7 @@ def files_of(base: Graph) -> Iterator[tuple[str, str]]:
     for spec in base.nodes.values():
         if not spec.cls.__module__.startswith("palpate."):
             yield from ((file, content(file)) for file in (inspect.getsourcefile(spec.cls),) if file)
-        for value in _texts(spec.settings):
+        for value in () if spec.observer else _texts(spec.settings):  # observers write files: a recording is a result
             if content(value):
                 yield value, content(value)
 

@@ -22,20 +22,27 @@ AHEAD = 2  # Points per worker in the queue of the pool, so that a worker never 
 
 
 class Pool:
-    """Threads, each of which computes one point at a time, in a process that `start` makes."""
+    """Threads, each of which computes one point at a time, in a process that `start` makes, before the first point."""
 
     def __init__(self, workers: int, start: Callable[[], Runner]) -> None:
         self.workers, self._start, self._here = workers, start, threading.local()
         self.executor = ThreadPoolExecutor(workers, "palpate study")
+        for _ in range(workers):
+            self.executor.submit(self._runner)  # if it fails, so does the first point, with the error
+
+    def _runner(self) -> Runner:
+        """The process of this thread, started if necessary."""
+        runner: Runner | None = getattr(self._here, "runner", None)
+        if runner is None or not runner.alive:
+            runner = self._here.runner = self._start()
+        return runner
 
     def work(self, task: Task, point: Point) -> Computed:
         """Compute a point in the process of this thread.
 
         RunError: the versions of the process differ from those of the study, for example after an edit of the sources.
         """
-        runner: Runner | None = getattr(self._here, "runner", None)
-        if runner is None or not runner.alive:
-            runner = self._here.runner = self._start()
+        runner = self._runner()
         there = runner.about
         pairs = ((name, there.get(name, "none"), ours) for name, ours in task.about.items())
         other = [f"{name} {theirs} there, {ours} here" for name, theirs, ours in pairs if theirs != ours]
@@ -51,7 +58,10 @@ def cores() -> int:
 
 @contextlib.contextmanager
 def local(workers: int, log: Path) -> Iterator[Pool]:
-    """A pool that ends all its threads and processes on exit; the output of the processes goes to a file."""
+    """A pool that ends all its threads and processes on exit; the output of the processes goes to a file, which is
+    removed if it is empty, as are new folders."""
+    new = [folder for folder in (log.parent, *log.parent.parents) if not folder.exists()]
+    log.parent.mkdir(parents=True, exist_ok=True)
     ended, end = Pipe(duplex=False)
     runners: list[Runner] = []
     with (
@@ -75,6 +85,11 @@ def local(workers: int, log: Path) -> Iterator[Pool]:
             pool.executor.shutdown()
             for runner in runners:
                 runner.close()
+            if not log.stat().st_size:
+                log.unlink()
+                with contextlib.suppress(OSError):
+                    for made in new:
+                        made.rmdir()
 
 
 def compute(pool: Pool, task: Task, points: Iterable[Point], add: Callable[[Point, Computed], None]) -> None:

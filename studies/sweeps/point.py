@@ -4,6 +4,7 @@ The separate process computes with pinned arithmetic, independent of the imports
 killed if a point takes too long, and the study survives if a point crashes it.
 """
 
+import contextlib
 import hashlib
 import os
 import platform
@@ -23,6 +24,7 @@ import numpy as np
 from palpate.engine.faults import GraphError, Location
 from palpate.engine.graph import Graph
 from palpate.engine.imports import full_name
+from palpate.launch.load.classes import catalogue
 from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import FUSED
@@ -236,6 +238,8 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     task: Any = None
     with Connection(int(sys.argv[1])) as link:
+        with contextlib.suppress(Exception):
+            catalogue()  # imports all shipped nodes while the study is still being loaded
         link.send(fingerprint())
         try:
             while link.poll(IDLE):

@@ -71,9 +71,10 @@ def test_a_study_file_yields_a_table_and_pictures_and_a_second_run_is_stored(min
         (STUDY + "set: {ball.radios: 1}", "set ball.radios: node 'ball', setting 'radios': unknown"),
     ],
 )
-def test_an_invalid_file_is_reported_in_one_line(mine, text, output_text):
-    outcome = call(mine(text))
+def test_an_invalid_file_is_reported_in_one_line(mine, text, output_text, tmp_path):
+    outcome = call(mine(text), "-o", tmp_path / "new" / "out")
     assert outcome.exit_code == 2 and output_text in outcome.stderr, outcome.stderr
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_large_study_asks_for_confirmation(mine):

@@ -188,6 +188,13 @@ def test_workers_that_cannot_start_end_the_study(ball, tmp_path, monkeypatch):
     assert "no room for workers" in (tmp_path / "workers.log").read_text()
 
 
+def test_a_recording_in_the_working_folder_is_no_dependency(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    study = palpate.Study("kidney", {"tissue.stiffness": [2e3, 3e3]}, ["peak contact.force"])
+    (tmp_path / "palpate.mcap").write_bytes(b"the default file of logger.Mcap")
+    assert palpate.Study("kidney", {"tissue.stiffness": [2e3, 3e3]}, ["peak contact.force"]).points == study.points
+
+
 def test_changed_code_of_a_custom_class_makes_new_points(write, monkeypatch, tmp_path):
     write("mylab_sweep.py", "from nodes_for_studies import Ball as _Ball\nclass Ball(_Ball):\n    pass\n")
     graph = write("own.yaml", BALL.replace("nodes_for_studies", "mylab_sweep"))

@@ -13,6 +13,7 @@ from palpate.launch.run.progress import steps
 from palpate.physics.errors import TROUBLE
 
 if TYPE_CHECKING:
+    from palpate.studies.sweeps.local import Pool
     from palpate.studies.sweeps.study import Study
 
 EXAMPLE = "palpate study kidney-stiffness --workers 2"
@@ -35,16 +36,27 @@ def study(
     command resumes after Ctrl-C. Exit code 1 if points failed, 130 after Ctrl-C.
     """
     from palpate.studies.sweeps.file import find, load
+    from palpate.studies.sweeps.local import cores, local
 
     path = find(file)
-    found = load(path, sensitivity, samples)
-    folder, left = out or Path("runs", "studies", path.stem), len(found)
+    folder = out or Path("runs", "studies", path.stem)
+    with local(workers or cores(), folder / "workers.log") as pool:  # its processes start while the study is loaded
+        found = load(path, sensitivity, samples)
+        _run(found, path.stem, folder, pool, as_json, retry=retry, yes=yes)
+    _print(found, folder, as_json)
+    if any(row["error"] for row in found.rows()):
+        raise typer.Exit(TROUBLE)
+
+
+def _run(found: Study, name: str, folder: Path, pool: Pool, as_json: bool, **given: bool) -> None:
+    """Compute what the folder lacks, with a progress bar."""
+    left = len(found)
 
     def report(text: str) -> None:
         if not as_json:
             say(text, err=True)
 
-    with steps(f"study {path.stem}", len(found), silent=as_json, timed=False) as done:
+    with steps(f"study {name}", len(found), silent=as_json, timed=False) as done:
 
         def each(point: Any, computed: Any, remain: int) -> None:
             nonlocal left
@@ -52,15 +64,12 @@ def study(
             left = remain
 
         try:
-            found.run(folder, workers=workers, retry=retry, yes=yes, report=report, done=each)
+            found.run(folder, pool, report=report, done=each, **given)
         except KeyboardInterrupt as error:
             error.add_note(
                 f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command resumes"
             )
             raise
-    _print(found, folder, as_json)
-    if any(row["error"] for row in found.rows()):
-        raise typer.Exit(TROUBLE)
 
 
 def _print(found: Study, folder: Path, as_json: bool) -> None:
