@@ -279,7 +279,7 @@ def table_runner(real: bool) -> Callable[..., Any]:
     return entry_point(run_table if real else run_freely, 0, 0, 0, 0)
 
 
-def kernels(kind: type[CompiledNode], sleeps: bool) -> tuple[int, int]:
+def kernels(kind: Any, sleeps: bool) -> tuple[int, int]:
     """Addresses of the machine code of a node class: a step, and the test for rest, 0 if it never sleeps."""
     return code(kind, "compute"), code(kind, "idle") if kind.idle is not None and sleeps else 0
 

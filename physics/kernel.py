@@ -159,7 +159,7 @@ class CachedFunction(Pinned):
     def __init__(self, py_func: Any, targetoptions: Any = None, *, machine_code: bool = False, **more: Any) -> None:
         super().__init__(py_func, targetoptions=targetoptions, **more)
         self._cache = _Cache(py_func, machine_code)
-        self._compiler._customize_flags = _Flags
+        self._compiler._customize_flags = _Flags  # type: ignore[attr-defined]
 
     def compile(self, sig: Any) -> Any:
         """The code for these types, compiled or loaded."""

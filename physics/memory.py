@@ -44,7 +44,7 @@ word = _reader(types.int64, INTEGER)  # the 64-bit integer at an address
 number = _reader(types.float64, ir.DoubleType())  # the double at an address
 
 
-@extending.intrinsic(prefer_literal=True)
+@intrinsic(prefer_literal=True)
 def stack_zeros(typing: Any, shape: Any) -> Any:
     """An array of zeros of a constant shape on the stack of the calling kernel, which must not return it. `np.zeros`
     would allocate memory at each call."""
