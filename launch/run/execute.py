@@ -23,11 +23,10 @@ from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, auto
 from palpate.launch.load.plan import plan
-from palpate.launch.load.recording import set_recording
+from palpate.launch.load.recording import record_sources, set_recording
 from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.result import Result, Verdict, verdict
 from palpate.launch.run.screen import Screen
-from palpate.launch.run.sources import record_sources
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
