@@ -26,7 +26,7 @@ from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import record_sources, set_recording
 from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.result import Result, Verdict, verdict
-from palpate.launch.run.screen import Screen
+from palpate.launch.run.screen import Screen, print_death
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
@@ -166,14 +166,11 @@ def execute(
 def _in_this_process(work: Job, screen: Screen | None, patience: float) -> Result:
     if screen is None:
         return run_fused(work, patience=patience)
-    nothing = Result()
-    return run_fused(
-        work,
-        screen.show,
-        patience,
-        lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels),
-        screen.print,
-    )
+
+    def starting(node: str, kernels: int) -> None:
+        screen.show(Result(), "starting", {"": node}, kernels)
+
+    return run_fused(work, screen.show, patience, starting, screen.print)
 
 
 def _in_processes(
@@ -207,7 +204,7 @@ def _in_processes(
         spared=spared(planned),
         show=show,
         printed=screen.print if screen else silent,
-        died=screen.died if screen else lambda _: None,
+        died=lambda death: print_death(death, screen.console) if screen else None,
     )
     return launcher.run()
 
@@ -264,24 +261,17 @@ def _folder(file: Path | None) -> Iterator[list[Path]]:
     made = [] if file is None else [folder for folder in file.parents if not folder.exists()]
     try:
         if file is not None:
-            _check_writable(file)
+            try:
+                check_file(file)
+                file.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:  # with the name of a file it is wrong input: exit code 2
+                what = f"{error.strerror}; choose another file with --record FILE"
+                raise OSError(error.errno, what, f"recording {file}") from None
         yield made
     finally:
         for folder in made:
             with contextlib.suppress(OSError):
                 folder.rmdir()
-
-
-def _check_writable(file: Path) -> None:
-    """Create the folders of the recording. OSError: it cannot be written there."""
-    try:
-        check_file(file)
-        file.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        what = f"{error.strerror}; choose another file with --record FILE"
-        raise OSError(
-            error.errno, what, f"recording {file}"
-        ) from None  # with a file name it is wrong input: exit code 2
 
 
 def _is_here(host: str | None) -> bool:

@@ -65,10 +65,6 @@ class Screen:
         if text.strip():
             self.console.print(Text(text.rstrip("\n"), style="dim"))
 
-    def died(self, death: Death) -> None:
-        """Print a failure with its traceback above the view."""
-        print_death(death, self.console)
-
     def _count(self, result: Result, moment: float) -> None:
         for name, health in result.health.items():
             steps, then = self._before.get(name, (0, self._begun))
@@ -105,6 +101,7 @@ class Screen:
 
 
 def print_death(death: Death, console: Console) -> None:
+    """Print a failure with its traceback."""
     console.print(Text(str(death), style="red"))
     # The text of these errors says what to change.
     if death.trace and not death.text.startswith(("SettingError", "DeviceError", "InputError")):

@@ -45,13 +45,9 @@ def write_foxglove(recording: Recording, target: Path, streams: tuple[str, ...],
 
 def as_plain(message: Message, rows: bool = True) -> dict[str, Any]:
     """A message as numbers, texts and lists; arrays as nested lists (`rows`), or flat in row-major order."""
-    plain: dict[str, Any] = {"tick": message.tick, "time": message.time, "source": message.source, "used": message.used}
-    for field in fields(type(message)):
-        value = getattr(message, field.name)
-        if isinstance(value, np.ndarray):
-            value = (value if rows else value.ravel()).tolist()
-        plain[field.name] = value
-    return plain
+    plain = {name: getattr(message, name) for name in (*HEADER, *(field.name for field in fields(type(message))))}
+    return {name: (value if rows else value.ravel()).tolist() if isinstance(value, np.ndarray) else value
+            for name, value in plain.items()}  # fmt: skip
 
 
 def json_schema(kind: type[Message]) -> dict[str, Any]:

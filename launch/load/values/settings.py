@@ -17,7 +17,6 @@ from palpate.launch.load.classes import SHIPPED, catalogue, classes
 from palpate.launch.load.scene import Scene
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert, is_quantity
-from palpate.launch.load.wiring import unknown
 from palpate.nodes.base import Calibrated, Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
 
@@ -43,7 +42,7 @@ def resolve(
     """All settings of a node as plain data in SI units, checked.
 
     line      the node's line of the graph file
-    set_keys  keys of the line that are settings
+    set_keys  keys of the line that are settings of the class
     offers    receives the keys that `with:` offers, for `check_offers`
     """
     known = settings(cls)
@@ -56,13 +55,7 @@ def resolve(
             offers.append(Offer(path, key, value, name, cls, place, key in known and key not in set_keys))
             if key in known:
                 given[key] = (value, place)
-    for key in set_keys:
-        if key in known:
-            given[key] = (line.data[key], line.place(key))
-        else:
-            text, cure = unknown(line.place(key), f"{key}: null")
-            close = choices(f"Settings of {cls.__name__}", key, known)
-            faults.add(text, close + cure, line.place(key), node=name, setting=key)
+    given |= {key: (line.data[key], line.place(key)) for key in set_keys}
     values = {}
     count = len(faults.entries)
     for key, setting in known.items():

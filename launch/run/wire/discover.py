@@ -64,13 +64,8 @@ def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
         while True:
             if socket.poll(200):
                 yield split(socket.recv())
-            elif not alive(run):
+            elif not any(run.name == other.name for other in running()):
                 return
-
-
-def alive(run: Running) -> bool:
-    """Whether any worker of the run still has its outlet open."""
-    return any(run.name == other.name for other in running())
 
 
 def messages_of(stream: str, run: str | None) -> Iterator[Message]:
