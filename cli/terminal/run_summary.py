@@ -7,6 +7,8 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from palpate.cli.terminal.output import console, print_json, say
 
 if TYPE_CHECKING:
@@ -90,7 +92,7 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
         "nodes": result.health,
         "skipped": outcome.plan.skipped,
         "notes": [*outcome.plan.graph.notes, *result.notes],
-        "deaths": [dataclasses.asdict(death) for death in result.deaths],
+        "deaths": [msgspec.structs.asdict(death) for death in result.deaths],
         "pictures": [str(picture) for picture in drawn],
     }
 
