@@ -61,10 +61,6 @@ class Verbs(TyperGroup):
             raise typer.Exit(reported.exit_code) from None
 
 
-class StoppedError(KeyboardInterrupt):
-    """SIGTERM or a closed terminal. Raised even where Ctrl-C is ignored, as in the background of a script."""
-
-
 @contextlib.contextmanager
 def _interruptible(numbers: list[int]) -> Iterator[None]:
     """Raise KeyboardInterrupt for SIGTERM and SIGHUP as well, and append their numbers to the list.
@@ -75,7 +71,7 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
 
     def end(number: int) -> None:
         numbers.append(number)
-        raise StoppedError
+        raise KeyboardInterrupt
 
     def dropped(error: Any) -> None:
         if issubclass(error.exc_type, KeyboardInterrupt):

@@ -77,10 +77,7 @@ class Placement:
 
     def group_of(self, node: str) -> ProcessGroup:
         """The group that runs a node. KeyError: the plan does not run it."""
-        for group in self.groups:
-            if node in group.nodes:
-                return group
-        raise KeyError(node)
+        return {name: group for group in self.groups for name in group.nodes}[node]
 
 
 def fused(plan: Plan) -> Placement:

@@ -220,20 +220,9 @@ def _closest(key: str, cls: type[Node]) -> str:
 
 def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
     """The settings of all node classes in a class's module or folder, and whether all of them could be imported."""
-    if cls.__module__.startswith(SHIPPED):
-        return _shipped_family(cls)  # type: ignore[arg-type]
-    return _read_family(cls, [cls.__module__])
-
-
-@cache
-def _shipped_family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
-    return _read_family(cls, [cls.__module__, ".".join(cls.__module__.split(".")[:3])])
-
-
-def _read_family(cls: type[Node], modules: list[str]) -> tuple[dict[str, Setting], bool]:
-    names = dict(settings(cls))
-    seen = True
-    for module in modules:
+    names, seen = dict(settings(cls)), True
+    file = cls.__module__
+    for module in dict.fromkeys((file, ".".join(file.split(".")[:3]) if file.startswith(SHIPPED) else file)):
         try:
             others = classes(sys.modules[module])
         except ImportError:

@@ -53,9 +53,8 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         clean_exit = begun is not None
         return 0
     except (NodeError, RunError, KeyboardInterrupt) as error:
-        text = str(error) or "stopped by its user"
-        failure = death(error) if isinstance(error, NodeError) else NodeFault("", "process", text)
-        bus.report(failure)
+        stopped = NodeFault("", "process", str(error) or "stopped by its user")
+        bus.report(death(error) if isinstance(error, NodeError) else stopped)
         if worker is not None:
             try:
                 worker.stop()
