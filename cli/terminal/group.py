@@ -61,6 +61,11 @@ class Verbs(TyperGroup):
             raise typer.Exit(reported.exit_code) from None
 
 
+class StoppedError(KeyboardInterrupt):
+    """SIGTERM or a closed terminal. Raised even where Ctrl-C is ignored, as in the background of a script: `NodeError`
+    tells it by its type from a KeyboardInterrupt of a node."""
+
+
 @contextlib.contextmanager
 def _interruptible(numbers: list[int]) -> Iterator[None]:
     """Raise KeyboardInterrupt for SIGTERM and SIGHUP as well, and append their numbers to the list.
@@ -71,7 +76,7 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
 
     def end(number: int) -> None:
         numbers.append(number)
-        raise KeyboardInterrupt
+        raise StoppedError
 
     def dropped(error: Any) -> None:
         if issubclass(error.exc_type, KeyboardInterrupt):

@@ -7,8 +7,6 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from palpate.cli.terminal.output import console, print_json, say
 
 if TYPE_CHECKING:
@@ -78,6 +76,8 @@ def _judge(outcome: RunOutcome) -> None:
 
 
 def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
+    from msgspec.structs import asdict
+
     result, verdict = outcome.result, outcome.verdict
     return {
         "ok": outcome.ok,
@@ -92,7 +92,7 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
         "nodes": result.health,
         "skipped": outcome.plan.skipped,
         "notes": [*outcome.plan.graph.notes, *result.notes],
-        "deaths": [msgspec.structs.asdict(death) for death in result.deaths],
+        "deaths": [asdict(death) for death in result.deaths],
         "pictures": [str(picture) for picture in drawn],
     }
 

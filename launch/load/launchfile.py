@@ -134,10 +134,10 @@ def _read(path: Path) -> LaunchFile:
 def _run(source: YamlSource, path: Path, kind: type[_RunKeys]) -> LaunchFile:
     """The run of a launch file, or of the `run:` of a graph. GraphError: its faults."""
     data = source.data
-    faults = Faults()
     if not isinstance(data, dict):
-        faults.add(f"run: found {data!r}, expected a mapping such as {{duration: 2 s}}", "", source.place())
-        faults.done()
+        text = f"run: found {data!r}, expected a mapping such as {{duration: 2 s}}"
+        raise GraphError([Fault(text, place=source.place())])
+    faults = Faults()
     given = fill(kind, source, faults) or _RunKeys()
     wanted = (given.wanted,) if isinstance(given.wanted, str) else given.wanted
     record, only = _recorded(given.record, source, path, faults)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from rich.console import Console
 
-from palpate.engine.faults import Faults
+from palpate.engine.faults import Fault, GraphError
 from palpate.engine.graph import Graph
 from palpate.engine.job import Job
 from palpate.engine.plan import Plan, force_path
@@ -223,10 +223,8 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
     """The clock of a run: the real one with hardware. GraphError: hardware on the simulated one."""
     hardware = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
     if hardware and launch.clock == "simulated":
-        faults = Faults()
-        faults.add("clock: found 'simulated', but it drives a device, which needs real time",
-                   "Use `clock: real` or --clock real.", node=hardware[0])  # fmt: skip
-        faults.done()
+        text = "clock: found 'simulated', but it drives a device, which needs real time"
+        raise GraphError([Fault(text, "Use `clock: real` or --clock real.", node=hardware[0])])
     return launch.clock or ("real" if hardware else "simulated")
 
 

@@ -46,8 +46,10 @@ def write_foxglove(recording: Recording, target: Path, streams: tuple[str, ...],
 def as_plain(message: Message, rows: bool = True) -> dict[str, Any]:
     """A message as numbers, texts and lists; arrays as nested lists (`rows`), or flat in row-major order."""
     plain = {name: getattr(message, name) for name in (*HEADER, *(field.name for field in fields(type(message))))}
-    return {name: (value if rows else value.ravel()).tolist() if isinstance(value, np.ndarray) else value
-            for name, value in plain.items()}  # fmt: skip
+    for name, value in plain.items():
+        if isinstance(value, np.ndarray):
+            plain[name] = (value if rows else value.ravel()).tolist()
+    return plain
 
 
 def json_schema(kind: type[Message]) -> dict[str, Any]:
