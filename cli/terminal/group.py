@@ -143,7 +143,7 @@ def _commands(package: ModuleType, panel: str | None = None) -> Iterator[tuple[s
     """Panel, name and module of each command of a folder, in the order of the help."""
     order, found = commands.ORDER, modules(package)
     for name in sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name)):
-        if package is commands:
+        if package is commands and hasattr(found[name], "__path__"):
             yield from _commands(found[name], found[name].__doc__)
         else:
             yield panel, name, found[name]
