@@ -62,8 +62,8 @@ class Verbs(TyperGroup):
 
 
 class StoppedError(KeyboardInterrupt):
-    """SIGTERM or a closed terminal. Raised even where Ctrl-C is ignored, as in the background of a script: `NodeError`
-    tells it by its type from a KeyboardInterrupt of a node."""
+    """SIGTERM or a closed terminal. Raised even where Ctrl-C is ignored, as in the background of a script; by its type
+    `NodeError` distinguishes it from a KeyboardInterrupt that a node raised."""
 
 
 @contextlib.contextmanager

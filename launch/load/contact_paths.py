@@ -157,9 +157,8 @@ class ContactPaths:
             first, *others = ports.values() or [[]]
             order = [part.get(wire.producer, -1) for wire in first]
             for wires in others:
-                if len({*order, *(part.get(w.producer, -1) for w in wires)}) > 1 and order != [
-                    part.get(wire.producer, -1) for wire in wires
-                ]:
+                other = [part.get(wire.producer, -1) for wire in wires]
+                if len({*order, *other}) > 1 and order != other:
                     faults.add(
                         f"gets {_and(w.producer for w in wires)}, but {_and(w.producer for w in first)} at "
                         f"{first[0].port.name!r}: other fingers, or in another order",

@@ -176,9 +176,7 @@ def _resolve_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
         given = drafts[name].line.data.get("in")
         sender = given.get("message") if isinstance(given, dict) else None
         senders[name] = sender.get("from") if isinstance(sender, dict) else sender
-    progress = True
-    while progress:
-        progress = False
+    for _ in range(len(left)):  # a chain of carriers takes a pass for each
         kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in left}
         for name in sorted(left):
             sender = senders[name]
@@ -188,7 +186,6 @@ def _resolve_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
                 assert issubclass(carrier, Carrier)
                 drafts[name].cls = carrier.of(kinds[sender.partition(".")[0]][streams[0]])
                 left.discard(name)
-                progress = True
     for name in sorted(left):
         path = [name]
         while isinstance(sender := senders[path[-1]], str) and sender in left and sender not in path:

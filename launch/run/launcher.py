@@ -164,11 +164,7 @@ class Launcher:
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))
         self._control.deliver()
-        self._caught_up = False
-        for _ in range(MOST_REPORTS):
-            if not self._next_report():
-                self._caught_up = True
-                break
+        self._caught_up = not all(self._next_report() for _ in range(MOST_REPORTS))
         if self.forkserver.output.fileno() in ready:
             self._listen()
         if self.forkserver.socket.fileno() in ready:

@@ -86,9 +86,7 @@ def convert(text: str, unit: str) -> float:
     UnitError: not a quantity, an unknown unit, or another dimension.
     """
     number, symbols = split(text, unit)
-    if not symbols:
-        return float(number)
-    if "".join(symbols.split()) == "".join(unit.split()):
+    if not symbols or "".join(symbols.split()) == "".join(unit.split()):
         return float(number)
     given_unit = parse(symbols)
     try:

@@ -1,7 +1,7 @@
 """Reads the streams of an active run from another process."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import msgspec
 import zmq
@@ -15,12 +15,11 @@ from palpate.messages.docs import message_types
 from palpate.physics.errors import PalpateError, RunError
 
 
-@dataclass
-class Running:
+class Running(NamedTuple):
     """An active run: its name and the groups of its workers."""
 
     name: str
-    groups: list[str] = field(default_factory=list)
+    groups: Sequence[str] = ()
 
 
 def running() -> list[Running]:
