@@ -95,8 +95,15 @@ class Worker:
         names: list[str] = []
 
         def begin(name: str, node: Node, start: Callable[[], None]) -> None:
+            """Start one node or observer; if it fails, stop it, so that it releases its resources."""
             names.append(name)
-            self._start(name, node, start)
+            try:
+                start()
+            except BaseException:
+                with contextlib.suppress(BaseException):  # also SystemExit, which would replace the fault
+                    node.stop()
+                raise
+            self._started.append((name, node))
 
         shipped = [slot.start for slot in self.slots if type(slot.node).__module__.startswith("palpate.nodes.")
                 and not (slot.node.hardware or slot.node.sink)]  # fmt: skip
@@ -117,16 +124,6 @@ class Worker:
                     output.period = math.gcd(*(taken.node.period(output.stream) for taken in output.listeners))
                 slot.period = math.gcd(*(output.period for output in slot.outputs))
                 slot.sends = 0 if slot.period else sys.maxsize
-
-    def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
-        """Start one node or observer; if it fails, stop it, so that it releases its resources."""
-        try:
-            start()
-        except BaseException:
-            with contextlib.suppress(BaseException):  # also SystemExit, which would replace the fault
-                node.stop()
-            raise
-        self._started.append((name, node))
 
     @property
     def started(self) -> int:
