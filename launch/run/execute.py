@@ -27,6 +27,7 @@ from palpate.launch.load.recording import record_sources, set_recording
 from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.result import Result, Verdict, verdict
 from palpate.launch.run.screen import Screen, print_death
+from palpate.launch.run.wire import keys
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
@@ -35,7 +36,6 @@ from palpate.records.format.mcap_file import lacking
 if TYPE_CHECKING:  # these modules need POSIX and are imported only for runs with several processes
     from palpate.launch.run.forkserver import ForkServer
     from palpate.launch.run.launcher import Launcher
-    from palpate.launch.run.wire.keys import Key
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
 FILES, FILES_EACH = 64, 6
@@ -137,7 +137,8 @@ def execute(
     work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
     if joined:
         work = _reachable(work, joined, network)
-    key = _key(joined, network)
+    # TCP is encrypted with the key of the rig if workers run on other machines, otherwise with a new one.
+    key = None if network.unencrypted else keys.load(network.key_name) if joined else keys.Key.make()
     # Run in this process or in several.
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
@@ -182,7 +183,7 @@ def _in_processes(
     watch: Callable[[Launcher], None],
     joined: frozenset[str],
     address: str | None,
-    key: Key | None,
+    key: keys.Key | None,
 ) -> Result:
     from palpate.launch.run.launcher import Launcher, silent
 
@@ -226,16 +227,6 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
         text = "clock: found 'simulated', but it drives a device, which needs real time"
         raise GraphError([Fault(text, "Use `clock: real` or --clock real.", node=hardware[0])])
     return launch.clock or ("real" if hardware else "simulated")
-
-
-def _key(joined: frozenset[str], network: Network) -> Key | None:
-    """The key for TCP: None if unencrypted, the key of the rig if workers run on other machines, otherwise a new key.
-    RunError: the key is missing."""
-    from palpate.launch.run.wire import keys
-
-    if network.unencrypted:
-        return None
-    return keys.load(network.key_name) if joined else keys.Key.make()
 
 
 def _open_files(groups: int) -> None:
