@@ -116,6 +116,7 @@ def compare(
     # Step all variants tick by tick and compare their messages with those of the first.
     present = recording.ticks()
     last = last_tick(present)
+    # The first output of each message type.
     outputs = [{out.kind: out for part in reversed(each.parts) for out in reversed(part.outputs)} for each in players]
     every = max(1, last // POINTS)
     collects = gc.isenabled()
