@@ -5,7 +5,6 @@ on first use, as dataclasses do. The slow checks, which produce the error messag
 """
 
 import math
-import typing
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -62,7 +61,7 @@ def _write_settle(kind: type) -> Callable[[Any], None]:
             continue
         wrong = [f"type(v) is not {(tuple if field.shape else field.type).__name__}"]
         if field.shape:
-            element, length = _element(field), field.shape[0]
+            element, length = field.element, field.shape[0]
             if isinstance(length, int):
                 wrong += [f"len(v) != {length}", *(f"type(v[{i}]) is not {element.__name__}" for i in range(length))]
             else:
@@ -116,7 +115,7 @@ def finite_check(kind: type) -> Callable[[Any], bool]:
                 tests.append(f"(not len({name}) or isfinite(vdot({name}, {name})))")
         elif field.type is float:
             terms.append(f"m.{name}")
-        elif field.shape and _element(field) is float:
+        elif field.shape and field.element is float:
             length = field.shape[0]
             if isinstance(length, int):  # faster than `sum`
                 numbers = [f"{name}_{i}" for i in range(length)]
@@ -132,11 +131,6 @@ def finite_check(kind: type) -> Callable[[Any], bool]:
 def _function(name: str, lines: list[str], names: dict[str, Any]) -> Callable:
     exec("\n".join(lines), names)  # safe: field names are identifiers of an existing class
     return names[name]
-
-
-def _element(field: Field) -> type:
-    """The Python type of a vector's numbers."""
-    return next(t for t in typing.get_args(field.type) if t is not Ellipsis)
 
 
 def _number(kind: type, field: Field, value: Any) -> float:
@@ -156,7 +150,7 @@ def _plain(kind: type, field: Field, value: Any) -> Any:
 
 def _tuple(kind: type, field: Field, value: Any) -> Vector:
     try:
-        vector = tuple(map(_element(field), value))
+        vector = tuple(map(field.element, value))
     except (TypeError, ValueError):
         raise MessageError(
             f"{kind.__name__}.{field.name}: found {value!r}, expected {field.shape} numbers [{field.unit}]"

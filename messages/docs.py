@@ -28,7 +28,8 @@ def documented(kind: type) -> list[Documented]:
     """The fields that a message's docstring describes, in its order."""
     text = _CONTINUED.sub(" ", inspect.getdoc(kind) or "")
     matches = [match for match in map(_LINE.fullmatch, text.splitlines()) if match]
-    return [Documented(m[1], m[2], _shape(m[3]), m[4]) for m in matches]
+    shapes = ([int(part) if part.isdigit() else part for part in re.findall(r"[^\s,]+", m[3])] for m in matches)
+    return [Documented(m[1], m[2], tuple(shape), m[4]) for m, shape in zip(matches, shapes, strict=True)]
 
 
 def summary(thing: object) -> str:
@@ -43,8 +44,3 @@ def message_types() -> dict[str, type[Message]]:
     kinds = {kind.__name__: kind for module in others for kind in declared(module, Message)}
     kinds |= classes(sys.modules[Message.__module__.rpartition(".")[0]], Message)
     return {name: kinds[name] for name in sorted(kinds) if kinds[name] is not Message}
-
-
-def _shape(text: str) -> tuple[int | str, ...]:
-    parts = [part.strip() for part in text.split(",")]
-    return tuple(int(part) if part.isdigit() else part for part in parts if part)

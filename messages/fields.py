@@ -44,6 +44,12 @@ class Field:
         """Name and unit, as on the axis of a plot: `force [N]`."""
         return f"{self.name} [{self.unit}]"
 
+    @property
+    def element(self) -> Any:
+        """Python type of the numbers of a vector; None if there are several."""
+        found = set(typing.get_args(self.type)) - {Ellipsis}
+        return found.pop() if len(found) == 1 else None
+
 
 @cache
 def fields(kind: Any) -> tuple[Field, ...]:

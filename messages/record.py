@@ -15,7 +15,6 @@ and `shape` in the sender's memory.
 import ctypes
 import math
 import struct
-import typing
 from collections.abc import Callable, Collection
 from functools import cache
 from typing import Any
@@ -57,7 +56,7 @@ def array_handle(ndim: int) -> np.dtype:
 def _kind(kind: type, field: Field) -> Any:
     if field.dtype is not None and field.dtype.str in ARRAYS:
         return array_handle(len(field.shape))
-    if field.dtype is None and field.shape and (element := KINDS.get(_element(field))):
+    if field.dtype is None and field.shape and (element := KINDS.get(field.element)):
         if isinstance(field.shape[0], int):
             return element, field.shape
         return np.dtype([("count", "<i8"), ("values", element, (ROOM,))], align=True)
@@ -70,12 +69,6 @@ def _kind(kind: type, field: Field) -> Any:
         f"{kind.__name__}.{field.name}: a compiled node cannot hold {found}. Numbers, flags, vectors of them, arrays "
         'that are Floats or Ints can be held, and words from a list: Annotated[str, "1", OneOf("free", "contact")]'
     )
-
-
-def _element(field: Field) -> Any:
-    """Type of the numbers of a vector; None if there are several."""
-    found = set(typing.get_args(field.type)) - {Ellipsis}
-    return found.pop() if len(found) == 1 else None
 
 
 @cache

@@ -116,7 +116,8 @@ def compare(
     # Step all variants tick by tick and compare their messages with those of the first.
     present = recording.ticks()
     last = last_tick(present)
-    outputs = [_outputs(player) for player in players]
+    # The first output of each message type.
+    outputs = [{out.kind: out for part in reversed(each.parts) for out in reversed(part.outputs)} for each in players]
     every = max(1, last // POINTS)
     collects = gc.isenabled()
     try:
@@ -163,12 +164,6 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
 def _totals(player: Player) -> tuple[int, int]:
     """Duration and processor time of all steps so far [ns]."""
     return sum(part.health.step.total for part in player.parts), sum(part.cpu.total for part in player.parts)
-
-
-def _outputs(player: Player) -> dict[type[Message], Output]:
-    """The first output of each message type."""
-    every = [output for part in player.parts for output in part.outputs]
-    return {output.kind: output for output in reversed(every)}
 
 
 def _sent(outputs: dict[type[Message], Output], kind: type[Message], tick: int) -> Any:

@@ -52,15 +52,14 @@ class RunPage:
     """
 
     def __init__(self, launch: LaunchFile, silent: bool) -> None:
-        from palpate.launch.load.plan import plan
         from palpate.views.page import check, serve
 
         check()
         from palpate.views.page.live import LiveView, watchable
 
         self.launch = watchable(launch)
-        self.graph = self.launch.load()
-        planned = plan(self.graph)
+        planned = self.launch.plan()
+        self.graph = planned.graph
         if len(self.launch.placement(planned).groups) == 1 and self.launch.clock != "real":
             raise typer.BadParameter("--view: a run in one process on the simulated clock has no sockets; leave "
                                      "out --fused, or look at its recording: palpate view FILE")  # fmt: skip

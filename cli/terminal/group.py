@@ -12,6 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from palpate.cli import commands
 from palpate.cli.terminal.output import print_json, say
 from palpate.launch.run.interrupts import interrupts
 from palpate.physics.errors import MISUSE, PalpateError
@@ -61,7 +62,8 @@ class Verbs(TyperGroup):
 
 
 class StoppedError(KeyboardInterrupt):
-    """SIGTERM or a closed terminal. Raised even where Ctrl-C is ignored, as in the background of a script."""
+    """SIGTERM or a closed terminal. Raised even where Ctrl-C is ignored, as in the background of a script; by its type
+    `NodeError` distinguishes it from a KeyboardInterrupt that a node raised."""
 
 
 @contextlib.contextmanager
@@ -122,26 +124,26 @@ class _Foreign(PalpateError):
         return {"error": self.name, "text": self.args[0]}
 
 
-def group(package: ModuleType, **options: object) -> typer.Typer:
-    """The command group of a folder that has a `HELP`, see `palpate.cli.commands`; `options` go to typer."""
-    found = list(_commands(package, None))
+def group(package: ModuleType, about: str | None, **options: object) -> typer.Typer:
+    """The commands of a folder, see `palpate.cli.commands`, with their help; `options` go to typer."""
+    found = list(_commands(package))
     names = [name for _, name, _ in found]  # typer would list all commands, then all groups
     ordered = type("Ordered", (options.pop("cls", TyperGroup),), {"list_commands": lambda self, context: names})  # type: ignore[arg-type]
-    app = typer.Typer(no_args_is_help=True, help=package.HELP, cls=ordered, **options)  # type: ignore[arg-type]
-    app.callback(help=package.HELP)(lambda: None)  # a group of one command stays a group
+    app = typer.Typer(no_args_is_help=True, help=about, cls=ordered, **options)  # type: ignore[arg-type]
+    app.callback(help=about)(lambda: None)  # a group of one command stays a group
     for panel, name, module in found:
-        if hasattr(module, "HELP"):
-            app.add_typer(group(module), name=name, rich_help_panel=panel)
+        if hasattr(module, "__path__"):
+            app.add_typer(group(module, module.__doc__), name=name, rich_help_panel=panel)
         else:
             app.command(rich_help_panel=panel, epilog=f"Example: {module.EXAMPLE}")(getattr(module, name))
     return app
 
 
-def _commands(package: ModuleType, panel: str | None) -> Iterator[tuple[str | None, str, ModuleType]]:
+def _commands(package: ModuleType, panel: str | None = None) -> Iterator[tuple[str | None, str, ModuleType]]:
     """Panel, name and module of each command of a folder, in the order of the help."""
-    order, found = list(getattr(package, "ORDER", ())), modules(package)
+    order, found = commands.ORDER, modules(package)
     for name in sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name)):
-        if hasattr(found[name], "__path__") and not hasattr(found[name], "HELP"):
-            yield from _commands(found[name], getattr(found[name], "PANEL", panel))
+        if package is commands and hasattr(found[name], "__path__"):
+            yield from _commands(found[name], found[name].__doc__)
         else:
             yield panel, name, found[name]

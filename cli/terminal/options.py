@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-from collections.abc import Iterable
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -133,12 +133,11 @@ def chosen(
     )
 
 
-def check_new(files: Iterable[Path], force: bool) -> None:
+def check_new(files: Collection[Path], force: bool) -> None:
     """ArgumentError: a file exists, and `force` is not set. OSError: it cannot be written."""
     from palpate.physics.errors import ArgumentError
     from palpate.physics.writable import check_file
 
-    files = list(files)
     if kept := [str(file) for file in files if not force and file.exists()]:
         raise ArgumentError(f"{', '.join(kept)}: exists; expected another name (-o), or --force")
     for file in files:

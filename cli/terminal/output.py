@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Container, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from palpate.messages import Message
-
-
-P = ParamSpec("P")
 
 
 def console(**options: Any) -> Console:
@@ -95,12 +92,12 @@ def line(message: Message) -> Text:
     return text
 
 
-def drawn(draw: Callable[P, list[Path]], *args: P.args, **options: P.kwargs) -> list[Path]:
+def drawn(draw: Callable[..., list[Path]], *args: Any) -> list[Path]:
     """The pictures that a function draws. If a package is missing: none, and a hint on standard error."""
     from palpate.physics.extras import missing
 
     try:
-        return draw(*args, **options)
+        return draw(*args)
     except ModuleNotFoundError as error:
         say(missing("no pictures", error.name, "view"), err=True)
         return []

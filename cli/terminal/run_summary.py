@@ -76,6 +76,8 @@ def _judge(outcome: RunOutcome) -> None:
 
 
 def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
+    from msgspec.structs import asdict
+
     result, verdict = outcome.result, outcome.verdict
     return {
         "ok": outcome.ok,
@@ -90,7 +92,7 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
         "nodes": result.health,
         "skipped": outcome.plan.skipped,
         "notes": [*outcome.plan.graph.notes, *result.notes],
-        "deaths": [dataclasses.asdict(death) for death in result.deaths],
+        "deaths": [asdict(death) for death in result.deaths],
         "pictures": [str(picture) for picture in drawn],
     }
 

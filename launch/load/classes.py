@@ -5,10 +5,9 @@ import importlib.util
 import os
 import traceback
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import palpate.nodes
 from palpate.engine.faults import choices, nearest
@@ -35,8 +34,7 @@ class ClassError(PalpateError, ValueError):
         self.cure = cure
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One node class of the catalogue and the name to write in `use:`."""
 
     use: str
@@ -141,15 +139,9 @@ def body(kind: type[Message]) -> frozenset[str]:
 
 def classes(module: ModuleType) -> list[type[Node]]:
     """The node classes of a module, sorted by name, without palpate's base classes."""
-    node_classes = []
-    for name in sorted(set(dir(module))):
-        member = getattr(module, name, None)
-        if (
-            isinstance(member, type) and issubclass(member, Node) and not name.startswith("_")
-            and (issubclass(member, Observer) or _works(member)) and member not in (Node, Observer)
-        ):  # fmt: skip
-            node_classes.append(member)
-    return node_classes
+    members = (getattr(module, name, None) for name in sorted(set(dir(module))) if not name.startswith("_"))
+    kinds = [kind for kind in members if isinstance(kind, type) and issubclass(kind, Node)]
+    return [kind for kind in kinds if kind not in (Node, Observer) and (issubclass(kind, Observer) or _works(kind))]
 
 
 @lru_cache(maxsize=1)

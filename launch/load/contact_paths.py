@@ -63,7 +63,11 @@ class ContactPaths:
         wires = [wire for wire in wires if wire.consumer in classes and wire.producer in classes]
         crossed = {wire.consumer: wire.producer for wire in wires if issubclass(classes[wire.consumer], Carrier)}
         self.classes = {name: cls for name, cls in classes.items() if not issubclass(cls, Carrier)}
-        self.wires = [replace(w, producer=_origin(w.producer, crossed)) for w in wires if w.consumer in self.classes]
+        for name in crossed:
+            while crossed[name] in crossed:
+                crossed[name] = crossed[crossed[name]]
+        origins = ((wire, crossed.get(wire.producer, wire.producer)) for wire in wires)
+        self.wires = [replace(w, producer=origin) for w, origin in origins if w.consumer in self.classes]
         self.names = [name for name in self.classes if self._presses(name)]
 
     def check(self, places: dict[str, Location], faults: Faults) -> None:
@@ -153,9 +157,8 @@ class ContactPaths:
             first, *others = ports.values() or [[]]
             order = [part.get(wire.producer, -1) for wire in first]
             for wires in others:
-                if len({*order, *(part.get(w.producer, -1) for w in wires)}) > 1 and order != [
-                    part.get(wire.producer, -1) for wire in wires
-                ]:
+                other = [part.get(wire.producer, -1) for wire in wires]
+                if len({*order, *other}) > 1 and order != other:
                     faults.add(
                         f"gets {_and(w.producer for w in wires)}, but {_and(w.producer for w in first)} at "
                         f"{first[0].port.name!r}: other fingers, or in another order",
@@ -214,13 +217,6 @@ class ContactPaths:
         cls = self.classes[name]
         near = any(issubclass(p.type, Proximity | Surface) for p in inputs(cls))
         return near and any(issubclass(m, Contact) for m in outputs(cls))
-
-
-def _origin(name: str, crossed: dict[str, str]) -> str:
-    """The original sender of the messages that a node forwards."""
-    while name in crossed:
-        name = crossed[name]
-    return name
 
 
 def _and(names: Iterable[str]) -> str:

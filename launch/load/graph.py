@@ -26,7 +26,7 @@ from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve, uncalibrated
 from palpate.launch.load.values.source import YamlSource
-from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
+from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, unknown, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
 from palpate.nodes.base.carrier import Carrier
@@ -176,9 +176,7 @@ def _resolve_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
         given = drafts[name].line.data.get("in")
         sender = given.get("message") if isinstance(given, dict) else None
         senders[name] = sender.get("from") if isinstance(sender, dict) else sender
-    progress = True
-    while progress:
-        progress = False
+    for _ in range(len(left)):  # a chain of carriers takes a pass for each
         kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in left}
         for name in sorted(left):
             sender = senders[name]
@@ -188,7 +186,6 @@ def _resolve_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
                 assert issubclass(carrier, Carrier)
                 drafts[name].cls = carrier.of(kinds[sender.partition(".")[0]][streams[0]])
                 left.discard(name)
-                progress = True
     for name in sorted(left):
         path = [name]
         while isinstance(sender := senders[path[-1]], str) and sender in left and sender not in path:
@@ -248,15 +245,12 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
     when = draft.keys.when
     off = None if when is None else condition(when, scene, faults, line.place("when"), name)
     known = settings(draft.cls)
-    set_keys = []
     for key in draft.set_keys:
-        close = choices("", key, LINE) if key not in known else ""
-        if close.startswith("Did you mean") and not choices("", key, known).startswith("Did you mean"):
-            cure = f"{choices('Keys', key, LINE)} Settings of {draft.cls.__name__}: {', '.join(known) or 'none'}."
-            faults.add(f"unknown key {key!r}", cure, line.place(key), node=name)
-        else:
-            set_keys.append(key)
-    values = resolve(name, draft.cls, line, set_keys, scene, offers, faults)
+        if key not in known:
+            text, cure = unknown(line.place(key), f"{key}: null")
+            close = choices(f"Settings and keys of {draft.cls.__name__}", key, [*known, *LINE])
+            faults.add(text, close + cure, line.place(key), node=name, setting=key)
+    values = resolve(name, draft.cls, line, [key for key in draft.set_keys if key in known], scene, offers, faults)
     return NodeSpec(
         name,
         draft.keys.use,

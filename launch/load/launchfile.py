@@ -21,7 +21,7 @@ import msgspec
 from palpate.engine.faults import Fault, Faults, GraphError, choices
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
-from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file
+from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file, read_extended
 from palpate.launch.load.graph import load
 from palpate.launch.load.placement import BUILT_IN, Placement, load_place
 from palpate.launch.load.plan import plan
@@ -128,16 +128,16 @@ def _read(path: Path) -> LaunchFile:
         return _run(source, path, _LaunchKeys)
     if isinstance(data, dict) and data.get("run") is not None:
         return replace(_run(source.sub("run"), path, _RunKeys), path=None)
-    return _like_its_base(path, data)
+    return _like_its_base(path)
 
 
 def _run(source: YamlSource, path: Path, kind: type[_RunKeys]) -> LaunchFile:
     """The run of a launch file, or of the `run:` of a graph. GraphError: its faults."""
     data = source.data
-    faults = Faults()
     if not isinstance(data, dict):
-        faults.add(f"run: found {data!r}, expected a mapping such as {{duration: 2 s}}", "", source.place())
-        faults.done()
+        text = f"run: found {data!r}, expected a mapping such as {{duration: 2 s}}"
+        raise GraphError([Fault(text, place=source.place())])
+    faults = Faults()
     given = fill(kind, source, faults) or _RunKeys()
     wanted = (given.wanted,) if isinstance(given.wanted, str) else given.wanted
     record, only = _recorded(given.record, source, path, faults)
@@ -162,25 +162,17 @@ def _run(source: YamlSource, path: Path, kind: type[_RunKeys]) -> LaunchFile:
     return launch
 
 
-def _like_its_base(path: Path, data: Any) -> LaunchFile:
+def _like_its_base(path: Path) -> LaunchFile:
     """The run of a graph without `run:`: duration and recording are those of the graph that it extends."""
-    file, seen = path, {path}
-    while isinstance(data, dict) and isinstance(data.get("extends"), str):
-        try:
-            file = find_file(data["extends"], GRAPHS, file.parent)
-            source = read(file)
-            data = source.data
-        except GraphError:  # the loader reports it
-            break
-        if isinstance(data, dict) and data.get("run") is not None:
-            run = _run(source.sub("run"), file, _RunKeys)
-            return LaunchFile(
-                path, duration=run.duration, record=run.record and Path(f"{path.stem}.mcap"), only=run.only
-            )
-        if file in seen:
-            break
-        seen.add(file)
-    return LaunchFile(path)
+    try:
+        run = read_extended(path, GRAPHS).sub("run")
+    except GraphError:  # the loader reports it
+        return LaunchFile(path)
+    if run.data is None:
+        return LaunchFile(path)
+    base = _run(run, Path(run.place().file), _RunKeys)
+    record = base.record and Path(f"{path.stem}.mcap")
+    return LaunchFile(path, duration=base.duration, record=record, only=base.only)
 
 
 def _recorded(given: str | None, source: YamlSource, path: Path, faults: Faults) -> tuple[Path | None, str | None]:

@@ -47,11 +47,9 @@ class OrganFile:
             raise MeshError(f"--unit: found {unit!r}, expected one of {', '.join(UNITS)}")
         across = float(np.ptp(read_triangles(str(file))[0], axis=0).max())
         fits = plausible_units(across)
+        if unit in fits or (unit is None and len(fits) == 1):
+            return OrganFile(file, unit or fits[0])
         sizes = " or ".join(f"--unit {u} ({1e3 * across * UNITS[u]:.3g} mm across)" for u in fits)
-        if unit is None and len(fits) == 1:
-            return OrganFile(file, fits[0])
-        if unit in fits:
-            return OrganFile(file, str(unit))
         if not fits:
             raise MeshError(
                 f"--organ {file}: its coordinates span {across:.3g}, which is implausible in every unit; expected "

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.engine.faults import Faults, choices
+from palpate.engine.faults import Fault, Faults, GraphError, choices
 from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.files import PLACES, find_file
 from palpate.launch.load.values.lines import fill
@@ -77,10 +77,7 @@ class Placement:
 
     def group_of(self, node: str) -> ProcessGroup:
         """The group that runs a node. KeyError: the plan does not run it."""
-        for group in self.groups:
-            if node in group.nodes:
-                return group
-        raise KeyError(node)
+        return {name: group for group in self.groups for name in group.nodes}[node]
 
 
 def fused(plan: Plan) -> Placement:
@@ -142,16 +139,14 @@ def load_place(path: str | Path | Placement | None, plan: Plan, times: Mapping[s
     if path is None or str(path) in BUILT_IN:
         return auto(plan, times) if path == AUTO else fused(plan) if path == FUSED else apart(plan)
     source = read(find_file(str(path), PLACES, what="placement", words=BUILT_IN))
-    faults = Faults()
     if not isinstance(source.data, dict):
-        faults.add("expected a mapping of group names to {nodes: [...], core: ...}", "", source.place())
-        faults.done()
-    running = _names(plan)
-    known = [*plan.graph.nodes]
+        text = "expected a mapping of group names to {nodes: [...], core: ...}"
+        raise GraphError([Fault(text, place=source.place())])
+    faults, running = Faults(), _names(plan)
     taken: dict[str, str] = {}
     groups = []
     for name in source.data:
-        group = _group(name, source.sub(name), known, taken, faults)
+        group = _group(name, source.sub(name), list(plan.graph.nodes), taken, faults)
         group.nodes = [n for n in running if n in group.nodes]
         groups.append(group)
     for name in running:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from rich.console import Console
 
-from palpate.engine.faults import Faults
+from palpate.engine.faults import Fault, GraphError
 from palpate.engine.graph import Graph
 from palpate.engine.job import Job
 from palpate.engine.plan import Plan, force_path
@@ -23,11 +23,11 @@ from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, auto
 from palpate.launch.load.plan import plan
-from palpate.launch.load.recording import set_recording
+from palpate.launch.load.recording import record_sources, set_recording
 from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.result import Result, Verdict, verdict
-from palpate.launch.run.screen import Screen
-from palpate.launch.run.sources import record_sources
+from palpate.launch.run.screen import Screen, print_death
+from palpate.launch.run.wire import keys
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
@@ -36,7 +36,6 @@ from palpate.records.format.mcap_file import lacking
 if TYPE_CHECKING:  # these modules need POSIX and are imported only for runs with several processes
     from palpate.launch.run.forkserver import ForkServer
     from palpate.launch.run.launcher import Launcher
-    from palpate.launch.run.wire.keys import Key
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
 FILES, FILES_EACH = 64, 6
@@ -138,7 +137,8 @@ def execute(
     work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
     if joined:
         work = _reachable(work, joined, network)
-    key = _key(joined, network)
+    # TCP is encrypted with the key of the rig if workers run on other machines, otherwise with a new one.
+    key = None if network.unencrypted else keys.load(network.key_name) if joined else keys.Key.make()
     # Run in this process or in several.
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
@@ -167,14 +167,11 @@ def execute(
 def _in_this_process(work: Job, screen: Screen | None, patience: float) -> Result:
     if screen is None:
         return run_fused(work, patience=patience)
-    nothing = Result()
-    return run_fused(
-        work,
-        screen.show,
-        patience,
-        lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels),
-        screen.print,
-    )
+
+    def starting(node: str, kernels: int) -> None:
+        screen.show(Result(), "starting", {"": node}, kernels)
+
+    return run_fused(work, screen.show, patience, starting, screen.print)
 
 
 def _in_processes(
@@ -186,7 +183,7 @@ def _in_processes(
     watch: Callable[[Launcher], None],
     joined: frozenset[str],
     address: str | None,
-    key: Key | None,
+    key: keys.Key | None,
 ) -> Result:
     from palpate.launch.run.launcher import Launcher, silent
 
@@ -208,7 +205,7 @@ def _in_processes(
         spared=spared(planned),
         show=show,
         printed=screen.print if screen else silent,
-        died=screen.died if screen else lambda _: None,
+        died=lambda death: print_death(death, screen.console) if screen else None,
     )
     return launcher.run()
 
@@ -227,21 +224,9 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
     """The clock of a run: the real one with hardware. GraphError: hardware on the simulated one."""
     hardware = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
     if hardware and launch.clock == "simulated":
-        faults = Faults()
-        faults.add("clock: found 'simulated', but it drives a device, which needs real time",
-                   "Use `clock: real` or --clock real.", node=hardware[0])  # fmt: skip
-        faults.done()
+        text = "clock: found 'simulated', but it drives a device, which needs real time"
+        raise GraphError([Fault(text, "Use `clock: real` or --clock real.", node=hardware[0])])
     return launch.clock or ("real" if hardware else "simulated")
-
-
-def _key(joined: frozenset[str], network: Network) -> Key | None:
-    """The key for TCP: None if unencrypted, the key of the rig if workers run on other machines, otherwise a new key.
-    RunError: the key is missing."""
-    from palpate.launch.run.wire import keys
-
-    if network.unencrypted:
-        return None
-    return keys.load(network.key_name) if joined else keys.Key.make()
 
 
 def _open_files(groups: int) -> None:
@@ -265,24 +250,17 @@ def _folder(file: Path | None) -> Iterator[list[Path]]:
     made = [] if file is None else [folder for folder in file.parents if not folder.exists()]
     try:
         if file is not None:
-            _check_writable(file)
+            try:
+                check_file(file)
+                file.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:  # with the name of a file it is wrong input: exit code 2
+                what = f"{error.strerror}; choose another file with --record FILE"
+                raise OSError(error.errno, what, f"recording {file}") from None
         yield made
     finally:
         for folder in made:
             with contextlib.suppress(OSError):
                 folder.rmdir()
-
-
-def _check_writable(file: Path) -> None:
-    """Create the folders of the recording. OSError: it cannot be written there."""
-    try:
-        check_file(file)
-        file.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        what = f"{error.strerror}; choose another file with --record FILE"
-        raise OSError(
-            error.errno, what, f"recording {file}"
-        ) from None  # with a file name it is wrong input: exit code 2
 
 
 def _is_here(host: str | None) -> bool:

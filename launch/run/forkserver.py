@@ -54,14 +54,9 @@ class ForkServer:
 
     def answers(self) -> list[Started | Exited]:
         """All answers received so far."""
-        self.socket.setblocking(False)
-        try:
-            while data := self.socket.recv(65536):
+        with contextlib.suppress(BlockingIOError, ConnectionResetError):
+            while data := self.socket.recv(65536, socket.MSG_DONTWAIT):
                 self._rest += data
-        except (BlockingIOError, ConnectionResetError):
-            pass
-        finally:
-            self.socket.setblocking(True)
         *lines, self._rest = self._rest.split(b"\n")
         return [ANSWERS.decode(line) for line in lines]
 

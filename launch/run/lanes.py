@@ -252,8 +252,7 @@ class LaneRun:
         """
         key = place, repr(sorted(job.settings.items()))
         if key not in self._images:
-            image = former.get(key) or NodeImage(job, self.segment.slots[place].counts, self._pool)
-            self._images[key] = image
+            self._images[key] = former.get(key) or NodeImage(job, self.segment.slots[place].counts, self._pool)
         return self._images[key]
 
     def run(self, ticks: int, threads: int | None = None, done: Callable[[int], None] = lambda ticks: None) -> None:

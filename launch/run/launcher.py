@@ -24,7 +24,7 @@ from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
 from palpate.launch.run.member import WorkerHandle, lost
-from palpate.launch.run.result import Death, Result
+from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.wire.wires import ControlChannel, blocked_by, heard, listeners
 from palpate.launch.run.work.watchdog import START_PATIENCE
@@ -71,7 +71,7 @@ class Launcher:
         spared: frozenset[str] = frozenset(),
         show: Callable[[Launcher], None] = lambda _: None,
         printed: Callable[[str], None] = silent,
-        died: Callable[[Death], None] = lambda _: None,
+        died: Callable[[NodeFault], None] = lambda _: None,
     ) -> None:
         self.begun = time.monotonic()
         self.jobs = {job.group: job for job in jobs}
@@ -164,18 +164,14 @@ class Launcher:
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))
         self._control.deliver()
-        self._caught_up = False
-        for _ in range(MOST_REPORTS):
-            if not self._next_report():
-                self._caught_up = True
-                break
+        self._caught_up = not all(self._next_report() for _ in range(MOST_REPORTS))
         if self.forkserver.output.fileno() in ready:
             self._listen()
         if self.forkserver.socket.fileno() in ready:
             for answer in self.forkserver.answers():
                 self._answer(answer)
             if self.forkserver.process.poll() is not None:
-                self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
+                self.result.deaths.append(NodeFault("all", "process", "the fork server ended", "\n".join(self._tail)))
                 for member in self.members.values():
                     member.state = "gone"
         if len(self._interrupts) > self._handled:
@@ -222,7 +218,7 @@ class Launcher:
                 ticks = [lead.paused for lead in self._leads()]
                 if None not in ticks:
                     self._control.tell("*", reports.End(max(tick for tick in ticks if tick is not None)))
-            case reports.NodeFault():
+            case NodeFault():
                 self._died(member, report)
             case reports.Note(text):
                 self.result.notes.append(text)
@@ -299,9 +295,9 @@ class Launcher:
 
     # -- failures ------------------------------------------------------------------------------------------------
 
-    def _died(self, member: WorkerHandle, fault: reports.NodeFault) -> None:
+    def _died(self, member: WorkerHandle, fault: NodeFault) -> None:
         member.state = "failed"
-        death = Death(fault.node or member.names, fault.where, fault.text, fault.trace)
+        death = msgspec.structs.replace(fault, node=fault.node or member.names)
         self.result.deaths.append(death)
         self._handle_death(member)
         if self.phase == "running":
@@ -345,7 +341,7 @@ class Launcher:
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
             self._listen()
             trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
-            self._died(member, reports.NodeFault("", "process", f"its process ended: {how}", trace))
+            self._died(member, NodeFault("", "process", f"its process ended: {how}", trace))
         member.pid = None
         if member.state == "restarting":
             self._fork(member)
@@ -392,7 +388,7 @@ class Launcher:
             return
         gone = lost(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
         if gone is not None:
-            self._died(gone[0], reports.NodeFault("", "stream", gone[1]))
+            self._died(gone[0], NodeFault("", "stream", gone[1]))
 
     def _check_hung(self) -> None:
         """Kill workers that are silent for too long."""
@@ -410,7 +406,7 @@ class Launcher:
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:.3g} s: it hangs or was suspended"
-            self._died(member, reports.NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
+            self._died(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
             if member.joined:
                 self._is_gone(member)

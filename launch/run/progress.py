@@ -5,17 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 from palpate.launch.run.busy import busy
 
 INTERVAL = 10.0  # [s] between lines in a log
-
-
-class Done(Protocol):
-    """Report that a step is done; `weight` is its share of the work."""
-
-    def __call__(self, what: str, weight: float = 1.0) -> None: ...
 
 
 class StageBars:
@@ -77,8 +70,8 @@ class StageBars:
 @contextmanager
 def steps(
     title: str, total: float, *, silent: bool = False, seconds: float | None = None, timed: bool = True
-) -> Iterator[Done]:
-    """Report the progress of steps.
+) -> Iterator[Callable[..., None]]:
+    """Report the progress of steps; takes the step that is done and its share of the work.
 
     title    what is computed, and how much of it
     total    sum of the weights of all steps; 0: unknown

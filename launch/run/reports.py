@@ -8,6 +8,7 @@ import msgspec
 
 from palpate.engine.health import Counters
 from palpate.engine.job import Job
+from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.keys import Key
 
 
@@ -108,15 +109,6 @@ class Paused(msgspec.Struct, frozen=True, tag=True):
     """A paced worker waits after this tick for the number of the last tick."""
 
     tick: int
-
-
-class NodeFault(msgspec.Struct, frozen=True, tag=True):
-    """A node has failed; an empty name means the whole worker."""
-
-    node: str
-    where: str
-    text: str
-    trace: str = ""
 
 
 class Note(msgspec.Struct, frozen=True, tag=True):

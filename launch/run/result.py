@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass, field
 
+import msgspec
+
 from palpate.engine.plan import Plan
 
 
-@dataclass(frozen=True)
-class Death:
-    """The failure of a node or worker, with its traceback or output. `node` is empty if the process of a fused run
-    failed."""
+class NodeFault(msgspec.Struct, frozen=True, tag=True):
+    """The failure of a node, with its traceback or output; an empty name means the whole process. Also the report of
+    it."""
 
     node: str
     where: str
@@ -34,7 +35,7 @@ class Result:
     live         notes that a live view has printed during the run
     """
 
-    deaths: list[Death] = field(default_factory=list)
+    deaths: list[NodeFault] = field(default_factory=list)
     health: dict[str, dict] = field(default_factory=dict)
     start: float = 0.0
     origin: float = 0.0

@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from palpate.launch.run.result import Death, Result
+from palpate.launch.run.result import NodeFault, Result
 
 FULL_SCALE = 3.0  # [N] initial full scale of the force bars
 
@@ -56,7 +56,11 @@ class Screen:
         if moment - self._drawn < 0.12:
             return
         self._drawn = moment
-        self._count(result, moment)
+        for name, health in result.health.items():
+            steps, then = self._before.get(name, (0, self._begun))
+            if health["steps"] != steps and moment > then:
+                self._speed[name] = (health["steps"] - steps) / (moment - then)
+                self._before[name] = (health["steps"], moment)
         result.health = {name: result.health[name] for name in self.order if name in result.health}
         self._live.update(self._draw(result, phase, busy or {}, moment))
 
@@ -64,17 +68,6 @@ class Screen:
         """Print output of the nodes above the view."""
         if text.strip():
             self.console.print(Text(text.rstrip("\n"), style="dim"))
-
-    def died(self, death: Death) -> None:
-        """Print a failure with its traceback above the view."""
-        print_death(death, self.console)
-
-    def _count(self, result: Result, moment: float) -> None:
-        for name, health in result.health.items():
-            steps, then = self._before.get(name, (0, self._begun))
-            if health["steps"] != steps and moment > then:
-                self._speed[name] = (health["steps"] - steps) / (moment - then)
-                self._before[name] = (health["steps"], moment)
 
     def _draw(self, result: Result, phase: str, busy: dict[str, str], moment: float) -> RenderableType:
         tick = max((h["tick"] for h in result.health.values()), default=0)
@@ -104,7 +97,8 @@ class Screen:
         return grid
 
 
-def print_death(death: Death, console: Console) -> None:
+def print_death(death: NodeFault, console: Console) -> None:
+    """Print a failure with its traceback."""
     console.print(Text(str(death), style="red"))
     # The text of these errors says what to change.
     if death.trace and not death.text.startswith(("SettingError", "DeviceError", "InputError")):

@@ -51,8 +51,7 @@ def export(
         raise RecordingError(f"--every: a file of type {target.suffix} needs every message; leave it out")
     if target.exists() and target.samefile(recording.path):
         raise RecordingError(f"{target} is the recording itself; name another file with --out")
-    files: list[Path] = write(recording, target, tuple(streams) or tuple(recording.streams), every)
-    return files
+    return write(recording, target, tuple(streams) or tuple(recording.streams), every)
 
 
 def source(recording: Recording, kind: type[Message], streams: Sequence[str], remedy: str) -> str:

@@ -45,12 +45,10 @@ def write_foxglove(recording: Recording, target: Path, streams: tuple[str, ...],
 
 def as_plain(message: Message, rows: bool = True) -> dict[str, Any]:
     """A message as numbers, texts and lists; arrays as nested lists (`rows`), or flat in row-major order."""
-    plain: dict[str, Any] = {"tick": message.tick, "time": message.time, "source": message.source, "used": message.used}
-    for field in fields(type(message)):
-        value = getattr(message, field.name)
+    plain = {name: getattr(message, name) for name in (*HEADER, *(field.name for field in fields(type(message))))}
+    for name, value in plain.items():
         if isinstance(value, np.ndarray):
-            value = (value if rows else value.ravel()).tolist()
-        plain[field.name] = value
+            plain[name] = (value if rows else value.ravel()).tolist()
     return plain
 
 

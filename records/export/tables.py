@@ -70,9 +70,7 @@ class Layout:
         self.filled = {length: group for length, group in self.arrays.items() if length in filled}
 
     def messages(self) -> Iterator[Message]:
-        for index, message in enumerate(self._recording.messages(self._name)):
-            if not index % self._every:
-                yield message
+        return islice(self._recording.messages(self._name), 0, None, self._every)
 
     def titles(self, field: Field) -> list[str]:
         """Titles of the columns of a field."""

@@ -75,8 +75,8 @@ class Ensemble:
                 f"keep: {lanes} lanes of {rows} rows take {size / 1e9:.3g} GB, {room / 1e9:.3g} GB are free; "
                 "expected fewer lanes or fields, a shorter duration, or every=10"
             )
-        names = [(stream, field.name) for stream, field in self._keep]
-        self._prepared = prepare_all(launch, self.over, lanes, names)
+        self._names = [(stream, field.name) for stream, field in self._keep]
+        self._prepared = prepare_all(launch, self.over, lanes, self._names)
         first = self._prepared[0]
         for lane, one in enumerate(self._prepared):
             if one.structure != first.structure or one.job.rate != self.rate:
@@ -102,10 +102,9 @@ class Ensemble:
 
         RunError: all lanes failed. KeyboardInterrupt: Ctrl-C, within 0.1 s.
         """
-        names = [(stream, field.name) for stream, field in self._keep]
         with StageBars(quiet or not sys.stderr.isatty()) as bars:
             done, total = bars.begin(f"{self.count} lanes of {self.name}"), self.count * self.ticks
-            lanes = LaneRun(self._prepared, names, -(-self.ticks // self._every), self._every)
+            lanes = LaneRun(self._prepared, self._names, -(-self.ticks // self._every), self._every)
             try:
                 lanes.run(self.ticks, self._threads, lambda ticks: done(ticks / total))
             finally:
@@ -117,7 +116,7 @@ class Ensemble:
             self._report(errors)
         time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
         found = {
-            f"{stream}.{field.name}": _words(field, column)
+            f"{stream}.{field.name}": np.array(field.words)[column] if field.words else column
             for (stream, field), column in zip(self._keep, lanes.lanes.columns, strict=True)
         }
         units = {f"{stream}.{field.name}": field.unit for stream, field in self._keep}
@@ -180,8 +179,3 @@ def _kept(text: str, graph: Graph) -> tuple[str, Field]:
     if name not in fixed:
         raise ArgumentError(f"keep {text!r}: its arrays change in length. {choices('Fields', name, fixed)}")
     return stream, known[name]
-
-
-def _words(field: Field, column: np.ndarray) -> np.ndarray:
-    """The values of a field; enumerated values as text."""
-    return np.array(field.words)[column] if field.words else column

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NoReturn
 
 from palpate.engine.faults import choices
-from palpate.engine.job import Job
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError, Slot
 from palpate.launch.load.launchfile import LaunchFile
@@ -104,8 +103,8 @@ class Stepper:
             name = graph.path.stem
             raise ArgumentError(f"{name}: stepping needs simulated time, but {what}; run it with palpate.run")
         ticks = max(1, round(launch.duration * graph.rate)) if launch.duration is not None else None
-        (job,) = jobs(self.plan, fused(self.plan), ticks=ticks)
-        self._worker = Worker(job, None, lambda report: None)
+        (self.job,) = jobs(self.plan, fused(self.plan), ticks=ticks)  # of all nodes that run
+        self._worker = Worker(self.job, None, lambda report: None)
         self._clock = SimulatedClock(self._worker)
         self.rate, self.last = graph.rate, self._worker.last
         self._own = {slot.name: _settings(slot.node) for slot in self._worker.slots}
@@ -118,11 +117,6 @@ class Stepper:
     def node(self, name: str) -> Node:
         """A running node. ArgumentError: it does not exist."""
         return slot_of(self._worker, name).node
-
-    @property
-    def job(self) -> Job:
-        """The job of the worker: all nodes that run."""
-        return self._worker.job
 
     def start(self) -> None:
         """Start all nodes. NodeError: one of them failed; `stop` releases the resources of the others."""

@@ -1,4 +1,1 @@
-"""The group 'Fit and build' of the help."""
-
-PANEL = "Fit and build"
-ORDER = ("fit", "build")
+"""Fit and build"""

@@ -1,4 +1,1 @@
-"""The group 'Graphs' of the help."""
-
-PANEL = "Graphs"
-ORDER = ("check", "plan", "list", "new")
+"""Graphs"""

@@ -1,16 +1,29 @@
 """`palpate plan`: what runs, what does not and why."""
 
+from __future__ import annotations
+
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
-from palpate.cli.terminal.output import console, print_json
+from palpate.cli.terminal.output import console, print_json, table
 from palpate.launch.run.progress import steps
 
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from palpate.engine.plan import Plan
+    from palpate.launch.load.effect_costs import EffectCost
+    from palpate.launch.load.placement import Placement
+
 EXAMPLE = "palpate plan kidney --scene frictionless"
+PROVED = (
+    "; in blue: the whole tick, recomputed on this machine with and without the effect; it includes the time that "
+    "other nodes spend on the effect"
+)
 
 
 def plan(
@@ -52,17 +65,56 @@ def plan(
                     "notes": planned.graph.notes}  # fmt: skip
         print_json(planned.to_spec() | {"groups": groups} | addition)
     else:
-        from palpate.cli.terminal import plan_tables
+        _print(planned, placement, items, source)
 
-        screen = console()
-        screen.print(plan_tables.running(planned, placement))
-        for group in (group for group in placement.groups if group.why):  # of `--place auto`
-            screen.print(f"process {group.name}: {group.why}")
-        if planned.skipped:
-            screen.print()
-            screen.print(plan_tables.skipped(planned))
-        for note in planned.graph.notes:
-            screen.print(f"\n{note}", style="yellow")
-        if items:
-            screen.print()
-            screen.print(plan_tables.costs(items, source))
+
+def _print(planned: Plan, placement: Placement, items: list[EffectCost], source: Path | None) -> None:
+    from rich.text import Text
+
+    screen = console()
+    # The nodes that run, with their inputs and processes, and those that do not.
+    rows = []
+    for name in (*planned.order, *planned.observers):
+        spec = planned.graph.nodes[name]
+        if name in planned.observers:
+            count = len(planned.observers[name])
+            wires = "all streams" if spec.listen is None else f"{count} stream{'s' * (count != 1)}"
+        else:
+            wires = ", ".join(f"{'~' * edge.loop}{edge.stream}" for edge in planned.edges[name])
+        group = placement.group_of(name)
+        core = "" if group.core is None else f" (core {', '.join(map(str, group.core))})"
+        use = spec.use if spec.every == 1 else f"{spec.use}, every {spec.every}"
+        rows.append((Text("run", style="green"), name, use, wires, group.name + core))
+    title = f"{planned.graph.path.name}, {planned.graph.rate:g} Hz"
+    screen.print(table(("", "node", "class", "inputs (~ held)", "process"), rows, title=title, fixed=("node", "class")))
+    for group in (group for group in placement.groups if group.why):  # of `--place auto`
+        screen.print(f"process {group.name}: {group.why}")
+    if planned.skipped:
+        screen.print()
+        word = Text("skip", style="yellow")
+        screen.print(table(("", "", ""), ((word, name, reason) for name, reason in planned.skipped.items())))
+    for note in planned.graph.notes:
+        screen.print(f"\n{note}", style="yellow")
+    if not items:
+        return
+    # The cost of each effect.
+    timed = f"times of {source}" if source else "no times yet: run the graph first"
+    proved = PROVED if any(item.proof for item in items) else ""
+    screen.print()
+    screen.print(table(
+        ("", "effect", ">µs", "why"), map(_priced, items), title=f"cost per effect, µs per tick ({timed})",
+        caption=f"µs: median step time of the nodes that run only for this effect{proved}",
+    ))  # fmt: skip
+
+
+def _priced(item: EffectCost) -> tuple[Text | str, ...]:
+    from rich.text import Text
+
+    word = Text("on", style="green") if item.on else Text("off", style="yellow")
+    price = "" if not item.nodes else "?" if item.price is None else f"{item.price * 1e6:.1f}"
+    why = Text(item.rule)
+    if item.nodes or item.fields:
+        why.append(f"\nruns only for this effect: {', '.join([*item.nodes, *item.fields])}", style="dim")
+    if item.proof:
+        why.append(f"\n{item.proof}", style="cyan")
+    return word, item.effect, price, why

@@ -1,4 +1,1 @@
-"""The group 'Machine' of the help."""
-
-PANEL = "Machine"
-ORDER = ("doctor", "devices", "remote")
+"""Machine"""

@@ -8,7 +8,7 @@ import typer
 
 from palpate.cli.terminal.options import Json
 from palpate.cli.terminal.output import console, print_json, say, table
-from palpate.physics.errors import TROUBLE
+from palpate.physics.errors import RunError
 
 EXAMPLE = "palpate devices --json"
 
@@ -32,17 +32,16 @@ def devices(
 def _install(as_json: bool) -> None:
     from palpate.drivers.discover import RULE, udev_rules
 
-    ok, text = True, "Now: sudo udevadm control --reload && sudo udevadm trigger; or plug the devices in again."
     try:
         Path(RULE).write_text(udev_rules(), encoding="utf-8")
     except OSError as error:
-        ok, text = False, f"{RULE}: {error.strerror}. Run it as root: sudo $(which palpate) devices --install-udev"
+        cure = "Run it as root: sudo $(which palpate) devices --install-udev"
+        raise RunError(f"{RULE}: {error.strerror}. {cure}") from None
+    text = "Now: sudo udevadm control --reload && sudo udevadm trigger; or plug the devices in again."
     if as_json:
-        print_json({"ok": ok, "file": RULE, "text": text})
+        print_json({"ok": True, "file": RULE, "text": text})
     else:
-        say(f"Wrote {RULE}. {text}" if ok else text, "" if ok else "red", err=not ok)
-    if not ok:
-        raise typer.Exit(TROUBLE)
+        say(f"Wrote {RULE}. {text}")
 
 
 def _list(as_json: bool) -> None:

@@ -89,8 +89,6 @@ def run(
             thin=options.thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
             watch=page.live.on_update if page else lambda _: None, fit_cores=True,
         )  # fmt: skip
-        if forkserver is not None:
-            forkserver.close()
         if page is not None:
             page.live.over()
         ended(outcome, name, None if no_pictures else folder, organ_notes, as_json, quiet)

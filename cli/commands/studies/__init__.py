@@ -1,4 +1,1 @@
-"""The group 'Studies and experiments' of the help."""
-
-PANEL = "Studies and experiments"
-ORDER = ("study", "experiment")
+"""Studies and experiments"""

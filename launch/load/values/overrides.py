@@ -4,9 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import yaml
-
-from palpate.engine.faults import Location
+from palpate.engine.faults import GraphError, Location
 from palpate.launch.load.files import TOP, Override
 from palpate.launch.load.values.source import YamlSource, parse
 from palpate.nodes.base import SettingError
@@ -83,7 +81,7 @@ def settings_of(sets: list[str]) -> dict[str, Any]:
         if not sign:
             raise SettingError(f"--set {text}: expected name=value")
         try:
-            settings[name.removeprefix("tissue.")] = yaml.safe_load(value)
-        except yaml.YAMLError:
+            settings[name.removeprefix("tissue.")] = parse(value, f"--set {text}").data
+        except GraphError:
             raise SettingError(f"--set {text}: expected a number, a name or a list such as '[0, 0, 0.012]'") from None
     return settings

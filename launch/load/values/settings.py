@@ -17,7 +17,6 @@ from palpate.launch.load.classes import SHIPPED, catalogue, classes
 from palpate.launch.load.scene import Scene
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert, is_quantity
-from palpate.launch.load.wiring import unknown
 from palpate.nodes.base import Calibrated, Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
 
@@ -43,7 +42,7 @@ def resolve(
     """All settings of a node as plain data in SI units, checked.
 
     line      the node's line of the graph file
-    set_keys  keys of the line that are settings
+    set_keys  keys of the line that are settings of the class
     offers    receives the keys that `with:` offers, for `check_offers`
     """
     known = settings(cls)
@@ -56,13 +55,7 @@ def resolve(
             offers.append(Offer(path, key, value, name, cls, place, key in known and key not in set_keys))
             if key in known:
                 given[key] = (value, place)
-    for key in set_keys:
-        if key in known:
-            given[key] = (line.data[key], line.place(key))
-        else:
-            text, cure = unknown(line.place(key), f"{key}: null")
-            close = choices(f"Settings of {cls.__name__}", key, known)
-            faults.add(text, close + cure, line.place(key), node=name, setting=key)
+    given |= {key: (line.data[key], line.place(key)) for key in set_keys}
     values = {}
     count = len(faults.entries)
     for key, setting in known.items():
@@ -227,20 +220,9 @@ def _closest(key: str, cls: type[Node]) -> str:
 
 def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
     """The settings of all node classes in a class's module or folder, and whether all of them could be imported."""
-    if cls.__module__.startswith(SHIPPED):
-        return _shipped_family(cls)  # type: ignore[arg-type]
-    return _read_family(cls, [cls.__module__])
-
-
-@cache
-def _shipped_family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
-    return _read_family(cls, [cls.__module__, ".".join(cls.__module__.split(".")[:3])])
-
-
-def _read_family(cls: type[Node], modules: list[str]) -> tuple[dict[str, Setting], bool]:
-    names = dict(settings(cls))
-    seen = True
-    for module in modules:
+    names, seen = dict(settings(cls)), True
+    file = cls.__module__
+    for module in dict.fromkeys((file, ".".join(file.split(".")[:3]) if file.startswith(SHIPPED) else file)):
         try:
             others = classes(sys.modules[module])
         except ImportError:

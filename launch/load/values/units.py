@@ -86,9 +86,7 @@ def convert(text: str, unit: str) -> float:
     UnitError: not a quantity, an unknown unit, or another dimension.
     """
     number, symbols = split(text, unit)
-    if not symbols:
-        return float(number)
-    if "".join(symbols.split()) == "".join(unit.split()):
+    if not symbols or "".join(symbols.split()) == "".join(unit.split()):
         return float(number)
     given_unit = parse(symbols)
     try:
@@ -141,47 +139,38 @@ def parse(text: str) -> Unit:
         at = match.end()
     if not tokens:
         raise UnitError("a unit is missing")
-    parser = _Parser(text, tokens)
-    unit = parser.product()
-    if parser.at < len(tokens):
-        raise UnitError(f"unit {text!r}: {tokens[parser.at][0].strip()!r} is out of place")
+    unit = _product(text, tokens)
+    if tokens:
+        raise UnitError(f"unit {text!r}: {tokens[0][0].strip()!r} is out of place")
     return unit
 
 
-class _Parser:
-    def __init__(self, text: str, tokens: list[re.Match[str]]) -> None:
-        self.text, self.tokens, self.at = text, tokens, 0
+def _product(text: str, tokens: list[re.Match[str]]) -> Unit:
+    """The unit of the tokens up to a closing bracket, which are removed from the list."""
+    unit = _factor(text, tokens)
+    while tokens and (sign := tokens[0]["sign"]) != ")":
+        if sign in ("*", "·", "/"):
+            tokens.pop(0)
+        unit = unit * _factor(text, tokens) ** Fraction(-1 if sign == "/" else 1)
+    return unit
 
-    def sign(self) -> str | None:
-        return self.tokens[self.at]["sign"] if self.at < len(self.tokens) else None
 
-    def product(self) -> Unit:
-        unit = self.factor()
-        while self.at < len(self.tokens) and self.sign() != ")":
-            sign = self.sign()
-            if sign in ("*", "·", "/"):
-                self.at += 1
-            unit = unit * self.factor() ** Fraction(-1 if sign == "/" else 1)
-        return unit
-
-    def factor(self) -> Unit:
-        if self.at >= len(self.tokens):
-            raise UnitError(f"unit {self.text!r}: something is missing at its end")
-        token = self.tokens[self.at]
-        self.at += 1
-        if token["sign"] == "(":
-            unit = self.product()
-            if self.sign() != ")":
-                raise UnitError(f"unit {self.text!r}: a ) is missing")
-            self.at += 1
-        elif token["symbol"]:
-            unit = symbol(token["symbol"]) ** _power(self.text, token["digit"] or "1")
-        else:
-            raise UnitError(f"unit {self.text!r}: {token[0].strip()!r} is out of place")
-        if self.at < len(self.tokens) and self.tokens[self.at]["power"]:
-            unit = unit ** _power(self.text, self.tokens[self.at]["power"])
-            self.at += 1
-        return unit
+def _factor(text: str, tokens: list[re.Match[str]]) -> Unit:
+    if not tokens:
+        raise UnitError(f"unit {text!r}: something is missing at its end")
+    token = tokens.pop(0)
+    if token["sign"] == "(":
+        unit = _product(text, tokens)
+        if not tokens:
+            raise UnitError(f"unit {text!r}: a ) is missing")
+        tokens.pop(0)
+    elif token["symbol"]:
+        unit = symbol(token["symbol"]) ** _power(text, token["digit"] or "1")
+    else:
+        raise UnitError(f"unit {text!r}: {token[0].strip()!r} is out of place")
+    if tokens and tokens[0]["power"]:
+        unit = unit ** _power(text, tokens.pop(0)["power"])
+    return unit
 
 
 def _power(text: str, digits: str) -> Fraction:

@@ -1,7 +1,7 @@
 """Reads the streams of an active run from another process."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import msgspec
 import zmq
@@ -15,12 +15,11 @@ from palpate.messages.docs import message_types
 from palpate.physics.errors import PalpateError, RunError
 
 
-@dataclass
-class Running:
+class Running(NamedTuple):
     """An active run: its name and the groups of its workers."""
 
     name: str
-    groups: list[str] = field(default_factory=list)
+    groups: Sequence[str] = ()
 
 
 def running() -> list[Running]:
@@ -64,13 +63,8 @@ def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
         while True:
             if socket.poll(200):
                 yield split(socket.recv())
-            elif not alive(run):
+            elif not any(run.name == other.name for other in running()):
                 return
-
-
-def alive(run: Running) -> bool:
-    """Whether any worker of the run still has its outlet open."""
-    return any(run.name == other.name for other in running())
 
 
 def messages_of(stream: str, run: str | None) -> Iterator[Message]:

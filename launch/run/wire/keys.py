@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,8 +111,3 @@ def load(name: str = NAME) -> Key:
     except (msgspec.MsgspecError, ValueError, zmq.ZMQError) as error:
         raise RunError(f"key {name!r}: {path} is damaged ({error})") from None
     return key
-
-
-def known() -> Iterator[tuple[str, Path]]:
-    """Names and files of the keys of this user."""
-    yield from ((path.stem, path) for path in sorted(folder().glob("*.json")))

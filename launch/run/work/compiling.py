@@ -30,7 +30,9 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
 
         def on_start(self, event: Any) -> None:
             if self.helper is None and others and hasattr(os, "fork") and len(os.sched_getaffinity(0)) > 1:
-                self.helper = _fork()
+                with warnings.catch_warnings():  # about threads: only the live view has one, the child does not use it
+                    warnings.simplefilter("ignore", DeprecationWarning)
+                    self.helper = os.fork()
                 if not self.helper:
                     _call(others)
             self.count += 1
@@ -52,12 +54,6 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
             if listener.helper:
                 os.kill(listener.helper, signal.SIGKILL)
                 os.waitpid(listener.helper, 0)
-
-
-def _fork() -> int:
-    with warnings.catch_warnings():  # about threads: only the live view has one, and the child does not use it
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return os.fork()
 
 
 def _call(calls: Sequence[Callable[[], object]]) -> NoReturn:

@@ -19,7 +19,7 @@ from palpate.engine.job import Job
 from palpate.engine.slot import NodeError
 from palpate.launch.run.interrupts import STOPPING, interrupts
 from palpate.launch.run.reports import Alive, Note, Report, Starting
-from palpate.launch.run.result import Death, Result
+from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.work.loops import run
 from palpate.launch.run.work.watchdog import START_PATIENCE, watched
 from palpate.launch.run.work.worker import Worker
@@ -115,14 +115,14 @@ def _note(result: Result, error: NodeError | KeyboardInterrupt) -> None:
         result.deaths.append(death(error))
 
 
-def death(fault: NodeError) -> Death:
+def death(fault: NodeError) -> NodeFault:
     cause = fault.cause
     if isinstance(cause, MemoryError):  # not necessarily the fault of the node that ran
         during = f"while node {fault.node!r} had its turn ({fault.where})"
-        return Death("", "process", f"there was no memory left {during}: {cause or 'MemoryError'}")
+        return NodeFault("", "process", f"there was no memory left {during}: {cause or 'MemoryError'}")
     if isinstance(cause, BaseException):
-        return Death(fault.node, fault.where, f"{type(cause).__name__}: {cause}".removesuffix(": "), _trace(cause))
-    return Death(fault.node, fault.where, cause)
+        return NodeFault(fault.node, fault.where, f"{type(cause).__name__}: {cause}".removesuffix(": "), _trace(cause))
+    return NodeFault(fault.node, fault.where, cause)
 
 
 def _trace(cause: BaseException) -> str:

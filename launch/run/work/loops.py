@@ -26,7 +26,11 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         gc.freeze()
     try:
         if worker.slots and worker.job.clock == "real":
-            _run_to_stop(worker, origin)
+            try:
+                run_real(worker, origin)
+            except EndedError:
+                if not worker.stopping:  # `Quit` was ordered; after `Stop` the observers continue
+                    raise
         elif worker.slots:
             run_simulated(worker, origin)
         if worker.audience.slots and worker.bus is not None:
@@ -39,15 +43,6 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         if freezes:
             gc.unfreeze()
         worker.finish()
-
-
-def _run_to_stop(worker: Worker, origin: int) -> None:
-    """Run on the real clock. After `Stop` the observers continue; EndedError: `Quit` was ordered."""
-    try:
-        run_real(worker, origin)
-    except EndedError:
-        if not worker.stopping:
-            raise
 
 
 QUIET = 500_000_000  # [ns] without a frame after which killed senders have no more frames in transit

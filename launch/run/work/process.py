@@ -15,7 +15,7 @@ from palpate.engine.clock import real_time
 from palpate.engine.slot import NodeError
 from palpate.launch.run import reports
 from palpate.launch.run.descendants import die_with_parent
-from palpate.launch.run.result import Death
+from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.bus import Bus, split
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import death
@@ -53,17 +53,20 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         clean_exit = begun is not None
         return 0
     except (NodeError, RunError, KeyboardInterrupt) as error:
-        text = str(error) or "stopped by its user"
-        failure = death(error) if isinstance(error, NodeError) else Death("", "process", text)
-        bus.report(reports.NodeFault(failure.node, failure.where, failure.text, failure.trace))
-        _stop_rest(worker)
+        stopped = NodeFault("", "process", str(error) or "stopped by its user")
+        bus.report(death(error) if isinstance(error, NodeError) else stopped)
+        if worker is not None:
+            try:
+                worker.stop()
+            except NodeError as second:  # printed, so that it does not replace the first
+                print(f"a second failure while stopping: {second}", file=sys.stderr)
         if isinstance(error, KeyboardInterrupt):
             raise
         return 1
     except Exception as error:
         # System errors need no traceback.
         trace = "" if isinstance(error, OSError) else traceback.format_exc()
-        bus.report(reports.NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
+        bus.report(NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
         bus.end(clean_exit)
@@ -91,15 +94,6 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
                 bus.report(reports.Linked())
             case reports.Go(origin):
                 return origin, senders
-
-
-def _stop_rest(worker: Worker | None) -> None:
-    """Stop the other nodes after a failure; print a second failure, so that it does not replace the first."""
-    if worker is not None:
-        try:
-            worker.stop()
-        except NodeError as error:
-            print(f"a second failure while stopping: {error}", file=sys.stderr)
 
 
 MISMATCH = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL

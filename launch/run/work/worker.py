@@ -95,8 +95,15 @@ class Worker:
         names = [slot.name for slot in self.slots[:1]]
 
         def begin(name: str, node: Node, start: Callable[[], None]) -> None:
+            """Start one node or observer; if it fails, stop it, so that it releases its resources."""
             names.append(name)
-            self._start(name, node, start)
+            try:
+                start()
+            except BaseException:
+                with contextlib.suppress(BaseException):  # also SystemExit, which would replace the fault
+                    node.stop()
+                raise
+            self._started.append((name, node))
 
         with compiling(lambda count: self.report(Starting(names[-1], count)), self._compilations()):
             if any(isinstance(slot.node, CompiledNode) for slot in self.slots):
@@ -127,16 +134,6 @@ class Worker:
             elif kind.__module__.startswith("palpate.nodes.") and not (slot.node.hardware or slot.node.sink):
                 calls.append(slot.start)
         return calls[:1] + calls[:0:-1]
-
-    def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
-        """Start one node or observer; if it fails, stop it, so that it releases its resources."""
-        try:
-            start()
-        except BaseException:
-            with contextlib.suppress(BaseException):  # also SystemExit, which would replace the fault
-                node.stop()
-            raise
-        self._started.append((name, node))
 
     @property
     def started(self) -> int:

@@ -51,6 +51,10 @@ def node_of(command):
     return ReducedFE(**settings_of([word for word in shlex.split(command)[2:] if word != "--set"]))
 
 
+def test_numbers_of_a_command_are_read_as_in_graphs():
+    assert settings_of(["young=5e3", "tissue.bed=30"]) == {"young": 5e3, "bed": 30}
+
+
 def test_every_shipped_basis_is_in_the_index_with_its_command():
     printed = basis_store.shipped()
     assert {path.name for path in basis_store.SHIPPED.glob("*.npz")} == set(printed)

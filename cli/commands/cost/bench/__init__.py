@@ -1,3 +1,1 @@
-"""`palpate bench`."""
-
-HELP = "Benchmark the models, and the haptic loop of a device."
+"""Benchmark the models, and the haptic loop of a device."""

@@ -1,4 +1,1 @@
-"""`palpate build`."""
-
-HELP = "Build a basis, or a fingertip from scans; run full FE models."
-ORDER = ("basis", "fingertip", "fe")
+"""Build a basis, or a fingertip from scans; run full FE models."""

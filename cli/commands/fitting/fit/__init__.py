@@ -1,4 +1,1 @@
-"""`palpate fit`."""
-
-HELP = "Fit a force model, a material or a body to data."
-ORDER = ("tissue", "record", "force", "body")
+"""Fit a force model, a material or a body to data."""

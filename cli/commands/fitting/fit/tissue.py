@@ -72,7 +72,7 @@ def tissue(
         raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
     made = Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
     fits.check_laws(made, (law, *(compare or ())), relaxation)
-    check_new((out / name for name in WRITTEN), force)
+    check_new([out / name for name in WRITTEN], force)
     # Read the presses and fit the law.
     read = PressReader(columns.split(","), unit or [], rig == "fingertip")
     presses = [p for file in files for p in read(file)]

@@ -1,3 +1,1 @@
-"""`palpate list`."""
-
-HELP = "List nodes, messages, effects, tissues and material laws."
+"""List nodes, messages, effects, tissues and material laws."""

@@ -1,4 +1,1 @@
-"""`palpate remote`."""
-
-HELP = "Spread a run over several machines: keys and workers."
-ORDER = ("keys", "join")
+"""Spread a run over several machines: keys and workers."""

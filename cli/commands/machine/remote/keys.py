@@ -25,7 +25,7 @@ def keys(
     made = known.make(name or known.NAME) if make else None
     if name is not None:
         known.load(name)
-    paths = {key: path for key, path in known.known() if name in (None, key)}
+    paths = {path.stem: path for path in sorted(known.folder().glob("*.json")) if name in (None, path.stem)}
     if as_json:
         print_json(
             {"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in paths.items()}}

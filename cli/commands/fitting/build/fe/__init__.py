@@ -1,4 +1,1 @@
-"""`palpate build fe`."""
-
-HELP = "Run the full finite-element models."
-ORDER = ("fingertip", "table")
+"""Run the full finite-element models."""
