@@ -249,9 +249,10 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
         if key not in known:
             text, cure = unknown(line.place(key), f"{key}: null")
             close, keys = choices(f"Settings of {draft.cls.__name__}", key, known), choices("Keys", key, LINE)
+            named = {"setting": key}
             if keys.startswith("Did you mean") and not close.startswith("Did you mean"):
-                text, close = f"unknown key {key!r}", f"{keys} {close}"
-            faults.add(text, close + cure, line.place(key), node=name, setting=key)
+                text, close, named = f"unknown key {key!r}", f"{keys} {close}", {}
+            faults.add(text, close + cure, line.place(key), node=name, **named)
     values = resolve(name, draft.cls, line, [key for key in draft.set_keys if key in known], scene, offers, faults)
     return NodeSpec(
         name,
