@@ -23,7 +23,7 @@ import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, interpolated, lies_on, patch_of
-from palpate.physics.bodies.sampled.contacts import SampledContacts, sampled_contacts, step_all
+from palpate.physics.bodies.sampled.contacts import SampledContacts, step_all
 from palpate.physics.bodies.sampled.energy import Points, SampledWorkspace, scratch
 from palpate.physics.bodies.sampled.step import (
     EXPONENT,
@@ -142,7 +142,11 @@ def sampled_body(
     return SampledBody(
         model, fine_mesh(mesh, radius, reach), (2.0 * reach + 1.5 * margin) ** 2, np.zeros((4, count, 3)),
         np.zeros(count, np.int64), np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))]),
-        scratch(basis.points), numbers, np.zeros((contacts, 3)), sampled_contacts(contacts, count, r),
+        scratch(basis.points), numbers, np.zeros((contacts, 3)),
+        SampledContacts(
+            np.zeros(contacts), np.zeros((contacts, count, 3)), np.zeros((2, contacts, r)), np.zeros((contacts, 2)),
+            np.eye(contacts), np.zeros((2, contacts)),
+        ),
     )  # fmt: skip
 
 

@@ -40,14 +40,6 @@ class SampledContacts(NamedTuple):
     depths: Annotated[np.ndarray, "<f8", 2]  # [m] (2,c) s_free and s
 
 
-def sampled_contacts(count: int, vertices: int, modes: int) -> SampledContacts:
-    """The contacts of a body with these numbers of vertices and modes."""
-    return SampledContacts(
-        np.zeros(count), np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)),
-        np.eye(count), np.zeros((2, count)),
-    )  # fmt: skip
-
-
 @kernel(error_model="numpy")
 def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contacts):
     """A step under all loads. Fills `contacts` except for forces and measures; other arguments as of `step.step`.
