@@ -141,12 +141,7 @@ class Spectral(_TextureNode):
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         points = np.array(self.spectrum).reshape(-1, 2)
-        good = (
-            len(points) > 1
-            and np.isfinite(points).all()
-            and (points > 0.0).all()
-            and (np.diff(points[:, 0]) > 0.0).all()
-        )
+        good = len(points) > 1 and ((points > 0.0) & np.isfinite(points)).all() and (np.diff(points[:, 0]) > 0.0).all()
         if self.wavelength and self.profile:
             raise SettingError("settings 'wavelength' and 'profile': found both, expected one")
         if not (self.wavelength or self.profile or good):

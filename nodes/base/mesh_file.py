@@ -113,12 +113,11 @@ def flaws(path: str) -> list[str]:
     if border:
         areas = Mesh(vertices, right).face_vectors
         x, y, z = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()
-        sheet = f" It is a sheet that faces ({x:.2g}, {y:.2g}, {z:.2g}); touch it from there."
+        faces = f" It is a sheet that faces ({x:.2g}, {y:.2g}, {z:.2g}); touch it from there."
         lines.append(
             f"{path} is open: {border} edges have a triangle on one side only. A finger that goes beyond them meets "
             f"nothing, and deformation.ReducedFE needs a closed surface. {REPAIR.format(path)} closes it."
-            + sheet
-            * (math.hypot(x, y, z) > FLAT)
+            + (faces if math.hypot(x, y, z) > FLAT else "")
         )
     turned = int((_least_first(right) != _least_first(triangles)).any(axis=1).sum())
     if turned == len(triangles):

@@ -9,14 +9,7 @@ from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Calibrated, CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
-from palpate.physics.bodies.beam_foundation import (
-    BeamFoundation,
-    answer,
-    beam_foundation,
-    bear,
-    foundation_contacts,
-    relaxation,
-)
+from palpate.physics.bodies import beam_foundation as beams
 from palpate.physics.bodies.beam_foundation_step import held_force
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.exact import row_times
@@ -27,7 +20,7 @@ from palpate.physics.records import floats, form, integers, lend_first, longs, n
 OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")
 
 
-_bed_of = unpacking(BeamFoundation)
+_bed_of = unpacking(beams.BeamFoundation)
 NO_VERTEX = 1  # fault: a load on an unknown vertex
 
 
@@ -54,7 +47,7 @@ class BeamBundle(CompiledNode, WithNodule):
     )
     pressure = Part("pressure", "pressure", about="The pressure on the displaced nodes; 0 while they recover.")
     State = SEVERAL | {
-        "bed": form(BeamFoundation), "places": TABLE,  # feet [m] and normals [1] (c,6) of the last step
+        "bed": form(beams.BeamFoundation), "places": TABLE,  # feet [m] and normals [1] (c,6) of the last step
         "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # normals [1], areas [m²]; work array; [Pa]
     }  # fmt: skip
 
@@ -92,9 +85,9 @@ class BeamBundle(CompiledNode, WithNodule):
     def resize(self, counts: list[int]) -> None:
         count = counts[0]
         if count != len(self._bed.contacts.forces):
-            self._hold_bed(self._bed._replace(contacts=foundation_contacts(count, len(self._bed.beams.areas))))
+            self._hold_bed(self._bed._replace(contacts=beams.foundation_contacts(count, len(self._bed.beams.areas))))
 
-    def _hold_bed(self, bed: BeamFoundation) -> None:
+    def _hold_bed(self, bed: beams.BeamFoundation) -> None:
         self._bed = bed
         make_room(self, len(bed.contacts.forces))
         self.hold("laws", bed.contacts.laws)
@@ -102,7 +95,7 @@ class BeamBundle(CompiledNode, WithNodule):
         self.hold("bed", bed)
         self.hold("places", np.full((len(bed.contacts.forces), 6), np.nan))
 
-    def foundation(self, thicker: float = 1.0, slower: float = 1.0, contacts: int = 1) -> BeamFoundation:
+    def foundation(self, thicker: float = 1.0, slower: float = 1.0, contacts: int = 1) -> beams.BeamFoundation:
         """The beams at rest.
 
         thicker  factor on thicknesses and moduli, which keeps the compliance
@@ -113,7 +106,7 @@ class BeamBundle(CompiledNode, WithNodule):
             ViscoelasticMaterial(thicker * modulus, slower * relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
         )
-        return beam_foundation(self.mesh(), self.hardness(), layers, materials, self.radius, contacts)
+        return beams.beam_foundation(self.mesh(), self.hardness(), layers, materials, self.radius, contacts)
 
     @kernel
     def idle(own, load, out, dt):
@@ -139,14 +132,14 @@ class BeamBundle(CompiledNode, WithNodule):
                         return
             for i in range(load.count):
                 each = nth(load, i)
-                bear(bed, i, integers(each.nodes), floats(each.forces), vector(each.foot), vector(each.normal))
-            answer(bed, dt)
+                beams.bear(bed, i, integers(each.nodes), floats(each.forces), vector(each.foot), vector(each.normal))
+            beams.answer(bed, dt)
         for i in range(load.count):
             each = nth(load, i)
             for k in range(3):
                 places[i, k], places[i, 3 + k] = each.foot[k], each.normal[k]
         send_laws(own, out)
-        out.step, out.relaxation, out.limited = dt, relaxation(bed.beams, dt), bed.moving.sent[1]
+        out.step, out.relaxation, out.limited = dt, beams.relaxation(bed.beams, dt), bed.moving.sent[1]
         if not own.shape:
             return
         count = bed.moving.sent[0]

@@ -12,19 +12,7 @@ from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.deformation.reduced_fe import ReducedFE
-from palpate.physics.bodies.mass_spring import (
-    AT_REST,
-    NodalBody,
-    deeper,
-    factor_at,
-    mean_hardness,
-    move,
-    nodal_body,
-    normal_force,
-    retarded,
-    shared,
-    shifted,
-)
+from palpate.physics.bodies import mass_spring as springs
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
@@ -34,7 +22,7 @@ from palpate.physics.records import floats, form, integers, lend_first, nth, one
 
 NotNegative = msgspec.Meta(ge=0)
 
-_body_of = unpacking(NodalBody)
+_body_of = unpacking(springs.NodalBody)
 
 
 class MassSpring(CompiledNode, WithNodule):
@@ -76,8 +64,8 @@ class MassSpring(CompiledNode, WithNodule):
         about="The displaced vertices of the surface and their displacement [m], under the forces of all contacts.",
     )  # fmt: skip
     State = SEVERAL | {
-        "body": form(NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY, "factors": ARRAY,
-        "courses": TABLE,
+        "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
+        "factors": ARRAY, "courses": TABLE,
     }  # fmt: skip
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, and the course
@@ -138,7 +126,7 @@ class MassSpring(CompiledNode, WithNodule):
         self.hold("acting", np.zeros(count))
         if self.own["shape"]:
             law = (self.stiffness, self.exponent, self.damping, self.tangential_stiffness, self.tangential_damping)
-            self.hold("body", nodal_body(self.mesh(), *law, self._hardness, count, self.retardation))
+            self.hold("body", springs.nodal_body(self.mesh(), *law, self._hardness, count, self.retardation))
 
     @kernel
     def idle(own, load, out, dt):
@@ -155,10 +143,10 @@ class MassSpring(CompiledNode, WithNodule):
         several = load.count > 1
         for i in range(load.count):
             each = nth(load, i)
-            forces[i] = normal_force(floats(each.forces), vector(each.normal))
+            forces[i] = springs.normal_force(floats(each.forces), vector(each.normal))
             for j in range(i + 1 if several else 0):
                 other = nth(load, j)
-                coupling[i, j] = shared(each.foot, other.foot, each.normal, other.normal, own.radius)
+                coupling[i, j] = springs.shared(each.foot, other.foot, each.normal, other.normal, own.radius)
                 coupling[j, i] = coupling[i, j]
         # indentation of each contact, and its terminal law for the next step
         body, count, courses = _body_of(own.body), 0, floats(own.courses)
@@ -169,25 +157,25 @@ class MassSpring(CompiledNode, WithNodule):
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
             if mapped:
                 nodes, normal, ground = integers(each.nodes), vector(each.normal), floats(own.ground)
-                factor = factor_at(nodes, vector(each.foot), normal, ground, own.radius, slopes[i])
+                factor = springs.factor_at(nodes, vector(each.foot), normal, ground, own.radius, slopes[i])
                 factors[i] = factor if factor > 0.0 else factors[i]
             elif own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
                 normal, hardness = vector(each.normal), floats(own.hard)
-                factors[i] = mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
+                factors[i] = springs.mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
             stiffness, previous, course = own.stiffness * factors[i], laws[i, 4], courses[i]
             if mapped:  # the indentation that the contact computed, with the law at the previous position
                 reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
-            moving, rest = retarded(stiffness, own.exponent, own.retardation, dt)
+            moving, rest = springs.retarded(stiffness, own.exponent, own.retardation, dt)
             free = rest * course[end_rate.AHEAD] * previous
             s = indentation(acting[i], dt, moving, own.exponent, own.damping, free, previous)
-            if not acting[i] > 0.0 and s < AT_REST:
+            if not acting[i] > 0.0 and s < springs.AT_REST:
                 s = 0.0
             share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
             if own.shape:  # displacement of the surface by the nodal law
                 pull, normal = floats(each.forces), vector(each.normal)
                 if 0.0 < share < 1.0:
-                    pull = shifted(pull, normal, 1.0 / share - 1.0)
-                count = move(body, i, integers(each.nodes), pull, normal, dt, course[end_rate.AHEAD])
+                    pull = springs.shifted(pull, normal, 1.0 / share - 1.0)
+                count = springs.move(body, i, integers(each.nodes), pull, normal, dt, course[end_rate.AHEAD])
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
             laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s, s
@@ -208,7 +196,7 @@ class MassSpring(CompiledNode, WithNodule):
         if not own.shape:
             return
         if several:
-            count = deeper(body)
+            count = springs.deeper(body)
             lend_first(out.nodes, own.body.nodes, count)
             lend_first(out.displacement, own.body.deepest, count)
         else:

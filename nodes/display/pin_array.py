@@ -85,10 +85,6 @@ class PinArray(OnThinnedSurface):
         curved = np.inf if self.curvature == 0.0 else 1.0 / self.curvature
         return pads.pad_contact(force, self.modulus if modulus is None else modulus, self.poisson, curved, self.finger)
 
-    def theory_profile(self, distance: np.ndarray, force: float) -> np.ndarray:
-        """Deformation of the fingerpad [m] at these distances from the axis [m], for a force [N]."""
-        return pads.pad_displacement(distance, self.theory(force))
-
     def step(
         self,
         contact: Annotated[Contact, Wants("force", "compression", "indentation", "foot", "normal")],

@@ -29,9 +29,7 @@ class Afferents(CompiledNode):
 
     effect = "tactile"
 
-    reach: Annotated[float, "m", msgspec.Meta(gt=0, le=0.1)] = (
-        8e-3  # Radius of the disc; within the grid of tactile.Stress
-    )
+    reach: Annotated[float, "m", msgspec.Meta(gt=0, le=0.1)] = 8e-3  # Of the disc; within the grid of tactile.Stress
     densities: Annotated[tuple[float, float, float], "1/m^2"] = DENSITIES  # Of SA1, RA1 and PC
     depths: Annotated[tuple[float, float, float], "m"] = DEPTHS  # Of their receptors
     units: Annotated[str, "1"] = ""  # CSV file with type, x, y, depth [m], in place of densities

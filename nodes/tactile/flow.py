@@ -33,12 +33,12 @@ class Flow(Node):
         try:
             archive = read_arrays(path)
             force, area, volumes = (archive[f"{self.plate}.{name}"] for name in ("force", "area", "volumes"))
-            self._levels = archive["levels"]
+            levels = archive["levels"]
         except (ArchiveError, KeyError) as error:
             raise SettingError(f"setting 'table': {path}: {error}. `palpate build fe table` writes one") from None
         rows = force.size
-        numbers = all(np.can_cast(array.dtype, float) for array in (force, area, volumes, self._levels))
-        alike = force.shape == area.shape == (rows,) and volumes.shape == (rows, self._levels.size)
+        numbers = all(np.can_cast(array.dtype, float) for array in (force, area, volumes, levels))
+        alike = force.shape == area.shape == (rows,) and volumes.shape == (rows, levels.size)
         every = np.column_stack([force, area, volumes]) if numbers and alike else np.full((1, 1), np.nan)
         if not np.isfinite(every).all() or rows < 2 or force[0] != 0.0 or (np.diff(force) <= 0).any():
             raise SettingError(
@@ -46,9 +46,9 @@ class Flow(Node):
                 "`palpate build fe table` writes a table"
             )
         self._area = self.wants("area") or self.wants("area_rate") or self.wants("stick_radius")
-        self._volumes = self.wants("volumes") or self.wants("volume_rates")
-        self._force = force
-        curves = [area[:, None]] * self._area + [volumes] * self._volumes
+        shown = self.wants("volumes") or self.wants("volume_rates")
+        self._force, self._levels = force, levels if shown else levels[:0]
+        curves = [area[:, None]] * self._area + [volumes] * shown
         self._columns = np.column_stack(curves) if curves else np.zeros((rows, 0))
         self._slopes = np.diff(self._columns, axis=0) / np.diff(force)[:, None]
         self._flat = np.zeros(self._columns.shape[1])
@@ -71,8 +71,6 @@ class Flow(Node):
                 f = (0.0, 0.0, 0.0) if friction is None else friction.force
                 aside = (f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) ** 0.5
                 stick = stick_radius((area / np.pi) ** 0.5, aside, force, self.friction)
-        if not self._volumes:
-            return Tactile(area=area, area_rate=rate, stick_radius=stick)
         return Tactile(
             area=area,
             area_rate=rate,

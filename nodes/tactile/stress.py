@@ -7,15 +7,7 @@ import numpy as np
 
 from palpate.messages import Load, Subsurface, Vector
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
-from palpate.physics.contact.subsurface import (
-    PAIRS,
-    SHALLOWEST,
-    along_patch,
-    strain_energy_of,
-    stress_of,
-    under_patch,
-    von_mises_of,
-)
+from palpate.physics.contact import subsurface
 from palpate.physics.kernel import kernel as compiled
 from palpate.physics.records import floats, lend
 
@@ -44,7 +36,7 @@ class Stress(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        least, most = SHALLOWEST * self.radius, 10_000
+        least, most = subsurface.SHALLOWEST * self.radius, 10_000
         half = int(self.reach / self.spacing + 1e-9)
         if not self.depths or min(self.depths) < least:
             raise SettingError(f"setting 'depths': found {self.depths} m, expected depths of {least:.2g} m and more")
@@ -53,21 +45,21 @@ class Stress(CompiledNode):
             raise SettingError(f"settings 'reach', 'spacing', 'depths': found {count} points, expected at most {most}")
         line = self.spacing * np.arange(-half, half + 1)
         points = np.array([(x, y, z) for z in self.depths for x in line for y in line])
-        tensor = under_patch(points, self.radius, self.kernel, self.poisson)
-        matrix = np.stack([tensor[:, i, j] for i, j in PAIRS], axis=1).reshape(-1, 3)
-        held = {"matrix": matrix, "points": points, "stress": np.zeros((count, len(PAIRS)))}
+        tensor = subsurface.under_patch(points, self.radius, self.kernel, self.poisson)
+        matrix = np.stack([tensor[:, i, j] for i, j in subsurface.PAIRS], axis=1).reshape(-1, 3)
+        held = {"matrix": matrix, "points": points, "stress": np.zeros((count, len(subsurface.PAIRS)))}
         for name, array in (held | {"equivalent": np.zeros(count), "density": np.zeros(count)}).items():
             self.hold(name, np.ascontiguousarray(array))
 
     @compiled(error_model="numpy")
     def compute(own, load: Annotated[Load, Wants("forces", "normal")], out: Out[Subsurface], dt):
-        force = along_patch(floats(load.forces), load.normal)
-        stress_of(floats(own.matrix), force, floats(own.stress))
+        force = subsurface.along_patch(floats(load.forces), load.normal)
+        subsurface.stress_of(floats(own.matrix), force, floats(own.stress))
         lend(out.points, own.points)
         lend(out.stress, own.stress)
         if own.mises:
-            von_mises_of(floats(own.stress), floats(own.equivalent))
+            subsurface.von_mises_of(floats(own.stress), floats(own.equivalent))
             lend(out.von_mises, own.equivalent)
         if own.energy:
-            strain_energy_of(floats(own.stress), own.young, own.poisson, floats(own.density))
+            subsurface.strain_energy_of(floats(own.stress), own.young, own.poisson, floats(own.density))
             lend(out.energy_density, own.density)

@@ -25,14 +25,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.beam_foundation_step import (
-    LEAST_COMPLIANCE,
-    add_forces,
-    foundation_step,
-    limit_displacement,
-    loaded_patch,
-    patch_between,
-)
+from palpate.physics.bodies import beam_foundation_step as stepping
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, neighbours
 from palpate.physics.contact.spread import Spreader, spread, spreader
 from palpate.physics.exact import distance
@@ -118,7 +111,7 @@ def foundation_contacts(count: int, vertices: int) -> FoundationContacts:
     return FoundationContacts(
         np.zeros((2, count, vertices), np.int32), np.zeros((2, count, vertices)), which, counts, borne,
         np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.zeros((count, count)),
-        np.tile([1.0 / LEAST_COMPLIANCE, 1.0, 0.0, 0.0, 0.0], (count, 1)), np.eye(count),
+        np.tile([1.0 / stepping.LEAST_COMPLIANCE, 1.0, 0.0, 0.0, 0.0], (count, 1)), np.eye(count),
     )  # fmt: skip
 
 
@@ -179,7 +172,7 @@ def bear(foundation, contact, nodes, forces, foot, normal):
     """Apply the load of a contact, nodal forces [N] (k,3) on vertices of the surface. Call `answer` after all loads."""
     contacts, moving = foundation.contacts, foundation.moving
     last = Patch(contacts.nodes[0, contact], contacts.shares[0, contact])
-    touched = loaded_patch(nodes, forces, normal, last, moving.weight)
+    touched = stepping.loaded_patch(nodes, forces, normal, last, moving.weight)
     contacts.which[contact] = 0 if touched > 0 else 1
     if touched > 0:
         contacts.borne[contact] = touched
@@ -189,13 +182,13 @@ def bear(foundation, contact, nodes, forces, foot, normal):
         share = max(1.0 - near, 0.0)
         spreader = foundation.spreader
         count = spread(spreader, foot, normal, (0.0, 0.0, 0.0)) if share < 1.0 else 0
-        touched = patch_between(
+        touched = stepping.patch_between(
             last, contacts.borne[contact], share, spreader.nodes[:count], spreader.weights[:count],
             Patch(contacts.nodes[1, contact], contacts.shares[1, contact]), moving.weight,
         )  # fmt: skip
     contacts.counts[contact] = touched
     contacts.normals[contact, 0], contacts.normals[contact, 1], contacts.normals[contact, 2] = normal
-    moving.sent[0], contacts.forces[contact] = add_forces(nodes, forces, normal, moving.sent[0], moving)
+    moving.sent[0], contacts.forces[contact] = stepping.add_forces(nodes, forces, normal, moving.sent[0], moving)
 
 
 @kernel(error_model="numpy")
@@ -203,8 +196,8 @@ def answer(foundation, dt):
     """Step the beams by dt > 0 [s] under the loads of all contacts: fills the laws of the next step, `coupling`, and
     `nodes` and `moved` up to the first number of `sent`."""
     sent, dt = foundation.moving.sent, max(dt, SHORTEST_STEP)
-    sent[0], limited = foundation_step(dt, sent[0], foundation.beams, foundation.moving, foundation.contacts)
-    sent[1] = int(limited + limit_displacement(sent[0], foundation.beams, foundation.moving, foundation.skin))
+    sent[0], limited = stepping.foundation_step(dt, sent[0], foundation.beams, foundation.moving, foundation.contacts)
+    sent[1] = int(limited + stepping.limit_displacement(sent[0], foundation.beams, foundation.moving, foundation.skin))
 
 
 @kernel(error_model="numpy")

@@ -20,31 +20,10 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_contacts import joint_answer, joint_profile
 from palpate.physics.bodies.condensed_field import add_field, add_half_space
-from palpate.physics.bodies.condensed_step import (
-    BEARS,
-    COMPLIANCE,
-    COURSE,
-    DEEP,
-    EXPONENT,
-    FIELDS,
-    FREE,
-    GROWN,
-    LEAST_FORCE,
-    NOW,
-    NUMBERS,
-    OWN,
-    PRESS,
-    TILT,
-    TOTAL,
-    CondensedModel,
-    add_others,
-    fixed_part,
-    stretched_radius,
-    take_load,
-)
 from palpate.physics.bodies.large_displacement import DEEPEST, DEEPEST_COVERED, stored_energy
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, interpolated, lies_on, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
@@ -62,7 +41,7 @@ LEAST = 1e-9  # [m/N] Lower limit of the compliance
 class CondensedBody(NamedTuple):
     """A condensed organ and its state: fields, marks and numbers of each of c contacts (`condensed_step.take_load`)."""
 
-    model: CondensedModel
+    model: step.CondensedModel
     ground: Ground
     fine: FineMesh
     fields: Annotated[np.ndarray, "<f8", 4]  # (c,F,V,3)
@@ -112,7 +91,7 @@ def condensed_body(
     if len(area.forces):
         half_space = (1.0 - true.held) * np.pi * true.normal * MEAN / young
         area, rho = with_approach(area, half_space, rho), np.array(NO_FLOATS)
-    model = CondensedModel(
+    model = step.CondensedModel(
         basis.compliance, basis.vertices, rho, hat_moments(coarse), corners, weights, weight_slopes(coarse, corners),
         young, retardation, mesh.vertices, true, area, DEEPEST if apart is None or apart.any() else DEEPEST_COVERED,
     )  # fmt: skip
@@ -120,13 +99,13 @@ def condensed_body(
     return under(model, ground, fine, 1)
 
 
-def under(model: CondensedModel, ground: Ground, fine: FineMesh, count: int) -> CondensedBody:
+def under(model: step.CondensedModel, ground: Ground, fine: FineMesh, count: int) -> CondensedBody:
     """An organ at rest, with `count` contacts."""
     size, several = len(model.vertices), count if count > 1 else 0
-    numbers = np.zeros((count, NUMBERS))
-    numbers[:, COURSE] = end_rate.AT_REST
+    numbers = np.zeros((count, step.NUMBERS))
+    numbers[:, step.COURSE] = end_rate.AT_REST
     return CondensedBody(
-        model, ground, fine, np.zeros((count, FIELDS, size, 3)), np.zeros((count, 3, size), np.int64),
+        model, ground, fine, np.zeros((count, step.FIELDS, size, 3)), np.zeros((count, 3, size), np.int64),
         numbers, np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
         np.eye(count), np.zeros((count, count)), np.zeros((count, 3)),
         joint_profile() if several else np.zeros(0), np.zeros((several, 4, size)), np.zeros((size, 3), np.float32),
@@ -144,7 +123,7 @@ def bear(body, contact, nodes, forces, foot, normal, dt):
     for i in range(3):
         body.feet[contact, i], body.normals[contact, i] = foot[i], normal[i]
     counts = body.counts[contact]
-    counts[0], counts[1] = take_load(
+    counts[0], counts[1] = step.take_load(
         body.model, patch, pull, share, normal, dt, body.fields[contact], body.marks[contact], body.numbers[contact],
         counts[0],
     )  # fmt: skip
@@ -162,17 +141,17 @@ def answer(body, laws, dt):
     """
     model = body.model
     if len(body.counts) == 1:
-        add_others(model, dt, body.numbers[0], 0.0, 0.0, 0.0)
+        step.add_others(model, dt, body.numbers[0], 0.0, 0.0, 0.0)
     else:
         joint_answer(
             model, body.profile, body.fields, body.marks, body.numbers, body.counts, body.normals, body.feet,
             body.room, body.cross, body.coupling, body.drawn, dt,
         )  # fmt: skip
     for i in range(len(laws)):
-        compliance, free, now = body.numbers[i, COMPLIANCE], body.numbers[i, FREE], body.numbers[i, NOW]
+        compliance, free, now = body.numbers[i, step.COMPLIANCE], body.numbers[i, step.FREE], body.numbers[i, step.NOW]
         laws[i, 0], laws[i, 1], laws[i, 3], laws[i, 4] = 1.0 / max(compliance, LEAST), 1.0, free, now
         if len(model.area.forces) > 0 and len(laws) == 1:
-            n, force = body.numbers[i, EXPONENT], max(body.numbers[i, TOTAL], LEAST_FORCE)
+            n, force = body.numbers[i, step.EXPONENT], max(body.numbers[i, step.TOTAL], step.LEAST_FORCE)
             laws[i, 0], laws[i, 1] = force * (laws[i, 0] / force) ** n, n
 
 
@@ -181,7 +160,7 @@ def extrapolation(body):
     """Excess [1] of the last step over the limits of the body: 0 within them, 1 at twice a limit."""
     most = 0.0
     for numbers in body.numbers:
-        for excess in numbers[DEEP : GROWN + 1]:
+        for excess in numbers[step.DEEP : step.GROWN + 1]:
             most = max(most, excess)
     return most
 
@@ -202,12 +181,12 @@ def stored(body):
     patches is not included."""
     if len(body.numbers) == 1 and len(body.model.area.forces) == 0:
         return _stored_under(body.model, body.numbers[0])
-    total, bears = 0.0, body.numbers[:, BEARS].copy()
+    total, bears = 0.0, body.numbers[:, step.BEARS].copy()
     for i in range(len(bears)):
-        acting = bears[i] + row_times(body.cross[i], bears) / max(body.numbers[i, OWN], 1e-300)
+        acting = bears[i] + row_times(body.cross[i], bears) / max(body.numbers[i, step.OWN], 1e-300)
         if len(body.model.area.forces) > 0:
-            press, own = body.numbers[0, PRESS] if len(bears) == 1 else bears[i], body.numbers[i, OWN]
-            linear = own * (acting - bears[i] + press) - fixed_part(body.model, body.numbers[i]) * press
+            press, own = body.numbers[0, step.PRESS] if len(bears) == 1 else bears[i], body.numbers[i, step.OWN]
+            linear = own * (acting - bears[i] + press) - step.fixed_part(body.model, body.numbers[i]) * press
             total += 0.5 * linear * press + approach(body.model.area.table, press)[2]
             continue
         share = bears[i] / acting if acting > 0.0 else 0.0
@@ -217,10 +196,10 @@ def stored(body):
 
 @kernel(error_model="numpy")
 def _stored_under(model, numbers):
-    now, compliance = numbers[NOW], numbers[OWN]
+    now, compliance = numbers[step.NOW], numbers[step.OWN]
     if not (now > 0.0 and compliance > 0.0):
         return 0.0
-    radius = stretched_radius(model, numbers)[0]
+    radius = step.stretched_radius(model, numbers)[0]
     return radius * radius / compliance * stored_energy(now / radius, model.rho)
 
 
@@ -229,10 +208,10 @@ def slope(body, contact):
     """Fill the tangential energy gradient `gradient` [N] (3) at the force of the last step, and the shape operator
     `shape` [1/m] (3,3): see `physics.bodies.place_energy`."""
     fields, numbers, n = body.fields[contact], body.numbers[contact], body.normals[contact]
-    radius, power = stretched_radius(body.model, numbers)
+    radius, power = step.stretched_radius(body.model, numbers)
     along(
-        body.ground, body.marks[contact, 2], body.counts[contact, 1], fields[TILT], (n[0], n[1], n[2]),
-        radius, power, numbers[OWN], numbers[TOTAL], body.gradient, body.shape,
+        body.ground, body.marks[contact, 2], body.counts[contact, 1], fields[step.TILT], (n[0], n[1], n[2]),
+        radius, power, numbers[step.OWN], numbers[step.TOTAL], body.gradient, body.shape,
     )  # fmt: skip
     if len(body.counts) > 1:
         for i in range(3):

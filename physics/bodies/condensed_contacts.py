@@ -28,18 +28,7 @@ contacts at the same place equal one with both forces. The tangential energy gra
 
 import numpy as np
 
-from palpate.physics.bodies.condensed_step import (
-    AHEAD,
-    COMPLIANCE,
-    FREE,
-    HOLD,
-    OWN,
-    PRESS,
-    RADIUS,
-    TILT,
-    TOTAL,
-    add_others,
-)  # fmt: skip
+from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.true_patch import half_space_depth, sideways
 from palpate.physics.exact import product
 from palpate.physics.kept import kept
@@ -92,12 +81,12 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
     # compliance of each patch, reduced by sticking of all patches
     lost = _joint_sticking(model, profile, marks, numbers, counts, normals, feet, room)
     for i in range(many):
-        if not numbers[i, OWN] > 0.0:
+        if not numbers[i, step.OWN] > 0.0:
             continue
-        change = 1.0 - min(lost[i, i] / (model.young * numbers[i, OWN]), 0.5)
-        _add_indentation(aside[i], (change - 1.0) * numbers[i, OWN] * numbers[i, PRESS], numbers[i])
-        numbers[i, OWN] *= change
-        numbers[i, COMPLIANCE] *= change
+        change = 1.0 - min(lost[i, i] / (model.young * numbers[i, step.OWN]), 0.5)
+        _add_indentation(aside[i], (change - 1.0) * numbers[i, step.OWN] * numbers[i, step.PRESS], numbers[i])
+        numbers[i, step.OWN] *= change
+        numbers[i, step.COMPLIANCE] *= change
     # compliances between patches, indentation and gradient due to the others
     for i in range(many):
         for j in range(i):
@@ -105,32 +94,32 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
     # large displacement at the effective forces; tau is the square of `scale`
     take = dt / (dt + model.retardation)
     for i in range(many):
-        self_compliance = max(numbers[i, OWN], 1e-300)
+        self_compliance = max(numbers[i, step.OWN], 1e-300)
         for j in range(many):
-            others[i] += cross[i, j] * numbers[j, TOTAL] / self_compliance
+            others[i] += cross[i, j] * numbers[j, step.TOTAL] / self_compliance
     for i in range(many):
-        add_others(model, dt, numbers[i], aside[i, 0], aside[i, 1], others[i])
-        tau = max(numbers[i, COMPLIANCE], 1e-300) / (take * max(numbers[i, OWN], 1e-300))
+        step.add_others(model, dt, numbers[i], aside[i, 0], aside[i, 1], others[i])
+        tau = max(numbers[i, step.COMPLIANCE], 1e-300) / (take * max(numbers[i, step.OWN], 1e-300))
         scale[i] = np.sqrt(tau)
         if len(model.area.forces) > 0:  # growth of the contact is local: the others indent it as a linear organ
             others[i], scale[i] = others[i] / tau, min(scale[i], 1.0)
     # laws: free indentation without the forces of the others, which act through the coupling
     for i in range(many):
-        compliance = max(numbers[i, COMPLIANCE], 1e-300)
-        numbers[i, FREE] += numbers[i, COMPLIANCE] * others[i]
+        compliance = max(numbers[i, step.COMPLIANCE], 1e-300)
+        numbers[i, step.FREE] += numbers[i, step.COMPLIANCE] * others[i]
         for j in range(many):
             joined = take * cross[i, j] * scale[i] * scale[j]
-            numbers[i, FREE] -= joined * numbers[j, TOTAL]
+            numbers[i, step.FREE] -= joined * numbers[j, step.TOTAL]
             coupling[i, j] = joined / compliance
         coupling[i, i] = 1.0
         for x in range(3):
-            slope[i, x] *= numbers[i, TOTAL]
+            slope[i, x] *= numbers[i, step.TOTAL]
 
 
 @kernel
 def _between(i, j, profile, numbers, feet, hats):
     """Mean 1/r [1/m] between two true patches minus that of the hat functions; derivative over the distance [1/m³]."""
-    radius = np.sqrt(0.5 * (numbers[i, RADIUS] ** 2 + numbers[j, RADIUS] ** 2))
+    radius = np.sqrt(0.5 * (numbers[i, step.RADIUS] ** 2 + numbers[j, step.RADIUS] ** 2))
     away = 0.0
     for x in range(3):
         away += (feet[i, x] - feet[j, x]) ** 2
@@ -154,9 +143,9 @@ def _joint_sticking(model, profile, marks, numbers, counts, normals, feet, room)
     for i in range(many):
         sideways(normals[i], axes[i])
         for a in range(2):
-            drag[i, 2 * i + a] = numbers[i, HOLD + 4 + a]
+            drag[i, 2 * i + a] = numbers[i, step.HOLD + 4 + a]
             for b in range(2):
-                held[2 * i + a, 2 * i + b] = numbers[i, HOLD + 2 * a + b]
+                held[2 * i + a, 2 * i + b] = numbers[i, step.HOLD + 2 * a + b]
         # blocks between two patches: g_i.C g_j, in C_tt with the correction
         for j in range(i):
             block[:] = 0.0
@@ -198,8 +187,8 @@ def _joint_sticking(model, profile, marks, numbers, counts, normals, feet, room)
 @kernel
 def _alone(numbers):
     """Reduction of the compliance [m/N] of a patch that sticks by itself, for a modulus of 1 Pa."""
-    a, b, d = numbers[HOLD] * (1.0 + RIDGE), numbers[HOLD + 1], numbers[HOLD + 3] * (1.0 + RIDGE)
-    y, z = numbers[HOLD + 4], numbers[HOLD + 5]
+    a, b, d = numbers[step.HOLD] * (1.0 + RIDGE), numbers[step.HOLD + 1], numbers[step.HOLD + 3] * (1.0 + RIDGE)
+    y, z = numbers[step.HOLD + 4], numbers[step.HOLD + 5]
     det = a * d - b * b
     return (d * y * y - 2.0 * b * y * z + a * z * z) / det if det > 0.0 else 0.0
 
@@ -252,12 +241,12 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
         more, change = _between(i, j, profile, numbers, feet, hats)
     more = facing * more - lost[i, j]
     both += more
-    most = np.sqrt(max(numbers[i, OWN] * numbers[j, OWN], 0.0)) * young
+    most = np.sqrt(max(numbers[i, step.OWN] * numbers[j, step.OWN], 0.0)) * young
     share = (most / abs(both) if abs(both) > most else 1.0) / young
     cross[i, j] = cross[j, i] = share * both
     # indentation a_ij and its gradient, without the part along the normal
     for a, b in ((i, j), (j, i)):
-        press = numbers[b, PRESS]
+        press = numbers[b, step.PRESS]
         done = more * press
         out = 0.0
         for k in range(counts[a, 1]):
@@ -267,7 +256,7 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
             if len(true.table) > 0:
                 here -= facing * room[a, 3, v] * press
             for x in range(3):
-                slope[a, x] += share * fields[a, TILT, v, x] * here
+                slope[a, x] += share * fields[a, step.TILT, v, x] * here
         for x in range(3):
             slope[a, x] += share * facing * change * press * (feet[a, x] - feet[b, x])
             out += slope[a, x] * normals[a, x]
@@ -280,7 +269,7 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
 def _add_indentation(aside, indentation, numbers):
     """Add the indentation [m] due to the history of the contact with these `numbers`, see `add_others`."""
     aside[0] += indentation
-    aside[1] += indentation * numbers[AHEAD]
+    aside[1] += indentation * numbers[step.AHEAD]
 
 
 @kernel

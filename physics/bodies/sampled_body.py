@@ -23,20 +23,9 @@ import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, interpolated, lies_on, patch_of
-from palpate.physics.bodies.sampled.contacts import SampledContacts, sampled_contacts, step_all
+from palpate.physics.bodies.sampled import step
+from palpate.physics.bodies.sampled.contacts import SampledContacts, step_all
 from palpate.physics.bodies.sampled.energy import Points, SampledWorkspace, scratch
-from palpate.physics.bodies.sampled.step import (
-    EXPONENT,
-    FREE,
-    GAMMA,
-    LENGTH,
-    NOW,
-    STIFFNESS,
-    SampledModel,
-    field,
-    gather,
-    step,
-)
 from palpate.physics.exact import sum_of_squares
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
@@ -107,7 +96,7 @@ class SampledBasis:
 class SampledBody(NamedTuple):
     """A sampled body and its state under c contacts; see `sampled.step.step`."""
 
-    model: SampledModel
+    model: step.SampledModel
     fine: FineMesh
     near: float  # [m²] squared distance from the feet within which the residual compliance is added
     fields: Annotated[np.ndarray, "<f8", 3]
@@ -134,15 +123,19 @@ def sampled_body(
     edges = coarse.vertices[coarse.triangles]
     margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
     count, r, numbers = len(basis.vertices), basis.modes.shape[1], np.zeros(8)
-    numbers[LENGTH] = 1.0
-    model = SampledModel(
+    numbers[step.LENGTH] = 1.0
+    model = step.SampledModel(
         basis.residual_compliance, basis.modes, basis.points, basis.bend, basis.vertices, *lies_on(coarse, mesh),
         young, retardation,
     )  # fmt: skip
     return SampledBody(
         model, fine_mesh(mesh, radius, reach), (2.0 * reach + 1.5 * margin) ** 2, np.zeros((4, count, 3)),
         np.zeros(count, np.int64), np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))]),
-        scratch(basis.points), numbers, np.zeros((contacts, 3)), sampled_contacts(contacts, count, r),
+        scratch(basis.points), numbers, np.zeros((contacts, 3)),
+        SampledContacts(
+            np.zeros(contacts), np.zeros((contacts, count, 3)), np.zeros((2, contacts, r)), np.zeros((contacts, 2)),
+            np.eye(contacts), np.zeros((2, contacts)),
+        ),
     )  # fmt: skip
 
 
@@ -156,7 +149,7 @@ def bear(body, contact, nodes, forces, foot, normal):
         load[:] = 0.0
     measure = body.fields[2] if len(measures) == 1 else measures[contact]
     corners, weights = body.model.corners, body.model.weights
-    body.contacts.forces[contact] = gather(corners, weights, patch, pull, share, normal, load, measure)
+    body.contacts.forces[contact] = step.gather(corners, weights, patch, pull, share, normal, load, measure)
 
 
 @kernel(error_model="numpy")
@@ -170,12 +163,12 @@ def answer(body, laws, coupling, dt):
     """
     numbers, contacts = body.numbers, body.contacts
     if len(laws) == 1:
-        used, settled = step(
+        used, settled = step.step(
             body.model, contacts.forces[0], dt, body.fields, body.active, body.vectors, body.matrices, body.room,
             numbers,
         )  # fmt: skip
-        laws[0, 0], laws[0, 1] = numbers[STIFFNESS], numbers[EXPONENT]
-        laws[0, 3], laws[0, 4] = numbers[FREE], numbers[NOW]
+        laws[0, 0], laws[0, 1] = numbers[step.STIFFNESS], numbers[step.EXPONENT]
+        laws[0, 3], laws[0, 4] = numbers[step.FREE], numbers[step.NOW]
         return used, settled
     used, settled = step_all(
         body.model, dt, body.fields, body.active, body.vectors, body.matrices, body.room, numbers, contacts
@@ -200,5 +193,5 @@ def displaced(body):
     """Fill `fine.nodes`, all vertices near the foot points and fewer farther away, and `fine.moved`, their
     displacements [m]. Returns their number."""
     model, fine, u = body.model, body.fine, body.fields[3]
-    field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.numbers[GAMMA])
+    step.field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.numbers[step.GAMMA])
     return interpolated(model.corners, model.weights, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from palpate.messages import Pins
 from palpate.nodes.display import PinArray
 from palpate.physics.display.pins import pin_grid
+from palpate.physics.display.shape_display import pad_displacement
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
@@ -67,7 +68,8 @@ def _profile(axes: Axes, touch: TouchStreams, node: PinArray, pins: Columns, con
     distance = np.linalg.norm(pin_grid(rows, columns, node.pitch), axis=-1)
     wide = max(14e-3, 1.2 * float(distance.max()))
     r = np.linspace(0.0, wide, 300)
-    deformation, state = node.theory_profile(r, force), node.theory(force)
+    state = node.theory(force)
+    deformation = pad_displacement(r, state)
     rigid = float(state.approach)
     if not state.valid:
         axes.set_facecolor("#e4e4ea")

@@ -10,14 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.models.fe.contact.augmented import (
-    STIFF,
-    Augmented,
-    add_tangent,
-    checked_faces,
-    cut_to_cone,
-    stiffness_per_area,
-)
+from palpate.models.fe.contact import augmented
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.tangent import Pattern
 from palpate.physics.kernel import kernel
@@ -161,7 +154,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                         node = cliques[c, spot[a]]
                         moved += share[a] * (points[node, i] - start[node, i])
                     q[i] = sliding[f, k, i] - penalty * moved
-                cut, length, slip[f, k] = cut_to_cone(q, best_n, friction * t, shear[f, k])
+                cut, length, slip[f, k] = augmented.cut_to_cone(q, best_n, friction * t, shear[f, k])
             # forces on both surfaces, equal and opposite
             w = area[f, k]
             for i in range(3):
@@ -172,7 +165,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
             if not tangent:
                 continue
             block[:] = 0.0
-            add_tangent(penalty, best_n, q, cut, length, slip[f, k], block)
+            augmented.add_tangent(penalty, best_n, q, cut, length, slip[f, k], block)
             for a in range(12):
                 for b in range(12):
                     scale = w * share[a] * share[b]
@@ -189,7 +182,7 @@ def _padded(rows: Sequence[Sequence[int] | np.ndarray]) -> np.ndarray:
     return table
 
 
-class Pair(Augmented):
+class Pair(augmented.Augmented):
     """Two surfaces of the mesh that may touch.
 
     slave, master  (F,6), (G,6) outward boundary faces
@@ -202,7 +195,7 @@ class Pair(Augmented):
         self, slave: np.ndarray, master: np.ndarray, friction: float = 0.0, bound: float = 0.0, penalty: float = 0.0
     ) -> None:
         super().__init__(slave, friction, bound, penalty)
-        self.master = checked_faces(master)
+        self.master = augmented.checked_faces(master)
         self._candidates = self._cliques = _padded([])
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
@@ -212,7 +205,7 @@ class Pair(Augmented):
         self._reach = 2.0 * max(edge, wide)
         if not self.penalty > 0.0:
             sides = (self.faces, self.area), (self.master, area)
-            self.penalty = STIFF * min(stiffness_per_area(f, a, stiffness) for f, a in sides)
+            self.penalty = augmented.STIFF * min(augmented.stiffness_per_area(f, a, stiffness) for f, a in sides)
         size = self.area.shape
         self._hit, self._feet = np.zeros(size, dtype=np.int64), np.zeros((*size, 6))
         self.couple(pattern)

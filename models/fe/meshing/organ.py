@@ -36,9 +36,7 @@ class Capsule:
     ratio: float = 10.0
 
 
-def fill(
-    surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nodule(), capsule: Capsule = Capsule()
-) -> TetMesh:
+def fill(surface: Mesh, nodule: Nodule = Nodule(), capsule: Capsule = Capsule()) -> TetMesh:
     """Quadratic tetrahedra inside a closed star-shaped surface, all of whose triangles are visible from a point inside,
     or in the slab of thickness `SLAB` under a level surface (all z equal, normals towards +z).
 
@@ -51,7 +49,7 @@ def fill(
     if level(surface):
         if not capsule.thickness < SLAB:
             raise MeshError(f"capsule: found {capsule.thickness} m, expected less than the slab's {SLAB} m")
-        depths = [capsule.thickness + (SLAB - capsule.thickness) * (1.0 - s) for s in (*shells, 0.0)]
+        depths = [capsule.thickness + (SLAB - capsule.thickness) * (1.0 - s) for s in (*SHELLS, 0.0)]
         layers = [vertices - (0.0, 0.0, d) for d in ([0.0, *depths] if capsule.thickness > 0.0 else depths)]
         return _layered(triangles, layers, nodule, capsule)
     hub = seen_from(surface)
@@ -59,7 +57,7 @@ def fill(
         raise MeshError("surface: not star-shaped (no point inside sees all of its triangles): shells cannot fill it")
     inner = vertices - capsule.thickness * surface.normals
     _fits(inner - hub, surface, capsule)
-    layers = [hub + s * (inner - hub) for s in shells]
+    layers = [hub + s * (inner - hub) for s in SHELLS]
     return _layered(triangles, [vertices, *layers] if capsule.thickness > 0.0 else layers, nodule, capsule, hub)
 
 

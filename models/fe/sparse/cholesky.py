@@ -97,8 +97,6 @@ class Cholesky:
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution for right sides (3N,) or (3N,m) with the latest factor."""
-        if self._factor is None:
-            raise RuntimeError("solve before factor")
         many = rhs.reshape(len(self.tree.order), 3, -1)
         x = np.ascontiguousarray(many[self.tree.order], dtype=self.dtype).reshape(-1, many.shape[2])
         largest = int(3 * self._rows.max())

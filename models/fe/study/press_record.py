@@ -186,10 +186,6 @@ def as_record(rows: list[list[float]]) -> Record:
     return Record(table[:, 0], np.maximum.accumulate(table[:, 1]), table[:, 2], LEVELS, table[:, 3:])
 
 
-def run_name(plate: str, material: str, cells: int, friction: float) -> str:
-    return f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}"
-
-
 def check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:
     """Check that the runs, by plate, are of the same finger on these plates. Returns the ratio of the divisors, 1
     unless `scaled`. ArgumentError: they are not."""

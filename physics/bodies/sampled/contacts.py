@@ -16,15 +16,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.sampled.step import (
-    GAMMA,
-    LEAST_COMPLIANCE,
-    apply_residual_compliance,
-    dot,
-    follow,
-    gamma,
-    project,
-)
+from palpate.physics.bodies.sampled import step
 from palpate.physics.dot import inner, times
 from palpate.physics.kernel import kernel
 
@@ -38,14 +30,6 @@ class SampledContacts(NamedTuple):
     residual: Annotated[np.ndarray, "<f8", 2]  # [m] (c,2) m.R h/E, and workspace
     compliance: Annotated[np.ndarray, "<f8", 2]  # [m/N] (c,c) c_ij
     depths: Annotated[np.ndarray, "<f8", 2]  # [m] (2,c) s_free and s
-
-
-def sampled_contacts(count: int, vertices: int, modes: int) -> SampledContacts:
-    """The contacts of a body with these numbers of vertices and modes."""
-    return SampledContacts(
-        np.zeros(count), np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)),
-        np.eye(count), np.zeros((2, count)),
-    )  # fmt: skip
 
 
 @kernel(error_model="numpy")
@@ -62,17 +46,17 @@ def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contac
         for v in range(len(m)):
             for a in range(3):
                 touched[v, a] += abs(m[v, a])
-    acting, used, settled = follow(model, dt, fields, active, vectors, matrices, room, numbers)
+    acting, used, settled = step.follow(model, dt, fields, active, vectors, matrices, room, numbers)
     # static correction: compliance R outside the reduced basis, scaled by gamma of its energy h.R h
-    apply_residual_compliance(model.residual_compliance, held, active, acting, bent)
-    strain = max(dot(held, bent, active, acting), 0.0) / (young * young)
-    gam, dgam = gamma(strain, bend[0], bend[1], bend[2])
-    numbers[GAMMA] = gam
-    f_R_h = dot(load, bent, active, acting) / young
-    project(model.modes, load, active, acting, loaded)
+    step.apply_residual_compliance(model.residual_compliance, held, active, acting, bent)
+    strain = max(step.dot(held, bent, active, acting), 0.0) / (young * young)
+    gam, dgam = step.gamma(strain, bend[0], bend[1], bend[2])
+    numbers[step.GAMMA] = gam
+    f_R_h = step.dot(load, bent, active, acting) / young
+    step.project(model.modes, load, active, acting, loaded)
     for i in range(count):
-        m_R_h = dot(measures[i], bent, active, acting) / young
-        project(model.modes, measures[i], active, acting, modal[i])
+        m_R_h = step.dot(measures[i], bent, active, acting) / young
+        step.project(model.modes, measures[i], active, acting, modal[i])
         times(matrices[0], modal[i], K_inv_c[i])
         contacts.residual[i, 0] = m_R_h
         s = inner(modal[i], q) + gam * m_R_h
@@ -81,14 +65,14 @@ def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contac
     # compliances between contacts, and free indentation
     for i in range(count):
         m_R_h = contacts.residual[i, 0]
-        apply_residual_compliance(model.residual_compliance, measures[i], active, acting, bent)
-        m_D_f = inner(K_inv_c[i], loaded) / young + gam * dot(load, bent, active, acting) / young
+        step.apply_residual_compliance(model.residual_compliance, measures[i], active, acting, bent)
+        m_D_f = inner(K_inv_c[i], loaded) / young + gam * step.dot(load, bent, active, acting) / young
         contacts.depths[0, i] += take * (m_D_f + dgam * m_R_h * f_R_h / young)
         for j in range(i + 1):
-            both = inner(K_inv_c[i], modal[j]) + gam * dot(measures[j], bent, active, acting)
+            both = inner(K_inv_c[i], modal[j]) + gam * step.dot(measures[j], bent, active, acting)
             both += dgam * m_R_h * contacts.residual[j, 0]
             compliance[i, j] = compliance[j, i] = take * both / young
-        compliance[i, i] = max(compliance[i, i], LEAST_COMPLIANCE)
+        compliance[i, i] = max(compliance[i, i], step.LEAST_COMPLIANCE)
     for i in range(count):
         for j in range(count):
             contacts.depths[0, i] -= compliance[i, j] * contacts.forces[j]

@@ -33,12 +33,12 @@ def fingertip(
     as_json: Json = False,
 ) -> None:
     """Press the layered fingertip on a plate: force, area, volumes."""
-    from palpate.models.fe.study.press_record import PressRun, numbers, run_name
+    from palpate.models.fe.study.press_record import PressRun, numbers
     from palpate.physics.extras import missing
     from palpate.physics.writable import check_folder
 
     pressing = _pressing(plate, material, depth, cells, friction)
-    place = out / run_name(plate, material, cells, friction)
+    place = out / f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}"
     check_folder(place)
     place.mkdir(parents=True, exist_ok=True)
     record = _press(pressing, 1e-3 * depth, PressRun(place), as_json)
