@@ -111,7 +111,6 @@ class Experiment(msgspec.Struct, kw_only=True):
     order: Literal["given", "random"] = "given"
     seed: Whole = 0
     show: list[Literal["deformation", "force"]] = msgspec.field(default_factory=lambda: ["deformation", "force"])
-    record: Literal["sources", "all"] = "sources"
     observer: _Values | None = None
 
     @property

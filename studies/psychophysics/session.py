@@ -98,11 +98,8 @@ def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter) -
         try:
             for interval, level in enumerate(trial.levels(experiment.intervals), 1):
                 files.append(table.recording(trial.number, interval, repeat))
-                launch = stimuli.run(trial.block, level).but(
-                    record=files[-1],
-                    duration=experiment.duration,
-                    only=SOURCES if experiment.record == SOURCES else None,
-                )
+                launch = stimuli.run(trial.block, level)
+                launch = launch.but(record=files[-1], duration=experiment.duration, only=SOURCES)
                 presenter.present(trial, interval, launch)
             answer = presenter.ask(trial)
             break
