@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from typing import ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from palpate.drivers.errors import DeviceError
 
@@ -17,31 +17,41 @@ def attempts(seconds: float) -> Iterator[int]:
         count += 1
 
 
-class _Closable(Protocol):
-    def close(self) -> None: ...
+P = TypeVar("P")
 
 
-P = TypeVar("P", bound=_Closable)
+def selected(name: str, port: str, serials: dict[str, str | None]) -> str:
+    """The device of this kind at a port or with this serial number; "": the only one. DeviceError: not exactly one.
+
+    serials  serial number of the device at each port
+    """
+    chosen = [place for place, serial in serials.items() if not port or port in (place, serial)]
+    listed = ", ".join(serials)
+    if not chosen:
+        raise DeviceError(f"no {name} at port {port!r}. There are: {listed}.")
+    if len(chosen) > 1:
+        raise DeviceError(f"{len(chosen)} devices are a {name}. Say which one with `port`: {listed}.")
+    return chosen[0]
 
 
 class PortDriver(Generic[P]):
     """A driver that opens and closes its connection.
 
-    connect  opens the connection
+    connect  opens the connection, which has a method `close`
     """
 
     name: ClassVar[str]
 
     def __init__(self, connect: Callable[[], P]) -> None:
         self.connect = connect
-        self._port: P | None = None
+        self._port: Any = None
 
     @property
     def port(self) -> P:
         """The connection. DeviceError: it is not open."""
         if self._port is None:
             raise DeviceError(f"the {self.name} is not open", lost=True)
-        return self._port
+        return self._port  # type: ignore[no-any-return]
 
     @port.setter
     def port(self, port: P) -> None:

@@ -28,25 +28,11 @@ def _big(at, value, count):
 @kernel
 def _integer(at, value):
     """Write an integer in its shortest msgpack form."""
-    if value >= 0:
-        if value < 0x80:
-            return _put(at, value)
-        if value < 0x100:
-            return _put(_put(at, 0xCC), value)
-        if value < 0x10000:
-            return _big(_put(at, 0xCD), value, 2)
-        if value < 0x100000000:
-            return _big(_put(at, 0xCE), value, 4)
-        return _big(_put(at, 0xCF), value, 8)
-    if value >= -32:
+    if -32 <= value < 0x80:
         return _put(at, value & 0xFF)
-    if value >= -0x80:
-        return _put(_put(at, 0xD0), value & 0xFF)
-    if value >= -0x8000:
-        return _big(_put(at, 0xD1), value, 2)
-    if value >= -0x80000000:
-        return _big(_put(at, 0xD2), value, 4)
-    return _big(_put(at, 0xD3), value, 8)
+    code, half = (0xCC, value >> 1) if value >= 0 else (0xD0, ~value)
+    form = (half >= 0x80) + (half >= 0x8000) + (half >= 0x80000000)  # of 1, 2, 4 or 8 bytes
+    return _big(_put(at, code + form), value, 1 << form)
 
 
 @kernel
@@ -72,12 +58,8 @@ def _array(at, handle, axes, size):
     at = _put(at, 0xA4)
     for letter in (0x64, 0x61, 0x74, 0x61):  # "data"
         at = _put(at, letter)
-    if count < 0x100:
-        at = _put(_put(at, 0xC4), count)
-    elif count < 0x10000:
-        at = _big(_put(at, 0xC5), count, 2)
-    else:
-        at = _big(_put(at, 0xC6), count, 4)
+    form = (count >= 0x100) + (count >= 0x10000)  # a length of 1, 2 or 4 bytes
+    at = _big(_put(at, 0xC4 + form), count, 1 << form)
     return copy(at, word(handle), count)
 
 

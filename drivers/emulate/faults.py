@@ -1,7 +1,6 @@
 """Faults of an emulated device."""
 
 import random
-from dataclasses import dataclass
 from typing import Annotated
 
 import msgspec
@@ -38,15 +37,12 @@ class EmulatedFaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seed: Annotated[int, "1"] = 0
 
 
-@dataclass
 class FaultSchedule:
     """The faults of one device over time. `begun` [ns]: time of its first answer; there are no faults before."""
 
-    faults: EmulatedFaults
-    begun: int | None = None
-
-    def __post_init__(self) -> None:
-        self.random = random.Random(self.faults.seed)
+    def __init__(self, faults: EmulatedFaults) -> None:
+        self.faults, self.random = faults, random.Random(faults.seed)
+        self.begun: int | None = None
 
     def begin(self, now: int) -> None:
         """Note an answer at `now` [ns]; only the first one counts."""

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
+from palpate.drivers.connected import selected
 from palpate.drivers.errors import DeviceError, package
 
 OUT, IN = 0x02, 0x81  # endpoints
@@ -72,19 +73,13 @@ class UsbFtdi:
             raise DeviceError(
                 "libusb, which pyusb needs, is not on this machine. Install it: apt install libusb-1.0-0"
             ) from None
-        names = {f"{d.bus}:{d.address}": d for d in devices}
-        chosen = [d for name, d in names.items() if not port or port in (name, self._serial(d))]
         if not devices:
             raise DeviceError(
                 f"no {self.name} on USB ({vendor:04x}:{product:04x}). Plug it in and give it power; `palpate devices`"
                 " shows what is there; `port: emulator` runs without one."
             )
-        listed = ", ".join(names)
-        if not chosen:
-            raise DeviceError(f"no {self.name} at port {port!r}. There are: {listed}.")
-        if len(chosen) > 1 and not port:
-            raise DeviceError(f"{len(devices)} devices are a {self.name}. Say which one with `port`: {listed}.")
-        return chosen[0]
+        places = {f"{d.bus}:{d.address}": d for d in devices}
+        return places[selected(self.name, port, {place: self._serial(d) for place, d in places.items()})]
 
     def _serial(self, device: Any) -> str | None:
         try:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any, Protocol
 
+from palpate.drivers.connected import selected
 from palpate.drivers.errors import DeviceError, package
 
 
@@ -44,18 +45,12 @@ class UsbHid:
     def __init__(self, fits: Callable[[dict[str, Any]], bool], name: str, port: str = "") -> None:
         hid, self.name = hidapi(), name
         entries = {os.fsdecode(entry["path"]): entry for entry in hid.enumerate() if fits(entry)}
-        chosen = [p for p, e in entries.items() if not port or port in (p, e.get("serial_number"))]
-        listed = ", ".join(entries)
         if not entries:
             raise DeviceError(
                 f"no {name} on USB or Bluetooth. Plug it in; `palpate devices` lists the connected ones;"
                 " `port: emulator` runs without one."
             )
-        if not chosen:
-            raise DeviceError(f"no {name} at port {port!r}. There are: {listed}.")
-        if len(chosen) > 1:
-            raise DeviceError(f"{len(chosen)} devices are a {name}. Say which one with `port`: {listed}.")
-        (path,) = chosen
+        path = selected(name, port, {path: entry.get("serial_number") for path, entry in entries.items()})
         self.device = hid.device()
         try:
             self.device.open_path(os.fsencode(path))

@@ -1,5 +1,6 @@
 """An experiment on the page of `palpate touch`: texts, intervals with the mouse or a device, questions."""
 
+import contextlib
 import math
 import queue
 import tempfile
@@ -244,11 +245,9 @@ class ExperimentPage(Live):
 def _check_answer(panel: dict[str, Any], answer: str) -> None:
     """PageError: the panel does not offer this answer."""
     if panel.get("number"):
-        try:
-            good = 0.0 < float(answer) < math.inf
-        except ValueError:
-            good = False
-        if not good:
-            raise PageError(f"found {answer!r}, expected a number above 0")
-    elif answer not in [button["answer"] for button in panel.get("buttons", ())]:
+        with contextlib.suppress(ValueError):
+            if 0.0 < float(answer) < math.inf:
+                return
+        raise PageError(f"found {answer!r}, expected a number above 0")
+    if answer not in [button["answer"] for button in panel.get("buttons", ())]:
         raise PageError(f"found {answer!r}, expected one of the answers that are shown")
