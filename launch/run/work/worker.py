@@ -105,9 +105,10 @@ class Worker:
                 raise
             self._started.append((name, node))
 
-        with compiling(lambda count: self.report(Starting(names[-1], count)), self._compilations()):
-            if any(isinstance(slot.node, CompiledNode) for slot in self.slots):
-                table_runner(self._real)
+        ahead = self._compilations()
+        with compiling(lambda count: self.report(Starting(names[-1], count)), ahead):
+            if len(ahead) > 1:
+                table_runner(self._real)  # before the second process begins, as both need its kernels
             for slot in self.slots:
                 self.report(Starting(slot.name))
                 begin(slot.name, slot.node, slot.start)
@@ -125,7 +126,8 @@ class Worker:
                 slot.sends = 0 if slot.period else sys.maxsize
 
     def _compilations(self) -> list[Callable[[], object]]:
-        """Calls that compile the kernels of all nodes, those first that `start` reaches last."""
+        """Calls for a second process, which compile the kernels of several nodes, those first that `start` reaches
+        last. None for a single node: the processes of the other nodes compile at the same time."""
         calls: list[Callable[[], object]] = []
         for slot in self.slots:
             kind = type(slot.node)
