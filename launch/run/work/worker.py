@@ -23,6 +23,7 @@ from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Block, CompiledNode, Node
 
 BURST = 16  # ticks between two bursts to the observers
+FAST = 2500.0  # [Hz] rate of the real clock above which bursts are shorter: one of 16 ticks would delay the next tick
 OVERHEARD = 1000  # frames for observers handled in a row before the nodes run again
 ORPHANED = 5_000_000_000  # [ns] without an order of the launcher, time without scheduling excluded
 LOOK = 5_000_000  # [ns] between two polls of orders and readers while messages arrive
@@ -72,7 +73,9 @@ class Worker:
         self._since = 0
         self._reported = self._polled = 0
         self._launcher = Silence()
-        self._burst = job.phase % BURST
+        fast = self._real and job.rate > FAST
+        self._ticks_per_burst = max(1, round(BURST * FAST / job.rate)) if fast else BURST
+        self._burst = job.phase % self._ticks_per_burst
         self._started: list[tuple[str, Node]] = []
         if bus is not None:
             bus.sends(self.outputs)
@@ -346,11 +349,11 @@ class Worker:
     # -- housekeeping --------------------------------------------------------------------------------------------
 
     def housekeep(self) -> None:
-        """After a tick: every `BURST` ticks send to observers and launcher. EndedError: `Quit` was ordered."""
+        """After a tick: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
         self._burst += 1
         moment = now()
         due = moment - self._reported > REPORT  # slow nodes must send heartbeats, too
-        if self._burst < BURST and not due:
+        if self._burst < self._ticks_per_burst and not due:
             return
         self._burst = 0
         if moment - self._polled > LOOK:
