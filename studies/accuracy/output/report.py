@@ -27,13 +27,7 @@ def about() -> dict[str, Any]:
 def written(cells: list[Cell], provenance: dict[str, Any], folder: Path) -> dict[str, Path]:
     """Write all files; their paths by name."""
     table(cells, provenance, folder / "accuracy.csv")
-    try:
-        from palpate.studies.accuracy.output import pictures
-    except ImportError:  # matplotlib is missing
-        overview = None
-    else:
-        overview = folder / "overview.png"
-        pictures.overview(summaries(of_bodies(cells)), cells, overview)
+    overview = _drawn(cells, folder / "overview.png")
     page.write(cells, provenance, overview, folder / "accuracy.md")
     files = {"page": folder / "accuracy.md", "table": folder / "accuracy.csv"}
     return files | ({} if overview is None else {"overview": overview})
@@ -48,6 +42,16 @@ def table(cells: Sequence[Cell], provenance: dict[str, Any], path: Path) -> None
         rows = csv.DictWriter(file, names)
         rows.writeheader()
         for cell in cells:
-            row = {n: getattr(cell, n) for n in PLAIN}
+            row: dict[str, Any] = {n: "" if getattr(cell, n) is None else getattr(cell, n) for n in PLAIN}
             errors = {f"{q} {m}": error[m] for q, error in cell.errors.items() for m in MEASURES}
             rows.writerow({**row, **errors})
+
+
+def _drawn(cells: list[Cell], path: Path) -> Path | None:
+    """The path of the picture; None if matplotlib is missing."""
+    try:
+        from palpate.studies.accuracy.output.pictures import overview
+    except ImportError:
+        return None
+    overview(summaries(of_bodies(cells)), cells, path)
+    return path
