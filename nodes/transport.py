@@ -1,41 +1,14 @@
 """Delay, jitter and loss of messages on an edge of a graph, as in a network (docs/delay.md)."""
 
 import heapq
-from functools import cache
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
 from palpate.messages import Message
-from palpate.nodes.base import Node, SettingError
-
-
-class Carrier(Node):
-    """A node with one input, `message`, and one output of the same type, that of the sender.
-
-    The loader calls `of` for the class, such as Delay[palpate.messages.device.Pose]. A subclass defines `carry`, which
-    returns the message to send.
-    """
-
-    @classmethod
-    @cache
-    def of(cls, kind: type[Message]) -> type[Self]:
-        """The subclass for messages of this type."""
-
-        def step(self: Carrier, message: Message, *, dt: float) -> Message | None:
-            return self.carry(message, dt)
-
-        step.__annotations__ = {"message": kind, "return": kind}
-        name = f"{cls.__name__}[{kind.__module__}.{kind.__qualname__}]"
-        return type(name, (cls,), {"step": step, "__module__": cls.__module__, "__doc__": cls.__doc__})
-
-    def carry(self, message: Message, dt: float) -> Message | None:
-        """The message to send in a step of dt [s]; None: the last one again."""
-        raise NotImplementedError
-
-    def step(self, message: Message, *, dt: float) -> Message:
-        raise NotImplementedError  # of no type yet
+from palpate.nodes.base import SettingError
+from palpate.nodes.base.carrier import Carrier
 
 
 class Delay(Carrier):

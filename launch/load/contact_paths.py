@@ -13,7 +13,7 @@ from palpate.engine.parts import parts
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, DeviceState, Force, Ledger, Load, Message, Pose, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs
-from palpate.nodes.transport import Carrier
+from palpate.nodes.base.carrier import Carrier
 
 
 def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:

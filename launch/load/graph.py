@@ -29,7 +29,7 @@ from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, unknown, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
-from palpate.nodes.transport import Carrier
+from palpate.nodes.base.carrier import Carrier
 
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
 EMULATOR = "emulator"  # the `port` of an emulated device

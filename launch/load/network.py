@@ -7,7 +7,7 @@ from palpate.engine.graph import NodeSpec
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, Force, Pose, Proximity
 from palpate.nodes.base import outputs
-from palpate.nodes.transport import Carrier
+from palpate.nodes.base.carrier import Carrier
 
 
 def unknown_delays(nodes: dict[str, NodeSpec], wires: Iterable[Wire], rate: float) -> Iterator[str]:
