@@ -10,6 +10,7 @@ from palpate.launch.load.classes import catalogue, find_class
 from palpate.launch.testing import FakeBus
 from palpate.messages import Force, Friction, Pose, Torque
 from palpate.nodes.base import Node, SettingError, inputs, outputs, settings
+from palpate.nodes.base.carrier import Carrier
 from palpate.nodes.base.node import convert
 from palpate.nodes.deformation import MassSpring
 
@@ -123,6 +124,10 @@ def test_a_step_without_output_repeats_the_last_one_as_in_a_run():
     assert second.force == first.force == (1.0, 0.0, 0.0) and (second.tick, second.used) == (1, (1,))
     with pytest.raises(TypeError, match="answered None before it had sent a message, expected a Force"):
         FakeBus(Quiet(mute=True)).publish(pose(1.0))
+
+
+def test_base_classes_are_not_listed():
+    assert not {Node, Carrier} & {entry.cls for entry in catalogue()[0]}
 
 
 @pytest.mark.parametrize("use", [entry.use for entry in catalogue()[0]])
