@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
 from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -183,9 +182,10 @@ def recorded_to(
 ) -> tuple[LaunchFile, Path]:
     """The run with the file of its recording (None: not recorded), and the folder of its pictures."""
     from palpate.launch.load.launchfile import RECORDED
+    from palpate.launch.load.recording import new_folder
 
     one_of("--record-only", only, *RECORDED)
-    folder = out or (record.parent if record else Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}")
+    folder = out or (record.parent if record else new_folder(name))
     keep = not no_record and (record is not None or out is not None or launch.record is not None)
     file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
     return dataclasses.replace(launch.but(only=only), record=file), folder

@@ -1,5 +1,6 @@
 """Sets what the logger of a graph records: the file, left out and thinned streams, or only the sources."""
 
+import datetime
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,16 @@ from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import SOURCES
 from palpate.launch.load.plan import plan
 from palpate.nodes.logger import Mcap
+
+
+def new_folder(name: str) -> Path:
+    """The folder of a new run, `runs/NAME-DATE`, with a number if it exists."""
+    folder = Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    number, free = 1, folder
+    while free.exists():
+        number += 1
+        free = folder.with_name(f"{folder.name}-{number}")
+    return free
 
 
 def set_recording(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.placement import FUSED, find_place
+from palpate.launch.load.recording import new_folder
 from palpate.launch.load.values.overrides import of_keywords
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.run.execute import execute
@@ -45,7 +45,8 @@ def run(
     """
     if clock not in (None, "simulated", "real"):
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
-    file = Path(record) if record is not None else _fresh(Path(graph).stem)
+    name = Path(graph).stem
+    file = Path(record) if record is not None else new_folder(name) / f"{name}.mcap"
     launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
     launch = launch.but(clock=clock, record=file, place=find_place(place))
     if launch.duration is None:
@@ -80,16 +81,6 @@ def described(
         scene=None if scene is None else find_file(scene, SCENES, what="scene"),
         duration=None if duration is None else _seconds(duration),
     )
-
-
-def _fresh(name: str) -> Path:
-    """File of a new recording, named as by `palpate run`, with a number if that folder already exists."""
-    folder = Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
-    number, free = 1, folder
-    while free.exists():
-        number += 1
-        free = folder.with_name(f"{folder.name}-{number}")
-    return free / f"{name}.mcap"
 
 
 def _seconds(duration: float | str) -> float:
