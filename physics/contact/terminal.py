@@ -99,7 +99,7 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     if not force > 0.0:
         return least
     goal = min(force / stiffness, 1e300)
-    if exponent == 1.0 and damping == 0.0:
+    if exponent == 1.0 and damping == 0.0:  # linear: the result of the iteration, to the last bit
         return max(goal + free, least)
     inverse = damping / dt
     p = previous - free

@@ -108,9 +108,9 @@ class Worker:
                 raise
             self._started.append((name, node))
 
-        ahead = self._compilations()
-        with compiling(lambda count: self.report(Starting(names[-1], count)), ahead):
-            if len(ahead) > 1:
+        compiled = sum(isinstance(slot.node, CompiledNode) for slot in self.slots)
+        with compiling(lambda count: self.report(Starting(names[-1], count)), self._compilations()):
+            if compiled > 1:
                 table_runner(self._real)  # before the second process begins, as both need its kernels
             for slot in self.slots:
                 self.report(Starting(slot.name))
@@ -129,16 +129,17 @@ class Worker:
                 slot.sends = 0 if slot.period else sys.maxsize
 
     def _compilations(self) -> list[Callable[[], object]]:
-        """Calls for a second process, which compile the kernels of several nodes, those first that `start` reaches
-        last. None for a single node: the processes of the other nodes compile at the same time."""
-        calls: list[Callable[[], object]] = []
+        """Calls for a second process, which compile the kernels: first those of nodes that `start` does not step,
+        then of the others from the last backwards."""
+        unstepped: list[Callable[[], object]] = []
+        others: list[Callable[[], object]] = []
         for slot in self.slots:
-            kind = type(slot.node)
+            kind, acts = type(slot.node), slot.node.hardware or slot.node.sink
             if issubclass(kind, CompiledNode):
-                calls.append(partial(kernels, kind, slot.sleeps))
-            elif kind.__module__.startswith("palpate.nodes.") and not (slot.node.hardware or slot.node.sink):
-                calls.append(slot.start)
-        return calls[:1] + calls[:0:-1]
+                (unstepped if acts else others).append(partial(kernels, kind, slot.sleeps))
+            elif kind.__module__.startswith("palpate.nodes.") and not acts and len(self.slots) > 1:
+                others.append(slot.start)
+        return unstepped + others[::-1]
 
     @property
     def started(self) -> int:
