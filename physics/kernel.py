@@ -9,9 +9,11 @@ change. Functions of `numba.njit` may call kernels, but not the reverse.
 import contextlib
 import gc
 import hashlib
-import os
+import inspect
+import pickle
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from functools import cached_property, partial
 from pathlib import Path
@@ -21,11 +23,12 @@ from typing import Any
 import numba
 import numpy as np
 from numba import types
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
-from numba.core.compiler import Flags
+from numba.core.compiler import CompileResult, Flags
 from numba.core.cpu import CPUContext
 from numba.core.externals import c_math_functions
 from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
 from numba.core.target_extension import (
     CPU,
     current_target,
@@ -37,12 +40,7 @@ from numba.core.target_extension import (
 from numba.core.typing import Context
 from numba.core.utils import threadsafe_cached_property
 
-try:
-    import fcntl
-except ImportError:  # not POSIX: two processes that need the same kernel at the same time both compile it
-    fcntl = None  # type: ignore[assignment]
-
-from palpate.physics import kernel_cache
+from palpate.physics import kernel_cache, kernel_files
 from palpate.physics.arithmetic import LEVEL, pinnable
 from palpate.physics.code_library import Codegen
 
@@ -158,62 +156,94 @@ class CachedFunction(Pinned):
 
     def __init__(self, py_func: Any, targetoptions: Any = None, *, machine_code: bool = False, **more: Any) -> None:
         super().__init__(py_func, targetoptions=targetoptions, **more)
-        self._cache = _Cache(py_func, machine_code)
+        self._cache = _Cache(py_func, self.targetoptions, machine_code)
         self._compiler._customize_flags = _Flags  # type: ignore[attr-defined]
 
     def compile(self, sig: Any) -> Any:
         """The code for these types, compiled or loaded."""
-        with contextlib.ExitStack() as stack:
-            stack.enter_context(target_override(TARGET))
-            stack.enter_context(collection_suspended())
-            with contextlib.suppress(OSError):  # without write access, each process compiles for itself
-                folder = Path(self.stats.cache_path or "")
-                folder.mkdir(parents=True, exist_ok=True)
-                file = stack.enter_context((folder / f"{self.py_func.__qualname__}.lock").open("w"))
-                if fcntl is not None:
-                    fcntl.lockf(file, fcntl.LOCK_EX)
+        with target_override(TARGET), collection_suspended(), self._cache.reserved(sig):
             return super().compile(sig)
 
 
-class _Locator(UserProvidedCacheLocator):
-    """The cache folder of a kernel."""
+class _Cache:
+    """Code of a function on disk, for `Dispatcher`: one file for each set of types (`kernel_files`).
 
-    def __init__(self, py_func: Any, py_file: str) -> None:
-        self._py_file, self._lineno = py_file, py_func.__code__.co_firstlineno
-        folder = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
-        self._cache_path = os.path.join(folder, self.get_suitable_cache_subpath(py_file))
+    LLVM requests code in a Python callback, in which the exception of Ctrl-C would be lost and missing code would run.
+    Signals are therefore deferred until a function is loaded, a few milliseconds.
+    """
 
-    @classmethod
-    def from_function(cls, py_func: Any, py_file: str) -> Any:
-        return super(UserProvidedCacheLocator, cls).from_function(py_func, py_file)
+    def __init__(self, function: Any, options: Any, machine_code: bool) -> None:
+        self._function, self._options, self._machine_code = function, options, machine_code
+        self.cache_path = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
+        self._source = _source(function)
+        self._names: dict[Any, str] = {}
 
+    def flush(self) -> None:
+        """Nothing: `Dispatcher.recompile` overwrites the files."""
 
-class _Files(CompileResultCacheImpl):
-    _locator_classes = [_Locator, *CompileResultCacheImpl._locator_classes]
-
-
-class _Cache(FunctionCache):
-    """Code on disk. LLVM requests it in a Python callback, in which the exception of Ctrl-C would be lost and missing
-    code would run. Signals are therefore deferred until a function is loaded, a few milliseconds."""
-
-    _impl_class = _Files
-
-    def __init__(self, function: Any, machine_code: bool) -> None:
-        super().__init__(function)
-        self._machine_code = machine_code
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        if self._machine_code:
-            data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
-        super().save_overload(sig, data)
-
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """The cache key of a kernel: its types, with the layout of records, and the values that it refers to."""
-        return sig, codegen.magic_tuple(), hashlib.sha256(repr(_meaning(self._py_func, ())).encode()).hexdigest()
+    def reserved(self, sig: Any) -> contextlib.AbstractContextManager[None]:
+        """Other processes do not compile the function for these types during the block, unless it is cached."""
+        if self._source is None or kernel_files.exists(self.cache_path, self._name(sig)):
+            return contextlib.nullcontext()
+        return kernel_files.locked(self.cache_path, f"{self._function.__module__}.{self._function.__qualname__}.lock")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        with _deferred_signals():
-            return super().load_overload(sig, target_context)
+        """The code for these types; None: not cached, or the file cannot be used."""
+        target_context.refresh()
+        if self._source is None:
+            return None
+        try:
+            content = kernel_files.read(self.cache_path, self._name(sig))
+        except kernel_files.UntrustedError as error:
+            kernel_cache.warn(f"{self.cache_path}: a file {error}; it is compiled again")
+            return None
+        if content is None:
+            return None
+        with _deferred_signals(), contextlib.suppress(Exception):  # such as a class of the user that was renamed
+            types, parts = pickle.loads(content)
+            if types == normalize_signature(sig):
+                return CompileResult._rebuild(target_context, *parts)
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store the code for these types, if the folder can be written."""
+        if self._machine_code:
+            data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
+        if self._source is None:
+            return
+        if data.library.has_dynamic_globals:
+            where = self._function.__code__
+            text = f"{self._function.__qualname__} is compiled in each process: it refers to an object of the process"
+            warnings.warn_explicit(text, numba.NumbaWarning, where.co_filename, where.co_firstlineno)
+            return
+        content = dumps((normalize_signature(sig), data._reduce()))
+        with contextlib.suppress(OSError):
+            kernel_files.write(self.cache_path, self._name(sig), content)
+
+    def _name(self, sig: Any) -> str:
+        """Name of the file. It contains the name of the function, and a hash of the types with the layout of records,
+        the values that the function refers to, the options, the processor and, for functions of users, the source."""
+        types = normalize_signature(sig)
+        if types not in self._names:
+            processor = PINNED.target_context.codegen().magic_tuple()
+            known = repr((types, _meaning(self._function, ()), self._options, processor, self._source))
+            digest = hashlib.sha256(known.encode()).hexdigest()[:32]
+            qualname = self._function.__qualname__.translate({ord("<"): None, ord(">"): None})
+            self._names[types] = f"{self._function.__module__}.{qualname}-{digest}.nbc"
+        return self._names[types]
+
+
+def _source(function: Any) -> str | None:
+    """A hash of the source of a function of a user: its file, or its cell in a notebook. The name of the cache folder
+    contains that of palpate. None: no source, so the function cannot be cached."""
+    if function.__module__.startswith(f"{PACKAGE}."):
+        return ""
+    try:
+        file = Path(function.__code__.co_filename)
+        content = file.read_bytes() if file.exists() else inspect.getsource(function).encode()
+    except OSError:
+        return None
+    return hashlib.sha256(content).hexdigest()
 
 
 def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
@@ -226,7 +256,13 @@ def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
         named = {each: function.__globals__.get(each) for each in code.co_names}
         modules = [each for each in named.values() if isinstance(each, ModuleType)]
         found += [*named.values(), *(getattr(module, each, None) for module in modules for each in code.co_names)]
-    known: list[Any] = [name, code.co_code, *(getattr(each, "co_code", each) for each in code.co_consts)]
+    known: list[Any] = [
+        name,
+        code.co_firstlineno,
+        code.co_names,
+        code.co_code,
+        *(getattr(each, "co_code", each) for each in code.co_consts),
+    ]
     for each in found:
         if isinstance(each, CachedFunction):
             if each.py_func not in callers:

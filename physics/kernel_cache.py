@@ -1,26 +1,31 @@
-"""The folder in which numba caches compiled kernels: one per state of the sources.
+"""The folders in which compiled kernels are cached: one per state of the sources and version of the compiler.
 
-numba reuses a cached kernel as long as the file that defines it is unchanged, although the kernels that it calls and
-the layout of its arguments may be defined in other files. So the name of the folder is a hash of all sources that
-contain kernels. Each edit of these creates a new folder; the oldest ones are removed.
+A cached kernel depends on the kernels that it calls and on the layout of its arguments, which may be defined in other
+files. So the name of a folder is a hash of all sources that contain kernels. Each edit of these creates a new folder;
+the oldest ones are removed. Folders that another user can have written are not used (`kernel_files`).
 """
 
-import contextlib
+import atexit
 import functools
 import hashlib
+import importlib.metadata
 import os
 import shutil
+import sys
 import tempfile
+import warnings
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
+
+from palpate.physics.kernel_files import check_folder, check_trust
 
 KEPT = 3  # Folders that are kept, so that switching between two branches recompiles nothing
 PREFIX = "kernels-"
 COMPILED = ("palpate.physics", "palpate.models.fe", "palpate.nodes", "palpate.engine")
 
 ROOM = 100_000_000
-"""[bytes] Free disk space required for a new folder, about three times its size: numba aborts on a full disk."""
+"""[bytes] Free disk space required for a new folder, about three times its size."""
 
 
 def folder(given: str = "") -> Path:
@@ -30,13 +35,54 @@ def folder(given: str = "") -> Path:
 
 @functools.cache
 def _folder(given: str) -> Path:
-    name = f"{PREFIX}{key()}"
-    path = _root(name, given) / name
-    new = not path.exists()
-    path.mkdir(parents=True, exist_ok=True)
+    """The first usable location of `given`, next to the sources, and the user's cache; else a temporary folder. A
+    warning reports that `given`, or an existing cache folder, is not used."""
+    name = f"{PREFIX}{key()}-{versions()}"
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    places = [Path(__file__).parent / "__pycache__", Path(caches) / "palpate"]
+    refused = ""
+    for place in [Path(given), *places] if given else places:
+        try:
+            path = _made(place, name)
+        except OSError as error:
+            if given or (place / name).exists():
+                refused = refused or f"{place if given else place / name}: {error.strerror or error}"
+            continue
+        break
+    else:
+        path = Path(tempfile.mkdtemp(prefix="palpate-"))
+        atexit.register(_remove, path, os.getpid())
+        refused = refused or f"{places[-1]}: no place for compiled kernels"
+    if refused:
+        remedy = "name a folder of yours with NUMBA_CACHE_DIR, or unset it" if given else "remove it"
+        warn(f"{refused}; kernels are cached in {path}. Remedy: {remedy}")
+    return path
+
+
+@functools.cache
+def warn(text: str) -> None:
+    """Warn once, in one line: a source line would follow the name of a file."""
+    warnings.warn_explicit(text, RuntimeWarning, "<kernels>", 1)
+
+
+def _made(place: Path, name: str) -> Path:
+    """The folder `name` in a location, created if necessary. OSError: cannot be used or may not be trusted."""
+    if place.exists() and not place.is_dir():
+        raise OSError("is not a folder")
+    place.mkdir(0o755, parents=True, exist_ok=True)
+    check_trust(place.stat(), sticky=True)
+    path = place / name
+    new = not os.path.lexists(path)
+    if new:
+        if shutil.disk_usage(place).free < ROOM:
+            raise OSError(f"less than {ROOM / 1e6:.0f} MB free")
+        path.mkdir(0o755, exist_ok=True)
+    check_folder(path)
+    if not os.access(path, os.W_OK):
+        raise OSError("not writable")
     os.utime(path)
     if new:
-        _clear(path.parent)
+        _clear(place)
     return path
 
 
@@ -52,26 +98,26 @@ def key(packages: Sequence[str] = COMPILED) -> str:
     return hasher.hexdigest()[:16]
 
 
-def _root(name: str, given: str) -> Path:
-    """The folder that contains the cache folders: `given`, else next to the sources, else the user's cache. A location
-    must be writable and have `ROOM` bytes free, unless the folder `name` already exists there."""
-    if given:
-        return Path(given)
-    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    places = (Path(__file__).parent / "__pycache__", Path(caches) / "palpate")
-    for place in places:
-        with contextlib.suppress(OSError):
-            place.mkdir(parents=True, exist_ok=True)
-            if os.access(place, os.W_OK) and ((place / name).exists() or shutil.disk_usage(place).free > ROOM):
-                return place
-    return Path(tempfile.mkdtemp(prefix="palpate-"))  # private: never run kernels that another user may have left
+def versions() -> str:
+    """Versions of Python and of the compiler."""
+    numba = importlib.metadata.version("numba")
+    return f"py{sys.version_info[0]}{sys.version_info[1]}{getattr(sys, 'abiflags', '')}-numba{numba}"
 
 
-def _clear(root: Path) -> None:
-    """Remove all but the most recently used folders. A process that still uses a removed one recompiles."""
-    folders = sorted(root.glob(f"{PREFIX}*"), key=lambda folder: _used(folder), reverse=True)
+def _clear(place: Path) -> None:
+    """Remove all but the most recently used folders of this user. A process that still uses a removed one
+    recompiles."""
+    folders = sorted(filter(_trusted, place.glob(f"{PREFIX}*")), key=_used, reverse=True)
     for folder in folders[KEPT:]:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _trusted(folder: Path) -> bool:
+    try:
+        check_folder(folder)
+    except OSError:
+        return False
+    return True
 
 
 def _used(folder: Path) -> float:
@@ -79,3 +125,9 @@ def _used(folder: Path) -> float:
         return folder.stat().st_mtime
     except FileNotFoundError:
         return 0.0
+
+
+def _remove(path: Path, process: int) -> None:
+    """Remove a temporary folder when the process that created it ends, but not its children."""
+    if os.getpid() == process:
+        shutil.rmtree(path, ignore_errors=True)

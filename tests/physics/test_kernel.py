@@ -10,7 +10,7 @@ import time
 import numba
 import numpy as np
 import pytest
-from numba.core.caching import CompileResultCacheImpl
+from numba.core.compiler import CompileResult
 
 from palpate.launch.run.work.compiling import compiling
 from palpate.physics.kernel import kernel
@@ -81,7 +81,7 @@ def test_ctrl_c_waits_until_a_kernel_is_loaded(folder, monkeypatch):
     import kernels
 
     assert kernels.outer(np.ones(3)) == pytest.approx(4.0)
-    again, loaded, rebuild = kernel(kernels.outer.py_func), [], CompileResultCacheImpl.rebuild
+    again, loaded, rebuild = kernel(kernels.outer.py_func), [], CompileResult._rebuild
 
     def interrupted(*given):
         signal.raise_signal(signal.SIGINT)
@@ -89,7 +89,7 @@ def test_ctrl_c_waits_until_a_kernel_is_loaded(folder, monkeypatch):
         return loaded[-1]
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(CompileResultCacheImpl, "rebuild", interrupted)
+        patch.setattr(CompileResult, "_rebuild", interrupted)
         again(np.ones(3))
     assert loaded and again(np.ones(3)) == pytest.approx(4.0)
 

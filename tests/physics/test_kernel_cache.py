@@ -23,7 +23,7 @@ def tree(tmp_path):
     """A source tree with the first files of the physics and two kernels, one of which calls the other."""
     physics = tmp_path / "palpate" / "physics"
     physics.mkdir(parents=True)
-    for name in ("__init__.py", "arithmetic.py", "code_library.py", "kernel.py", "kernel_cache.py"):
+    for name in ("__init__.py", "arithmetic.py", "code_library.py", "kernel.py", "kernel_cache.py", "kernel_files.py"):
         shutil.copy(Path(palpate.physics.__path__[0]) / name, physics)
     (physics / "inner.py").write_text(INNER.format("3.0"))
     (physics / "outer.py").write_text(OUTER)
