@@ -23,6 +23,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba import types
+from numba.core import event
 from numba.core.compiler import CompileResult, Flags
 from numba.core.cpu import CPUContext
 from numba.core.externals import c_math_functions
@@ -45,6 +46,7 @@ from palpate.physics.arithmetic import LEVEL, pinnable
 from palpate.physics.code_library import Codegen
 
 TARGET = "palpate"  # Name of the target of kernels
+COMPILING = "palpate:compile"  # Name of numba's event while a kernel is compiled, or awaited from another process
 PACKAGE = __name__.partition(".")[0]
 
 
@@ -161,8 +163,11 @@ class CachedFunction(Pinned):
 
     def compile(self, sig: Any) -> Any:
         """The code for these types, compiled or loaded."""
-        with target_override(TARGET), collection_suspended(), self._cache.reserved(sig):
-            return super().compile(sig)
+        with target_override(TARGET), collection_suspended():
+            if self._cache.has(sig):
+                return super().compile(sig)
+            with event.trigger_event(COMPILING), self._cache.locked():
+                return super().compile(sig)
 
 
 class _Cache:
@@ -181,9 +186,13 @@ class _Cache:
     def flush(self) -> None:
         """Nothing: `Dispatcher.recompile` overwrites the files."""
 
-    def reserved(self, sig: Any) -> contextlib.AbstractContextManager[None]:
-        """Other processes do not compile the function for these types during the block, unless it is cached."""
-        if self._source is None or kernel_files.exists(self.cache_path, self._name(sig)):
+    def has(self, sig: Any) -> bool:
+        """Whether a file exists for these types."""
+        return self._source is not None and kernel_files.exists(self.cache_path, self._name(sig))
+
+    def locked(self) -> contextlib.AbstractContextManager[None]:
+        """Other processes do not compile the function during the block."""
+        if self._source is None:
             return contextlib.nullcontext()
         return kernel_files.locked(self.cache_path, f"{self._function.__module__}.{self._function.__qualname__}.lock")
 

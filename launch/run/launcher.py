@@ -27,6 +27,7 @@ from palpate.launch.run.member import WorkerHandle, lost
 from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.wire.wires import ControlChannel, blocked_by, heard, listeners
+from palpate.launch.run.work.compiling import LONGEST
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
 
@@ -206,6 +207,8 @@ class Launcher:
                 self._control.tell(f"join-{member.job.group}", reports.Take(member.job, self.run_id))
             case reports.Starting(node, kernels):
                 member.busy, member.kernels = node, kernels
+            case reports.Compiling(active):
+                member.compiling = active
             case reports.Ready():
                 self._ready(member, report)
             case reports.Linked():
@@ -396,6 +399,8 @@ class Launcher:
             if not member.alive or (member.state == "starting" and member.joined):
                 continue
             limit = LIMITS.get(member.state, self.patience)
+            if member.compiling:
+                limit = max(limit, LONGEST)
             if member.silence() <= limit:
                 continue
             self.forkserver.ask(reports.Kill(group, int(signal.SIGUSR1)))  # prints its traceback
@@ -405,7 +410,7 @@ class Launcher:
                 self._listen()
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
-            text = f"no sign of life for {limit:.3g} s: it hangs or was suspended"
+            text = f"no sign of life for {limit:g} s: it hangs or was suspended"
             self._died(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
             if member.joined:

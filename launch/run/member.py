@@ -25,6 +25,7 @@ class WorkerHandle:
     state      starting, ready, linked, running; done, failed, killed, restarting; gone
     busy       the node that it builds
     kernels    number of kernels compiled so far
+    compiling  it compiles a function, or waits for another process that does
     pid        process id; None: not started, or on another machine
     endpoints  addresses of its outlets, once it is ready
     secured    whether they are encrypted
@@ -40,6 +41,7 @@ class WorkerHandle:
     state: str = "starting"
     busy: str = ""
     kernels: int = 0
+    compiling: bool = False
     pid: int | None = None
     endpoints: dict[str, list[str]] = field(default_factory=dict)
     secured: bool = False
@@ -90,7 +92,7 @@ class WorkerHandle:
     def forked(self) -> None:
         """Reset the state for a new process."""
         self.state, self.pid, self.paused = "starting", None, None
-        self.flushed = self.clean_exit = False
+        self.flushed = self.clean_exit = self.compiling = False
         self.reset_silence()
 
 

@@ -85,6 +85,12 @@ class Starting(msgspec.Struct, frozen=True, tag=True):
     kernels: int = 0
 
 
+class Compiling(msgspec.Struct, frozen=True, tag=True):
+    """The compiler has begun with a function (`active`), or has ended. It cannot report while it works."""
+
+    active: bool
+
+
 class Ready(msgspec.Struct, frozen=True, tag=True):
     """All nodes are built. endpoints: addresses by outlet; refused: privileges that the system denied."""
 
@@ -124,7 +130,7 @@ class NodesEnded(msgspec.Struct, frozen=True, tag=True):
 
 
 Order = Take | Connect | Go | Gone | End | Stop | Close | Quit | Beat
-Report = Hello | Starting | Ready | Linked | Alive | Paused | NodeFault | Note | NodesEnded
+Report = Hello | Starting | Compiling | Ready | Linked | Alive | Paused | NodeFault | Note | NodesEnded
 
 
 class Addressed(msgspec.Struct, frozen=True):

@@ -10,6 +10,37 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
+LONGEST = 1800.0  # [s] limit for the compilation of one function, also on a slow or loaded machine
+
+
+@contextmanager
+def compiler_watched(changed: Callable[[bool], None]) -> Iterator[None]:
+    """Call `changed` with True when the compiler begins with a function or waits for another process that compiles it,
+    and with False when it has ended. No effect in a process that has not imported numba."""
+    if "numba" not in sys.modules:
+        yield
+        return
+    from numba.core import event
+
+    from palpate.physics.kernel import COMPILING
+
+    class Working(event.Listener):  # type: ignore[misc]
+        depth, process = 0, os.getpid()  # a forked child also compiles, but must not report
+
+        def on_start(self, event: Any) -> None:
+            self.depth += 1
+            if self.process == os.getpid():
+                changed(True)
+
+        def on_end(self, event: Any) -> None:
+            self.depth -= 1
+            if self.process == os.getpid():
+                changed(self.depth > 0)
+
+    listener = Working()
+    with event.install_listener("numba:compile", listener), event.install_listener(COMPILING, listener):
+        yield
+
 
 @contextmanager
 def compiling(report: Callable[[int], None], others: Sequence[Callable[[], object]] = ()) -> Iterator[None]:

@@ -18,6 +18,7 @@ from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.bus import Bus, split
 from palpate.launch.run.wire.keys import Key
+from palpate.launch.run.work.compiling import compiler_watched
 from palpate.launch.run.work.fused import death
 from palpate.launch.run.work.loops import run
 from palpate.launch.run.work.worker import EndedError, Worker
@@ -39,9 +40,10 @@ def serve(start: reports.Start, alone: bool = False) -> int:
     job = start.job
     real = job.clock == "real"
     bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded)
-    worker, begun, clean_exit = None, None, False
+    worker, begun, clean_exit, stack = None, None, False, contextlib.ExitStack()
     try:
         worker = Worker(job, bus, bus.report, alone)
+        stack.enter_context(compiler_watched(lambda active: bus.report(reports.Compiling(active))))
         worker.start()
         refused = real_time(job.core, job.priority if real else None)
         endpoints = bus.bind(job.host)
@@ -69,6 +71,7 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         bus.report(NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
+        stack.close()
         bus.end(clean_exit)
         bus.close(clean_exit)
 

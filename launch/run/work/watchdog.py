@@ -9,10 +9,11 @@ from threading import current_thread, main_thread
 from types import FrameType
 
 from palpate.engine.slot import ObserverSlot, Slot
+from palpate.launch.run.work.compiling import LONGEST, compiler_watched
 from palpate.launch.run.work.worker import Worker
 
 LAST = 60.0  # [s] lower bound of the time until the process is killed, since a stalled machine looks like a hang
-START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
+START_PATIENCE = 120.0  # [s] for a node's `start`: it may build a basis
 CHECKS = 8  # checks within the patience
 
 
@@ -28,7 +29,8 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     A timer signal checks the running call, so that the loop has no overhead. Each check counts at most a quarter of the
     patience, so that a stalled machine does not count as a hang. Compiled code that never returns, or a system call
     that waits for a disk, blocks the handler: then the process prints a traceback and exits after `last` [s] (default:
-    `LAST` or twice the patience, whichever is longer). No effect outside the main thread and without timer signals.
+    `LAST` or twice the patience, whichever is longer). While the compiler works on a function, both limits are at least
+    `LONGEST`. No effect outside the main thread and without timer signals.
     """
     if patience is None or not hasattr(signal, "setitimer") or current_thread() is not main_thread():
         yield
@@ -37,22 +39,34 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     spent, checked = 0.0, time.monotonic()
     end = max(2.0 * patience, LAST) if last is None else last
 
+    working = False
+
+    def kill_later() -> None:
+        with contextlib.suppress(OSError, ValueError):  # standard error is not a file
+            faulthandler.dump_traceback_later(max(end, 2.0 * LONGEST) if working else end, exit=True)
+
+    def compiler_changed(active: bool) -> None:
+        nonlocal working, spent, checked
+        working, spent, checked = active, 0.0, time.monotonic()
+        kill_later()
+
     def check(_: int, frame: FrameType | None) -> None:
         nonlocal before, spent, checked
-        with contextlib.suppress(OSError, ValueError):  # standard error is not a file
-            faulthandler.dump_traceback_later(end, exit=True)
+        kill_later()
         moment, here = time.monotonic(), _running(frame)
         spent += min(moment - checked, 2.0 * patience / CHECKS)
         checked = moment
+        limit = max(patience, LONGEST) if working else patience
         if here is None or here != before:
             before, spent = here, 0.0
-        elif spent >= patience:
-            raise HangError(f"no sign of life for {patience:.3g} s")
+        elif spent >= limit:
+            raise HangError(f"no sign of life for {limit:g} s")
 
     known = signal.signal(signal.SIGALRM, check)
     left, _ = signal.setitimer(signal.ITIMER_REAL, patience / CHECKS, patience / CHECKS)
     try:
-        yield
+        with compiler_watched(compiler_changed):
+            yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         faulthandler.cancel_dump_traceback_later()
