@@ -3,7 +3,7 @@
 import math
 
 from palpate.nodes.base.absence import FALL
-from palpate.physics.bodies.place_energy import on_hand
+from palpate.physics.bodies.place_energy import bounded, on_hand
 from palpate.physics.contact.end_rate import AHEAD, AT_REST, COURSE, advance
 from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
 from palpate.physics.kernel import kernel
@@ -25,6 +25,7 @@ FINGER = {
     "heard": (7,), "hears": bool,  # law, step and relaxation of the body's last message; whether it has sent one
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
     "course": (COURSE,),  # of the compression (`physics.contact.end_rate`)
+    "aside": (3,),  # tangential over normal force [1]
     "deepest": (3,), "deepest_time": int,  # greatest compression [m], force [N] then; time [ns]
 }  # fmt: skip
 """State of a fingertip."""
@@ -150,7 +151,12 @@ def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness
         rate = (indentation - finger.previous) / dt
         finger.indentation, finger.settled = indentation, True
         if force > 0.0 and sloped:
+            slip = proximity.slip
+            motion = dt * (math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2) + abs(finger.rate) + abs(rate))
             lateral = on_hand(gradient, shape, proximity.approach, vector(proximity.normal))
+            lateral = bounded(lateral, force, motion, proximity.approach, finger.aside)
+    if not force > 0.0:
+        finger.aside[0] = finger.aside[1] = finger.aside[2] = 0.0
     if finger.compression > thickness > 0.0:
         deepest = finger.deepest
         if (finger.compression, force, proximity.time) > (deepest[0], deepest[1], finger.deepest_time):

@@ -34,6 +34,10 @@ from palpate.physics.kernel import kernel
 from palpate.physics.memory import stack_zeros
 
 STEEPEST = 0.75  # [1] Limit of e S: beyond it the bone edge is near the surface's centre of curvature
+MOST_ASIDE = 0.5  # [1] Limit of the tangential over the normal force
+SUDDEN = 0.25
+"""[1] The ratio of both forces changes by at most the motion over this multiple of the approach, so that the tangential
+force changes by at most 1/SUDDEN + MOST_ASIDE times the secant stiffness f/e, times the motion."""
 
 
 class Ground(NamedTuple):
@@ -158,3 +162,25 @@ def on_hand(gradient, shape, approach, normal):
             force[i] = gradient[i] + deep * (shape[i] * force[0] + shape[3 + i] * force[1] + shape[6 + i] * force[2])
     out = force[0] * normal[0] + force[1] * normal[1] + force[2] * normal[2]
     return force[0] - out * normal[0], force[1] - out * normal[1], force[2] - out * normal[2]
+
+
+@kernel
+def bounded(lateral, force, motion, approach, ratio):
+    """The tangential force [N] (3 numbers) within its limits for a normal `force` [N] > 0; updates `ratio` [1] (3), the
+    tangential over the normal force: at most `MOST_ASIDE`, changed by at most motion/(`SUDDEN` approach).
+
+    motion [m] of the finger and the tissue in this step;  approach [m] > 0
+    """
+    aside = np.sqrt(lateral[0] ** 2 + lateral[1] ** 2 + lateral[2] ** 2)
+    inside = min(1.0, MOST_ASIDE * force / aside) if aside > 0.0 else 1.0
+    square = 0.0
+    for k in range(3):
+        square += (inside * lateral[k] / force - ratio[k]) ** 2
+    change, most = np.sqrt(square), motion / (SUDDEN * approach)
+    if change <= most and inside == 1.0:  # the usual case, without rounding
+        ratio[0], ratio[1], ratio[2] = lateral[0] / force, lateral[1] / force, lateral[2] / force
+        return lateral
+    share = min(1.0, most / change) if change > 0.0 else 1.0
+    for k in range(3):
+        ratio[k] += share * (inside * lateral[k] / force - ratio[k])
+    return ratio[0] * force, ratio[1] * force, ratio[2] * force

@@ -15,7 +15,7 @@ from palpate.messages import Load, Proximity, Surface
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.large_displacement import nonlinearity
-from palpate.physics.bodies.place_energy import on_hand
+from palpate.physics.bodies.place_energy import MOST_ASIDE, SUDDEN, bounded, on_hand
 from palpate.physics.contact.area import FIXED, ball, fingertip, of_table
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
@@ -226,3 +226,18 @@ def test_the_node_sends_the_gradient():
     surface = bus.publish(load)[-1]
     assert len(surface.shape_operator) == 9 and np.isfinite(surface.tangential_gradient).all()
     assert 1e-4 < np.linalg.norm(surface.tangential_gradient) < 0.05
+
+
+def test_the_tangential_force_jumps_no_farther_than_the_finger_moves():
+    """Random gradients, as a foot that leaps near a focal point sends them: the force on the hand follows the motion of
+    the finger. A still finger has a still force, and small changes pass with all their bits."""
+    rng, force, approach, ratio = np.random.default_rng(3), 2.0, 8e-3, np.zeros(3)
+    before, stiffness = np.zeros(3), 2.0 / 8e-3
+    for _ in range(300):
+        motion, wanted = rng.uniform(0.0, 3e-4), rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 2.0)
+        lateral = np.array(bounded(tuple(wanted), force, motion, approach, ratio))
+        assert np.linalg.norm(lateral - before) <= motion * stiffness / SUDDEN + 1e-12
+        assert np.linalg.norm(lateral) <= MOST_ASIDE * force * (1 + 1e-12)
+        before = lateral
+    assert bounded((9.0, 9.0, 9.0), force, 0.0, approach, ratio) == approx(tuple(before), abs=1e-15)
+    assert bounded((1e-3, 2e-3, 0.0), force, 1e-2, approach, ratio) == (1e-3, 2e-3, 0.0)
