@@ -6,12 +6,22 @@ samples. State of the kernels: `sampled`, an int [ns], -1 before the first sampl
 """
 
 from palpate.physics.kernel import kernel
+from palpate.physics.records import nth
 
 
 @kernel
 def sample_of(message):
     """Time [ns] of the sample of a message's record; -1: unknown."""
     return max(message.time - message.delayed, 0) if message.time >= 0 else -1
+
+
+@kernel
+def oldest(messages):
+    """Age [ns] of the oldest of several messages of one input."""
+    age = 0
+    for i in range(messages.count):
+        age = max(age, nth(messages, i).delayed)
+    return age
 
 
 @kernel

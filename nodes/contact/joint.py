@@ -173,6 +173,7 @@ class Share(CompiledNode):
         if not 0 <= i < contacts.force.count:
             own.fault = NO_FINGER
             return
+        out.delayed = contacts.delayed
         put(out.foot, vector(proximity.foot))
         put(out.normal, vector(proximity.normal))
         out.force = contacts.force.values[i]
