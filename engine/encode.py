@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.engine.wire_plan import ARRAY, FLAG, FLOATS, INTEGER, MAP, STEP, USED, VECTOR, WORD
+from palpate.engine.wire_plan import ARRAY, DELAYED, FLAG, FLOATS, INTEGER, MAP, STEP, USED, VECTOR, WORD
 from palpate.physics.kernel import kernel
 from palpate.physics.memory import copy, pointer, set_big, word
 
@@ -101,14 +101,18 @@ def encode(steps, count, literals, record, used, inputs, at):
                 other = step_at(steps + j * STEP_SIZE)
                 if other.kind == ARRAY and other.more == 1 and not _empty(record + other.at, other.count):
                     entries += 1
+                if other.kind == DELAYED and word(record + other.at) != 0:
+                    entries += 1
             at = _header(at, entries, 0x80, 0xDE)
             continue
         if step.kind == ARRAY and step.more == 1 and _empty(value, step.count):
             continue
+        if step.kind == DELAYED and word(value) == 0:
+            continue
         at = copy(at, literals + step.first, step.length)
         if step.kind == FLOATS:
             at = _floats(at, value, step.count)
-        elif step.kind == INTEGER:
+        elif step.kind == INTEGER or step.kind == DELAYED:
             for i in range(step.count):
                 at = _integer(at, word(value + 8 * i))
         elif step.kind == FLAG:

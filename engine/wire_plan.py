@@ -11,7 +11,7 @@ from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.record import layout
 
-MAP, FLOATS, INTEGER, FLAG, VECTOR, ARRAY, WORD, SOURCE, USED = range(9)
+MAP, FLOATS, INTEGER, FLAG, VECTOR, ARRAY, WORD, SOURCE, USED, DELAYED = range(10)
 STEP = np.dtype([(name, "<i8") for name in ("kind", "at", "count", "first", "length", "size", "more")])
 """One part of a message.
 
@@ -39,13 +39,15 @@ class WirePlan:
         names = kind.__struct_fields__
         omits = kind.__struct_config__.omit_defaults  # then empty arrays are left out
         rare = [n for n in names if n in given and isinstance(defaults[n], np.ndarray) and omits]
-        steps = [self._step(MAP, 0, len(names) - len(rare), b"")]
+        steps = [self._step(MAP, 0, len(names) - len(rare) - 1, b"")]  # without `delayed`
         for name in names:
             key = _pack(name)
             if name == "source":
                 steps.append(self._step(SOURCE, 0, 0, key + _pack(source)))
             elif name == "used":
                 steps.append(self._step(USED, 0, 0, key))
+            elif name == "delayed":
+                steps.append(self._step(DELAYED, record.fields[name][1], 1, key))  # type: ignore[index]
             elif name in HEADER:
                 steps.append(self._step(INTEGER, record.fields[name][1], 1, key))  # type: ignore[index]
             else:

@@ -42,12 +42,15 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, gc=False):
     time    [ns] ()   time of that tick on the graph's clock
     source  [1]  ()   name of the node that sent it
     used    [1]  (u)  ticks of the inputs that it was computed from, in port order; -1 for a missing input
+    delayed [ns] ()   age of its content at `time`: time since the sample, or in a network. Absent: 0. A node that
+                      differentiates a position uses it
     """
 
     tick: Annotated[int, "1"] = -1
     time: Annotated[int, "ns"] = -1
     source: Annotated[str, "1"] = ""
     used: Annotated[tuple[int, ...], "1", ("u",)] = ()
+    delayed: Annotated[int | msgspec.UnsetType, "ns"] = msgspec.UNSET
 
     def __post_init__(self) -> None:
         SETTLE[type(self)](self)

@@ -13,7 +13,7 @@ Vector3 = tuple[float, float, float]
 Floats = Annotated[np.ndarray, np.dtype("<f8")]
 Ints = Annotated[np.ndarray, np.dtype("<i4")]
 Shape = tuple[int | str, ...]
-HEADER = ("tick", "time", "source", "used")
+HEADER = ("tick", "time", "source", "used", "delayed")
 
 
 class MessageError(ValueError):

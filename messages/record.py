@@ -6,6 +6,7 @@ A record begins with the header:
     tick     as in the message
     time     as in the message [ns]
     present  the inputs that its sender had, as a bit mask in port order: bit n for entry n of `used`
+    delayed  as in the message [ns]; 0: absent
 
 The fields follow by name: numbers, flags and vectors of fixed length unchanged; a word as its index among the words of
 the field (`OneOf`); a vector of open length, of at most `ROOM` numbers, as `count` and `values`; an array as `address`
@@ -27,7 +28,7 @@ from palpate.messages.fields import Field, MessageError, fields
 
 ROOM = 16
 """Capacity of a vector of open length, which is sent as a msgpack array of numbers."""
-HEAD = [("there", "?"), ("tick", "<i8"), ("time", "<i8"), ("present", "<i8")]
+HEAD = [("there", "?"), ("tick", "<i8"), ("time", "<i8"), ("present", "<i8"), ("delayed", "<i8")]
 KINDS = {float: "<f8", int: "<i8", bool: "?"}
 CODES = {"f": "d", "i": "q", "b": "?"}
 ARRAYS = ("<f8", "<i4")  # dtypes of arrays that kernels read
@@ -75,8 +76,8 @@ def _kind(kind: type, field: Field) -> Any:
 def writer(kind: type[Message], names: Collection[str]) -> Callable[[Message, Any], None]:
     """A function (message, memory of a record) that writes the header and the fields `names` of a message."""
     record = layout(kind)
-    given = ["True", "m.tick", "m.time", "present(m.used)"]
-    format_, filled = "=?7xqqq", 32
+    given = ["True", "m.tick", "m.time", "present(m.used)", "m.delayed or 0"]
+    format_, filled = "=?7xqqqq", 40
     known: dict[str, Any] = {"address": address_of, "present": _present}
     for field in fields(kind):
         if field.name not in names:
@@ -109,11 +110,11 @@ def _values(field: Field, known: dict[str, Any]) -> list[str]:
 
 @cache
 def reader(kind: type[Message]) -> Callable[[Any], Message]:
-    """A function (memory of a record) that returns the message; of its header it sets tick and time. Arrays are
-    copied."""
+    """A function (memory of a record) that returns the message; of its header it sets tick, time and delayed. Arrays
+    are copied."""
     record = layout(kind)
-    format_, filled, at, given = "=?7xqqq", 32, 4, ["tick=v[1]", "time=v[2]"]
-    known: dict[str, Any] = {"kind": kind, "copied": _copied}
+    format_, filled, at, given = "=?7xqqqq", 40, 5, ["tick=v[1]", "time=v[2]", "delayed=v[4] or UNSET"]
+    known: dict[str, Any] = {"kind": kind, "copied": _copied, "UNSET": msgspec.UNSET}
     for field in fields(kind):
         dtype, offset = record.fields[field.name][:2]  # type: ignore[index]
         codes = _codes(dtype)

@@ -34,6 +34,7 @@ class _Nearest(Placed, CompiledNode):
 def send(own, foot, element, pose, out):
     """Fill the message from a result: foot (3) [m], normal (3) [1], coordinates (2), signed distance [m]."""
     n0, n1, n2, depth = foot[3], foot[4], foot[5], own.thickness - foot[8]
+    out.delayed = pose.delayed
     v = pose.velocity
     away = v[0] * n0 + v[1] * n1 + v[2] * n2
     put(out.foot, vector(foot))

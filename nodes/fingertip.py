@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
 from palpate.nodes.base import Node, SettingError, Switch, part
+from palpate.nodes.base.samples import since
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.fingertip.anatomy import Anatomy
 from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, BundleState, step
@@ -100,6 +101,7 @@ class BundleContact(Node):
         self.before: Vector3 | None = None
         self.depth = 0.0
         self.onset = -1.0
+        self.sampled = -1
 
     def _bundle(self) -> Bundle:
         tissue = ViscoelasticMaterial(self.tissue_modulus, self.tissue_relaxation, self.poisson)
@@ -111,6 +113,10 @@ class BundleContact(Node):
         )
 
     def step(self, pose: Pose, *, dt: float) -> tuple[Contact, Friction, Slip, Surface]:
+        sample = pose.time - (pose.delayed or 0) if pose.time >= 0 else -1
+        dt = since.py_func(self, sample, dt)
+        if dt == 0.0:  # the same pose again
+            return None
         x, y, z = pose.position
         last = self.before or pose.position
         depth = min(max(self.thickness + self.plate - z, -FARTHEST), FARTHEST)

@@ -9,7 +9,7 @@ from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vec
 from palpate.nodes.base import CompiledNode, Out, Wants
 from palpate.physics.device.falcon import FALCON, HOME
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.tracking import FILLED, GOOD, POSE, pose, pose_falcon
+from palpate.physics.device.tracking import FILLED, GOOD, POSE, STAMP, pose, pose_falcon
 from palpate.physics.kernel import kernel
 from palpate.physics.records import put, vector
 
@@ -36,8 +36,9 @@ class _Tracker(CompiledNode):
 
 
 @kernel
-def send(own, seen, out):
-    """Send a pose of `physics.device.tracking.pose` in the world frame."""
+def send(own, seen, age, out):
+    """Send a pose of `physics.device.tracking.pose` in the world frame; `age` [ns] of its sample."""
+    out.delayed = age
     x, y, z, vx, vy, vz, out.dt = seen
     put(own.last, (x, y, z))
     put(out.position, (x + own.origin[0], y + own.origin[1], z + own.origin[2]))
@@ -48,17 +49,23 @@ def send(own, seen, out):
 def sampled(own, state, count, out, dt):
     """Set the clock to the time of a sample of `count` numbers. Returns whether to use the sample.
 
-    The time is that of the message, or the sum of the steps if it has none. Until the device is homed, the node sends
-    the last position, at rest, and the history is cleared.
+    The time is that of the message less its age, or the sum of the steps if it has none. Until the device is homed, the
+    node sends the last position, at rest, and the history is cleared.
     """
     if state.homed and count != 3:
         own.fault = WRONG_DEVICE
         return False
-    own.clock = state.time if state.time >= 0 else own.clock + round(dt * 1e9)
+    own.clock = state.time - state.delayed if state.time >= 0 else own.clock + round(dt * 1e9)
     if not state.homed:
         own.samples[FILLED] = 0
-        send(own, (own.last[0], own.last[1], own.last[2], 0.0, 0.0, 0.0, 0.0), out)
+        send(own, (own.last[0], own.last[1], own.last[2], 0.0, 0.0, 0.0, 0.0), 0, out)
     return state.homed
+
+
+@kernel
+def age_of(own, state):
+    """Age [ns] of the last good sample: 0 in time, more if the device's message was late or its sample rejected."""
+    return state.delayed + own.clock - own.samples[STAMP] if own.samples[FILLED] != 0 else 0
 
 
 class FalconKinematics(_Tracker):
@@ -83,7 +90,8 @@ class FalconKinematics(_Tracker):
     def compute(own, state: Annotated[DeviceState, Wants("joints", "homed")], out: Out[Pose], dt):
         if sampled(own, state, state.joints.count, out, dt):
             given = own.samples, own.places, own.axes, own.resolution, own.speed_limit, own.clock
-            send(own, pose_falcon(*given, vector(state.joints.values), own.geometry), out)
+            seen = pose_falcon(*given, vector(state.joints.values), own.geometry)
+            send(own, seen, age_of(own, state), out)
 
     def explain(self, fault: int, *messages: DeviceState) -> Exception:
         return MessageError(
@@ -99,7 +107,8 @@ class Cartesian(_Tracker):
     def compute(own, state: Annotated[DeviceState, Wants("position", "homed")], out: Out[Pose], dt):
         if sampled(own, state, state.position.count, out, dt):
             given = own.samples, own.places, own.axes, own.resolution, own.speed_limit, own.clock
-            send(own, pose(*given, vector(state.position.values)), out)
+            seen = pose(*given, vector(state.position.values))
+            send(own, seen, age_of(own, state), out)
 
     def explain(self, fault: int, *messages: DeviceState) -> Exception:
         return MessageError(

@@ -68,7 +68,7 @@ class Kernel(CompiledNode, WithArea):
 
     @compiled
     def idle(own, contact, friction, out, dt):
-        if contact.force > 0.0 or not own.idles:
+        if contact.force > 0.0 or not own.idles or out.delayed != contact.delayed:
             return False
         return vector(own.foot) == vector(contact.foot) and vector(own.normal) == vector(contact.normal)
 
@@ -91,6 +91,7 @@ class Kernel(CompiledNode, WithArea):
         if own.rigid and not own.cautioned:
             own.cautioned = True
             own.gives[0], own.gives[1] = contact.compression, contact.indentation
+        out.delayed = contact.delayed
         lend_first(out.nodes, own.spreader.nodes, count)
         lend_first(out.forces, own.spreader.forces, count)
         for place, normal in ((own.foot, own.normal), (out.foot, out.normal)):

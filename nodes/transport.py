@@ -16,8 +16,10 @@ class Delay(Carrier):
 
     A message that is sent at t arrives at t + delay + jitter u, u uniform in [-1, 1]. At each tick the node sends the
     newest message that has arrived; older ones are dropped, and the last one is repeated until a newer one arrives.
-    Until the first arrival it sends the message of the first tick, so both ends start with the same state. The clock is
-    that of the graph; times are rounded up to its ticks. Settings:
+    Until the first arrival it sends the message of the first tick, so both ends start with the same state. A forwarded
+    message has tick and time of its forwarding, and the age of its content, so that a contact does not take the jump
+    after lost poses for a motion within one tick. The clock is that of the graph; times are rounded up to its ticks.
+    Settings:
 
     delay   mean delay of a message
     jitter  largest deviation from it, at most `delay`
@@ -42,19 +44,22 @@ class Delay(Carrier):
         self.random = np.random.Generator(np.random.PCG64(self.seed))
         self.clock = self.sent = self.newest = 0
         self.tick = -2  # of the last sent message; -1 is the tick of messages outside a graph
-        self.crossing: list[tuple[int, int, Message]] = []  # time [ns] of arrival, number, message
+        self.crossing: list[tuple[int, int, int, Message]] = []  # arrival [ns], number, sending [ns], message
+        self.last: tuple[int, Message] | None = None  # the one that is forwarded, and when it was sent [ns]
 
-    def carry(self, message: Message, dt: float) -> Message | None:
+    def carry(self, message: Message, dt: float) -> Message:
         self.clock += round(dt * 1e9)
         if message.tick != self.tick:
             self.tick, self.sent = message.tick, self.sent + 1
             if not self.loss or self.random.random() >= self.loss:
                 late = self.delay + (self.jitter * (2.0 * self.random.random() - 1.0) if self.jitter else 0.0)
-                heapq.heappush(self.crossing, (self.clock + round(late * 1e9), self.sent, message))
-        arrived = message if self.newest == 0 else None
-        self.newest = self.newest or 1
+                heapq.heappush(self.crossing, (self.clock + round(late * 1e9), self.sent, self.clock, message))
+        if self.last is None:
+            self.newest, self.last = 1, (self.clock, message)
         while self.crossing and self.crossing[0][0] <= self.clock:
-            _, number, crossed = heapq.heappop(self.crossing)
+            _, number, sent, crossed = heapq.heappop(self.crossing)
             if number >= self.newest:
-                self.newest, arrived = number, crossed
-        return arrived
+                self.newest, self.last = number, (sent, crossed)
+        sent, forwarded = self.last
+        age = (forwarded.delayed or 0) + self.clock - sent
+        return msgspec.structs.replace(forwarded, tick=-1, delayed=age or msgspec.UNSET)

@@ -24,6 +24,7 @@ FINGER = {
     "idle": bool, "previous": (), "in_step": bool, "withheld": (),  # previous [m] of the body's law; withheld [m]
     "heard": (7,), "hears": bool,  # law, step and relaxation of the body's last message; whether it has sent one
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
+    "sampled": int,  # [ns] time of the last sample of the approach; -1: unknown
     "course": (COURSE,),  # of the compression (`physics.contact.end_rate`)
     "aside": (3,),  # tangential over normal force [1]
     "deepest": (3,), "deepest_time": int,  # greatest compression [m], force [N] then; time [ns]
@@ -34,6 +35,7 @@ FINGER = {
 def begin(finger) -> None:
     """The state before the first step."""
     finger["in_step"], finger["usual"], finger["deepest_time"], finger["course"] = True, math.inf, -1, AT_REST
+    finger["sampled"] = -1
 
 
 @kernel
@@ -53,7 +55,8 @@ def in_range(law, step, relaxation):
 
 @kernel(error_model="numpy")
 def step_length(finger, proximity, dt):
-    """Length [s] of the step for the damping: `dt`, except after a gap in which the finger approached.
+    """Length [s] of the step for the damping: `dt` since the last sample, except after a gap in which the finger
+    approached.
 
     An implicit step over a gap applies the mean rate at the final depth, although a finger that has hit the tissue may
     be at rest by then. So the rate at the end is extrapolated from the mean rates v, v_0 of this step and the one
@@ -93,13 +96,14 @@ def law_now(finger, law, step, relaxation, age, dt, length):
 
 
 @kernel(error_model="numpy")
-def pressing(finger, proximity, there, law, step, relaxation, time, dt):
+def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
     """Returns whether a force must be solved for, and approach [m], length of the step [s] and law for it.
 
     there  whether the body has sent its law
     law, step [s], relaxation [s], time [ns]  of that message
+    dt, moved  [s] since the last step and since the last sample, see `nodes.base.samples`
     """
-    length = step_length(finger, proximity, dt)
+    length = step_length(finger, proximity, moved) if moved > 0.0 else dt
     if there:
         for i in range(5):
             finger.heard[i] = law[i]

@@ -8,6 +8,7 @@ import numpy as np
 from palpate.messages import Contact, Contacts, Proximity, Surface
 from palpate.messages.record import ROOM
 from palpate.nodes.base import TABLE, CompiledNode, InputError, Out, Wants
+from palpate.nodes.base.samples import sample_of, since
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
 from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
@@ -60,6 +61,7 @@ class Joint(Series):
     State = {
         "finger": (ROOM, FINGER), "law": (5,),  # the fingertips; their elastic law and its damping
         "approach": (ROOM,), "before": (ROOM,), "terminal": (ROOM, 5), "coupling": (ROOM * ROOM,),  # of `joint_step`
+        "moved": (ROOM,), "waited": (),  # [s] since the last sample of each finger; since the last step
         "force": (ROOM,), "solved": (ROOM, 3), "lateral": TABLE,
     }  # fmt: skip
 
@@ -76,6 +78,8 @@ class Joint(Series):
             law = law_for(body, count > 1, i)
             if not finger.at_rest(own.finger[i], nth(proximity, i), True, law, body.step, body.relaxation):
                 return False
+        for i in range(count):
+            own.finger[i].sampled = sample_of(nth(proximity, i))
         return True
 
     @kernel(error_model="numpy")
@@ -86,8 +90,16 @@ class Joint(Series):
         out: Out[Contacts],
         dt,
     ):
+        # Time since the last sample of each finger; without a newer one of any, the answer stays.
+        count, longest = proximity.count, 0.0
+        for i in range(count):
+            own.moved[i] = since(own.finger[i], sample_of(nth(proximity, i)), dt)
+            longest = max(longest, own.moved[i])
+        if longest == 0.0 and body.there and count > 0:
+            own.waited += dt
+            return
+        dt, own.waited = dt + own.waited, 0.0
         # Coupling of the contacts by the body.
-        count = proximity.count
         several = body.there and count > 1
         if body.there:
             own.fault = fault_of(body, count)
@@ -99,12 +111,13 @@ class Joint(Series):
                 for j in range(count):
                     own.coupling[i * count + j] = coupling[i, j]
         # Approach, fingertip law and terminal law of each contact.
-        pressed, length = False, 0.0
+        pressed, length, time = False, 0.0, sample_of(body)
         for i in range(count):
-            one = own.finger[i]
-            arrive(one.course, nth(proximity, i).tick if own.second_order else -1)
+            one, near = own.finger[i], nth(proximity, i)
+            moved = own.moved[i]
+            arrive(one.course, near.tick if own.second_order and moved == dt else -1)
             presses, approach, step, law = finger.pressing(
-                one, nth(proximity, i), body.there, law_for(body, several, i), body.step, body.relaxation, body.time, dt
+                one, near, body.there, law_for(body, several, i), body.step, body.relaxation, time, dt, moved
             )
             if presses:
                 own.approach[i], terminal = approach, own.terminal[i]
@@ -160,6 +173,7 @@ class Share(CompiledNode):
         if not 0 <= i < contacts.force.count:
             own.fault = NO_FINGER
             return
+        out.delayed = contacts.delayed
         put(out.foot, vector(proximity.foot))
         put(out.normal, vector(proximity.normal))
         out.force = contacts.force.values[i]

@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.messages import Contact, Proximity, Surface
 from palpate.nodes.base import CompiledNode, InputError, Out, Part, Switch, Wants
+from palpate.nodes.base.samples import sample_of, since
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
 from palpate.physics.contact import series as laws
@@ -36,6 +37,10 @@ class Series(CompiledNode):
     which the damping would turn into a force spike. If the tissue sends the change of its energy along the surface, the
     force on the finger includes it, so that the force is the gradient of one energy (docs/equations/reduced-fe.md). An
     idle node more than 2 mm from contact sleeps; its foot and normal then keep their values.
+
+    A step lasts from one sample of the position to the next, according to the age of the messages. While a network or a
+    collision at a divisor repeats a sample, the answer stays, so that the next one does not count as the motion of one
+    tick.
 
     Without tissue the force is zero and the fingertip recovers. If the tissue disappears, the force falls to zero
     within 8 ms: the last law, at rest, is applied to an approach that falls to zero. When the tissue returns, or if
@@ -80,7 +85,10 @@ class Series(CompiledNode):
 
     @kernel
     def idle(own, proximity, body, out, dt):
-        return finger.at_rest(own.finger, proximity, body.there, law_of(body), body.step, body.relaxation)
+        if not finger.at_rest(own.finger, proximity, body.there, law_of(body), body.step, body.relaxation):
+            return False
+        own.finger.sampled = sample_of(proximity)
+        return True
 
     @kernel(error_model="numpy")
     def compute(own, proximity: Proximity, body: Annotated[Surface | None, BODY], out: Out[Contact], dt):
@@ -88,9 +96,13 @@ class Series(CompiledNode):
         if body.there and not finger.in_range(law, body.step, body.relaxation):
             own.fault = BAD_LAW
             return
-        arrive(own.finger.course, proximity.tick if own.second_order else -1)
+        moved = since(own.finger, sample_of(proximity), dt)
+        if moved == 0.0 and body.there:
+            return
+        arrive(own.finger.course, proximity.tick if own.second_order and moved == dt else -1)
+        dt = moved if moved > 0.0 else dt
         pressed, approach, length, law = finger.pressing(
-            own.finger, proximity, body.there, law, body.step, body.relaxation, body.time, dt
+            own.finger, proximity, body.there, law, body.step, body.relaxation, sample_of(body), dt, moved
         )
         solved = (0.0, 0.0, 0.0)
         if pressed:

@@ -9,6 +9,7 @@ from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Calibrated, CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
 from palpate.physics.bodies.beam_foundation_step import held_force
 from palpate.physics.contact.spread import TABLES
@@ -110,7 +111,7 @@ class BeamBundle(CompiledNode, WithNodule):
 
     @kernel
     def idle(own, load, out, dt):
-        if longs(own.bed.moving.sent)[0] > 0:
+        if longs(own.bed.moving.sent)[0] > 0 or out.delayed != oldest(load):
             return False
         for i in range(load.count):
             each, place = nth(load, i), floats(own.places)[i]
@@ -139,6 +140,7 @@ class BeamBundle(CompiledNode, WithNodule):
             for k in range(3):
                 places[i, k], places[i, 3 + k] = each.foot[k], each.normal[k]
         send_laws(own, out)
+        out.delayed = oldest(load)
         out.step, out.relaxation, out.limited = dt, beams.relaxation(bed.beams, dt), bed.moving.sent[1]
         if not own.shape:
             return

@@ -11,6 +11,7 @@ from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.samples import oldest
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
 from palpate.physics.bodies.place_energy import surface_gradient
@@ -134,7 +135,7 @@ class MassSpring(CompiledNode, WithNodule):
         for i in range(load.count):
             if nth(load, i).nodes.shape[0] > 0 or laws[i, 4] != 0.0 or (own.shape and counts[i] > 0):
                 return False
-        return True
+        return out.delayed == oldest(load)
 
     @kernel(error_model="numpy")
     def compute(own, load: list[Load], out: Out[Surface], dt):
@@ -192,7 +193,7 @@ class MassSpring(CompiledNode, WithNodule):
             put(out.tangential_gradient, vector(slopes[0, :3]))
             for k in range(9):
                 out.shape_operator.values[k] = slopes[0, 3 + k]
-        out.step, out.relaxation = dt, own.retardation
+        out.step, out.relaxation, out.delayed = dt, own.retardation, oldest(load)
         if not own.shape:
             return
         if several:

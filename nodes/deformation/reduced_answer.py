@@ -2,6 +2,7 @@
 
 from palpate.nodes.base import ARRAY
 from palpate.nodes.base.contacts import send_laws
+from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies.condensed_step import DEEP, RADIUS, WIDE
 from palpate.physics.bodies.patch import add_pressure
@@ -54,6 +55,7 @@ def send(own, load, count, out, dt):
     """Send the laws, and displacement and pressure of the `count` displaced vertices."""
     send_laws(own, out)
     out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.beyond
+    out.delayed = oldest(load)
     lend_first(out.nodes, own.body.fine.nodes, count)
     lend_first(out.displacement, own.body.fine.moved, count)
     if own.pressure:

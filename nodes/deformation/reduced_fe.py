@@ -11,6 +11,7 @@ from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room
 from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.samples import oldest
 from palpate.nodes.base.surface import LEVEL, SURFACES, rotation_matrix, surface_mesh
 from palpate.nodes.deformation import basis_store
 from palpate.nodes.deformation.reduced_answer import PRESSURE, along_the_surface, caution_once, send
@@ -158,7 +159,7 @@ class ReducedFE(CompiledNode, WithNodule):
             for k in range(3):
                 if body.feet[i, k] != each.foot[k] or body.normals[i, k] != each.normal[k]:
                     return False
-        return condensed.is_still(body)
+        return out.delayed == oldest(load) and condensed.is_still(body)
 
     @kernel(error_model="numpy")
     def compute(own, load: list[Load], out: Out[Surface], dt):

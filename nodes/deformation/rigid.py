@@ -7,6 +7,7 @@ import msgspec
 from palpate.messages import Load, Surface
 from palpate.nodes.base import CompiledNode, Out
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, nth, one, vector
@@ -33,4 +34,4 @@ class Rigid(CompiledNode):
             stored += 0.5 * push * push / own.plate_stiffness
         send_laws(own, out)
         one(out.stored, stored)
-        out.step = dt
+        out.step, out.delayed = dt, oldest(load)

@@ -321,6 +321,7 @@ def schema(kind: type[Message]) -> dict[str, Any]:
     properties: dict[str, Any] = {name: {"type": "integer"} for name in HEADER[:2]}
     properties["source"] = {"type": "string"}
     properties["used"] = {"type": "array", "items": {"type": "integer"}}
+    properties["delayed"] = {"type": "integer"}
     for field in fields(kind):
         entry: dict[str, Any] = {"unit": field.unit, "shape": list(field.shape)}
         if field.dtype is not None:

@@ -46,6 +46,7 @@ def write_foxglove(recording: Recording, target: Path, streams: tuple[str, ...],
 def as_plain(message: Message, rows: bool = True) -> dict[str, Any]:
     """A message as numbers, texts and lists; arrays as nested lists (`rows`), or flat in row-major order."""
     plain = {name: getattr(message, name) for name in (*HEADER, *(field.name for field in fields(type(message))))}
+    plain["delayed"] = plain["delayed"] or 0
     for name, value in plain.items():
         if isinstance(value, np.ndarray):
             plain[name] = (value if rows else value.ravel()).tolist()
@@ -61,6 +62,7 @@ def json_schema(kind: type[Message]) -> dict[str, Any]:
         "time": {"type": "integer", "title": "time [ns]"},
         "source": {"type": "string"},
         "used": {"type": "array", "items": {"type": "integer"}},
+        "delayed": {"type": "integer", "title": "delayed [ns]"},
     }
     assert tuple(properties) == HEADER
     for field in fields(kind):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import UNSET
 
 from palpate.messages import Load, Message, MessageError, check_finite, fields, pack, unpack
 from palpate.messages.docs import documented, message_types
@@ -45,6 +46,7 @@ def messages(draw, kind):
         "time": draw(st.integers(-1, 2**62)),
         "source": draw(st.text(max_size=10)),
         "used": tuple(draw(st.lists(st.integers(-1, 2**60), max_size=4))),
+        "delayed": draw(st.just(UNSET) | st.integers(1, 2**60)),
     }
     return kind(**values, **header)
 
@@ -73,7 +75,7 @@ def test_docstrings_agree_with_annotations(kind):
 
 
 def test_the_header_is_described():
-    assert [d.name for d in documented(Message)] == ["tick", "time", "source", "used"]
+    assert [d.name for d in documented(Message)] == ["tick", "time", "source", "used", "delayed"]
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)

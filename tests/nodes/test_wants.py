@@ -11,7 +11,7 @@ from palpate.launch.load.classes import body, catalogue, find_class
 from palpate.nodes.base import Observer, effects, inputs, outputs
 
 NODES = [entry.use for entry in catalogue()[0] if not issubclass(entry.cls, Observer)]
-HEADER = {"tick", "time", "source", "used"}
+HEADER = {"tick", "time", "source", "used", "delayed"}
 PRICED = {
     (kind, field)
     for entry in catalogue()[0]

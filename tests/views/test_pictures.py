@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.messages import Contact, DeviceState, Force, Friction, Pose, Proximity, Surface, pack
+from palpate.messages import HEADER, Contact, DeviceState, Force, Friction, Pose, Proximity, Surface, pack
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.physics.geometry.mesh import plane
@@ -50,7 +50,7 @@ def record(path, streams, plan=None):
 
 
 def own_of(message):
-    return [name for name in message.__struct_fields__ if name not in ("tick", "time", "source", "used")]
+    return [name for name in message.__struct_fields__ if name not in HEADER]
 
 
 def press(depth, force=None, foot=(0.0, 0.0, 0.105)):
