@@ -17,7 +17,7 @@ import palpate.graphs
 from palpate.engine.faults import Fault, GraphError, Location, choices
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.launch.load.values.units import UnitError, convert
-from palpate.physics.contact.under_finger import under_finger
+from palpate.physics.contact.under_finger import rounded, under_finger
 
 if TYPE_CHECKING:
     from palpate.physics.materials.hyperelastic import Material
@@ -113,12 +113,13 @@ def bodies(record: Mapping[str, Any]) -> dict[str, str]:
     relaxes = ", relaxation left out" if "relaxation" in record else ""
     rest += relaxes
     spring = f"{rest}, under a finger's patch of 8 mm"
-    return {"MassSpring": spring, "ReducedFE": rest, "full finite elements": f"{record['law']}{relaxes}"}
+    full = f"{record['law']}{relaxes}"
+    return {"MassSpring": spring, "BeamBundle": spring, "ReducedFE": rest, "full finite elements": full}
 
 
-def settings(name: str, place: Location) -> dict[str, float | None]:
-    """Settings that replace the name in a scene's `tissue`: a power law for MassSpring, `young` for ReducedFE. The
-    constants of BeamBundle were fitted to another tissue, so they are removed.
+def settings(name: str, place: Location) -> dict[str, Any]:
+    """Settings that replace the name in a scene's `tissue`: a power law for MassSpring, layers and moduli for
+    BeamBundle, `young` for ReducedFE. Times of relaxation are those of the scene.
 
     GraphError: an unknown or excluded tissue; suggests names, or gives the reason.
     """
@@ -133,8 +134,7 @@ def settings(name: str, place: Location) -> dict[str, float | None]:
         return dict(found[name]["scene"])
     shear, bulk = rest_moduli(material(found[name]))
     plane = 2.0 * shear / (1.0 - poisson_of(shear, bulk))  # E/(1 - nu²)
-    fitted = dict.fromkeys(("moduli", "relaxations"))
-    return {key: float(f"{value:.6g}") for key, value in under_finger(plane).items()} | fitted
+    return rounded(under_finger(plane))
 
 
 def fill_in(source: YamlSource, *keys: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from palpate.models.fit.tissue.fit import TissueFit
-from palpate.physics.contact.under_finger import BASIS_POISSON, FINGER_RADIUS, under_finger
+from palpate.physics.contact.under_finger import BASIS_POISSON, FINGER_RADIUS, rounded, under_finger
 
 WRITTEN = ("scene.yaml", "report.json", "report.md", "fit.png", "profiles.png")  # Files that a fit writes to its folder
 
@@ -119,7 +119,7 @@ def scene(fit: TissueFit) -> str:
     """Scene kidney with the fitted tissue under its finger: a power law for MassSpring, a modulus for ReducedFE."""
     values, young = fit.estimate.values, fit.young
     depth = fit.deepest
-    tissue: dict[str, float]
+    tissue: dict[str, Any]
     if young is not None:
         tissue = under_finger(young[0] / (1.0 - _poisson(fit) ** 2))
         why = (
@@ -143,7 +143,6 @@ def scene(fit: TissueFit) -> str:
         tissue |= {"damping": values["damping"], "retardation": 0.0}
     elif fit.relaxation == "kelvin-voigt":
         tissue["retardation"] = values["retardation"]
-    body = yaml.safe_dump({"extends": "kidney", "tissue": {k: float(f"{v:.6g}") for k, v in tissue.items()}},
-                          sort_keys=False)  # fmt: skip
+    body = yaml.safe_dump({"extends": "kidney", "tissue": rounded(tissue)}, sort_keys=False)
     head = f"# Fitted by `palpate fit tissue` to {', '.join(p.name for p in fit.presses)}: {fit.law.name}. SI units."
     return "\n".join([head, *(f"# {text}." for text in (why, *scene_young(fit))), body])

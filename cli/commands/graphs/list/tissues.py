@@ -32,13 +32,11 @@ def tissues(
             from palpate.launch.load.classes import find_class
             from palpate.nodes.base import settings as settings_of
 
-            bodies_of = [settings_of(find_class(f"deformation.{body}")) for body in ("MassSpring", "ReducedFE")]
+            bodies_of = [
+                settings_of(find_class(f"deformation.{body}")) for body in ("MassSpring", "BeamBundle", "ReducedFE")
+            ]
             units = {key: one.unit for known in bodies_of for key, one in known.items()}
-            numbers = {
-                key: f"{_shown(value)} {units[key]}".removesuffix(" 1")
-                for key, value in taken.items()
-                if value is not None
-            }
+            numbers = {key: f"{_shown(value)} {units[key]}".removesuffix(" 1") for key, value in taken.items()}
             record |= {"grade": GRADES[found[name]["grade"]], "scene": numbers}
             console().print(table(("", ""), [(key, _shown(value)) for key, value in record.items()]))
         return
@@ -54,7 +52,10 @@ def tissues(
     ]
     heads = ("tissue", ">shear", "law", "number is", "rate")
     console().print(table(heads, rows, fixed=heads[:4]))
-    say("MassSpring and ReducedFE take the modulus at rest; full finite elements take law and relaxation.", wrap=True)
+    say(
+        "MassSpring, BeamBundle and ReducedFE take the modulus at rest; full finite elements take law and relaxation.",
+        wrap=True,
+    )
     say("\nLeft out:", style="bold")
     for key, why in left_out.items():
         say(f"{key}: {why}", wrap=True)
@@ -64,4 +65,6 @@ def tissues(
 def _shown(value: object) -> str:
     if isinstance(value, dict):
         return "\n".join(f"{key}: {_shown(part)}" for key, part in value.items())
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
