@@ -64,6 +64,10 @@ class ArgumentError(PalpateError, ValueError):
     exit_code = MISUSE
 
 
+class PalpateWarning(UserWarning):
+    """A result that is valid only within limits; says which node, what was found and what would help."""
+
+
 class MeshError(PalpateError, ValueError):
     """An invalid mesh; says which element or face, and where."""
 

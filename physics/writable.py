@@ -1,8 +1,15 @@
-"""Checks that a file or a folder can be written, before its content is computed."""
+"""Checks that a file or a folder can be written, before its content is computed, and locks files."""
 
+import contextlib
 import errno
 import tempfile
 from pathlib import Path
+from typing import IO, Any
+
+try:
+    import fcntl
+except ImportError:  # not POSIX
+    fcntl = None  # type: ignore[assignment]
 
 
 def check_file(path: Path, *, folders: bool = True) -> None:
@@ -36,3 +43,26 @@ def _check_room(folder: Path, folders: bool) -> None:
         folder = folder.parent
     with tempfile.TemporaryFile(dir=folder):
         pass
+
+
+def locked(file: IO[Any]) -> bool:
+    """Lock a file exclusively until `unlocked`, or until it is closed here and in all forked processes. False: another
+    process holds the lock. Without POSIX nothing is locked."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        if error.errno in (errno.ENOLCK, errno.EOPNOTSUPP):  # a file system without locks
+            return True
+        raise
+
+
+def unlocked(file: IO[Any]) -> None:
+    """Release the lock of a file, also of copies of it in forked processes."""
+    if fcntl is not None:
+        with contextlib.suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_UN)

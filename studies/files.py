@@ -1,9 +1,8 @@
 """Files of studies and experiments: YAML descriptions, and results that are written atomically."""
 
-import contextlib
 import os
 from pathlib import Path
-from typing import IO, Annotated, Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -43,16 +42,6 @@ def graph_of(path: Path, name: str) -> str:
     """The graph that a file names: a path relative to the file, or a shipped graph."""
     file = path.parent / name
     return str(file) if file.is_file() else name
-
-
-def locked(file: IO[Any]) -> bool:
-    """Lock a file exclusively until it is closed; False if another process holds the lock."""
-    import fcntl  # POSIX
-
-    with contextlib.suppress(BlockingIOError):
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
-    return False
 
 
 def replace(file: Path, content: Any) -> None:

@@ -23,8 +23,11 @@ from palpate.records.samples import RecordedStream, Samples
 from palpate.records.stored import RecordingError
 
 if TYPE_CHECKING:
+    from tempfile import TemporaryDirectory
+
     from matplotlib.figure import Figure
 
+    from palpate.launch.run.notes import RunNote
     from palpate.records.compare import Variant
     from palpate.views.page.server import PageServer
 
@@ -66,6 +69,7 @@ class Run:
     path     the file
     streams  names of the recorded streams
     about    provenance: resolved graph, versions, machine
+    notes    lines about the run, each with `node`, `time` [s] and `text`; none of a recording that was opened
 
     RecordingError: the file is missing or not a recording.
     """
@@ -75,6 +79,8 @@ class Run:
         self._streams: dict[str, RecordedStream] = {}
         self.path = self._recording.path
         self.about: dict[str, Any] = self._recording.about
+        self.notes: list[RunNote] = []
+        self._temporary: TemporaryDirectory[str] | None = None
 
     @property
     def streams(self) -> list[str]:
@@ -106,7 +112,7 @@ class Run:
         return self._streams[stream] if whole else self._streams[stream][field]
 
     def __getattr__(self, name: str) -> RecordedStream:
-        if name.startswith("_") or name in ("path", "about"):
+        if name.startswith("_") or name in ("path", "about", "notes"):
             raise AttributeError(name)
         if name not in self._recording.streams:
             close = choices("Streams", name, self._recording.streams)

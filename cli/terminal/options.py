@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Collection
 from pathlib import Path
@@ -178,16 +179,26 @@ def with_organ_file(
 
 
 def recorded_to(
-    launch: LaunchFile, name: str, record: Path | None, out: Path | None, no_record: bool, only: str | None
-) -> tuple[LaunchFile, Path]:
-    """The run with the file of its recording (None: not recorded), and the folder of its pictures."""
+    launch: LaunchFile,
+    name: str,
+    record: Path | None,
+    out: Path | None,
+    no_record: bool,
+    only: str | None,
+    ending: contextlib.ExitStack,
+) -> tuple[LaunchFile, Path | None]:
+    """The run with the file of its recording, and the folder of its pictures; None: not recorded. `ending` removes a
+    new folder that stays empty."""
     from palpate.launch.load.launchfile import RECORDED
-    from palpate.launch.load.recording import new_folder
+    from palpate.launch.load.recording import new_folder, recording_name
 
     one_of("--record-only", only, *RECORDED)
-    folder = out or (record.parent if record else new_folder(name))
-    keep = not no_record and (record is not None or out is not None or launch.record is not None)
-    file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
+    if record is not None:
+        recording_name(record, "--record")
+    if no_record or (record is None and out is None and launch.record is None):
+        return dataclasses.replace(launch.but(only=only), record=None), None
+    folder = out or (record.parent if record else ending.enter_context(new_folder(name)))
+    file = record or folder / (launch.record.name if launch.record else f"{name}.mcap")
     return dataclasses.replace(launch.but(only=only), record=file), folder
 
 

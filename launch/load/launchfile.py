@@ -181,7 +181,7 @@ def _recorded(given: str | None, source: YamlSource, path: Path, faults: Faults)
         return Path(f"{path.stem}.mcap"), given
     if given is None:
         return None, None
-    if Path(given).suffix or "/" in given:
+    if Path(given).suffix == ".mcap":
         return Path(given), None
     faults.add(f"record: found {given!r}, expected the name of a file, as NAME.mcap, or {' or '.join(RECORDED)}",
                choices("Words", given, RECORDED), source.place("record"))  # fmt: skip

@@ -1,6 +1,9 @@
 """Sets what the logger of a graph records: the file, left out and thinned streams, or only the sources."""
 
+import contextlib
 import datetime
+import errno
+import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,16 +15,45 @@ from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import SOURCES
 from palpate.launch.load.plan import plan
 from palpate.nodes.logger import Mcap
+from palpate.physics.errors import ArgumentError
+
+_ELSEWHERE = "choose another folder with -o FOLDER, or another file with --record FILE"
 
 
-def new_folder(name: str) -> Path:
-    """The folder of a new run, `runs/NAME-DATE`, with a number if it exists."""
-    folder = Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
-    number, free = 1, folder
-    while free.exists():
-        number += 1
-        free = folder.with_name(f"{folder.name}-{number}")
-    return free
+@contextlib.contextmanager
+def new_folder(name: str) -> Iterator[Path]:
+    """Make the folder of a new run, `runs/NAME-DATE`, with a number if it exists: no other program has it. It is
+    removed at the end if it stays empty. OSError: it cannot be made."""
+    begun = Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    folder = begun
+    for number in itertools.count(2):
+        try:
+            begun.parent.mkdir(exist_ok=True)
+            folder.mkdir()
+            break
+        except FileExistsError:
+            if not begun.parent.is_dir():
+                raise OSError(errno.ENOTDIR, f"a file of this name exists; {_ELSEWHERE}", str(begun.parent)) from None
+            folder = begun.with_name(f"{begun.name}-{number}")
+        except FileNotFoundError:
+            continue  # another run has removed the empty folder `runs`
+        except OSError as error:
+            raise OSError(error.errno, f"{error.strerror}; {_ELSEWHERE}", f"recording {folder}") from None
+    try:
+        yield folder
+    finally:
+        for made in (folder, folder.parent):
+            with contextlib.suppress(OSError):
+                made.rmdir()
+
+
+def recording_name(file: Path, place: str) -> Path:
+    """The file itself. ArgumentError: its name does not end in `.mcap`."""
+    if file.suffix != ".mcap" and not file.is_dir():
+        raise ArgumentError(
+            f"{place}: found {str(file)!r}, expected a name that ends in .mcap, such as {file.stem}.mcap"
+        )
+    return file
 
 
 def set_recording(

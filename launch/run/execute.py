@@ -25,12 +25,14 @@ from palpate.launch.load.placement import APART, AUTO, auto
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import record_sources, set_recording
 from palpate.launch.run.assign import jobs, spared
+from palpate.launch.run.notes import RunNote
 from palpate.launch.run.result import Result, Verdict, verdict
 from palpate.launch.run.screen import Screen, print_death
 from palpate.launch.run.wire import keys
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
+from palpate.records.format.claim import claimed
 from palpate.records.format.mcap_file import lacking
 
 if TYPE_CHECKING:  # these modules need POSIX and are imported only for runs with several processes
@@ -56,6 +58,12 @@ class RunOutcome:
     recording: Path | None
     verdict: Verdict | None = None
     placed: str = APART
+
+    @property
+    def notes(self) -> list[RunNote]:
+        """All lines for the user, about the graph and then about the run."""
+        given = (*self.plan.graph.notes, *self.result.notes)
+        return [note if isinstance(note, RunNote) else RunNote(note) for note in given]
 
     @property
     def ok(self) -> bool:
@@ -100,6 +108,7 @@ def execute(
     fit_cores: bool = False,
     step_times: Callable[[Plan], Mapping[str, float]] = lambda _: {},
     watch: Callable[[Launcher], None] = lambda _: None,
+    force: bool = False,
 ) -> RunOutcome:
     """Run a launch file to its end.
 
@@ -112,8 +121,11 @@ def execute(
     fit_cores   on the real clock, without a placement: use `auto` if there are fewer cores than nodes on the force path
     step_times  returns the step time of each node [s], for `auto`
     watch       called about ten times a second with the launcher, if the run has one
+    force       overwrite a file that is not a recording
 
-    GraphError: faults of the graph; nothing was started. OSError: the address is in use. RunError: the key is missing.
+    GraphError: faults of the graph; nothing was started. OSError: the address is in use, or the recording cannot be
+    written. ArgumentError: the file of the recording has other content. RunError: another run writes it, or the key is
+    missing.
     """
     # Load and plan the graph, with the logger that the launch file asks for.
     graph = graph or launch.load()
@@ -143,7 +155,7 @@ def execute(
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
     screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
-    with _folder(launch.record) as made, screen or contextlib.nullcontext():
+    with _file(launch.record, force) as fresh, screen or contextlib.nullcontext():
         if fused:
             if forkserver is not None:
                 forkserver.close()
@@ -151,7 +163,7 @@ def execute(
         else:
             address = network.address if joined else None
             result = _in_processes(work, planned, screen, forkserver, patience, watch, joined, address, key)
-        if made and launch.record is not None and not result.ticks:
+        if fresh and launch.record is not None and not result.ticks:
             launch.record.unlink(missing_ok=True)
     if crowded:
         groups_by = "; ".join(f"{group.name}: {group.why}" for group in place.groups)
@@ -245,18 +257,22 @@ def _open_files(groups: int) -> None:
 
 
 @contextlib.contextmanager
-def _folder(file: Path | None) -> Iterator[list[Path]]:
-    """Create the folders of the recording; remove those that stay empty. OSError: the recording cannot be written."""
-    made = [] if file is None else [folder for folder in file.parents if not folder.exists()]
+def _file(file: Path | None, force: bool) -> Iterator[bool]:
+    """Create the recording, which no other run may write meanwhile, and its folders; yields whether it is new. A folder
+    that stays empty is removed. ArgumentError, RunError, OSError: it cannot be written."""
+    if file is None:
+        yield False
+        return
+    made = [folder for folder in file.parents if not folder.exists()]
     try:
-        if file is not None:
+        with contextlib.ExitStack() as stack:
             try:
                 check_file(file)
-                file.parent.mkdir(parents=True, exist_ok=True)
+                fresh = stack.enter_context(claimed(file, force))
             except OSError as error:  # with the name of a file it is wrong input: exit code 2
                 what = f"{error.strerror}; choose another file with --record FILE"
                 raise OSError(error.errno, what, f"recording {file}") from None
-        yield made
+            yield fresh
     finally:
         for folder in made:
             with contextlib.suppress(OSError):

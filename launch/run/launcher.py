@@ -24,6 +24,7 @@ from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
 from palpate.launch.run.member import WorkerHandle, lost
+from palpate.launch.run.notes import RunNote
 from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.wire.wires import ControlChannel, blocked_by, heard, listeners
@@ -223,8 +224,8 @@ class Launcher:
                     self._control.tell("*", reports.End(max(tick for tick in ticks if tick is not None)))
             case NodeFault():
                 self._died(member, report)
-            case reports.Note(text):
-                self.result.notes.append(text)
+            case reports.Note(text, node, time_):
+                self.result.notes.append(RunNote(text, node, time_))
                 if self.printed is not silent:
                     self.result.live.add(text)
                 self.printed(text + "\n")

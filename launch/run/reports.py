@@ -118,9 +118,11 @@ class Paused(msgspec.Struct, frozen=True, tag=True):
 
 
 class Note(msgspec.Struct, frozen=True, tag=True):
-    """A line for the user."""
+    """A line for the user, about a node ("": about the run), at a time [s] on the graph's clock."""
 
     text: str
+    node: str = ""
+    time: float = 0.0
 
 
 class NodesEnded(msgspec.Struct, frozen=True, tag=True):

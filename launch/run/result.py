@@ -31,7 +31,7 @@ class Result:
     wall         [s] from tick 0 to the end
     ticks        number of ticks
     signal       number of the signal that stopped it; 0: none
-    notes        lines for the user: denied priorities, dropped frames
+    notes        lines for the user: denied priorities, dropped frames; those of nodes are of `RunNote`
     live         notes that a live view has printed during the run
     """
 

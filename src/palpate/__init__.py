@@ -23,21 +23,22 @@ if TYPE_CHECKING:
 
     from palpate.calling import run
     from palpate.ensemble import Ensemble
-    from palpate.physics.errors import PalpateError
+    from palpate.physics.errors import PalpateError, PalpateWarning
     from palpate.records.samples import RecordedStream, Samples
     from palpate.stepping import Tick
     from palpate.studies.sweeps.study import Study
     from palpate.views.run import Comparison, Run
 
 __all__ = [
-    "Comparison", "Ensemble", "PalpateError", "RecordedStream", "Run", "Samples", "Study", "Tick", "compare", "open",
-    "run", "steps",
+    "Comparison", "Ensemble", "PalpateError", "PalpateWarning", "RecordedStream", "Run", "Samples", "Study", "Tick",
+    "compare", "open", "run", "steps",
 ]  # fmt: skip
 
 _HOMES = {
     "Comparison": "palpate.views.run",
     "Ensemble": "palpate.ensemble",
     "PalpateError": "palpate.physics.errors",
+    "PalpateWarning": "palpate.physics.errors",
     "Run": "palpate.views.run",
     "Samples": "palpate.records.samples",
     "RecordedStream": "palpate.records.samples",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,10 +11,11 @@ from typing import Any
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.placement import FUSED, find_place
-from palpate.launch.load.recording import new_folder
+from palpate.launch.load.recording import new_folder, recording_name
 from palpate.launch.load.values.overrides import of_keywords
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.run.execute import execute
+from palpate.launch.run.notes import warn
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.views.run import Run
 
@@ -20,7 +23,8 @@ from palpate.views.run import Run
 def run(
     graph: str | Path = "kidney",
     *,
-    record: str | Path | None = None,
+    record: str | Path | bool | None = True,
+    force: bool = False,
     duration: float | str | None = None,
     scene: str | None = None,
     clock: str | None = None,
@@ -31,7 +35,9 @@ def run(
     """Run a graph to its end and open its recording; `palpate run` does the same from the shell.
 
     graph     name of a shipped launch file or graph, or a path
-    record    file of the recording; default: a new file below runs/
+    record    file of the recording; True: a new file below runs/; False or None: no file is kept, the messages are in a
+              temporary one as long as the returned run exists
+    force     overwrite a file that is not a recording
     duration  [s] on the graph's clock, or a text with a unit
     scene     replaces the scene of the graph
     clock     "simulated" or "real"
@@ -40,29 +46,42 @@ def run(
     sets      single values in the form of `--set`: "tissue.stiffness=2e3"
     nodes     a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
+    The lines that `palpate run` prints about the run are in `notes`; the first of each kind is also a PalpateWarning.
+
     PalpateError: the graph is invalid, or a node failed. OSError: the recording cannot be written. KeyboardInterrupt:
     Ctrl-C; the file keeps everything recorded before it.
     """
     if clock not in (None, "simulated", "real"):
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
-    name = Path(graph).stem
-    file = Path(record) if record is not None else new_folder(name) / f"{name}.mcap"
     launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
-    launch = launch.but(clock=clock, record=file, place=find_place(place))
+    launch = launch.but(clock=clock, place=find_place(place))
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
     may_fuse = launch.place is None and launch.clock != "real"
     if may_fuse and not any(spec.cls.hardware for spec in launch.load().nodes.values()):
         launch = launch.but(place=FUSED)  # same result, without starting processes
-    outcome = execute(launch)
+    temporary = None
+    with contextlib.ExitStack() as ending:
+        name = Path(graph).stem
+        if record is True:
+            file = ending.enter_context(new_folder(name)) / f"{name}.mcap"
+        elif record is None or record is False:
+            temporary = tempfile.TemporaryDirectory(prefix="palpate-")
+            file = Path(temporary.name) / f"{name}.mcap"
+        else:
+            file = recording_name(Path(record), "record")
+        outcome = execute(launch.but(record=file), force=force)
     outcome.signalled()
     if not outcome.result.ok:
-        kept = f" What was recorded before is in {outcome.recording}."
+        kept = "" if temporary else f" What was recorded before is in {outcome.recording}."
         raise RunError("; ".join(map(str, outcome.result.deaths)) + kept)
     if not outcome.ok:
         raise RunError("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
-    assert outcome.recording is not None
-    return Run(outcome.recording)
+    run = Run(file)
+    run._temporary = temporary
+    run.notes = outcome.notes
+    warn(run.notes)
+    return run
 
 
 def described(

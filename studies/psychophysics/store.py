@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from palpate.physics.errors import ArgumentError
-from palpate.studies.files import locked, replace
+from palpate.physics.writable import locked
+from palpate.studies.files import replace
 
 NONE = "n/a"
 COLUMNS: dict[str, dict[str, Any]] = {

@@ -37,7 +37,7 @@ from palpate.launch.run.work.compiling import compiling
 from palpate.nodes.logger import Mcap
 from palpate.physics import arithmetic, kernel_cache
 from palpate.physics.errors import ArgumentError, PalpateError
-from palpate.studies.files import locked
+from palpate.physics.writable import locked
 from palpate.studies.sweeps import lane as lanes
 from palpate.studies.sweeps.keep import Kept, Streams
 from palpate.views.run import Run

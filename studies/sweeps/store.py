@@ -25,7 +25,8 @@ import numpy as np
 
 from palpate.physics.errors import RunError
 from palpate.physics.extras import required
-from palpate.studies.files import locked, refuse, replace
+from palpate.physics.writable import locked
+from palpate.studies.files import refuse, replace
 from palpate.studies.sweeps.point import Computed, Point
 
 with required("studies", "study", RunError):

@@ -275,7 +275,7 @@ def test_a_failed_start_leaves_no_folder_and_deletes_no_other_file(tmp_path, mon
     )
     ended = run("run", "g.yaml", "--duration", "0.1", "--out", "a/b", *failing)
     assert ended.exit_code == 1 and not (tmp_path / "a").exists()
-    (tmp_path / "kept.mcap").write_bytes(b"an older one")
+    (tmp_path / "kept.mcap").touch()
     assert run("run", "g.yaml", "--duration", "0.1", "--record", "kept.mcap", *failing).exit_code == 1
     assert (tmp_path / "kept.mcap").exists()
 

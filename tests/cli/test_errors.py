@@ -42,7 +42,7 @@ def declared() -> dict[str, list[str]]:
     def error(name: str) -> bool:
         kind = getattr(builtins, name, None)
         if isinstance(kind, type):
-            return issubclass(kind, Exception)
+            return issubclass(kind, Exception) and not issubclass(kind, Warning)
         return any(error(base) for base in bases.get(name, ()) if base != name)
 
     return {name: found for name, found in bases.items() if error(name)}

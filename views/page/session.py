@@ -127,6 +127,8 @@ class Session(Live):
             graph = self.launch.but(overrides=[*switched, f"{self.touched.body}.use={self._wish}"]).load()
             self.touched = touched(plan(graph))
         self.number += 1
+        while (self.folder / f"{self.launch.graph.stem}-{self.number}.mcap").exists():  # of another program
+            self.number += 1
         self.record = self.folder / f"{self.launch.graph.stem}-{self.number}.mcap"
         try:
             outcome = execute(

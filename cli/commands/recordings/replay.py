@@ -41,6 +41,7 @@ def replay(
     end: Annotated[float | None, typer.Option("--to", help="End at this time, in s.", min=0.0)] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Repeat until Ctrl-C.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the replay to this file.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a file that is not a recording.")] = False,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
@@ -51,7 +52,9 @@ def replay(
     difference. Exit code 1 if there is one. Bytes are compared if the recording was computed with the same
     versions and instructions; otherwise numbers are compared within 1e-6, with a warning.
     """
+    from palpate.launch.load.recording import recording_name
     from palpate.records.changed import changed
+    from palpate.records.format.claim import claimed
     from palpate.records.reader import Recording
     from palpate.records.stored import damaged
 
@@ -59,6 +62,8 @@ def replay(
         raise typer.BadParameter(f"--speed: found {speed}, expected more than 0")
     if end is not None and end < begin:
         raise typer.BadParameter(f"--to: found {end} s, expected not less than --from {begin} s")
+    if record is not None:
+        recording_name(record, "--record")
     with damaged(file):
         recording = Recording(file)
         plan = changed(recording, sets or (), graph)
@@ -74,7 +79,11 @@ def replay(
 
         player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
         no_idle(sets or [], plan, player.running)
-        with contextlib.suppress(KeyboardInterrupt) if loop else contextlib.nullcontext():
+        with contextlib.ExitStack() as stack:
+            if record is not None:
+                stack.enter_context(claimed(record, force))
+            if loop:
+                stack.enter_context(contextlib.suppress(KeyboardInterrupt))
             player.run()
             while loop:
                 player.run()

@@ -38,6 +38,7 @@ def run(
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record only every N-th message.")] = None,
     out: Annotated[Path | None, options.out_option("Folder of recording and pictures.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a file that is not a recording.")] = False,
     no_pictures: options.NoPictures = False,
     see: Annotated[bool, typer.Option("--view", help="Show the run in the browser while it runs.")] = False,
     timeout: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
@@ -69,7 +70,7 @@ def run(
         launch = launch.but(clock=clock, duration=duration, pace=pace)
         launch = options.reconnecting(launch) if reconnect else launch
         name = (organ or launch.path or launch.graph).stem
-        launch, folder = options.recorded_to(launch, name, record, out, no_record, record_only)
+        launch, folder = options.recorded_to(launch, name, record, out, no_record, record_only, ending)
         loaded = page = None
         if see:
             from palpate.cli.terminal.browser import RunPage
@@ -87,7 +88,7 @@ def run(
             launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
             patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),
             thin=options.thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
-            watch=page.live.on_update if page else lambda _: None, fit_cores=True,
+            watch=page.live.on_update if page else lambda _: None, fit_cores=True, force=force,
         )  # fmt: skip
         if page is not None:
             page.live.over()

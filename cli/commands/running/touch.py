@@ -1,6 +1,6 @@
 """`palpate touch`: a page in the browser where the mouse is the finger."""
 
-import datetime
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -40,15 +40,16 @@ def touch(
 
     check()
     options.one_of("--record-only", record_only, "all", "sources")
+    from palpate.launch.load.recording import new_folder
     from palpate.views.page.session import Session
 
-    folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     launch, _ = options.with_organ_file(
         options.chosen(graph, None if organ is None else sets, scene), organ, unit, repair
     )
-    session = Session(launch, folder, list(sets or []), record_only)
-    session.keep = not no_record
-    show(session, "touch", port, host, no_open)
+    with contextlib.nullcontext(out) if out else new_folder("touch") as folder:
+        session = Session(launch, folder, list(sets or []), record_only)
+        session.keep = not no_record
+        show(session, "touch", port, host, no_open)
     for file in session.kept:
         typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
     for trouble in session.troubles:

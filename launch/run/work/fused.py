@@ -18,6 +18,7 @@ from palpate.engine.clock import now
 from palpate.engine.job import Job
 from palpate.engine.slot import NodeError
 from palpate.launch.run.interrupts import STOPPING, interrupts
+from palpate.launch.run.notes import RunNote
 from palpate.launch.run.reports import Alive, Note, Report, Starting
 from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.work.loops import run
@@ -57,7 +58,7 @@ def run_fused(
         elif isinstance(what, Starting):
             starting(what.node, what.kernels)
         elif isinstance(what, Note):
-            result.notes.append(what.text)
+            result.notes.append(RunNote(what.text, what.node, what.time))
 
     def interrupted(number: int) -> None:
         again, result.signal = result.interrupted, result.signal or number

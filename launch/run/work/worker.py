@@ -12,6 +12,7 @@ from functools import partial
 from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
+from palpate.engine.schedule import nanoseconds
 from palpate.engine.segment import CompiledSegment, kernels, segments, table_runner
 from palpate.engine.slot import Input, NodeError, Output, RemoteStream, Slot, make
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
@@ -422,6 +423,8 @@ class Worker:
                 self.bus.keep(frame(HEALTH, pack(health)))
 
     def _pass_notes(self) -> None:
-        for node in (*(slot.node for slot in self.slots), *(slot.node for slot in self.audience.begun)):
+        time = nanoseconds(self.tick, self.job.rate) * 1e-9 if self.tick > 0 else 0.0
+        nodes = [*((s.name, s.node) for s in self.slots), *((s.name, s.node) for s in self.audience.begun)]
+        for name, node in nodes:
             for text in node.notes():
-                self.report(Note(text))
+                self.report(Note(text, name, time))

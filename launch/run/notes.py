@@ -1,0 +1,55 @@
+"""Lines for the user about a run, and warnings about them in Python."""
+
+import re
+import warnings
+from collections.abc import Iterable
+from typing import Any
+
+from palpate.physics.errors import PalpateWarning
+
+_NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")
+
+
+class RunNote(str):
+    """A line for the user.
+
+    node  the node that it is about; "": the run
+    time  [s] on the graph's clock when it was reported; 0: before the first tick
+    text  the line
+    """
+
+    node: str
+    time: float
+
+    def __new__(cls, text: str, node: str = "", time: float = 0.0) -> "RunNote":
+        note = super().__new__(cls, text)
+        note.node, note.time = node, time
+        return note
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return RunNote, (self.text, self.node, self.time)
+
+    @property
+    def text(self) -> str:
+        return str.__str__(self)
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """Node and text without its numbers: equal for notes of one kind."""
+        return self.node, _NUMBER.sub("#", self)
+
+
+def first_of_each_kind(notes: Iterable[RunNote]) -> dict[RunNote, int]:
+    """The first note of each kind, and the number of notes of this kind."""
+    firsts: dict[tuple[str, str], RunNote] = {}
+    counts: dict[tuple[str, str], int] = {}
+    for note in notes:
+        firsts.setdefault(note.kind, note)
+        counts[note.kind] = counts.get(note.kind, 0) + 1
+    return {note: counts[kind] for kind, note in firsts.items()}
+
+
+def warn(notes: Iterable[RunNote], level: int = 3) -> None:
+    """A PalpateWarning for the first note of each kind. `level`: of the caller to whose line it refers."""
+    for note in first_of_each_kind(notes):
+        warnings.warn(f"{note.node}: {note}" if note.node else note.text, PalpateWarning, stacklevel=level)
