@@ -13,12 +13,10 @@ from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.elements import gradients, integrate
 from palpate.models.fe.element.mesh import MeshError, TetMesh
 from palpate.models.fe.progress import Report, unheard
+from palpate.models.fe.sparse.condensation import condense
 from palpate.models.fe.sparse.tangent import Pattern, Tangent, pattern
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
-
-COLUMNS = 16  # Surface vertices per solve of the compliance
-
 
 class ElementGroup(NamedTuple):
     """Elements of one material."""
@@ -117,21 +115,7 @@ class ElasticBody:
 
     def compliance(self, fixed: np.ndarray, hats: np.ndarray, report: Report = unheard) -> np.ndarray:
         """Mean displacement over each hat for a unit force on each hat [m/N] (3V,3V), symmetric positive definite."""
-        solver, count, means = self.rest(fixed), hats.shape[1], csr_array(hats.T)
-        compliance = np.empty((count, 3, count, 3))
-        for start in range(0, count, COLUMNS):
-            part = hats[:, start : start + COLUMNS]
-            size = part.shape[1]
-            rhs = np.zeros((len(hats), 3, size, 3))
-            for axis in range(3):
-                rhs[:, axis, :, axis] = part
-            rhs[fixed] = 0.0
-            u = solver.solve(rhs.reshape(3 * len(hats), -1)).reshape(len(hats), 3, 3 * size)
-            u[fixed] = 0.0
-            compliance[:, :, start : start + size] = (means @ u.reshape(len(hats), -1)).reshape(count, 3, size, 3)
-            report((start + size) / count)
-        full = compliance.reshape(3 * count, 3 * count)
-        return 0.5 * (full + full.T)
+        return condense(self.rest(fixed).factored, csr_array(hats), ~fixed, report)
 
     def digest(self) -> bytes:
         """Hash of all inputs of its forces."""

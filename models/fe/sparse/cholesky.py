@@ -110,6 +110,23 @@ class Cholesky:
         return solution.reshape(rhs.shape)
 
 
+    def front(self, t: int) -> tuple[np.ndarray, np.ndarray]:
+        """L11 (p,p), whose upper part is arbitrary, and L21 (u,p) of a front."""
+        if self._factor is None:
+            raise ValueError("the matrix is not factored")
+        rows, pivots = 3 * int(self._rows[t]), 3 * int(self._pivots[t])
+        panel = self._factor[self._panel[t] : self._panel[t] + rows * pivots].reshape(pivots, rows).T
+        return panel[:pivots], panel[pivots:]
+
+    def relative(self, t: int) -> np.ndarray:
+        """Index of each boundary node of a front in the front of its parent."""
+        return np.asarray(self._relative[self.tree.start[t] : self.tree.start[t + 1]])
+
+    def work(self) -> np.ndarray:
+        """Number of entries of each front's factor, a measure of its work."""
+        return np.diff(self._panel)
+
+
 def _relative(tree: Tree) -> np.ndarray:
     """Index of each boundary node in the front of the parent."""
     places = np.zeros(len(tree.boundary), dtype=np.int64)

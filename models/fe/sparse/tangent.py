@@ -129,6 +129,11 @@ class Tangent:
         self._factor = self._double  # The one in use
         self.forget()
 
+    @property
+    def factored(self) -> Cholesky:
+        """The factor in use."""
+        return self._factor
+
     def forget(self) -> None:
         """Discard the factor, so that a resumed run takes the same steps."""
         self._kept, self._hard = False, False
