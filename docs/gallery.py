@@ -1,4 +1,4 @@
-"""Write gallery.md: the purpose, command, picture, clock and nodes of every shipped graph.
+"""Write gallery.md: the purpose, command, picture, clock and nodes of the launch file of every shipped graph.
 
 python docs/gallery.py             # the page
 python docs/pictures/gallery.py    # its pictures
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.launch.load.launchfile import find, names
+from palpate.launch.load.launchfile import find, names, purpose
 from palpate.launch.load.plan import plan
 
 TARGET = Path(__file__).with_name("gallery.md")
@@ -27,7 +27,6 @@ def entry(name: str) -> str:
     """Section of one graph: purpose, command, picture, duration, clock, rate and nodes."""
     launch = find(name)
     graph = launch.load()
-    purpose = launch.graph.read_text(encoding="utf-8").partition("\nrun:")[0].splitlines()[-1]  # the line above `run:`
     hardware = [node for node in plan(graph).order if graph.nodes[node].cls.hardware]
     command = f"palpate run {name}"
     if hardware:
@@ -36,17 +35,22 @@ def entry(name: str) -> str:
     nodes = ", ".join(f"{node} `{graph.nodes[node].use}`" for node in plan(graph).order)
     clock = launch.clock or "simulated"
     return (
-        f"## {name}\n\n{purpose.lstrip('# ')}\n\n```sh\n{command}\n```\n\n"
+        f"## {name}\n\n{purpose(launch)}\n\n```sh\n{command}\n```\n\n"
         f"![A run of {name}](pictures/gallery-{name}.png)\n\n"
         f"{launch.duration:g} s on the {clock} clock at {graph.rate:g} Hz. Nodes: {nodes}.\n"
     )
 
 
+def runs() -> list[str]:
+    """The launch files that are named after their graph: one for each graph."""
+    return [name for name in names() if find(name).graph.stem == name]
+
+
 def gallery() -> str:
     """The whole page."""
-    return HEAD + "\n".join(entry(name) for name in names())
+    return HEAD + "\n".join(entry(name) for name in runs())
 
 
 if __name__ == "__main__":
     TARGET.write_text(gallery(), encoding="utf-8")
-    print(f"{TARGET}: {len(names())} runs")
+    print(f"{TARGET}: {len(runs())} runs")

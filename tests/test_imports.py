@@ -92,7 +92,7 @@ FILES = [(name, file) for name, folder in ROOTS.items() for file in sorted(folde
 
 
 def imported(file):
-    """Full names of all modules that a file imports, inside functions, too."""
+    """Full names of all modules that a file imports, also inside functions."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

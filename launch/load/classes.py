@@ -84,7 +84,7 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
             entries, missed = catalogue()  # includes modules that cannot be imported without an extra
             modules = sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missed))
             known = choices("Modules of palpate", name.partition(".")[0], modules)
-            cure = f"{known} Looked in {here} and the Python path, too."
+            cure = f"{known} Looked in {here} and on the Python path."
             text = f"use: {use!r}: module {name!r} not found"
             raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
         raise _missing(use, error) from None

@@ -1,5 +1,6 @@
-"""Launch files: one run with its graph, scene, placement, clock, duration, recording and overrides. The `run:` of a
-graph has the same keys, except `graph`, for the graph's default run.
+"""Launch files: one run with its graph, scene, placement, clock, duration, recording and overrides. Shipped ones are in
+`launch/`, one for each shipped graph and a few more. The `run:` of a graph has the same keys, except `graph`, for the
+graph's default run.
 
 graph: kidney.yaml
 place: two
@@ -18,16 +19,18 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
+import palpate.launch.load
 from palpate.engine.faults import Fault, Faults, GraphError, choices
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
-from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file, read_extended
+from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file
 from palpate.launch.load.graph import load
 from palpate.launch.load.placement import BUILT_IN, Placement, load_place
 from palpate.launch.load.plan import plan
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.source import YamlSource, read
 
+LAUNCH = Path(next(iter(palpate.launch.load.__path__))).resolve().parent
 ALL, SOURCES = RECORDED = ("all", "sources")
 """What a run records: all messages, or only those of its sources, from which a reader recomputes the others."""
 _FileName = Annotated[str, msgspec.Meta(description="the name of a file")]
@@ -104,17 +107,24 @@ class LaunchFile:
 
 
 def find(name: str) -> LaunchFile:
-    """The run of a shipped graph, or of the path of a launch file or graph.
+    """The run of a shipped launch file, or of the path of a launch file or graph.
 
     GraphError: no such file, or its faults.
     """
-    shipped = GRAPHS / f"{name}.yaml"
+    shipped = LAUNCH / f"{name}.yaml"
     ships = "/" not in name and shipped.is_file()
-    return _read(shipped if ships else find_file(name, GRAPHS, what="launch file or graph"))
+    return _read(shipped if ships else find_file(name, LAUNCH, what="launch file or graph"))
 
 
 def names() -> list[str]:
-    return sorted(path.stem for path in GRAPHS.glob("*.yaml"))
+    """The shipped launch files."""
+    return sorted(path.stem for path in LAUNCH.glob("*.yaml"))
+
+
+def purpose(launch: LaunchFile) -> str:
+    """The comment in the first line of a launch file; empty without one."""
+    first = (launch.path or launch.graph).read_text(encoding="utf-8").partition("\n")[0]
+    return first.removeprefix("# ") if first.startswith("# ") else ""
 
 
 def _read(path: Path) -> LaunchFile:
@@ -163,16 +173,35 @@ def _run(source: YamlSource, path: Path, kind: type[_RunKeys]) -> LaunchFile:
 
 
 def _like_its_base(path: Path) -> LaunchFile:
-    """The run of a graph without `run:`: duration and recording are those of the graph that it extends."""
+    """The run of a graph without `run:`. A shipped graph has the launch file of its name; another one takes duration
+    and recording of the nearest graph that it extends."""
+    if path == GRAPHS / path.name and (LAUNCH / path.name).is_file():
+        return _read(LAUNCH / path.name)
     try:
-        run = read_extended(path, GRAPHS).sub("run")
+        base = _nearest_base(path)
     except GraphError:  # the loader reports it
+        base = None
+    if base is None:
         return LaunchFile(path)
-    if run.data is None:
-        return LaunchFile(path)
-    base = _run(run, Path(run.place().file), _RunKeys)
     record = base.record and Path(f"{path.stem}.mcap")
     return LaunchFile(path, duration=base.duration, record=record, only=base.only)
+
+
+def _nearest_base(path: Path) -> LaunchFile | None:
+    """The run of the nearest graph that this one extends and that has one. GraphError: a missing or faulty file."""
+    data, passed = read(path).data, {path}
+    while isinstance(data, dict) and isinstance(name := data.get("extends"), str):
+        path = find_file(name, GRAPHS, path.parent)
+        if path in passed:
+            return None
+        passed.add(path)
+        source = read(path)
+        data = source.data
+        if isinstance(data, dict) and data.get("run") is not None:
+            return _run(source.sub("run"), path, _RunKeys)
+        if path == GRAPHS / path.name and (LAUNCH / path.name).is_file():
+            return _read(LAUNCH / path.name)
+    return None
 
 
 def _recorded(given: str | None, source: YamlSource, path: Path, faults: Faults) -> tuple[Path | None, str | None]:

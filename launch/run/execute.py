@@ -223,11 +223,11 @@ def _in_processes(
 
 
 def _reachable(work: list[Job], joined: frozenset[str], network: Network) -> list[Job]:
-    """The jobs with this machine's address, for groups on other machines. OSError: no address was given."""
+    """The jobs with this machine's address, for groups on other machines. GraphError: no address was given."""
     if network.address is None:
-        raise OSError(
-            f"group {min(joined)!r} is started by hand: give the address of this launcher, --address tcp://HOST:PORT"
-        )
+        name = min(joined)
+        cure = f"Give this machine's, --address tcp://HOST:PORT; there: palpate remote join tcp://HOST:PORT {name}"
+        raise GraphError([Fault(f"group {name!r} joins from another machine, and the run has no address", cure)])
     here = network.address.removeprefix("tcp://").rpartition(":")[0]
     return [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
 

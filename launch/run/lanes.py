@@ -136,7 +136,7 @@ class Preparation:
         return self._known[key]
 
     def _reached(self, first: Mapping[str, Any], base: Prepared) -> dict[str, set[tuple[int, str]]]:
-        """By path, the settings that its values reach unchanged; without paths whose values change more."""
+        """For each path, the settings that equal its value. Paths that change anything else are left out."""
         reached: dict[str, set[tuple[int, str]]] = {}
         for path, values in self._extremes.items():
             try:

@@ -59,7 +59,7 @@ class Series(CompiledNode):
     finger_hertz_radius: Annotated[float, "m", Positive] = 9.84e-3
     second_order: Annotated[bool, "1"] = False
     """Whether the damping uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
-    motion is passive, but not each step. Set it for the body too."""
+    whole motion dissipates energy, but a single step may return some nJ. Set it for the body too."""
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 4e-3
     """Of the soft tissue in front of the bone; a greater compression is outside the range of every law and is reported;
     0: unknown."""

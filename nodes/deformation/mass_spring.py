@@ -47,7 +47,7 @@ class MassSpring(CompiledNode, WithNodule):
     """Kelvin-Voigt: viscosity over modulus."""
     second_order: Annotated[bool, "1"] = False
     """Whether the retardation uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
-    motion is passive, but not each step. Set it for the contact too."""
+    whole motion dissipates energy, but a single step may return some nJ. Set it for the contact too."""
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3

@@ -68,7 +68,8 @@ class ReducedFE(CompiledNode, WithNodule):
     """Kelvin-Voigt: viscosity over modulus."""
     second_order: Annotated[bool, "1"] = False
     """Whether the viscosity uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
-    motion is passive, but not each step. Set it for the contact too. The sampled model ignores it."""
+    whole motion dissipates energy, but a single step may return some nJ. Set it for the contact too.
+    The sampled model ignores it."""
     bed: Annotated[float, "1/m", msgspec.Meta(gt=0)] = 50.0
     """Stiffness per area of the elastic foundation below the organ, over `young`."""
     capsule_thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0

@@ -13,7 +13,7 @@ for every passive part: a decreasing D is generated energy. Over a step that end
     balance     hand - controller - sampling - parts; 0 except for the curvature of the surface over a step
 
 with the forces f_n, a, f_t at the end of the step, as in the implicit step of the contact, so that dD >= 0 exactly for
-a convex V. The display as a whole counts as a part, too. Each finger has a fingertip and a friction; a coupled body
+a convex V. The display as a whole also counts as a part. Each finger has a fingertip and a friction; a coupled body
 receives sum_i f_i ds2_i.
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.

@@ -25,7 +25,7 @@ SAMPLES = 2500
 SLACK = 0.1
 """[1] Tolerance of squared distances when samples are compared with their neighbours, over the squared cover; the
 sagitta is added. Between two minima at nearly the same distance the distance of the samples may show no maximum."""
-FLAT = 0.25  # [1] 1 - d kappa (distance times curvature) at a foot point below which its neighbourhood is searched, too
+FLAT = 0.25  # [1] 1 - d kappa (distance times curvature) at a foot point below which its neighbourhood is also searched
 ROUND = 9  # Number of directions in which the search leaves a collapsed border
 STARTS = 8  # Maximum number of starts of Newton's method per step, in addition to the last foot point
 FOUND = 9  # Length of a result: foot (3), normal (3), u, v, signed distance

@@ -60,7 +60,7 @@ NOT_RUN = {
     "palpate build fe": "minutes; tests/models/fe/study",
     "palpate top": "runs until Ctrl-C",
     "palpate remote join": "waits for another machine; tests/launch/run",
-    "palpate run kidney --place far.yaml": "waits for another machine",
+    "palpate run two-machines": "waits for another machine",
     "palpate run falcon --set device.firmware=nvent_firmware.bin": "a device",
     "palpate run kidney --set device.use=device.Falcon --clock real": "a device",
     "palpate run falcons --set device-thumb.port=SERIAL": "two devices",

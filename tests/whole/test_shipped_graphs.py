@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.launch.load.files import GRAPHS, PLACES, SCENES
-from palpate.launch.load.launchfile import find
+from palpate.launch.load.launchfile import find, names, purpose
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
@@ -50,10 +50,16 @@ def test_every_graph_can_be_planned_with_every_scene_that_extends_its_scene(grap
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_graph_has_a_run_that_can_be_planned_and_records(name):
+def test_every_graph_has_a_launch_file_of_its_name(name):
+    assert find(name) == find(str(GRAPHS / f"{name}.yaml")) and find(name).graph == GRAPHS / f"{name}.yaml"
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_launch_file_can_be_planned_and_records(name):
     launch = find(name)
-    assert "run" in read(GRAPHS, name) and launch.record == Path(f"{name}.mcap")
-    assert launch.plan().order and launch.duration and launch.clock
+    assert launch.plan().order and launch.duration and launch.clock and purpose(launch)
+    assert launch.record == Path(f"{name}.mcap")
+    launch.placement(launch.plan())
 
 
 @pytest.mark.parametrize("place", sorted(p.stem for p in PLACES.glob("*.yaml")))

@@ -66,7 +66,7 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def _depths(contact: Columns, pose: Columns, slices: list[slice]) -> Columns:
-    """The contact of a force sensor with the depth of the probe: its motion against the normal since the begin of each
+    """The contact of a force sensor with the depth of the probe: its motion against the normal since the start of each
     touch."""
     place = [np.interp(contact["time"], pose["time"], x) for x in pose["position"].T]
     way = -np.einsum("in,ni->n", place, contact["normal"])

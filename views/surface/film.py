@@ -147,7 +147,7 @@ def _write(target: Path, frames: Iterator[Figure], rate: float, done: Callable[[
                 done(number)
     except subprocess.CalledProcessError as error:
         stop = error.__context__
-        if stop is not None and not isinstance(stop, Exception):  # Ctrl-C ends ffmpeg, too
+        if stop is not None and not isinstance(stop, Exception):  # Ctrl-C also ends ffmpeg
             raise stop from None
         raise PictureError(f"{target}: the film was not written, since ffmpeg ended with {error.returncode}") from None
 

@@ -80,8 +80,9 @@ def _file(kind: str, name: str, like: str | None, out: Path) -> tuple[dict[str, 
         graph = find(like).graph
         text = _LAUNCH.format(file=file, graph=graph.stem if graph.parent == GRAPHS else graph)
     else:
-        shipped = find_file(like, GRAPHS / folder, GRAPHS / folder, what=kind).read_text(encoding="utf-8")
-        text = shipped.replace(f"record: {like}.mcap", f"record: {name}.mcap")
+        text = find_file(like, GRAPHS / folder, GRAPHS / folder, what=kind).read_text(encoding="utf-8")
+        if kind == "graph" and (run := find(like)).duration is not None and "\nrun:" not in text:
+            text += f"run: {{clock: {run.clock}, duration: {run.duration:g} s, record: {name}.mcap}}\n"
     return {file.name: text}, command.format(file=file)
 
 

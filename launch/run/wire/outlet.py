@@ -1,6 +1,6 @@
 """Outlets: a worker sends its streams to nodes of other groups, by ZMTP over a Unix socket, and by libzmq over TCP.
 
-The computing thread writes each message, one call per reader. Any ZeroMQ program of the same user can subscribe, too.
+The computing thread writes each message, one call per reader. Any ZeroMQ program of the same user can also subscribe.
 
 A reader with a full buffer blocks the sender on the simulated clock, and loses the message on the real clock. A partly
 sent frame is completed before the next; only whole frames are dropped, and counted. External programs never block the

@@ -354,7 +354,7 @@ class Worker:
         """After a tick: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
         self._burst += 1
         moment = now()
-        due = moment - self._reported > REPORT  # slow nodes must send heartbeats, too
+        due = moment - self._reported > REPORT  # slow nodes must also send heartbeats
         if self._burst < self._ticks_per_burst and not due:
             return
         self._burst = 0

@@ -9,8 +9,9 @@ import pytest
 
 from palpate.engine.faults import GraphError
 from palpate.engine.plan import Plan, force_path
+from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.graph import load
-from palpate.launch.load.launchfile import LaunchFile, find, names
+from palpate.launch.load.launchfile import LAUNCH, LaunchFile, find, names
 from palpate.launch.load.placement import ProcessGroup, apart, auto, fused, load_place
 from palpate.launch.load.plan import plan
 
@@ -311,7 +312,7 @@ def test_a_wrong_override_in_a_launch_file_is_an_error_with_its_line(whole, writ
 def test_shipped_files_are_found_by_name():
     assert "kidney" in names()
     run = find("kidney")
-    assert run.path is None and run.graph.name == "kidney.yaml" and run.graph.parent.name == "graphs"
+    assert run.path == LAUNCH / "kidney.yaml" and run.graph == GRAPHS / "kidney.yaml"
     assert run.duration == 6.3 and run.clock == "simulated"
     with pytest.raises(GraphError, match="Did you mean 'kidney'"):
         find("kidny")

@@ -299,7 +299,7 @@ def test_a_node_with_restart_is_restarted(tmp_path):
     outcome = go(tmp_path, text, clock="real", ticks=60_000, watch=until_it_is_back("spring"))
     assert {death.node for death in outcome.result.deaths} == {"spring"}
     recording = Recording(tmp_path / "run.mcap")
-    begun, *_ = recording.restarted["spring"]  # on a busy machine the new one may reach its 500th step, too
+    begun, *_ = recording.restarted["spring"]  # on a busy machine the new one may also reach its 500th step
     assert max(m.tick for m in recording.messages("spring")) > begun
 
 
