@@ -79,7 +79,7 @@ def tests_of(file: Path) -> list[str]:
     """The test files of a module."""
     if {"engine", "run"} & set(file.parts):
         return [str(path.relative_to(ROOT)) for name in RUNS for path in ROOT.glob(f"tests/**/{name}.py")]
-    module = f"palpate.{'.'.join(file.with_suffix('').parts)}"
+    module = f"palpate.{'.'.join(file.with_suffix('').parts).removeprefix('src.palpate.')}"
     return [str(path.relative_to(ROOT)) for path in sorted(ROOT.glob("tests/**/test_*.py"))
             if f"{module} import" in path.read_text(encoding="utf-8")]  # fmt: skip
 

@@ -162,11 +162,12 @@ def test_no_folder_has_more_than_twenty_files():
 
 
 def test_the_wheel_holds_every_folder():
-    """setuptools takes the packages that it finds in this folder: each folder is linked there, and none has lost its
-    `__init__.py`."""
+    """setuptools takes the packages that it finds in this folder: four folders of the top level are linked there, the
+    others lie there, and none has lost its `__init__.py`."""
     linked = {path.name for path in LINKS.iterdir()} - {"__pycache__"}
     own = {file.name for file in LINKS.glob("*.py")} | {"py.typed"}
     assert linked == {*(name.partition(".")[0] for name in FOLDERS), "graphs"} | own
+    assert {path.name for path in LINKS.iterdir() if path.is_symlink()} == {"messages", "nodes", "graphs", "launch"}
     for name, folder in FOLDERS.items():
         assert LINKS.joinpath(*name.split(".")).resolve() == folder.resolve()
         for file in folder.rglob("*.py"):

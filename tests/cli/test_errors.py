@@ -16,10 +16,7 @@ from palpate.cli.terminal.group import Verbs
 from palpate.physics import errors
 from palpate.physics.errors import PalpateError
 
-FOLDERS = (
-    "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
-    "gym", "cli",
-)  # fmt: skip
+FOLDERS = ("src/palpate", "messages", "nodes", "launch")
 INSIDE = {
     "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive",
     "RefusedError", "UnheldError", "UntrustedError", "ZmtpError", "_NoEquilibrium",

@@ -1,4 +1,4 @@
-"""physics/extras.py: the suggested command fits the tool that installed palpate."""
+"""src/palpate/physics/extras.py: the suggested command fits the tool that installed palpate."""
 
 import sys
 
