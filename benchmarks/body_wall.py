@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from tables import parser, print_tables
 
+from palpate.compiler.entry_point import NO_NODES, NO_VECTORS
 from palpate.launch.load.classes import find_class
 from palpate.messages import Contact, Load, Pose, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs, settings
@@ -25,7 +26,6 @@ from palpate.nodes.controller import Haptic
 from palpate.nodes.spread import Kernel
 from palpate.physics.device.stability import poles
 from palpate.physics.device.wall_loop import WallDevice, advance, settles
-from palpate.physics.entry_point import NO_NODES, NO_VECTORS
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy.chain import BALL, LAW
 

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from palpate.compiler import kernel_cache
 from palpate.engine.provenance import machine
-from palpate.physics import kernel_cache
 from palpate.physics.archive import replacing
 from palpate.studies.accuracy import kidney, sites
 from palpate.studies.accuracy.kidney import Kidney

@@ -20,8 +20,8 @@ import math
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.contact.end_rate import STEPS, expected_change, minmod, remember
-from palpate.physics.kernel import kernel
 
 RATES = (1000, 2000, 4000)  # [Hz]
 FINE = 128000  # [Hz]

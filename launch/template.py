@@ -29,7 +29,7 @@ class {title}({parent}):
 
 _COMPILED = """\
 from palpate.nodes import CompiledNode, Out
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 """
 
 _STEP = '''

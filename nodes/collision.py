@@ -9,6 +9,8 @@ from typing import Annotated
 
 import msgspec
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, integers, longs, put, vector
 from palpate.messages import Pose, Proximity
 from palpate.messages.record import array_handle
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
@@ -17,8 +19,6 @@ from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.proxy import follow, follow_mesh, memory
 from palpate.physics.geometry.topology import edge_counts
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, integers, longs, put, vector
 
 
 class _Nearest(Placed, CompiledNode):

@@ -4,6 +4,8 @@ from typing import Annotated
 
 import msgspec
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, put, vector
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
 from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, faded, paced, shared
@@ -21,8 +23,6 @@ from palpate.physics.device.controller import (
     haptic,
 )
 from palpate.physics.device.rendered import stiffest
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, put, vector
 
 GENTLE = 500.0  # [N/s] largest slew rate of the force of the added damping after an outage, until contact ends
 SETTLE = 1.0  # [s] time in which the force recovers after an outage while it pushes the hand outward, instead of `ramp`

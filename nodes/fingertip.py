@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
 from palpate.nodes.base import Node, SettingError, Switch, part
 from palpate.nodes.base.samples import since
-from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.fingertip.anatomy import Anatomy
 from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, BundleState, step
 from palpate.physics.fingertip.surfaces import FingertipSurfaces, fill

@@ -5,12 +5,12 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
+from palpate.compiler.kernel import CompiledKernel, kernel
+from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Friction, Proximity
 from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
 from palpate.physics import friction
 from palpate.physics.friction import bristle
-from palpate.physics.kernel import CompiledKernel, kernel
-from palpate.physics.records import one, put, vector
 from palpate.registry import classes
 
 SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}

@@ -5,13 +5,13 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import put, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import CompiledNode, Out, Wants
 from palpate.physics.device.falcon import FALCON, HOME
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.tracking import FILLED, GOOD, POSE, STAMP, pose, pose_falcon
-from palpate.physics.kernel import kernel
-from palpate.physics.records import put, vector
 
 ZERO = (0.0, 0.0, 0.0)
 WRONG_DEVICE = 1  # fault: not three numbers

@@ -6,13 +6,13 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, nth, vector
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
 from palpate.messages.ledger import PARTS
 from palpate.messages.record import array_handle
 from palpate.nodes.base import CompiledNode, Out, Wants
 from palpate.physics.contact import ledger
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, nth, vector
 
 ZERO = (0.0, 0.0, 0.0)
 PRESS = Wants("normal", "force", "compression", "indentation", "lateral_force", "stored")

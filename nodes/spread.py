@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel as compiled
+from palpate.compiler.records import floats, form, lend_first, put, unpacking, vector
 from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import ARRAY, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, faded
@@ -12,8 +14,6 @@ from palpate.nodes.base.area import WithArea
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.area import radius_at
 from palpate.physics.contact.spread import TABLES, Spreader, spread, spreader
-from palpate.physics.kernel import kernel as compiled
-from palpate.physics.records import floats, form, lend_first, put, unpacking, vector
 
 RIGID = 5e4
 """[N/m] Force over compression above which a finger counts as rigid; that of a fingertip at 10 N is about 3e3."""

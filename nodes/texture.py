@@ -7,6 +7,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, lend_first, put, vector
 from palpate.messages import Contact, Friction, Proximity, Vector3
 from palpate.messages.record import array_handle
 from palpate.messages.vibration import Vibration
@@ -14,8 +16,6 @@ from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError, Wa
 from palpate.nodes.base.texture_file import read_texture, tabulated
 from palpate.physics.device import random_numbers
 from palpate.physics.device.random_numbers import seeded
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, lend_first, put, vector
 from palpate.physics.texture import surface
 from palpate.physics.texture.autoregressive import coefficients, filtered, innovation
 

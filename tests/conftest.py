@@ -1,7 +1,7 @@
 """What several tests of the launcher share: graphs written for one test, of the small nodes in graph_nodes.py."""
 
 # ruff: noqa: E402
-from palpate.physics.arithmetic import pin
+from palpate.compiler.arithmetic import pin
 
 pin()  # before anything below imports numpy
 

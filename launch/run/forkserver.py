@@ -20,9 +20,9 @@ from typing import NoReturn
 
 import msgspec
 
+from palpate.compiler.arithmetic import environment
 from palpate.launch.run.descendants import die_with_parent, set_title
 from palpate.launch.run.reports import ANSWERS, REPORTED, REQUESTS, Exited, Kill, Prepare, Start, Started
-from palpate.physics.arithmetic import environment
 
 MOST_PRINTED = 1 << 20  # [bytes] of output read at once, so that a flood of output does not block the launcher
 
@@ -166,7 +166,7 @@ def load() -> None:
     """Import the modules of the workers once, in parallel with the launcher's loading of the graph."""
     import palpate.launch.run.work.process
     import palpate.nodes
-    from palpate.physics.kernel import PINNED
+    from palpate.compiler.kernel import PINNED
     from palpate.registry import modules
 
     PINNED.target_context.refresh()  # takes 0.25 s, otherwise at the first kernel of each worker

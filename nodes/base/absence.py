@@ -5,7 +5,7 @@ Kernels on groups of a state: `PACE`, `GAIN`, `FADED`.
 
 from typing import Any
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 FALL = 4e-3
 """[s] Time in which a force falls to zero after an input of its computation is missing. Together with the hold time of

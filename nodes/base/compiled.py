@@ -102,7 +102,7 @@ class CompiledNode(Node):
 
     def hold(self, name: str, value: Any) -> None:
         """Set a field of the state to a contiguous array, or a group to the fields of a NamedTuple of its form
-        (`physics.records.form`)."""
+        (`compiler.records.form`)."""
         self._hold(self.own, name, value, name)
 
     def _hold(self, record: Any, name: str, value: Any, path: str) -> None:
@@ -157,7 +157,7 @@ def _check(kind: type[CompiledNode]) -> None:
     name = f"{kind.__name__}.compute"
     from numba import config
 
-    from palpate.physics.kernel import CompiledKernel
+    from palpate.compiler.kernel import CompiledKernel
 
     if not (isinstance(kind.compute, CompiledKernel) or config.DISABLE_JIT):  # type: ignore[attr-defined]
         raise TypeError(f"{name}: found {kind.compute!r}, expected a kernel: write @kernel above it")
@@ -244,7 +244,7 @@ def several(kind: type[Message]) -> np.dtype:
 @functools.cache
 def code(kind: type[CompiledNode], name: str) -> int:
     """Address of the machine code of a kernel of a node class: `compute` or `idle`."""
-    from palpate.physics.records import address  # the compiler is slow to import
+    from palpate.compiler.records import address  # the compiler is slow to import
 
     ports = [several(port.type) if port.many else layout(port.type) for port in inputs(kind)]
     return address(getattr(kind, name), record(kind), *ports, *map(layout, outputs(kind)))
@@ -257,8 +257,8 @@ class Records:
     """
 
     def __init__(self, node: CompiledNode, counts: list[int]) -> None:
-        from palpate.physics.entry_point import entry_point  # the compiler is slow to import
-        from palpate.physics.records import call
+        from palpate.compiler.entry_point import entry_point  # the compiler is slow to import
+        from palpate.compiler.records import call
 
         self.node, self.counts = node, counts
         kind = type(node)

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, lend
 from palpate.messages import Load, Surface
 from palpate.nodes.base.compiled import TABLE, CompiledNode
 from palpate.nodes.base.node import Node, inputs
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, lend
 
 SEVERAL = {"laws": TABLE, "slopes": TABLE, "coupling": TABLE}
 """The fields of `Surface` for several contacts."""

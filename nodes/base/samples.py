@@ -5,8 +5,8 @@ sample then differs by the motion of a longer time than one step. Time and age o
 samples. State of the kernels: `sampled`, an int [ns], -1 before the first sample.
 """
 
-from palpate.physics.kernel import kernel
-from palpate.physics.records import nth
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import nth
 
 
 @kernel

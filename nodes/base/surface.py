@@ -21,9 +21,9 @@ import msgspec
 import numpy as np
 import scipy  # imports its slow submodules at their first use
 
+from palpate.compiler.exact import product
 from palpate.messages import Surface, Vector3
 from palpate.nodes.base import Node, SettingError
-from palpate.physics.exact import product
 from palpate.physics.geometry.graded import filled, spread_over
 from palpate.physics.geometry.kidney import THICKNESS, kidney
 from palpate.physics.geometry.mesh import Mesh, plane

@@ -2,12 +2,12 @@
 
 import math
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import vector
 from palpate.nodes.base.absence import FALL
 from palpate.physics.bodies.place_energy import bounded, on_hand
 from palpate.physics.contact.end_rate import AHEAD, AT_REST, COURSE, advance
 from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
-from palpate.physics.kernel import kernel
-from palpate.physics.records import vector
 
 FAR = 2e-3  # [m] distance beyond which an idle contact sleeps; at 1 kHz and 2 m/s it wakes one step before contact
 STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest

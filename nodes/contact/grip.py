@@ -5,14 +5,14 @@ from typing import Annotated
 
 import msgspec
 
+from palpate.compiler.exact import hypot
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, nth
 from palpate.messages import Load
 from palpate.messages.grip import Grip as GripMessage
 from palpate.messages.record import ROOM
 from palpate.nodes.base import CompiledNode, Out
 from palpate.physics.contact.grip import grip_force
-from palpate.physics.exact import hypot
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, nth
 
 
 class Grip(CompiledNode):

@@ -5,6 +5,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, nth, put, vector
 from palpate.messages import Contact, Contacts, Proximity, Surface
 from palpate.messages.record import ROOM
 from palpate.nodes.base import TABLE, CompiledNode, InputError, Out, Wants
@@ -15,8 +17,6 @@ from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
 from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.joint import joint_step
 from palpate.physics.contact.series import energy
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, nth, put, vector
 
 MISMATCH = 2  # fault: the number of the body's laws differs from the number of fingers
 NO_FINGER = 1  # fault: no finger with this index

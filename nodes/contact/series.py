@@ -5,6 +5,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Proximity, Surface
 from palpate.nodes.base import CompiledNode, InputError, Out, Part, Switch, Wants
 from palpate.nodes.base.samples import sample_of, since
@@ -13,8 +15,6 @@ from palpate.nodes.contact.finger import FINGER
 from palpate.physics.contact import series as laws
 from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.terminal import Terminal, check_law
-from palpate.physics.kernel import kernel
-from palpate.physics.records import one, put, vector
 
 Positive = msgspec.Meta(gt=0)
 LAW = ("stiffness", "exponent", "damping", "rest_indentation", "previous_indentation")

@@ -2,11 +2,11 @@
 
 from typing import Annotated
 
+from palpate.compiler.exact import hypot
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import nth, put, vector
 from palpate.messages import Contact, Friction
 from palpate.nodes.base import CompiledNode, Out, Wants
-from palpate.physics.exact import hypot
-from palpate.physics.kernel import kernel
-from palpate.physics.records import nth, put, vector
 
 
 class Sum(CompiledNode):

@@ -5,6 +5,9 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from palpate.compiler.exact import row_times
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Calibrated, CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
@@ -13,10 +16,7 @@ from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
 from palpate.physics.bodies.beam_foundation_step import held_force
 from palpate.physics.contact.spread import TABLES
-from palpate.physics.exact import row_times
-from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import SKIN, TISSUE, ViscoelasticMaterial
-from palpate.physics.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 
 OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")
 

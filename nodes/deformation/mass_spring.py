@@ -7,6 +7,9 @@ import msgspec
 import numpy as np
 import scipy  # imports its slow submodules at their first use
 
+from palpate.compiler.exact import exp, log, row_times
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
@@ -17,9 +20,6 @@ from palpate.physics.bodies import mass_spring as springs
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
-from palpate.physics.exact import exp, log, row_times
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, form, integers, lend_first, nth, one, put, unpacking, vector
 
 NotNegative = msgspec.Meta(ge=0)
 

@@ -1,13 +1,13 @@
 """Kernels that compute the answer of the reduced bodies from the state of their node."""
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, integers, lend_first, nth, put, vector
 from palpate.nodes.base import ARRAY
 from palpate.nodes.base.contacts import send_laws
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies.condensed_step import DEEP, RADIUS, WIDE
 from palpate.physics.bodies.patch import add_pressure
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, integers, lend_first, nth, put, vector
 
 PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; work array; [Pa]
 

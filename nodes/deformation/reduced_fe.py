@@ -7,6 +7,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.entry_point import NO_FLOATS
+from palpate.compiler.exact import exp, product
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room
@@ -27,11 +31,7 @@ from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampl
 from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.spread import TABLES
-from palpate.physics.entry_point import NO_FLOATS
-from palpate.physics.exact import exp, product
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, form, integers, nth, one, unpacking, vector
 
 BUILT_FROM = (
     "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "capsule_thickness", "capsule_ratio",

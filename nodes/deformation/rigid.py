@@ -4,13 +4,13 @@ from typing import Annotated
 
 import msgspec
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, nth, one, vector
 from palpate.messages import Load, Surface
 from palpate.nodes.base import CompiledNode, Out
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies.mass_spring import normal_force
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, nth, one, vector
 
 
 class Rigid(CompiledNode):

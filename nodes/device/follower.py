@@ -5,13 +5,13 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, put, vector
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.device.hand import GRIP, HeldGrip, check_reach, hold_grip, moved
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.grip import CLOCK, LINEAR, POSITION
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, put, vector
 
 
 class Follower(HeldGrip, CompiledNode):

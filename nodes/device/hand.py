@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, integers
 from palpate.messages import Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node, SettingError
 from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, POSITION, grip_kernel
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, integers
 
 GRIP = {
     "geometry": (15,), "constants": (6,), "motion": (3, 3), "memory": (4, 3), "ends": ARRAY, "points": TABLE,

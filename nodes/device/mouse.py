@@ -9,11 +9,11 @@ from typing import Annotated
 
 import msgspec
 
+from palpate.compiler.kernel import kernel
 from palpate.messages import DeviceState, Force, Pointed, Torque, Vector3
 from palpate.nodes.base import Node, Out, SettingError
 from palpate.nodes.device.follower import Follower, follow
 from palpate.physics.device.falcon import HOME
-from palpate.physics.kernel import kernel
 
 LONGEST = 512  # [bytes] of a sample on the socket
 MOST = 64  # largest number of samples read in one step, so that a flood of them does not block the loop

@@ -5,6 +5,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, integers, put, vector
 from palpate.messages import DeviceState, Torque
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
 from palpate.nodes.base.absence import FADED, FALL, PACE, begin, faded, paced
@@ -13,8 +15,6 @@ from palpate.physics.device import random_numbers
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.grip import CLOCK, angles
 from palpate.physics.device.random_numbers import seeded, uniform
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, integers, put, vector
 
 GLITCH = 1000 * FALCON.count  # [rad]
 

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.messages import DeviceState, Force, Torque
 from palpate.nodes.base import Out
 from palpate.nodes.device.follower import Follower, follow
-from palpate.physics.kernel import kernel
 
 
 class Steered(Follower):

@@ -6,13 +6,13 @@ import msgspec
 import numpy as np
 import scipy  # loads its subpackages on first use, because they are slow to import
 
+from palpate.compiler.exact import length, product
 from palpate.messages import Contact, Pins, Surface, Vector3
 from palpate.nodes.base import SettingError, Wants
 from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.physics.display import shape_display as pads
 from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.display.pins import Drives, drive, pin_grid
-from palpate.physics.exact import length, product
 
 NEIGHBOURS = 9  # number of surface vertices that determine the height of a pin: one and its neighbours on a square mesh
 

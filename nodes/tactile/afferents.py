@@ -7,12 +7,12 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, integers, lend, lend_first, longs
 from palpate.messages import MessageError, Spikes, Subsurface
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
 from palpate.physics.afferents import fibre, population
 from palpate.physics.afferents.published import DENSITIES, DEPTHS, RATE, TYPES
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, integers, lend, lend_first, longs
 
 LONGEST = 0.1  # [s] Limit of the computed time between messages
 BLOCK = 60  # Samples per call, one bit each

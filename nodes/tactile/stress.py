@@ -5,11 +5,11 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel as compiled
+from palpate.compiler.records import floats, lend
 from palpate.messages import Load, Subsurface, Vector
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
 from palpate.physics.contact import subsurface
-from palpate.physics.kernel import kernel as compiled
-from palpate.physics.records import floats, lend
 
 
 class Stress(CompiledNode):

@@ -14,7 +14,7 @@ import os
 import sys
 from pathlib import Path
 
-from palpate.physics.arithmetic import pin
+from palpate.compiler.arithmetic import pin
 
 pin()  # as the command line is, before numpy is imported
 

@@ -99,7 +99,7 @@ from typing import Annotated
 import numpy as np
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes import CompiledNode, Out
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 class Spring(CompiledNode):
     """A wall that becomes infinitely stiff, divides by zero or sets a fault, according to `how`."""

@@ -10,13 +10,13 @@ import numba
 import numpy as np
 import pytest
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, nth, one, put
 from palpate.engine.job import NodeJob
 from palpate.engine.slot import NodeError, Slot
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Force, Friction, Message, MessageError, Pose, pack
 from palpate.nodes.base import ARRAY, CompiledNode, InputError, Out, Part, SettingError, Wants, effects, inputs, outputs
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, nth, one, put
 
 FREE, CONTACT = 0, 1  # words of `Force.state`
 TOO_DEEP = 1  # fault
@@ -271,7 +271,7 @@ def test_unsupported_fields_of_a_record_are_errors_at_class_definition(given, re
 
 
 SHARED = """\
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 STATE = {state}
 GAIN = {gain}
 @kernel
@@ -282,7 +282,7 @@ NODE = '''\
 from mylab_shared import GAIN, STATE, push
 from palpate.messages import Force, Pose
 from palpate.nodes.base import CompiledNode, Out
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 class Mine(CompiledNode):
     """A custom node."""
     State = STATE

@@ -6,7 +6,7 @@ DAHL = '''\
 import math
 from typing import Annotated, NamedTuple
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 @kernel

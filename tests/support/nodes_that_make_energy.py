@@ -2,10 +2,10 @@
 
 from typing import Annotated
 
+from palpate.compiler.kernel import kernel
 from palpate.messages import Load, Surface
 from palpate.nodes.base import Out
 from palpate.nodes.deformation import MassSpring
-from palpate.physics.kernel import kernel
 
 _press = MassSpring.compute
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 IMPORTS = """
-palpate palpate.physics palpate.physics.kernel palpate.gym palpate.nodes palpate.nodes.deformation.reduced_fe
+palpate palpate.physics palpate.compiler.kernel palpate.gym palpate.nodes palpate.nodes.deformation.reduced_fe
 palpate.models.fe palpate.engine palpate.launch palpate.records palpate.views palpate.studies palpate.messages
 """
 SCRIPT = """
@@ -21,7 +21,7 @@ mine(1.0)
 np.ones(500) @ np.ones(500)
 
 def openblas():
-    from palpate.physics.arithmetic import _openblas
+    from palpate.compiler.arithmetic import _openblas
     return _openblas()
 
 def snapshot():
@@ -50,7 +50,7 @@ def snapshot():
         "matplotlib": matplotlib.get_backend(),
     }
 
-import palpate.physics.arithmetic  # reads the state of OpenBLAS, and does not import it
+import palpate.compiler.arithmetic  # reads the state of OpenBLAS, and does not import it
 before = snapshot()
 for name in NAMES:
     importlib.import_module(name)
@@ -61,7 +61,7 @@ float(run.contact.force.max())
 for tick in palpate.steps("kidney", duration=0.01):
     pass
 ran = snapshot()
-mine = numba.njit(cache=True)(palpate.physics.arithmetic._newer)  # a function in a file
+mine = numba.njit(cache=True)(palpate.compiler.arithmetic._newer)  # a function in a file
 changed = {k: [before[k], now[k]] for now in (after, ran) for k in before if repr(before[k]) != repr(now[k])}
 print(json.dumps([changed, mine.stats.cache_path]))
 """

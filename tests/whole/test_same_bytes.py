@@ -10,8 +10,8 @@ import pytest
 import warm_fork_server
 from same_bytes import digests
 
+from palpate.compiler.arithmetic import LEVEL, pinnable
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.physics.arithmetic import LEVEL, pinnable
 from palpate.studies.sweeps.point import Point, Task
 from palpate.studies.sweeps.runner import Runner
 

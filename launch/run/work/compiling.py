@@ -22,7 +22,7 @@ def compiler_watched(changed: Callable[[bool], None]) -> Iterator[None]:
         return
     from numba.core import event
 
-    from palpate.physics.kernel import COMPILING
+    from palpate.compiler.kernel import COMPILING
 
     class Working(event.Listener):  # type: ignore[misc]
         depth, process = 0, os.getpid()  # a forked child also compiles, but must not report
@@ -75,7 +75,7 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
         def on_end(self, event: Any) -> None:
             pass
 
-    from palpate.physics.kernel import collection_suspended
+    from palpate.compiler.kernel import collection_suspended
 
     listener = Compiled()
     with event.install_listener("numba:compile", listener), collection_suspended():

@@ -15,7 +15,7 @@ import typer  # noqa: E402
 
 from palpate.cli import commands  # noqa: E402
 from palpate.cli.terminal.group import Verbs, group  # noqa: E402
-from palpate.physics.arithmetic import pin  # noqa: E402
+from palpate.compiler.arithmetic import pin  # noqa: E402
 
 app = group(commands, commands.HELP, cls=Verbs, pretty_exceptions_enable=False)
 

@@ -6,13 +6,13 @@ The rules for messages between two nodes of the segment are those of `engine.sch
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import copy, number, pointer, set_word, word
+from palpate.compiler.records import call
 from palpate.engine.encode import encode, encoded_size
 from palpate.engine.table import CLOCK, FAULT, INFINITE, INPUT, LANE, OUTPUT, RAISED, ROW, TAP
 from palpate.messages.record import HEAD
 from palpate.nodes.base.block import ENTRY, MARGIN
-from palpate.physics.kernel import kernel
-from palpate.physics.memory import copy, number, pointer, set_word, word
-from palpate.physics.records import call
 
 row_at, input_at, output_at, entry_at = pointer(ROW), pointer(INPUT), pointer(OUTPUT), pointer(ENTRY)
 lane_at, tap_at = pointer(LANE), pointer(TAP)

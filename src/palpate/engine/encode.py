@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import copy, pointer, set_big, word
 from palpate.engine.wire_plan import ARRAY, DELAYED, FLAG, FLOATS, INTEGER, MAP, STEP, USED, VECTOR, WORD
-from palpate.physics.kernel import kernel
-from palpate.physics.memory import copy, pointer, set_big, word
 
 step_at, STEP_SIZE = pointer(STEP), STEP.itemsize
 byte = pointer(np.dtype([("value", "u1")]))

@@ -89,8 +89,8 @@ class Lanes:
     """
 
     def __init__(self, segment: CompiledSegment, count: int) -> None:
+        from palpate.compiler.entry_point import entry_point
         from palpate.engine.compiled_tick import run_lanes  # the compiler is slow to import
-        from palpate.physics.entry_point import entry_point
 
         self.segment, self.count = segment, count
         self._run = entry_point(run_lanes, 0, 0, 0)

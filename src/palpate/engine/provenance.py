@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from palpate.compiler.arithmetic import in_force
 from palpate.engine.plan import Plan
-from palpate.physics.arithmetic import in_force
 from palpate.physics.extras import package_version
 
 PACKAGES = ("palpate", "pyzmq", "msgspec", "mcap")

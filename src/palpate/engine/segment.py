@@ -273,8 +273,8 @@ class CompiledSegment:
 
 def table_runner(real: bool) -> Callable[..., Any]:
     """The compiled function that runs a table on the real or the simulated clock."""
+    from palpate.compiler.entry_point import entry_point
     from palpate.engine.compiled_tick import run_freely, run_table  # the compiler is slow to import
-    from palpate.physics.entry_point import entry_point
 
     return entry_point(run_table if real else run_freely, 0, 0, 0, 0)
 

@@ -9,6 +9,8 @@ import numba
 import pytest
 from rich.console import Console
 
+from palpate.compiler import kernel_files
+from palpate.compiler.kernel import kernel
 from palpate.engine.health import HealthCounters
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.slot import NodeError, ObserverSlot
@@ -19,8 +21,6 @@ from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.work.compiling import LONGEST, compiler_watched, compiling
 from palpate.launch.run.work.watchdog import START_PATIENCE, HangError, watched
-from palpate.physics import kernel_files
-from palpate.physics.kernel import kernel
 
 
 def test_compiled_kernels_are_counted_and_cached_ones_are_not():

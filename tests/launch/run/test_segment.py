@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from palpate.compiler.kernel import kernel
 from palpate.engine import segment
 from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import NodeError
@@ -22,7 +23,6 @@ from palpate.launch.run.work.worker import Worker
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose, Proximity, unpack
 from palpate.nodes.base import CompiledNode, Node, Out, Wants
 from palpate.nodes.friction import LuGre
-from palpate.physics.kernel import kernel
 
 TOUCH = (
     "scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.110]",

@@ -11,6 +11,7 @@ from pytest import approx
 from scipy.integrate import quad
 from scipy.special import j0, jv
 
+from palpate.compiler.entry_point import NO_FLOATS
 from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element.mesh import bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB
@@ -19,7 +20,6 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_contacts import _mean_inverse, joint_profile
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.true_patch import MEAN
-from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers import continuum
 from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, TissueBlock, graded

@@ -12,6 +12,7 @@ from pytest import approx
 from scipy.sparse import csc_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
+from palpate.compiler.entry_point import NO_FLOATS
 from palpate.models.fe.axisymmetric import RoundBody, line
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.large_displacement import (
@@ -22,7 +23,6 @@ from palpate.physics.bodies.large_displacement import (
     stored_energy,
 )  # fmt: skip
 from palpate.physics.bodies.true_patch import HELD, MEAN
-from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.accuracy import kidney
 from palpate.studies.peers.continuum import BED, POISSON, YOUNG

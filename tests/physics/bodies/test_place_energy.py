@@ -10,6 +10,7 @@ from formulas import series
 from pressing import CondensedBody, Spreader
 from pytest import approx
 
+from palpate.compiler.entry_point import NO_FLOATS
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load, Proximity, Surface
 from palpate.nodes.contact import Series
@@ -19,7 +20,6 @@ from palpate.physics.bodies.place_energy import MOST_ASIDE, SUDDEN, bounded, on_
 from palpate.physics.contact.area import FIXED, ball, fingertip, of_table
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
-from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
 STEP = 1e-3

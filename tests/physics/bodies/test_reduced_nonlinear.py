@@ -9,6 +9,7 @@ from pressing import CondensedBody
 from pytest import approx
 from scipy.optimize import brentq
 
+from palpate.compiler.entry_point import NO_FLOATS
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
 from palpate.models.fe.meshing.organ import Organ
@@ -20,7 +21,6 @@ from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
-from palpate.physics.entry_point import NO_FLOATS
 
 YOUNG = 2e4
 RADIUS = 12e-3

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material, rest_moduli
 from palpate.physics.materials.invariants import cofactor, volume_tangent

@@ -20,9 +20,9 @@ import math
 
 import numpy as np
 
+from palpate.compiler.exact import log
+from palpate.compiler.kernel import kernel
 from palpate.physics.afferents.published import ADAPTATION, PROBE, RATE
-from palpate.physics.exact import log
-from palpate.physics.kernel import kernel
 
 STATE = 8  # State of a fibre: filter (3), s, d, V, last input, m
 REFRACTORY = 6  # Minimum number of samples between spikes

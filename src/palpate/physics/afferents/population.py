@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.afferents.published import FITS, TYPES
 from palpate.physics.contact.subsurface import energy_stress
-from palpate.physics.kernel import kernel
 
 NO_GRID, OUTSIDE = 1, 2  # Results of `place`: the points are not a grid; a receptor is outside of it
 MOST = 20_000  # Receptors

@@ -25,12 +25,12 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.exact import distance
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies import beam_foundation_step as stepping
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, neighbours
 from palpate.physics.contact.spread import Spreader, spread, spreader
-from palpate.physics.exact import distance
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import ViscoelasticMaterial, chain_compliance
 
 SHORTEST_STEP = 1e-5  # [s] A shorter step is computed as this long

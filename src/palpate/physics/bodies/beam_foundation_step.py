@@ -2,10 +2,10 @@
 
 import math
 
+from palpate.compiler.dot import dot
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.stretch import limit_stretch
 from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
-from palpate.physics.dot import dot
-from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_stress_step
 
 NO_FORCE = 1e-9  # [N] Smaller forces count as zero: their distribution is not significant

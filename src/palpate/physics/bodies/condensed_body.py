@@ -20,6 +20,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.entry_point import NO_FLOATS
+from palpate.compiler.exact import row_times
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_contacts import joint_answer, joint_profile
@@ -30,10 +33,7 @@ from palpate.physics.bodies.place_energy import Ground, along, softness, weight_
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.area import FIXED, MEAN, AreaLaw, approach, with_approach
-from palpate.physics.entry_point import NO_FLOATS
-from palpate.physics.exact import row_times
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
 
 LEAST = 1e-9  # [m/N] Lower limit of the compliance
 

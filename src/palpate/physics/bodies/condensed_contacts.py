@@ -28,11 +28,11 @@ contacts at the same place equal one with both forces. The tangential energy gra
 
 import numpy as np
 
+from palpate.compiler.exact import product
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.true_patch import half_space_depth, sideways
-from palpate.physics.exact import product
 from palpate.physics.kept import kept
-from palpate.physics.kernel import kernel
 
 STEP, FARTHEST = 1.0 / 32.0, 6.0  # [1] Step and end of the table of Y over d/R
 RIDGE = 1e-3  # [1] Relative increase of the diagonal of C_tt, which is singular for two patches at the same place

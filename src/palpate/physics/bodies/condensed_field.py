@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.condensed_step import MORE, NARROWED, PRESS, RADIUS, ROOM, SIDE
 from palpate.physics.bodies.true_patch import depth_at
 from palpate.physics.contact.area import hertz_depth, radius_at
-from palpate.physics.kernel import kernel
 
 
 @kernel

@@ -4,6 +4,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import stack_zeros
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
 from palpate.physics.bodies.large_displacement import NARROWEST, large_depth
 from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
@@ -11,8 +13,6 @@ from palpate.physics.bodies.true_patch import MEAN, TruePatch, narrow_load, patc
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.area import WIDTH, AreaLaw, approach, radius_at
 from palpate.physics.contact.end_rate import advance
-from palpate.physics.kernel import kernel
-from palpate.physics.memory import stack_zeros
 
 FORGOTTEN = 1e-9  # [N] Load history below which a vertex is removed from the list
 LEAST_FORCE = 1e-3  # [N] Smallest force at which the terminal law is fitted

@@ -11,9 +11,9 @@ curved organ, for R_w up to 2 R, this leaves the relative error of the indentati
 
 import numpy as np
 
-from palpate.physics.exact import solve
+from palpate.compiler.exact import solve
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
 
 FLAT = 2.0  # [1] Thickness and radius of curvature over R above which the ground counts as a half-space
 NEAR_WIDTH = 0.7  # [1] Smallest R/R_w for which the load can be narrowed near another modulus

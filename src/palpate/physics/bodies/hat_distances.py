@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from palpate.physics.dot import cross, dot
+from palpate.compiler.dot import cross, dot
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
 
 NEAR = 2.5  # [1] Distance of two triangles over the mean edge, below which 1/r is integrated in closed form
 RULE = np.array([

@@ -30,8 +30,8 @@ Below, x = c f/R is s/R of the linear organ. An empty `rho` means the linear org
 
 import numpy as np
 
-from palpate.physics.exact import product
-from palpate.physics.kernel import kernel
+from palpate.compiler.exact import product
+from palpate.compiler.kernel import kernel
 
 FIT = np.array(
     [

@@ -17,13 +17,13 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.dot import dot
+from palpate.compiler.exact import row_times
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies import patch
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, limit_stretch, neighbours
 from palpate.physics.contact.terminal import free_recovery, indentation, power_of
-from palpate.physics.dot import dot
-from palpate.physics.exact import row_times
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
 
 AT_REST = 1e-9  # [m] Displacement below which an unloaded node counts as recovered
 MOST_STRAIN = 0.8  # [1] Largest difference of displacement between neighbours, over the length of their edge

@@ -24,14 +24,14 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.exact import log, row_times
+from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import stack_zeros
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.patch import load_radius, normal_force
 from palpate.physics.bodies.true_patch import gathered, narrow_load, patch_compliance
 from palpate.physics.contact.spread import Spreader, spread
-from palpate.physics.exact import log, row_times
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
-from palpate.physics.memory import stack_zeros
 
 STEEPEST = 0.75  # [1] Limit of e S: beyond it the bone edge is near the surface's centre of curvature
 MOST_ASIDE = 0.5  # [1] Limit of the tangential over the normal force

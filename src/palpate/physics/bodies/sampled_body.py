@@ -21,14 +21,14 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.exact import sum_of_squares
+from palpate.compiler.kernel import kernel
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, interpolated, lies_on, patch_of
 from palpate.physics.bodies.sampled import step
 from palpate.physics.bodies.sampled.contacts import SampledContacts, step_all
 from palpate.physics.bodies.sampled.energy import Points, SampledWorkspace, scratch
-from palpate.physics.exact import sum_of_squares
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
 MOST_VERTICES = 2000  # Limit of the vertices of a coarse surface, as of `deformation.ReducedFE.coarse`

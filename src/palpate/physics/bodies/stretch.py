@@ -15,8 +15,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
 
 EXCESS = 1e-9  # [1] Tolerance of the limit
 ROUNDS = 60  # Maximum number of updates of a length, on average

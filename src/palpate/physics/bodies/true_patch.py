@@ -38,13 +38,13 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import scipy  # loads its submodules when they are used
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import stack_zeros
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.hat_distances import mean_inverse_distance
 from palpate.physics.bodies.patch import patch_radius, share_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept
-from palpate.physics.kernel import kernel
-from palpate.physics.memory import stack_zeros
 
 MEAN = 2.40816816  # I: mean of W over the patch, weighted with the pressure
 HELD = 0.1764960  # S_0, reduction of c_R by sticking of each point, over (1 - 2nu)²/(1 - nu)²

@@ -19,8 +19,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
-from palpate.physics.kernel import kernel
 
 MEAN = 0.6  # [1] Mean displacement of a half-space under Hertz's pressure, over f/(E* a)
 WIDTH = math.sqrt(1.6)  # [1] Radius of the biweight patch with the same second moment, over a

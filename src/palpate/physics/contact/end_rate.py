@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 STEPS = 4  # Number of mean rates that the prediction uses
 TICK, FOLLOWS, VALUE, AHEAD, RATES = range(5)

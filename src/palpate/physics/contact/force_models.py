@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.physics.exact import exp
+from palpate.compiler.exact import exp
 
 
 @dataclass(frozen=True)

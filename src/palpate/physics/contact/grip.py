@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
-from palpate.physics.dot import dot
-from palpate.physics.kernel import kernel
+from palpate.compiler.dot import dot
+from palpate.compiler.kernel import kernel
 
 BALANCED = 1e-12  # [1] Moment over the sum of |r_i| |f_i| that counts as zero
 

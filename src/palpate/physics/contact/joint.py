@@ -13,9 +13,9 @@ definite C (as the projected one does: O. Mangasarian, J. Optim. Theory Appl. 22
 
 import numpy as np
 
+from palpate.compiler.exact import solve_in_place
+from palpate.compiler.kernel import kernel
 from palpate.physics.contact.series import balance
-from palpate.physics.exact import solve_in_place
-from palpate.physics.kernel import kernel
 
 EXACT = 1e-13  # [1] Convergence tolerance: change of the forces over their sum
 MOST_STEPS = 60

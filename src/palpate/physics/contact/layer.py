@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from palpate.physics.exact import expm1, product, solve
+from palpate.compiler.exact import expm1, product, solve
 
 MOST = 2.0  # [1] Largest contact radius over the thickness
 POINTS, WAVES, END = 60, 300, 50.0  # Gauss points over the contact, and over xi h from 0 to `END`, where 1 - M is 1e-18

@@ -22,8 +22,8 @@ Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 
 import math
 
-from palpate.physics.dot import dot
-from palpate.physics.kernel import kernel
+from palpate.compiler.dot import dot
+from palpate.compiler.kernel import kernel
 
 FINGERS = 16  # at most
 FINGERTIP, TISSUE, FRICTION, DISPLAY, MORE = range(5)

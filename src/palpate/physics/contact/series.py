@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.contact.terminal import free_recovery, indentation, power_of, terminal_force
-from palpate.physics.kernel import kernel
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(64)

@@ -14,9 +14,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
-from palpate.physics.kernel import kernel
 
 KERNELS = ("biweight", "wendland", "cosine", "hertz")
 

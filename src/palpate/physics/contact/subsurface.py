@@ -20,9 +20,9 @@ import math
 
 import numpy as np
 
+from palpate.compiler.exact import arctan2
+from palpate.compiler.kernel import kernel
 from palpate.physics.contact.spread import kernel_values
-from palpate.physics.exact import arctan2
-from palpate.physics.kernel import kernel
 
 SHALLOWEST = 0.01  # [1] Minimum depth over the patch's radius; at shallower points the stress is the surface load
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # Components in Voigt order: xx, yy, zz, yz, xz, xy

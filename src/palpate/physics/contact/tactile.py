@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 FLOOR = 1e-3
 LEAST_STRETCH = 1e-6  # Lower limit of stretches, for points that are inverted by the discretization

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 LEAST_FORCE = 1e-3  # [N] Smallest force at which a body's law is fitted
 LEAST_DEPTH = 1e-9  # [m] Depth below which a fitted body counts as rigid; it keeps K finite

@@ -25,9 +25,9 @@ import math
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
 from palpate.physics.device.rendered import LINE, SPAN, compensation, slope, soften, stiffest
-from palpate.physics.kernel import kernel
 
 STIFFNESS, DAMPING, CONTACT_DAMPING, HYSTERESIS, MASS, DRAG, LIMIT, SLEW, RESOLUTION, OBSERVE, PASSIVE = range(11)
 """Indices of the gains."""

@@ -19,8 +19,8 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.physics.dot import cross, dot
-from palpate.physics.kernel import kernel
+from palpate.compiler.dot import cross, dot
+from palpate.compiler.kernel import kernel
 
 HOME = (0.0, 0.0, 0.11)
 TOLERANCE = 1e-9  # [rad] forward kinematics stop here

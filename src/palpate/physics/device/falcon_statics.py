@@ -9,9 +9,9 @@ The first is singular where the three vectors are coplanar, the second where a l
 
 import math
 
+from palpate.compiler.dot import cross, dot
+from palpate.compiler.kernel import kernel
 from palpate.physics.device.falcon import LIMIT, links
-from palpate.physics.dot import cross, dot
-from palpate.physics.kernel import kernel
 
 FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
 DAMPING = 0.05  # [1] largest damping of that inverse

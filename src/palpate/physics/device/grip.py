@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.device.falcon import ZERO, leg, reachable
 from palpate.physics.device.falcon_statics import force_kernel, saturate
-from palpate.physics.kernel import kernel
 
 MASS, DRAG, STIFFNESS, DAMPING, RESOLUTION, LIMIT = range(6)  # indices in the constants
 POSITION, VELOCITY, CLOCK = range(3)  # rows of the state; the clock's row: time [s], segment of the path

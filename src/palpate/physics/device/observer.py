@@ -28,7 +28,7 @@ Control Systems Technology 8 (2000) 1003-1009, for the encoder's resolution as t
 
 import math
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 BANDWIDTH = 220.0  # [1/s] least w
 FASTEST = 15.0  # [1] largest w over the least

@@ -7,7 +7,7 @@ B. Hannaford, J.-H. Ryu, IEEE Trans. Robotics Autom. 18 (2002) 1-10.
 
 import math
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 @kernel

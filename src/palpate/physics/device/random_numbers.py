@@ -6,7 +6,7 @@ generation", Harvey Mudd College, HMC-CS-2014-0905, 2014: the member XSL RR 128/
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 STATE = np.dtype(("<u8", (4,)))
 """State of a generator: high and low half of its state and of its increment [1]."""

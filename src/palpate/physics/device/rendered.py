@@ -16,7 +16,7 @@ falls below that line. A softer law is rendered unchanged.
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 SHARE = 0.01
 MOST = 1e12  # [N/m]

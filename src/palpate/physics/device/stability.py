@@ -14,7 +14,7 @@ import math
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 MOST = 1e9
 """[N/m] A wall that is stable up to this stiffness counts as always stable."""

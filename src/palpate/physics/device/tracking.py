@@ -10,9 +10,9 @@ positions, so that its integral is the position.
 
 import math
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.device.falcon import COUNT, forward_kernel
 from palpate.physics.device.observer import begin, follow
-from palpate.physics.kernel import kernel
 
 STAMP, FILLED, STALE, REFUSED, REFUSED_STAMP = range(5)  # of the clock
 GOOD, POSE, VELOCITY, ODD = range(4)  # rows of the places: last good reading, pose, its velocity, last refused reading

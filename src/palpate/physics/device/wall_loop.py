@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.device.controller import buffers, haptic
 from palpate.physics.device.stability import held
-from palpate.physics.kernel import kernel
 
 
 class WallDevice(NamedTuple):

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
+from palpate.compiler.exact import exp
+from palpate.compiler.kernel import kernel
 from palpate.physics.display.shape_display import bulge, deflection_under, press
-from palpate.physics.exact import exp
-from palpate.physics.kernel import kernel
 
 
 @kernel

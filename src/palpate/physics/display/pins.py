@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 def pin_grid(rows: int, columns: int, pitch: float) -> np.ndarray:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 VALID_RATIO = 0.5  # [1] Limit of a/R_f: Hertz theory requires a << R_f
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.physics.exact import exp
+from palpate.compiler.exact import exp
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.fingertip.skin import assemble
 from palpate.physics.fingertip.stick_slip import Blocks, Workspace, stick_slip
-from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import chain_compliance, chain_strain_step
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 class Sheet(NamedTuple):

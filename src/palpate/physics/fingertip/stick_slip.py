@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 class Blocks(NamedTuple):

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import scipy  # loads its submodules when they are used
 
+from palpate.compiler.exact import product
 from palpate.physics.archive import read_arrays
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.exact import product
 from palpate.physics.fingertip.beam_bundle import Bundle, bundle, check_count
 from palpate.physics.materials.voigt import BONE, SKIN, TISSUE, ViscoelasticMaterial
 

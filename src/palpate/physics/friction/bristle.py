@@ -22,7 +22,7 @@ import math
 from functools import cache
 from typing import Any
 
-from palpate.physics.kernel import CompiledKernel, kernel
+from palpate.compiler.kernel import CompiledKernel, kernel
 
 NOTHING, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, NamedTuple
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 @kernel(error_model="numpy")

@@ -10,8 +10,8 @@ Control 47 (2002) 787-792. With LuGre's bound on sigma2 it is passive.
 import math
 from typing import Annotated, NamedTuple
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.friction.lugre import active, energy, force, stribeck
-from palpate.physics.kernel import kernel
 
 
 @kernel(error_model="numpy")

@@ -10,7 +10,7 @@ z [m] bristle deflection; sigma0, sigma1, sigma2 are `bristle_stiffness`, `brist
 import math
 from typing import Annotated, Literal, NamedTuple
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 @kernel(error_model="numpy")

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.physics.exact import product
-from palpate.physics.kernel import kernel
+from palpate.compiler.exact import product
+from palpate.compiler.kernel import kernel
 
 LEAF = 4
 PART, WHOLE = 64, 2048  # A node of at least WHOLE leaves is bounded by the discs of its parts of PART leaves

@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.newton import flattest, inside_border, newton
 from palpate.physics.geometry.nurbs import NurbsPatch, evaluate, normal_of
 from palpate.physics.kept import kept
-from palpate.physics.kernel import kernel
 
 FAR = 1e9  # [m] Limit of coordinates, so that squares are finite
 SAMPLES = 2500

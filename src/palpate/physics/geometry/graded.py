@@ -11,7 +11,7 @@ all vertices are sent. The receiver interpolates (`filled`).
 import numpy as np
 import scipy  # loads its submodules when they are used
 
-from palpate.physics.exact import solve
+from palpate.compiler.exact import solve
 from palpate.physics.kept import kept
 
 GRADE = 0.35  # [1] Spacing of the sent vertices over their distance from the region in which all are sent

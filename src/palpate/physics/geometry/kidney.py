@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.physics.exact import exp, product
+from palpate.compiler.exact import exp, product
 from palpate.physics.geometry.mesh import write_ply
 from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import interpolate

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.physics.exact import arctan2
+from palpate.compiler.exact import arctan2
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.bvh import ACROSS, KIND, ORIGIN, MeshTables, mesh_tables
 from palpate.physics.geometry.closest import FAR
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pseudonormal import EDGE, FACE, VERTEX, foot_of, normal_at, signed_distance
-from palpate.physics.kernel import kernel
 
 STACK = 128
 FOUND = 10

@@ -16,8 +16,8 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, sec. 6.1 (point inv
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry import nurbs
-from palpate.physics.kernel import kernel
 
 ZERO_DISTANCE = 1e-9  # [m] Distance below which a point is on the surface
 ZERO_COSINE = 1e-9  # [1] Cosine between r and the surface below which r is normal to it

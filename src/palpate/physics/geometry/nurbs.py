@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.kept import kept
-from palpate.physics.kernel import kernel
 
 # Indices in the header of `layout`, which is followed by the first control point of each span.
 PU, PV, NU, NV, SPANS_U, SPANS_V, CLOSED_U, CLOSED_V, POLE_LOW, POLE_HIGH, AT_BV, AT_MU, AT_MV, AT_H, HEADER = range(15)

@@ -5,7 +5,7 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, ch. 7 (circles, rev
 
 import numpy as np
 
-from palpate.physics.exact import solve
+from palpate.compiler.exact import solve
 from palpate.physics.geometry.nurbs import NurbsPatch, basis_matrices
 
 

@@ -18,13 +18,13 @@ or jumps, has no side of entry: its foot is the nearest point. Past the border o
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.bvh import ORIGIN
 from palpate.physics.geometry.closest import FAR, track
 from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_mesh
 from palpate.physics.geometry.newton import newton
 from palpate.physics.geometry.nurbs import normal_of
 from palpate.physics.geometry.pseudonormal import normal_at, signed_distance
-from palpate.physics.kernel import kernel
 
 JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3

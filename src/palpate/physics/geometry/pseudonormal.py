@@ -6,8 +6,8 @@ the nearest face: J. A. Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 1
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.bvh import ACROSS, KIND, is_segment
-from palpate.physics.kernel import kernel
 
 FACE, VERTEX, EDGE = 0, 1, 4
 """Region of a point on a triangle: interior, corner 0-2 (VERTEX + i), edge from corner i (EDGE + i)."""

@@ -12,9 +12,9 @@ triangles have errors up to 2 degrees. At a border the new mesh ends up to h ins
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.bvh import stars
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kernel import kernel
 
 REGION = 8.0  # [1] Side of the cells in which the density is measured, over h
 FEWEST = 100  # Vertices in a cell below which its density is not significant

@@ -3,7 +3,7 @@
 import numpy as np
 import scipy  # loads its submodules when they are used
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, MaterialError, moduli, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 

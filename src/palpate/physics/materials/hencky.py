@@ -7,7 +7,7 @@ Unlike the St. Venant-Kirchhoff law it does not soften in compression. H. Hencky
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
 from palpate.physics.materials.invariants import cofactor, strain_squares
 from palpate.physics.materials.principal import principal_axes, principal_squares, principal_stress

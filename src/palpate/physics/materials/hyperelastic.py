@@ -31,9 +31,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics import materials
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.registry import modules
 

@@ -10,7 +10,7 @@ import math
 import numba
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 @numba.njit(inline="always")

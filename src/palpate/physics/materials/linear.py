@@ -3,7 +3,7 @@
 W = mu |dev e|²,    U = (kappa/2) (tr e)²
 """
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
 
 EXAMPLE = (1e4, 0.3)

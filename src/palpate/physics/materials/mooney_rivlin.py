@@ -7,7 +7,7 @@ with I = J^(-2/3) I1 - 3 and II = J^(-4/3) I2 - 3.
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, MaterialError, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 

@@ -3,7 +3,7 @@
 W = (mu/2) I,    U = (kappa/2) (J - 1)²,    I = J^(-2/3) I1 - 3
 """
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, moduli, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 

@@ -11,7 +11,7 @@ R. W. Ogden, Proc. R. Soc. Lond. A 326 (1972) 565-584; S. Budday et al., Acta Bi
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, MaterialError, of_rest, wants_mixed
 from palpate.physics.materials.principal import principal_squares, principal_stress
 

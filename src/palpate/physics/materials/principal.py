@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 @kernel

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.hyperelastic import MaterialError
 
 

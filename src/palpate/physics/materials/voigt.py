@@ -23,7 +23,7 @@ relaxation time after Pawluk & Howe (1999). Details: docs/equations/beam-bundle.
 
 from dataclasses import dataclass
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ O. H. Yeoh, Rubber Chem. Technol. 66 (1993) 754-771.
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, MaterialError, of_rest, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 

@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
 from palpate.physics.device.random_numbers import uniform
-from palpate.physics.kernel import kernel
 
 
 def line_spectrum(a: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.physics import exact
+from palpate.compiler import exact
 
 POINTS = 16  # Points of a table per shortest wavelength, at which linear interpolation attenuates by 0.11 dB
 LINES = 70  # Longest wavelengths per period: 16 spectral lines in the lowest third-octave band

@@ -125,7 +125,7 @@ def _read(path: Path) -> Cell | None:
 def _sources() -> str:
     """Hash of the code that computes cells and of the references."""
     digest = hashlib.sha256()
-    packages = ("physics", "nodes", "messages", "models.fe", "studies.accuracy", "studies.peers")
+    packages = ("compiler", "physics", "nodes", "messages", "models.fe", "studies.accuracy", "studies.peers")
     for package in (f"palpate.{name}" for name in packages):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():

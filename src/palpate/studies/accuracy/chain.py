@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats
 from palpate.engine.job import InputJob, NodeJob
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.segment import CompiledSegment, segments
@@ -23,8 +25,6 @@ from palpate.nodes.base.surface import OnSurface, complete
 from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats
 from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.kidney import along

@@ -23,9 +23,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
+from palpate.compiler.kernel import kernel
 from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
-from palpate.physics.kernel import kernel
 from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.sites import SITES, ReferenceSite, on_path, stored
 from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG

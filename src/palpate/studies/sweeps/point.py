@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.compiler import arithmetic, kernel_cache
 from palpate.engine.faults import GraphError, Location
 from palpate.engine.graph import Graph
 from palpate.engine.imports import full_name
@@ -35,7 +36,6 @@ from palpate.launch.run.execute import execute
 from palpate.launch.run.lanes import Preparation
 from palpate.launch.run.work.compiling import compiling
 from palpate.nodes.logger import Mcap
-from palpate.physics import arithmetic, kernel_cache
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.physics.writable import locked
 from palpate.studies.sweeps import lane as lanes

@@ -12,7 +12,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import IO
 
-from palpate.physics.arithmetic import environment
+from palpate.compiler.arithmetic import environment
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 

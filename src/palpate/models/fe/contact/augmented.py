@@ -6,11 +6,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
+from palpate.compiler.kernel import kernel
 from palpate.models.fe.contact.area import contact_area
 from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import point_text
-from palpate.physics.kernel import kernel
 
 STIFF = 10.0
 """Penalty over the stiffness per area of the faces. A 10 times larger one requires fewer updates of the multipliers but

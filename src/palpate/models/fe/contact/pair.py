@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from palpate.compiler.kernel import kernel
 from palpate.models.fe.contact import augmented
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.tangent import Pattern
-from palpate.physics.kernel import kernel
 
 
 @kernel

@@ -18,11 +18,11 @@ import numpy as np
 from numba import types
 from scipy.sparse import csr_array
 
+from palpate.compiler.kernel import kernel
 from palpate.models.fe.contact.augmented import SMOOTH, STIFF, Augmented, add_tangent, cut_to_cone, stiffness_per_area
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element.mesh import point_text
 from palpate.models.fe.sparse.tangent import Pattern
-from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import MATRIX, VECTOR, compiled
 
 LEAP = 0.1  # Additional depth in edges, within a load step, above which a rigid body has passed through the faces

@@ -7,7 +7,7 @@ symmetric tangent. J. C. Simo, R. L. Taylor, K. S. Pister, Comput. Methods Appl.
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.invariants import cofactor, volume_tangent
 
 _A, _B = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0

@@ -18,6 +18,7 @@ from palpate.models.fe.sparse.tangent import Pattern, Tangent, pattern
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 
+
 class ElementGroup(NamedTuple):
     """Elements of one material."""
 

@@ -15,8 +15,8 @@ import numpy as np
 from numba import types
 from numba.extending import get_cython_function_address
 
+from palpate.compiler.kernel import kernel
 from palpate.models.fe.sparse.ordering import Tree, dissect
-from palpate.physics.kernel import kernel
 
 _LETTERS = np.frombuffer(b"LRTN", dtype=np.uint8)
 
@@ -108,7 +108,6 @@ class Cholesky:
         solution = np.empty((len(self.tree.order), 3, x.shape[1]))
         solution[self.tree.order] = x.reshape(-1, 3, x.shape[1])
         return solution.reshape(rhs.shape)
-
 
     def front(self, t: int) -> tuple[np.ndarray, np.ndarray]:
         """L11 (p,p), whose upper part is arbitrary, and L21 (u,p) of a front."""

@@ -16,9 +16,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.dot import inner, times
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.sampled import step
-from palpate.physics.dot import inner, times
-from palpate.physics.kernel import kernel
 
 
 class SampledContacts(NamedTuple):

@@ -11,8 +11,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.physics.dot import add_products, inner, left_times, times
-from palpate.physics.kernel import kernel
+from palpate.compiler.dot import add_products, inner, left_times, times
+from palpate.compiler.kernel import kernel
 from palpate.physics.materials.compiled import law_at
 from palpate.physics.materials.invariants import cofactor, volume_tangent
 

@@ -7,9 +7,9 @@ reduces the energy. The number of evaluations is bounded, and the next call cont
 
 import numpy as np
 
+from palpate.compiler.dot import inner, times
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.sampled.energy import forces, tangent
-from palpate.physics.dot import inner, times
-from palpate.physics.kernel import kernel
 
 TOLERANCE = 3e-3  # Energy norm of the residual over that of the solution
 STALLED = 5  # Evaluations after which the tangent is recomputed

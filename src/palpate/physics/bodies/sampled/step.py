@@ -5,13 +5,13 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.dot import times
+from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.condensed_step import FORGOTTEN, LEAST_FORCE
 from palpate.physics.bodies.patch import normal_force, share_of
 from palpate.physics.bodies.sampled.energy import Points
 from palpate.physics.bodies.sampled.solve import EACH, at_rest, settle
 from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
-from palpate.physics.dot import times
-from palpate.physics.kernel import kernel
 
 LEAST_COMPLIANCE = 1e-12  # [m/N] Lower limit for a patch; it keeps the law finite
 

@@ -19,7 +19,7 @@ def join(
 
     The launcher on the other machine is `palpate run GRAPH --place FILE --address tcp://HOST:PORT`.
     """
-    from palpate.physics.arithmetic import environment
+    from palpate.compiler.arithmetic import environment
 
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     if not host or not port.isdecimal():

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from palpate.compiler.arithmetic import LEVEL, in_force, pinnable
 from palpate.engine.provenance import rounding
-from palpate.physics.arithmetic import LEVEL, in_force, pinnable
 
 FOREIGN = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3", "NUMBA_CPU_NAME": "nehalem"}
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -28,7 +28,7 @@ sys.addaudithook(report)
 import numpy
 """
 """Prints the environment at the first import of a numerical library, and exits."""
-ASK = "from palpate.physics.arithmetic import in_force; import json, numpy, scipy.linalg; print(json.dumps({}))"
+ASK = "from palpate.compiler.arithmetic import in_force; import json, numpy, scipy.linalg; print(json.dumps({}))"
 
 pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks instructions of {LEVEL}, or PALPATE_NATIVE")
 
@@ -42,7 +42,7 @@ def reported(code, **environment):
 
 
 def test_the_pin_takes_precedence_over_the_environment():
-    code = "from palpate.physics.arithmetic import pin; pin(); import numba; " + ASK.format("in_force()")
+    code = "from palpate.compiler.arithmetic import pin; pin(); import numba; " + ASK.format("in_force()")
     assert reported(code, **FOREIGN)["instructions"] == LEVEL
 
 
@@ -79,8 +79,8 @@ def test_kernels_are_pinned_for_any_numba_target_of_the_user(tmp_path):
 import json, numba
 mine = numba.njit(lambda x: x + 1.0)
 mine(1.0)
-from palpate.physics.arithmetic import in_force
-from palpate.physics.kernel import kernel
+from palpate.compiler.arithmetic import in_force
+from palpate.compiler.kernel import kernel
 theirs = kernel(lambda x: x * 3.0 + 1.0)
 theirs(1.0)
 after = numba.njit(lambda x: theirs(x) - 1.0)

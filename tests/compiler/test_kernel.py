@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from numba.core.compiler import CompileResult
 
+from palpate.compiler.kernel import kernel
 from palpate.launch.run.work.compiling import compiling
-from palpate.physics.kernel import kernel
 
 SOURCE = """
 import numpy as np
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 @kernel

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 
 def product(a: Any, b: Any) -> np.ndarray:

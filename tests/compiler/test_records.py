@@ -4,9 +4,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import floats, form, lend, lend_first, unpacking
 from palpate.nodes.base import CompiledNode
-from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, form, lend, lend_first, unpacking
 
 
 class Inner(NamedTuple):

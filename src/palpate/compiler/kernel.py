@@ -41,9 +41,9 @@ from numba.core.target_extension import (
 from numba.core.typing import Context
 from numba.core.utils import threadsafe_cached_property
 
-from palpate.physics import kernel_cache, kernel_files
-from palpate.physics.arithmetic import LEVEL, pinnable
-from palpate.physics.code_library import Codegen
+from palpate.compiler import kernel_cache, kernel_files
+from palpate.compiler.arithmetic import LEVEL, pinnable
+from palpate.compiler.code_library import Codegen
 
 TARGET = "palpate"  # Name of the target of kernels
 COMPILING = "palpate:compile"  # Name of numba's event while a kernel is compiled, or awaited from another process

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from palpate.physics.entry_point import NO_VECTORS, entry_point
+from palpate.compiler.entry_point import NO_VECTORS, entry_point
 
 
 class Law(NamedTuple):

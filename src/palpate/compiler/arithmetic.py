@@ -68,17 +68,17 @@ def in_force(*, here: bool = True) -> dict[str, str]:
     Two processes that agree in all entries compute the same bytes. If only numpy and OpenBLAS differ, the force of the
     shipped nodes is still the same. `here=False`: for a process that palpate starts, which is pinned where possible.
     """
+    from importlib.metadata import version
+
     import numpy
     import scipy
-
-    from palpate.physics.extras import package_version
 
     built = [package.show_config(mode="dicts")["Build Dependencies"]["blas"] for package in (numpy, scipy)]
     blas = [f"{build['name']} {build['version']}" for build in built]
     return {
         "architecture": platform.machine(),
         "instructions": LEVEL if pinnable() and not here else _instructions(numpy),
-        **{name: package_version(name) or "none" for name in ("numpy", "scipy", "numba", "llvmlite")},
+        **{name: version(name) for name in ("numpy", "scipy", "numba", "llvmlite")},
         "BLAS of numpy": blas[0],
         "BLAS of scipy": blas[1],
         "libc": " ".join(platform.libc_ver()),

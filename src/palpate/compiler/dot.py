@@ -12,7 +12,7 @@ from numba.core import cgutils
 from numba.core.cgutils import ir
 from numba.extending import intrinsic
 
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 LANES = 16  # Parallel partial sums: four vector registers of doubles, to hide the latency of the addition
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.physics.exact import distance, hypot, product, row_times, sum_of_squares
+from palpate.compiler.exact import distance, hypot, product, row_times, sum_of_squares
 
 
 @pytest.mark.parametrize("count", range(1, 17))

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-import palpate.physics
-from palpate.physics.kernel_cache import KEPT, PREFIX
+import palpate.compiler
+from palpate.compiler.kernel_cache import KEPT, PREFIX
 
-KERNEL = "from palpate.physics.kernel import kernel\n"
+KERNEL = "from palpate.compiler.kernel import kernel\n"
 INNER = f"{KERNEL}\n\n@kernel\ndef inner(x):\n    return {{}} * x\n"
 OUTER = f"from palpate.physics.inner import inner\n{KERNEL}\n\n@kernel\ndef outer(x):\n    return inner(x) + 1.0\n"
 NOTEBOOK = "from palpate.physics.outer import outer; print(outer(2.0), outer.stats.cache_hits)"
@@ -20,11 +20,13 @@ TEST = "from palpate.physics.outer import outer\n\n\ndef test_outer():\n    asse
 
 @pytest.fixture
 def tree(tmp_path):
-    """A source tree with the first files of the physics and two kernels, one of which calls the other."""
-    physics = tmp_path / "palpate" / "physics"
-    physics.mkdir(parents=True)
+    """A source tree with the files of the compiler and two kernels, one of which calls the other."""
+    compiler, physics = (tmp_path / "palpate" / name for name in ("compiler", "physics"))
+    compiler.mkdir(parents=True)
+    physics.mkdir()
     for name in ("__init__.py", "arithmetic.py", "code_library.py", "kernel.py", "kernel_cache.py", "kernel_files.py"):
-        shutil.copy(Path(palpate.physics.__path__[0]) / name, physics)
+        shutil.copy(Path(palpate.compiler.__path__[0]) / name, compiler)
+    (physics / "__init__.py").touch()
     (physics / "inner.py").write_text(INNER.format("3.0"))
     (physics / "outer.py").write_text(OUTER)
     (tmp_path / "palpate" / "__init__.py").touch()
@@ -76,7 +78,7 @@ def test_folders_of_old_sources_are_removed(tree):
     for factor in range(KEPT + 2):
         inner.write_text(INNER.format(f"{factor}.0"))
         assert run(tree, "-c", "import palpate.physics.outer").returncode == 0
-    left = list((tree / "palpate" / "physics" / "__pycache__").glob(f"{PREFIX}*"))
+    left = list((tree / "palpate" / "compiler" / "__pycache__").glob(f"{PREFIX}*"))
     assert len(left) == KEPT
 
 
@@ -89,6 +91,6 @@ def test_the_user_may_set_the_folder(tree):
 
 def test_read_only_sources_use_another_cache_folder(tree, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tree / "caches"))
-    (tree / "palpate" / "physics" / "__pycache__").write_text("a file, so that root cannot make this folder either")
+    (tree / "palpate" / "compiler" / "__pycache__").write_text("a file, so that root cannot make this folder either")
     assert notebook(tree) == (7.0, False)
     assert list((tree / "caches" / "palpate").glob(f"{PREFIX}*"))

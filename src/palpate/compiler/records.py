@@ -13,8 +13,8 @@ from numba import from_dtype, types
 from numba.core import cgutils
 from numba.np.arrayobj import make_array, populate_array
 
-from palpate.physics.kernel import CompiledKernel, kernel
-from palpate.physics.memory import BYTE, INTEGER, intrinsic
+from palpate.compiler.kernel import CompiledKernel, kernel
+from palpate.compiler.memory import BYTE, INTEGER, intrinsic
 
 MOST = 20  # Maximum number of records of a kernel
 RAISED = 1  # Status of a kernel that raised

@@ -18,11 +18,11 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from palpate.physics.kernel_files import check_folder, check_trust
+from palpate.compiler.kernel_files import check_folder, check_trust
 
 KEPT = 3  # Folders that are kept, so that switching between two branches recompiles nothing
 PREFIX = "kernels-"
-COMPILED = ("palpate.physics", "palpate.models.fe", "palpate.nodes", "palpate.engine")
+COMPILED = ("palpate.compiler", "palpate.physics", "palpate.models.fe", "palpate.nodes", "palpate.engine")
 
 ROOM = 100_000_000
 """[bytes] Free disk space required for a new folder, about three times its size."""

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from numba.core.caching import UserProvidedCacheLocator
 
-from palpate.physics import kernel_files
-from palpate.physics.kernel_cache import PREFIX
+from palpate.compiler import kernel_files
+from palpate.compiler.kernel_cache import PREFIX
 
 SOURCE = """
-from palpate.physics.kernel import kernel
+from palpate.compiler.kernel import kernel
 
 @kernel
 def inner(x):
@@ -32,7 +32,7 @@ def other(x):
 
 CASES = """
 import os, sys
-import numba, palpate.physics.kernel
+import numba, palpate.compiler.kernel
 sys.path.insert(0, sys.argv[1])
 for case in sys.argv[2:]:
     child = os.fork()

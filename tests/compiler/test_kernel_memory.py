@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
-from palpate.physics.kernel import kernel
-from palpate.physics.memory import stack_zeros
-from palpate.physics.records import address, call, floats
+from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import stack_zeros
+from palpate.compiler.records import address, call, floats
 
 
 @kernel
