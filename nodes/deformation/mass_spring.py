@@ -68,7 +68,7 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
-        "factors": ARRAY, "courses": TABLE, "before": TABLE, "beyond": int,
+        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int,
     }  # fmt: skip
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, and the course
@@ -141,7 +141,7 @@ class MassSpring(CompiledNode, WithNodule):
         self._held["laws"][:, :3] = self.stiffness, self.exponent, self.damping
         self.hold("factors", np.ones(count))
         self.hold("courses", np.tile(end_rate.AT_REST, (count, 1)))
-        self.hold("before", np.full((count, 3), np.nan))
+        self.hold("trails", np.full((count, 3), np.nan))
         self.hold("forces", np.zeros(count))
         self.hold("acting", np.zeros(count))
         if self.own["shape"]:
@@ -196,15 +196,14 @@ class MassSpring(CompiledNode, WithNodule):
                 s += shift
             if not acting[i] > 0.0 and s < springs.AT_REST:
                 s = 0.0
-            place = floats(own.before)[i]
+            trail = floats(own.trails)[i]
             if forces[i] > 0.0:
                 if s > DEEPEST * own.radius:
                     own.beyond |= spring_range.DEEP_NOTE
-                if own.retardation > 0.0 and spring_range.too_fast(each.foot, place, own.retardation, own.radius, dt):
+                if own.retardation > 0.0 and spring_range.too_fast(each.foot, trail, own.retardation, own.radius, dt):
                     own.beyond |= spring_range.FAST_NOTE
-                put(place, vector(each.foot))
             else:
-                place[:] = np.nan
+                trail[:] = np.nan
             share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
             if own.shape:  # displacement of the surface by the nodal law
                 pull, normal = floats(each.forces), vector(each.normal)

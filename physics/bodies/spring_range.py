@@ -45,12 +45,16 @@ def too_deep(depth, vertices, nodes, forces, normal, total):
 
 
 @kernel(error_model="numpy")
-def too_fast(foot, before, retardation, radius, dt):
-    """Whether a loaded foot [m] (3) moves from `before` [m] (3) within dt [s] faster than `FAST` R/tau."""
-    square = 0.0
+def too_fast(foot, trail, retardation, radius, dt):
+    """Whether a loaded foot [m] (3) is more than `FAST` R ahead of the mean place of its load in the last tau [s], that
+    is v tau in a steady slide. Updates this place, `trail` [m] (3), by backward Euler; NaN: a new contact."""
+    square, share = 0.0, dt / (dt + retardation)
     for i in range(3):
-        square += (foot[i] - before[i]) ** 2
-    return math.sqrt(square) * retardation > FAST * radius * dt
+        if not abs(trail[i]) < math.inf:
+            trail[i] = foot[i]
+        trail[i] += share * (foot[i] - trail[i])
+        square += (foot[i] - trail[i]) ** 2
+    return square > (FAST * radius) ** 2
 
 
 def deep_note(radius: float | None = None) -> str:
