@@ -1,6 +1,7 @@
 """Does a finger hold still? Every body in every graph that it fits, at several rates, under the shipped encoder.
 
     python benchmarks/hold.py [GRAPH ...] [--bodies MassSpring Rigid] [--rates 500 1000 5000] [--exact] [--no-apart]
+    python benchmarks/hold.py --search 300 [--seed 1]
 
 Prints the table of docs/stability.md, a row for each graph and body and in each cell a figure for each rate. A run is
 the touch of the graph on simulated time, fused; `--exact`: with exact positions in place of the encoder's. Figures are
@@ -9,10 +10,15 @@ at most its second half, the mean force [N], the unfiltered RMS noise about the 
 is the largest difference [N] of the force on the hand in a run with one process per node, which ends 0.2 s after
 contact begins. If a combination is refused, its cell shows the reason. If its forces are not valid, its row has a mark,
 and a warning follows the table. Takes 15 minutes on two cores.
+
+`--search`: random closed loops of the graph kidney as lanes of ensembles, in 2 minutes: body, friction law and rate (250
+Hz to 10 kHz), mass, stiffness and damping of the hand, delay of the device, of which the controller knows, place, depth
+and time of the press. Printed are the loops with more than 30 mN of noise by law and by body, and the worst ten.
 """
 
 import argparse
 import os
+import shlex
 import sys
 import tempfile
 import time
@@ -23,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+import palpate
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import PalpateError, RunError
@@ -148,6 +155,54 @@ def row(graph: str, body: str, rates: list[int], exact: bool, apart: bool) -> tu
     return "| " + " | ".join([f"`{graph}`", f"`{body}`", *words]) + " |", notes
 
 
+LAWS, RATES, NOISY = ("LuGre", "Coulomb", "ElastoPlastic"), (250, 1000, 4000, 10000), 30e-3  # [Hz], [N]
+FOUND = 1.0  # [s] measured, at the end of the hold
+
+
+def search(count: int, seed: int) -> list[tuple[float, str]]:
+    """Noise [N] (RMS) of random closed loops, and their settings as `--set` takes them."""
+    rng = np.random.default_rng(seed)
+    kinds = list(product(("MassSpring", "BeamBundle", "ReducedFE"), LAWS, RATES))
+    found = []
+    for kind, lanes in zip(*np.unique(rng.integers(len(kinds), size=count), return_counts=True), strict=True):
+        (body, law, rate), lanes = kinds[kind], int(lanes)
+
+        def spread(least: float, most: float, lanes: int = lanes) -> list[float]:
+            """Log-uniform."""
+            return [float(f"{x:.4g}") for x in np.exp(rng.uniform(np.log(least), np.log(most), lanes))]
+
+        place = np.round(rng.uniform((-0.01, -0.01, 0.092), (0.01, 0.01, 0.1), (lanes, 3)), 5).tolist()
+        delay = rng.integers(0, max(1, round(2.5e-3 * rate)), lanes, endpoint=True).tolist()
+        over = {
+            "scene.hand.mass": spread(0.05, 0.4), "scene.hand.hand_stiffness": spread(100, 1000),
+            "scene.hand.hand_damping": spread(1, 20), "device.delay": delay, "controller.delay": delay,
+            "scene.hand.path": [[{"to": to, "time": time_}, {"hold": 2}]
+                                for to, time_ in zip(place, spread(0.1, 0.8), strict=True)],
+        }  # fmt: skip
+        sets = [f"rate={rate}", f"tissue.use=deformation.{body}", f"friction.use=friction.{law}"]
+        ensemble = palpate.Ensemble("kidney", lanes, over, ["controller.force"], duration=2.8, sets=sets)
+        force = np.asarray(ensemble.run(quiet=True)["controller.force"])[:, -round(FOUND * rate) :]
+        noise = np.sqrt(np.square(force - force.mean(axis=1, keepdims=True)).sum(axis=2).mean(axis=1))
+        for lane in range(lanes):
+            given = (f"{name}={str(values[lane]).replace(chr(39), '')}" for name, values in over.items())
+            found.append((float(noise[lane]), " ".join(f"--set {shlex.quote(each)}" for each in (*sets, *given))))
+    return found
+
+
+def print_search(count: int, seed: int) -> None:
+    """Run the search and print its result."""
+    begin = time.monotonic()
+    found = search(count, seed)
+    print(f"{count} loops in {time.monotonic() - begin:.0f} s; above {1e3 * NOISY:g} mN:")
+    for name in (*(f"friction.{law}" for law in LAWS), *(f"deformation.{body}" for body in BODIES[:3])):
+        noises = [noise for noise, sets in found if f".use={name}" in sets]
+        if noises:
+            over = sum(noise > NOISY for noise in noises)
+            print(f"  {name}: {over} of {len(noises)}, worst {1e3 * max(noises):.0f} mN")
+    for noise, sets in sorted(found, reverse=True)[:10]:
+        print(f"{1e3 * noise:.0f} mN: palpate run kidney --duration '2.8 s' {sets}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("graphs", nargs="*", default=list(GRAPHS))
@@ -155,7 +210,11 @@ def main() -> None:
     parser.add_argument("--rates", nargs="+", type=int, default=[500, 1000, 5000])
     parser.add_argument("--exact", action="store_true")
     parser.add_argument("--no-apart", action="store_true")
+    parser.add_argument("--search", type=int, metavar="LOOPS")
+    parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
+    if given.search:
+        return print_search(given.search, given.seed)
     pairs, begin, warned = list(product(given.graphs, given.bodies)), time.monotonic(), []
     print("| graph | body | peak force [N] | held force [N] | noise [mN] | held friction [N] | apart [N] |")
     print("|---|---|---|---|---|---|---|", flush=True)

@@ -10,7 +10,7 @@ from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Friction, Proximity
 from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
 from palpate.physics import friction
-from palpate.physics.friction import bristle
+from palpate.physics.friction import bristle, unrest
 from palpate.registry import classes
 
 SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
@@ -21,14 +21,15 @@ class _Sliding(CompiledNode):
 
     effect = "friction"
     law: ClassVar[Any]
+    spring: ClassVar[str] = "the stiffness of its bristles"  # setting that softens the stick
     energy = Part(
         "energy",
         "stored",
         about="Energy stored in the bristles, plus what a rising load may return; 0 for a law without `stored`.",
     )
-    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": ()}
+    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": (), "rest": (unrest.ROOM,)}
     """Bristle deflection [m] with its normal [1] and normal force [N]; offset of the finger from the point that it
-    drags [m]; energy that a falling load took from the bristles [J]."""
+    drags [m]; energy that a falling load took from the bristles [J]; state of `physics.friction.unrest`."""
 
     def start(self) -> None:
         super().start()
@@ -36,6 +37,18 @@ class _Sliding(CompiledNode):
         caution = law.caution() if hasattr(law, "caution") else ""
         self._notes = [caution] if caution else []
         self.own["normal"] = bristle.UP
+
+    def notes(self) -> list[str]:
+        """Also a note, once, that the finger does not rest."""
+        if hasattr(self, "own") and self.own["rest"][unrest.WORST] > 0.0:
+            seconds = unrest.WINDOW * unrest.LONG
+            self._note_once(
+                f"{type(self).__name__}: the finger does not rest: its friction oscillates by more than "
+                f"{1e3 * unrest.LIMIT:g} mN (RMS) for {seconds:g} s while the finger stays in place. The spring along "
+                f"the surface is too stiff for the delay of this device and this hand. Lower {self.spring}, or raise "
+                "the rate"
+            )
+        return super().notes()
 
     @kernel
     def idle(own, contact, proximity, out, dt):
@@ -59,6 +72,8 @@ def _compute(law: type) -> CompiledKernel:
             own, vector(own.z), vector(own.normal), own.load, vector(own.slack), own.spare, vector(contact.normal),
             vector(proximity.slip), contact.force, dt,
         )  # fmt: skip
+        if contact.force > 0.0:
+            unrest.watch(own.rest, force, vector(proximity.slip), dt)
         put(own.z, z)
         put(own.normal, normal)
         put(own.slack, slack)
@@ -83,7 +98,8 @@ def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
     `Sliding = node_of(Dahl, "Sliding", __name__)`.
     """
     settings = {name: _setting(hint) for name, hint in typing.get_type_hints(law, include_extras=True).items()}
-    own = {"__doc__": law.__doc__, "__module__": module, "__annotations__": settings, "law": law}
+    spring = next((name for name in ("stiffness", "bristle_stiffness") if name in settings), _Sliding.spring)
+    own = {"spring": spring, "__doc__": law.__doc__, "__module__": module, "__annotations__": settings, "law": law}
     own |= law._field_defaults | {"compute": _compute(law)}  # type: ignore[attr-defined]
     return type(name or law.__name__, (_Sliding,), own)
 

@@ -14,6 +14,7 @@ from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
+from palpate.physics.bodies import spring_range
 from palpate.physics.bodies.beam_foundation_step import held_force
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.materials.voigt import SKIN, TISSUE, ViscoelasticMaterial
@@ -50,6 +51,7 @@ class BeamBundle(CompiledNode, WithNodule):
     State = SEVERAL | {
         "bed": form(beams.BeamFoundation), "places": TABLE,  # feet [m] and normals [1] (c,6) of the last step
         "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # normals [1], areas [m²]; work array; [Pa]
+        "beyond": bool,  # whether an indentation exceeded the range
     }  # fmt: skip
 
     shared = "facing", "areas", "bed.beams", "bed.skin.edges", *(f"bed.spreader.{name}" for name in TABLES)
@@ -135,6 +137,12 @@ class BeamBundle(CompiledNode, WithNodule):
                 each = nth(load, i)
                 beams.bear(bed, i, integers(each.nodes), floats(each.forces), vector(each.foot), vector(each.normal))
             beams.answer(bed, dt)
+            for i in range(load.count):
+                depth = bed.contacts.laws[i, 4]
+                if depth > own.radius and not own.beyond:
+                    each, total = nth(load, i), bed.contacts.forces[i]
+                    given = integers(each.nodes), floats(each.forces), vector(each.normal), total
+                    own.beyond = spring_range.too_deep(depth, bed.beams.vertices, *given)
         for i in range(load.count):
             each = nth(load, i)
             for k in range(3):
@@ -163,6 +171,12 @@ class BeamBundle(CompiledNode, WithNodule):
                 for j in integers(nth(load, i).nodes):
                     push[j] = 0.0
             lend_first(out.pressure, own.pressures, count)
+
+    def notes(self) -> list[str]:
+        """A note if the indentation exceeds the range of the foundation."""
+        if hasattr(self, "own") and self.own["beyond"]:
+            self._note_once(f"{type(self).__name__}: {spring_range.deep_note()}")
+        return super().notes()
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         count = len(self._bed.beams.areas)

@@ -17,6 +17,8 @@ from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
+from palpate.physics.bodies import spring_range
+from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
@@ -54,7 +56,8 @@ class MassSpring(CompiledNode, WithNodule):
     """Of the patch under each of several fingers, and of the patch of the stiffness map."""
     stiffness_map: Annotated[Literal["uniform", "basis"], "1"] = "uniform"
     """With "basis" K varies over the surface like the stiffness of deformation.ReducedFE, from its stored basis
-    without nodule. K is then the stiffness on a half-space, and the finger is pushed towards softer places."""
+    without nodule, and a force along the surface indents too, as it does on a slanted or narrow part of an organ. K is
+    then the stiffness on a half-space, and the finger is pushed towards softer places."""
 
     energy = Part(
         "energy", "stored",
@@ -66,7 +69,7 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
-        "factors": ARRAY, "courses": TABLE,
+        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int,
     }  # fmt: skip
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, and the course
@@ -87,7 +90,8 @@ class MassSpring(CompiledNode, WithNodule):
         if self._hardness is not None and mapped:
             mesh = self.mesh()
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
-            self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning]))
+            sideways = self._field()[1]
+            self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning, sideways]))
         self._make(self._count)
 
     def check(self) -> None:
@@ -98,7 +102,7 @@ class MassSpring(CompiledNode, WithNodule):
         """Factor [1] (V) on K of each surface vertex, of nodule and stiffness map. SettingError: no basis is stored."""
         factor = super().hardness()
         if self.stiffness_map == "basis":
-            factor = factor * exp((2.0 * self.exponent - 1.0) * log(self._reference().relative_stiffness()))
+            factor = factor * exp((2.0 * self.exponent - 1.0) * log(self._field()[0]))
         return factor
 
     def relative_stiffness(self, feet: Sequence[Vector3]) -> np.ndarray | float:
@@ -107,7 +111,22 @@ class MassSpring(CompiledNode, WithNodule):
         if self.stiffness_map == "uniform":
             return 1.0
         nearest = scipy.spatial.cKDTree(self.mesh().vertices).query(feet)[1]
-        return self._reference().relative_stiffness()[nearest]
+        return self._field()[0][nearest]
+
+    def _field(self) -> tuple[np.ndarray, np.ndarray]:
+        """The stiffness field of the reference, computed once."""
+        if not hasattr(self, "_known"):
+            self._known = self._reference().stiffness_field()
+        return self._known
+
+    def notes(self) -> list[str]:
+        """A note for each limit that was exceeded."""
+        beyond = int(self.own["beyond"]) if hasattr(self, "own") else 0
+        if beyond & spring_range.DEEP_NOTE:
+            self._note_once(f"{type(self).__name__}: {spring_range.deep_note(self.radius)}")
+        if beyond & spring_range.FAST_NOTE:
+            self._note_once(f"{type(self).__name__}: {spring_range.fast_note(self.retardation, self.radius)}")
+        return super().notes()
 
     def _reference(self) -> ReducedFE:
         names = "surface", "position", "rotation", "vertices", "file_unit", "spacing", "radius"
@@ -123,6 +142,7 @@ class MassSpring(CompiledNode, WithNodule):
         self._held["laws"][:, :3] = self.stiffness, self.exponent, self.damping
         self.hold("factors", np.ones(count))
         self.hold("courses", np.tile(end_rate.AT_REST, (count, 1)))
+        self.hold("trails", np.full((count, 3), np.nan))
         self.hold("forces", np.zeros(count))
         self.hold("acting", np.zeros(count))
         if self.own["shape"]:
@@ -151,7 +171,7 @@ class MassSpring(CompiledNode, WithNodule):
                 coupling[j, i] = coupling[i, j]
         # indentation of each contact, and its terminal law for the next step
         body, count, courses = _body_of(own.body), 0, floats(own.courses)
-        stored, factors = 0.0, floats(own.factors)
+        stored, side, factors = 0.0, 0.0, floats(own.factors)
         mapped, slopes, reached = own.ground.shape[0] > 0, floats(own.slopes), 0.0
         for i in range(load.count):
             each = nth(load, i)
@@ -160,6 +180,7 @@ class MassSpring(CompiledNode, WithNodule):
                 nodes, normal, ground = integers(each.nodes), vector(each.normal), floats(own.ground)
                 factor = springs.factor_at(nodes, vector(each.foot), normal, ground, own.radius, slopes[i])
                 factors[i] = factor if factor > 0.0 else factors[i]
+                side = springs.side_force(nodes, floats(each.forces), vector(each.foot), normal, ground, own.radius)
             elif own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
                 normal, hardness = vector(each.normal), floats(own.hard)
                 factors[i] = springs.mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
@@ -169,8 +190,21 @@ class MassSpring(CompiledNode, WithNodule):
             moving, rest = springs.retarded(stiffness, own.exponent, own.retardation, dt)
             free = rest * course[end_rate.AHEAD] * previous
             s = indentation(acting[i], dt, moving, own.exponent, own.damping, free, previous)
+            shift = 0.0
+            if mapped and acting[i] > 0.0:
+                both = max(acting[i] + side, 0.0)
+                shift = indentation(both, dt, moving, own.exponent, own.damping, free, previous) - s
+                s += shift
             if not acting[i] > 0.0 and s < springs.AT_REST:
                 s = 0.0
+            trail = floats(own.trails)[i]
+            if forces[i] > 0.0:
+                if s > DEEPEST * own.radius:
+                    own.beyond |= spring_range.DEEP_NOTE
+                if own.retardation > 0.0 and spring_range.too_fast(each.foot, trail, own.retardation, own.radius, dt):
+                    own.beyond |= spring_range.FAST_NOTE
+            else:
+                trail[:] = np.nan
             share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
             if own.shape:  # displacement of the surface by the nodal law
                 pull, normal = floats(each.forces), vector(each.normal)
@@ -179,7 +213,7 @@ class MassSpring(CompiledNode, WithNodule):
                 count = springs.move(body, i, integers(each.nodes), pull, normal, dt, course[end_rate.AHEAD])
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
-            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s, s
+            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s + shift, s
             if own.energy or mapped:
                 grown = own.exponent + 1.0
                 stored += share * (stiffness * max(s, 0.0) ** grown / grown)

@@ -27,6 +27,7 @@ from palpate.physics.bodies.condensed_body import CondensedBody, condensed_body,
 from palpate.physics.bodies.condensed_step import COURSE
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
+from palpate.physics.bodies.place_energy import softness
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampled_body
 from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.end_rate import arrive
@@ -225,13 +226,16 @@ class ReducedFE(CompiledNode, WithNodule):
             return SampledBasis(vertices, basis.triangles, residual, modes, basis.points, basis.bend), given
         return Basis(vertices, basis.triangles, turned(basis.compliance)), given
 
-    def relative_stiffness(self) -> np.ndarray:
-        """Stiffness [1] (V) under a patch of `radius` round each vertex of the surface, over that of a half-space.
+    def stiffness_field(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stiffness [1] (V) under a patch of `radius` round each vertex of the surface, over that of a half-space; and
+        the indentation by a force along the surface, over that by an equal normal force [1] (V,3).
         SettingError: the basis is missing."""
         body = self._made()
         model, true = body.model, body.model.true
-        softness = (model.weights * body.ground.softness[model.corners]).sum(axis=1)
-        return (1.0 - true.held) * true.normal * MEAN / self.radius * exp(-softness)
+        soft, sideways = softness(Mesh(model.vertices, self.coarse_mesh().triangles), model, body.fine.spreader)
+        compliance = exp((model.weights * soft[model.corners]).sum(axis=1))
+        stiff = (1.0 - true.held) * true.normal * MEAN / self.radius / compliance
+        return stiff, np.einsum("wa,wai->wi", model.weights, sideways[model.corners])
 
     def coarse_mesh(self) -> Mesh:
         """The surface to which the organ is condensed, in its frame."""

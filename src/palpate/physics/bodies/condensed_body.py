@@ -95,7 +95,7 @@ def condensed_body(
         basis.compliance, basis.vertices, rho, hat_moments(coarse), corners, weights, weight_slopes(coarse, corners),
         young, retardation, mesh.vertices, true, area, DEEPEST if apart is None or apart.any() else DEEPEST_COVERED,
     )  # fmt: skip
-    ground = Ground(coarse.normals, softness(coarse, model, fine.spreader), rho)
+    ground = Ground(coarse.normals, softness(coarse, model, fine.spreader)[0], rho)
     return under(model, ground, fine, 1)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from palpate.compiler.dot import dot
 from palpate.compiler.exact import row_times
 from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import stack_zeros
 from palpate.physics.bodies import patch
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, limit_stretch, neighbours
 from palpate.physics.contact.terminal import free_recovery, indentation, power_of
@@ -124,7 +125,7 @@ def factor_at(nodes, foot, normal, ground, radius, out):
     radius [m] of the patch, so that it depends on the place alone. 0 without a vertex within R.
 
     Fill `out` (12): derivative of its logarithm [1/m] (3) along the surface, and shape operator [1/m] (9) row by row.
-    normal [1] (3);  ground (V,13)  of each vertex: x [m] (3), factor, shape operator [1/m] (9)
+    normal [1] (3);  ground (V,16)  of each vertex: x [m] (3), factor, shape operator [1/m] (9), d of `side_force`
     """
     total = factor = 0.0
     out[:] = 0.0
@@ -152,6 +153,27 @@ def factor_at(nodes, foot, normal, ground, radius, out):
     for k in range(3):
         out[k] -= outward * normal[k]
     return mean
+
+
+@kernel(error_model="numpy")
+def side_force(nodes, forces, foot, normal, ground, radius):
+    """Normal force [N] that would indent the organ as the part of the load [N] (k,3) along the surface does: d.f_t,
+    with d [1] (3) the mean over the loaded vertices, weighted as in `factor_at`.
+
+    d = -C_tn/c follows from the compliance of the organ, C u_n under a force along the surface over that under an equal
+    normal force. It is 0 on a half-space."""
+    total, d, along = 0.0, stack_zeros((3,)), stack_zeros((3,))
+    for i in range(nodes.size):
+        near = _nearness(nodes[i], foot, ground, radius)
+        if near > 0.0:
+            total += near * near
+            for k in range(3):
+                d[k] += near * near * ground[nodes[i], 13 + k]
+        for k in range(3):
+            along[k] += forces[i, k]
+    if not total > 0.0:
+        return 0.0
+    return (dot(d, along) - dot(along, normal) * dot(d, normal)) / total
 
 
 @kernel(error_model="numpy")

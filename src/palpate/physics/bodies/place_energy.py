@@ -48,18 +48,20 @@ class Ground(NamedTuple):
     rho: Annotated[np.ndarray, "<f8", 1]  # [1] of large displacement
 
 
-def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
+def softness(mesh: Mesh, model: Any, spreader: Spreader) -> tuple[np.ndarray, np.ndarray]:
     """Logarithm (V,) of the compliance under the spreader's patch round each vertex of a coarse mesh, for a modulus of
-    1 Pa; the mean of all where a patch is empty. model: a `CondensedModel` whose fine mesh is the spreader's"""
-    compliances = np.full(len(mesh.vertices), np.nan)
-    _soften(np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.normals), model, spreader, compliances)
+    1 Pa; the mean of all where a patch is empty. And the indentation by a force along the surface on this patch, per
+    newton, over that by a normal force [1] (V,3). model: a `CondensedModel` whose fine mesh is the spreader's"""
+    compliances, sideways = np.full(len(mesh.vertices), np.nan), np.zeros((len(mesh.vertices), 3))
+    given = (np.ascontiguousarray(each) for each in (mesh.vertices, mesh.normals))
+    _soften(*given, model, spreader, compliances, sideways)
     good = compliances > 0.0
     compliances[~good] = compliances[good].mean() if good.any() else 1.0
-    return log(compliances)
+    return log(compliances), sideways
 
 
 @kernel(error_model="numpy")
-def _soften(vertices, normals, model, spreader, compliances):
+def _soften(vertices, normals, model, spreader, compliances, sideways):
     measure, side, block = np.zeros((len(vertices), 3)), np.zeros(9), np.zeros((3, 3))
     order, marked = np.zeros(len(vertices), np.int64), np.zeros(len(vertices), np.bool_)
     for v in range(len(vertices)):
@@ -85,10 +87,16 @@ def _soften(vertices, normals, model, spreader, compliances):
         radius, _ = load_radius(model.fine, nodes, forces, normal, total, model.true.least)
         narrowed = narrow_load(model, nodes, forces, normal, total, order, touched, measure, radius)
         hats = gathered(model.compliance, model.true.table, order, touched, measure, 0, block)
+        for i in range(3):
+            for j in range(3):
+                sideways[v, i] -= normal[j] * block[j, i]
+        out = row_times(normal, sideways[v])
         body, more = patch_compliance(
             model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, side
         )
         compliances[v] = body + more
+        for i in range(3):
+            sideways[v, i] = (sideways[v, i] - out * normal[i]) / compliances[v]
         for k in range(touched):
             measure[order[k], :] = 0.0
 

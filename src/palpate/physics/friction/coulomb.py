@@ -1,4 +1,4 @@
-"""Coulomb friction with an elastic stick."""
+"""Coulomb friction with a viscoelastic stick."""
 
 import math
 from typing import Annotated, NamedTuple
@@ -8,15 +8,32 @@ from palpate.compiler.kernel import kernel
 
 @kernel(error_model="numpy")
 def coulomb(law, z, v, load, dt, path):
-    """Return mapping: the trial deflection z + v T of a spring k [N/m] is projected radially onto |k z| <= mu f_n.
-    Exact for a straight path, without chatter, and passive for any T and load: the spring never gains energy."""
+    """Return mapping. The trial force of a spring k [N/m] with a damper d [N s/m] in parallel, at the deflection
+    z + v T, is projected radially onto the disc of friction:
+
+        f* = k (z + v T) + d v,    f = f* min(1, mu f_n/|f*|),    z+ = (f + d z/T)/(k + d/T)
+
+    The force never exceeds mu f_n and equals it in a slide, whatever d is. Exact for a straight path, without chatter,
+    and passive for any T, load and d: with p = v T - (z+ - z) the slip, f.p = (|f*|/|f| - 1) |f|²/(k + d/T) >= 0, and
+    f.(z+ - z) = k z+.(z+ - z) + d |z+ - z|²/T is at least the increase of k |z|²/2.
+    """
+    k, d = law.stiffness, law.damping
     x, y, w = z[0] + v[0] * dt, z[1] + v[1] * dt, z[2] + v[2] * dt
-    length = math.sqrt(x * x + y * y + w * w)
-    limit = law.mu * load / law.stiffness
-    stick = length <= limit
-    scale = 1.0 if stick else limit / length
-    k = law.stiffness * scale
-    return (x * scale, y * scale, w * scale), (k * x, k * y, k * w), stick
+    if d == 0.0:
+        length = math.sqrt(x * x + y * y + w * w)
+        limit = law.mu * load / k
+        stick = length <= limit
+        scale = 1.0 if stick else limit / length
+        k *= scale
+        return (x * scale, y * scale, w * scale), (k * x, k * y, k * w), stick
+    fx, fy, fw = k * x + d * v[0], k * y + d * v[1], k * w + d * v[2]
+    pull, limit = math.sqrt(fx * fx + fy * fy + fw * fw), law.mu * load
+    if pull <= limit:
+        return (x, y, w), (fx, fy, fw), True
+    scale, both, rate = limit / pull, k + d / dt, d / dt
+    fx, fy, fw = fx * scale, fy * scale, fw * scale
+    back = (fx + rate * z[0]) / both, (fy + rate * z[1]) / both, (fw + rate * z[2]) / both
+    return back, (fx, fy, fw), False
 
 
 @kernel
@@ -26,12 +43,14 @@ def energy(law, z, load):
 
 
 class Coulomb(NamedTuple):
-    """Coulomb friction with an elastic stick: a spring that slips at mu times the normal force.
+    """Coulomb friction with a viscoelastic stick: a spring and damper that slip at mu times the normal force.
 
-    The contact sticks while the motion only stretches the spring; it does not stick when apart.
+    The contact sticks while the motion only stretches the spring; it does not stick when apart. An undamped spring
+    (`damping: 0`) oscillates against a lightly held device that reports its position late.
     """
 
     mu: Annotated[float, "1", ">= 0"] = 0.5
-    stiffness: Annotated[float, "N/m", "> 0"] = 1500.0
+    stiffness: Annotated[float, "N/m", "> 0"] = 500.0
+    damping: Annotated[float, "N s/m", ">= 0"] = 1.5
 
     advance, stored = coulomb, energy  # type: ignore[misc]
