@@ -2,14 +2,15 @@
 
 A score is a value over its bound: above 1 the invariant is broken.
 
-force    contact force <= 1.2 x the force of the series law at the greatest approach e and approach rate v of the last
-         60 ms (`reference`). At rest it is the quasi-static force of the depth.
+force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e and approach rate v of
+         the last 60 ms (`reference`). At rest it is the quasi-static force of the depth.
 hand     change of the force on the hand within 1 ms <= K w + 0.1 N, where w is the path of the finger in that time and
          two steps before, and K the stiffness that the laws allow:
          K = k + f/R + f (sigma_0 + (sigma_1 + sigma_2)/W) + k_t, plus f W/5 ms for a force that relaxes.
          k = k1 k2/(k1 + k2) with k1 = g'(s1) + c f/W and k2 = K_body (1 + tau/W), the implicit stiffness of a step of
          W = 1 ms; f/R is the turn of the normal: a fingertip does not feel curvature below R, an eighth of its patch;
-         sigma: the bristles of LuGre, k_t: the spring of Coulomb. f: 1.2 x what the depth explains, as in `force`. The foot does not appear: a foot that moves alone must not change the force.
+         sigma: the bristles of LuGre, k_t: the spring of Coulomb. f: 1.2 x what the depth explains, as in `force`.
+         The foot does not appear: a foot that moves alone must not change the force.
 contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
@@ -43,6 +44,7 @@ PATCH = 8e-3  # [m]
 LEAST_CURVATURE = PATCH / 8.0  # [m] R
 RELAXES = 5e-3  # [s]
 ABOVE = 1.2  # [1] of the quasi-static force
+ROUNDED = 0.03  # [N] by which a force at an impact may exceed it, since the rate is a mean of `SMOOTH`
 LATERAL = 0.5  # [1] of the normal force
 LEAST_FORCE = 0.1  # [N] below which directions do not matter
 ALLOWED = 0.1  # [N] change within 1 ms
@@ -145,7 +147,7 @@ def force(trace: Trace) -> Score:
     slow = np.where(f > LEAST_FORCE, f / (trace.place(int(np.argmax(deep))).force(deep) + 1e-3), 0.0)
     for k in {int(np.argmax(f)), int(np.argmax(share)), int(np.argmax(np.where(fast < SLOW, slow, 0.0)))}:
         if f[k] > LEAST_FORCE:
-            bound = ABOVE * float(trace.place(k).force(deep[k], fast[k]))
+            bound = ABOVE * float(trace.place(k).force(deep[k], fast[k])) + ROUNDED
             if f[k] / bound > found.score:
                 found = Score(float(f[k] / bound), k * trace.step, float(f[k]), bound)
     return found

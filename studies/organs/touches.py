@@ -23,6 +23,7 @@ APART = 18e-3  # [m] between two fingers
 SLOWEST, FASTEST = 1e-3, 0.3  # [m/s] of the hand
 LONGEST = 0.5  # [s] of a move
 DEEPEST = 30e-3  # [m] of the hand's target below the point of contact; the arm yields 2 mm/N
+DEEPEST_RIGID = 14e-3  # [m] on a rigid body, where more than 9 N is beyond the device and the law of the fingertip
 REST = 0.1  # [s] after the last move
 TRIES = 200
 ORIENTATIONS = tuple(map(tuple, Rotation.create_group("O").as_rotvec().tolist()))
@@ -166,12 +167,13 @@ def _drawn(setting: Setting, rng: np.random.Generator) -> Touch:
         inner = 0.25 * np.ptp(mesh.vertices, axis=0).max()
         areas = np.where(np.abs(mesh.vertices[mesh.triangles]).max(axis=(1, 2)) < inner, areas, 0.0)
     first, near = _place(mesh, areas, closest, rng), None
-    fingers = [_finger(*first, rng)]
+    most = DEEPEST_RIGID if setting.body == "Rigid" else DEEPEST
+    fingers = [_finger(*first, most, rng)]
     if setting.fingers > 1:
         middle = mesh.vertices[mesh.triangles].mean(axis=1)
         away = np.linalg.norm(middle - first[0], axis=1)
         near = np.where((away > 0.6 * APART) & (away < 1.6 * APART), areas, 0.0)
-        fingers.append(_finger(*_place(mesh, near if near.sum() > 0.0 else areas, closest, rng), rng))
+        fingers.append(_finger(*_place(mesh, near if near.sum() > 0.0 else areas, closest, rng), most, rng))
     return Touch(setting, tuple(fingers))
 
 
@@ -196,10 +198,10 @@ def _place(
     return place, toward, begin
 
 
-def _finger(place: np.ndarray, toward: np.ndarray, begin: float, rng: np.random.Generator) -> Finger:
+def _finger(place: np.ndarray, toward: np.ndarray, begin: float, most: float, rng: np.random.Generator) -> Finger:
     """A random motion: press, hold, slide or tap, lift."""
     speed = float(np.exp(rng.uniform(np.log(SLOWEST), np.log(FASTEST))))
-    deep = float(rng.uniform(2e-3, DEEPEST))
+    deep = float(rng.uniform(2e-3, most))
     start, touching, bottom = (place - toward * d for d in (begin, THICKNESS + 5e-4, THICKNESS - deep))
     along = np.cross(toward, rng.normal(size=3))
     along /= np.linalg.norm(along)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palpate.cli import app
+from palpate.cli.__main__ import app
 from palpate.studies.organs.pairs import refinement_scores, rotation_scores
 from palpate.studies.organs.report import NAMES, text
 from palpate.studies.organs.search import search, varied, worsened
