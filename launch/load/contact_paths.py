@@ -22,12 +22,16 @@ def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fa
     A contact differentiates the approach over its step. If the motion of n ticks arrives in one step, the rate in that
     step is n times too high, and zero in the steps between: the force is a sawtooth.
     """
-    motion = [w for w in wires if issubclass(w.port.type, DeviceState | Pose | Proximity)]
+    motion: dict[str, list[Wire]] = {}
+    for wire in wires:
+        if issubclass(wire.port.type, DeviceState | Pose | Proximity):
+            motion.setdefault(wire.consumer, []).append(wire)
     path = [name for name, spec in nodes.items() if set(spec.streams.values()) & {Contact, Contacts}]
+    found = set(path)
     for reader in path:  # grows upstream to the devices
-        for wire in motion:
+        for wire in motion.get(reader, ()):
             sender = nodes.get(wire.producer)
-            if wire.consumer != reader or sender is None:
+            if sender is None:
                 continue
             if nodes[reader].every % sender.every:
                 faults.add(
@@ -36,7 +40,8 @@ def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fa
                     f"`{sender.name}: {{every: 1}}`, or the same divisor for both. `every` is for nodes behind the "
                     "contact: friction, tissue, display (docs/effects.md).", sender.place, node=sender.name,
                 )  # fmt: skip
-            if wire.producer not in path:
+            if wire.producer not in found:
+                found.add(wire.producer)
                 path.append(wire.producer)
 
 
@@ -68,7 +73,11 @@ class ContactPaths:
                 crossed[name] = crossed[crossed[name]]
         origins = ((wire, crossed.get(wire.producer, wire.producer)) for wire in wires)
         self.wires = [replace(w, producer=origin) for w, origin in origins if w.consumer in self.classes]
-        self.names = [name for name in self.classes if self._presses(name)]
+        self.incoming: dict[str, list[Wire]] = {}
+        for wire in self.wires:
+            self.incoming.setdefault(wire.consumer, []).append(wire)
+        self.names = {name: None for name in self.classes if self._presses(name)}  # in the order of the file
+        self._pressing: dict[str, list[str]] = {}
 
     def check(self, places: dict[str, Location], faults: Faults) -> None:
         """Add the faults of all contacts, bodies, controllers and energy balances."""
@@ -151,8 +160,8 @@ class ContactPaths:
         part = parts((wire.consumer, wire.port.name, wire.producer) for wire in self.wires)
         for name in self.classes:
             ports: dict[str, list[Wire]] = {}
-            for wire in self.wires:
-                if wire.consumer == name and wire.port.many:
+            for wire in self.incoming.get(name, ()):
+                if wire.port.many:
                     ports.setdefault(wire.port.name, []).append(wire)
             first, *others = ports.values() or [[]]
             order = [part.get(wire.producer, -1) for wire in first]
@@ -168,7 +177,7 @@ class ContactPaths:
 
     def _check_joint(self, body: str, faults: Faults) -> None:
         """A fault if several contacts press on a body and are not solved jointly, in the order of their loads."""
-        loads = [w for w in self.wires if w.consumer == body and issubclass(w.port.type, Load)]
+        loads = self._of(body, Load)
         if len(self.pressing(body)) < 2:
             return
         contacts = [name for w in loads for name in self.pressing(w.producer)]
@@ -192,7 +201,7 @@ class ContactPaths:
             )  # fmt: skip
 
     def _of(self, name: str, kind: type[Message]) -> list[Wire]:
-        return [w for w in self.wires if w.consumer == name and issubclass(w.port.type, kind)]
+        return [w for w in self.incoming.get(name, ()) if issubclass(w.port.type, kind)]
 
     def _solver(self, contact: str) -> str:
         """The node that solves a contact: itself, or the joint that it is a share of."""
@@ -200,12 +209,16 @@ class ContactPaths:
 
     def pressing(self, name: str) -> list[str]:
         """The contacts whose force a node gets, directly or through other nodes."""
-        found = [name]
-        for node in found:
-            if node == name or node not in self.names:
-                wires = (w for w in self.wires if w.consumer == node and issubclass(w.port.type, Contact | Load))
-                found += dict.fromkeys(w.producer for w in wires if w.producer not in found)
-        return [n for n in found if n in self.names and n != name]
+        if name not in self._pressing:
+            found = {name: None}
+            queue = [name]
+            for node in queue:
+                if node == name or node not in self.names:
+                    wires = (w for w in self.incoming.get(node, ()) if issubclass(w.port.type, Contact | Load))
+                    queue += (new := dict.fromkeys(w.producer for w in wires if w.producer not in found))
+                    found |= new
+            self._pressing[name] = [n for n in found if n in self.names and n != name]
+        return self._pressing[name]
 
     def _hears(self, contact: str) -> list[Wire]:
         return self._of(self._solver(contact), Surface)

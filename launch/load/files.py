@@ -11,7 +11,7 @@ from typing import Any
 import palpate.graphs
 from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, nearest, short
 from palpate.launch.load.tissues import fill_in
-from palpate.launch.load.values.source import YamlSource, merge, parse, read
+from palpate.launch.load.values.source import YamlSource, merge, parse, paths, read
 
 GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"
@@ -90,9 +90,9 @@ def _named_scene(graph: YamlSource) -> YamlSource:
 
 def _put_class(source: YamlSource, name: str, place: Location) -> None:
     """Mark that a node gets another class at this place, for errors about settings that the new class lacks."""
-    for keys, old in source.places.items():
-        if keys[:2] == ("nodes", name) and len(keys) > 2:
-            source.places[keys] = replace(place, before=str(old))
+    for keys in paths(source.sub("nodes", name).data, ("nodes", name)):
+        if len(keys) > 2 and keys in source.places:
+            source.places[keys] = replace(place, before=str(source.places[keys]))
 
 
 def _mapping(source: YamlSource) -> dict[str, Any]:

@@ -129,8 +129,12 @@ def load(
         check_offers(offers, world, faults)
         scene_changes = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
         notes += check_taken(offers, scene_changes, world, faults)
+        offered: dict[str, list[Offer]] = {}
+        for offer in offers:
+            offered.setdefault(offer.node, []).append(offer)
         for name, draft in drafts.items():
-            notes += uncalibrated(name, draft.cls, draft.set_keys, offers) if nodes[name].off is None else ()
+            if nodes[name].off is None:
+                notes += uncalibrated(name, draft.cls, draft.set_keys, offered.get(name, ()))
     switch(switched, nodes, faults)
     # Check the force path: contacts, bodies, controllers, divisors and delays.
     if not unclear:
@@ -176,16 +180,22 @@ def _resolve_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
         given = drafts[name].line.data.get("in")
         sender = given.get("message") if isinstance(given, dict) else None
         senders[name] = sender.get("from") if isinstance(sender, dict) else sender
-    for _ in range(len(left)):  # a chain of carriers takes a pass for each
-        kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in left}
-        for name in sorted(left):
-            sender = senders[name]
-            streams = find_streams(sender, kinds) if isinstance(sender, str) else []
-            if len(streams) == 1 and isinstance(sender, str):
+    kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in left}
+    readers: dict[str, list[str]] = {}
+    for name in sorted(left):
+        if isinstance(sender := senders[name], str):
+            readers.setdefault(sender.partition(".")[0], []).append(name)
+    resolved = list(kinds)
+    for sending in resolved:  # grows by the carriers of its streams
+        for name in readers.get(sending, ()):
+            streams = find_streams(str(senders[name]), kinds)
+            if len(streams) == 1:
                 carrier = drafts[name].cls
                 assert issubclass(carrier, Carrier)
-                drafts[name].cls = carrier.of(kinds[sender.partition(".")[0]][streams[0]])
+                drafts[name].cls = carrier.of(kinds[sending][streams[0]])
+                kinds[name] = streams_of(name, drafts[name].cls)
                 left.discard(name)
+                resolved.append(name)
     for name in sorted(left):
         path = [name]
         while isinstance(sender := senders[path[-1]], str) and sender in left and sender not in path:

@@ -16,15 +16,27 @@ def unknown_delays(nodes: dict[str, NodeSpec], wires: Iterable[Wire], rate: floa
     With too short a delay the controller permits an unstable stiffness: the force oscillates and injects energy into
     the hand.
     """
-    path = [w for w in wires if issubclass(w.port.type, Contact | Contacts | Proximity | Pose)]
+    senders: dict[str, list[str]] = {name: [] for name in nodes}
+    for wire in wires:
+        inside = wire.producer in nodes and wire.consumer in nodes
+        if inside and issubclass(wire.port.type, Contact | Contacts | Proximity | Pose):
+            senders[wire.consumer].append(wire.producer)
+    known: dict[str, float] = {}
 
-    def late(name: str, seen: tuple[str, ...] = ()) -> float:
-        """Largest delay [s] of the messages that reach a node."""
-        spec = nodes[name]
-        given = spec.settings if issubclass(spec.cls, Carrier) else {}
-        delay = (given.get("delay") or 0.0) + (given.get("jitter") or 0.0)  # None: the setting has a fault
-        senders = {w.producer for w in path if w.consumer == name and w.producer in nodes} - {name, *seen}
-        return delay + max((late(sender, (*seen, name)) for sender in senders), default=0.0)
+    def late(name: str) -> float:
+        """Largest delay [s] of the messages that reach a node; an edge that closes a loop does not count."""
+        stack, visited = [name], set[str]()
+        while stack:
+            at = stack[-1]
+            if at not in visited:
+                visited.add(at)
+                stack += [sender for sender in senders[at] if sender not in visited and sender not in known]
+                continue
+            stack.pop()
+            given = nodes[at].settings if issubclass(nodes[at].cls, Carrier) else {}
+            delay = (given.get("delay") or 0.0) + (given.get("jitter") or 0.0)  # None: the setting has a fault
+            known[at] = delay + max((known[sender] for sender in senders[at] if sender in known), default=0.0)
+        return known[name]
 
     for name, spec in nodes.items():
         controls = Force in outputs(spec.cls) and spec.settings.get("passivity", False)

@@ -7,6 +7,7 @@ edges were chosen on the whole graph, so the running part computes the same valu
 
 from collections.abc import Iterator
 from dataclasses import replace
+from heapq import heappop, heappush
 
 from palpate.engine.faults import Fault, GraphError
 from palpate.engine.graph import Edge, Graph
@@ -26,11 +27,12 @@ def plan(graph: Graph) -> Plan:
         name: tuple(e for e in graph.nodes[name].edges if e.producer in running) for name in _order(graph, running)
     }
     streams = [s for name in edges for s in graph.nodes[name].streams]
-    observers = {
-        spec.name: tuple(s for s in streams if spec.listen is None or s in spec.listen)
+    observed = {
+        spec.name: set(streams if spec.listen is None else spec.listen)
         for spec in graph.nodes.values()
         if spec.observer and spec.off is None
     }
+    observers = {name: tuple(s for s in streams if s in listen) for name, listen in observed.items()}
     return Plan(graph, list(edges), _skipped(graph, running), edges, _wanted(graph, edges, streams), observers)
 
 
@@ -49,14 +51,21 @@ def check_stored(plan: Plan) -> None:
 
 def _order(graph: Graph, running: set[str]) -> Iterator[str]:
     """Running nodes in topological order of their direct edges; otherwise in file order."""
-    left = [name for name in graph.nodes if name in running and not graph.nodes[name].observer]
-    done: set[str] = set()
-    while left:
-        waiting = running - done
-        name = next(n for n in left if all(e.loop or e.producer not in waiting for e in graph.nodes[n].edges))
-        left.remove(name)
-        done.add(name)
+    nodes = [name for name in graph.nodes if name in running and not graph.nodes[name].observer]
+    place = {name: number for number, name in enumerate(nodes)}
+    waits = {n: {e.producer for e in graph.nodes[n].edges if not e.loop and e.producer in place} for n in nodes}
+    readers: dict[str, list[str]] = {name: [] for name in nodes}
+    for name, senders in waits.items():
+        for sender in senders:
+            readers[sender].append(name)
+    ready = [place[name] for name in nodes if not waits[name]]  # sorted, so it is a heap
+    while ready:
+        name = nodes[heappop(ready)]
         yield name
+        for reader in readers[name]:
+            waits[reader].discard(name)
+            if not waits[reader]:
+                heappush(ready, place[reader])
 
 
 def _wanted(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: list[str]) -> dict[str, frozenset[str]]:
@@ -132,13 +141,17 @@ def _running(graph: Graph) -> set[str]:
 
 def _skipped(graph: Graph, running: set[str]) -> dict[str, str]:
     reasons = {}
+    read_by: dict[str, dict[str, None]] = {}
+    for name, spec in graph.nodes.items():
+        for edge in spec.edges:
+            read_by.setdefault(edge.producer, {})[name] = None
     for name, spec in graph.nodes.items():
         if name in running:
             continue
         if spec.off is not None:
             reasons[name] = spec.off
             continue
-        readers = [n for n, other in graph.nodes.items() if any(e.producer == name for e in other.edges)]
+        readers = list(read_by.get(name, ()))
         rest = "does not run" if len(readers) == 1 else "do not run"
         only = f"; read only by {', '.join(readers)}, which {rest}" if readers else ""
         reasons[name] = f"output unused: {', '.join(spec.streams)}{only}"

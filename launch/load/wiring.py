@@ -1,6 +1,6 @@
 """The edges: the inputs of every node, their types, and which edges close a loop."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -172,11 +172,13 @@ def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -
         return kind, place[wire.consumer]
 
     after: dict[str, list[str]] = {name: [] for name in order}
+    before: dict[str, list[str]] = {name: [] for name in order}
     direct: list[Wire] = []
     for wire in sorted((w for w in connections if not w.held), key=rank):
-        path = _path(after, wire.consumer, wire.producer)
+        path = _path(after, before, wire.consumer, wire.producer)
         if path is None:
             after[wire.producer].append(wire.consumer)
+            before[wire.consumer].append(wire.producer)
             direct.append(wire)
         elif rank(wire)[0] < 2:
             _report_loop(wire, [wire.producer, *path], direct, faults)
@@ -190,17 +192,36 @@ def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -
                        node=wire.consumer, port=wire.port.name)  # fmt: skip
 
 
-def _path(after: dict[str, list[str]], start: str, end: str) -> list[str] | None:
-    """A shortest path along direct edges, from start to end, both included (breadth-first search)."""
-    paths, seen = [[start]], {start}
-    for path in paths:
-        if path[-1] == end:
-            return path
-        for follower in after[path[-1]]:
-            if follower not in seen:
-                seen.add(follower)
-                paths.append([*path, follower])
-    return None
+def _path(after: dict[str, list[str]], before: dict[str, list[str]], start: str, end: str) -> list[str] | None:
+    """A shortest path along direct edges, from start to end, both included.
+
+    The search first runs from both ends in turn: without a path it ends when the smaller of the two regions is known.
+    """
+    ahead, behind = {start: ""}, {end: ""}
+    for forward, backward in zip(_reached(after, ahead), _reached(before, behind), strict=False):
+        if forward == end or backward == start or forward in behind or backward in ahead:
+            break
+    else:
+        return None
+    for node in _reached(after, ahead):
+        if node == end:
+            break
+    path = [end]
+    while path[-1] != start:
+        path.append(ahead[path[-1]])
+    return path[::-1]
+
+
+def _reached(edges: dict[str, list[str]], found: dict[str, str]) -> Iterator[str]:
+    """The nodes that edges lead to from those in `found`, breadth first, themselves included. `found` gets each of them
+    with the node before it."""
+    queue = list(found)
+    for node in queue:
+        yield node
+        for follower in edges[node]:
+            if follower not in found:
+                found[follower] = node
+                queue.append(follower)
 
 
 def _report_loop(wire: Wire, nodes: list[str], direct: list[Wire], faults: Faults) -> None:

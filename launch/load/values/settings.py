@@ -117,11 +117,12 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
     scene that no node of this graph reads, unless its key resembles the name of a setting.
     """
     families = {cls: _family(cls) for cls in {offer.cls for offer in offers}}
+    read_at = {prefix for used in scene.used for prefix in _prefixes(used)}
     taken = {(o.path, o.key) for o in offers if o.key in families[o.cls][0] or not families[o.cls][1]}
     reported = set()
     for offer in offers:
         path, (names, _) = f"{offer.path}.{offer.key}", families[offer.cls]
-        read = offer.path and any(used == path or used.startswith(f"{path}.") for used in scene.used)
+        read = offer.path and path in read_at
         if (offer.path, offer.key) in taken or read or offer.place in reported:
             continue
         if isinstance(offer.value, bool) and not nearest(offer.key, names, likeness=0.8):
@@ -144,13 +145,12 @@ def check_taken(
     changes  dotted paths in the scene and the new values
     """
     offered = {offer.path for offer in offers}
-    read = [path for path in scene.used if path not in offered]
+    read = {path for path in scene.used if path not in offered}
+    ends = read | {f"{o.path}.{o.key}" for o in offers if o.taken}
+    above = {prefix for path in read for prefix in _prefixes(path)}
 
     def reaches(path: str) -> bool:
-        taken = (f"{o.path}.{o.key}" for o in offers if o.taken)
-        return any(f"{path}.".startswith(f"{u}.") for u in taken) or any(
-            f"{path}.".startswith(f"{u}.") or u.startswith(f"{path}.") for u in read
-        )
+        return path in above or not ends.isdisjoint(_prefixes(path))
 
     for path, value in [leaf for change in changes for leaf in _leaves(*change)]:
         if path.partition(".")[0] in FIXED or not scene.has(path) or reaches(path):
@@ -160,9 +160,10 @@ def check_taken(
         faults.add(f"{path!r} of the scene reaches no node of this graph", cure, value.place())
     left: dict[tuple[str, str], list[str]] = {}
     families = {cls: _family(cls)[0] for cls in {offer.cls for offer in offers}}
+    knowing = {(offer.path, offer.key) for offer in offers if offer.key in settings(offer.cls)}
     for offer in offers:
         path = f"{offer.path}.{offer.key}"
-        known = any(offer.key in settings(o.cls) for o in offers if (o.path, o.key) == (offer.path, offer.key))
+        known = (offer.path, offer.key) in knowing
         other = families[offer.cls].get(offer.key)
         if offer.path and not (known or reaches(path) or other is None or _calibrated(other)):
             close = _closest(offer.key, offer.cls)
@@ -171,12 +172,20 @@ def check_taken(
     return tuple(f"{about}{', '.join(keys)}" for (_, about), keys in left.items())
 
 
-def uncalibrated(name: str, cls: type[Node], set_keys: list[str], offers: list[Offer]) -> Iterator[str]:
+def _prefixes(path: str) -> Iterator[str]:
+    """A dotted path and the paths above it."""
+    while path:
+        yield path
+        path = path.rpartition(".")[0]
+
+
+def uncalibrated(name: str, cls: type[Node], set_keys: list[str], offers: Iterable[Offer]) -> Iterator[str]:
     """Notes on settings of a node that keep defaults calibrated for another tissue.
 
     set_keys  settings in its line
+    offers    those to this node
     """
-    given = {*set_keys, *(offer.key for offer in offers if offer.node == name)}
+    given = {*set_keys, *(offer.key for offer in offers)}
     left: dict[Calibrated, list[str]] = {}
     for setting in settings(cls).values():
         if setting.name not in given and (mark := _calibrated(setting)):

@@ -10,6 +10,7 @@ import contextlib
 import copy
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -50,8 +51,7 @@ class YamlSource:
         data = self.data
         for key in keys:
             data = data.get(key) if isinstance(data, dict) else None
-        n = len(keys)
-        places = {k[n:]: p for k, p in self.places.items() if k[:n] == keys}
+        places = {k[len(keys) :]: self.places[k] for k in paths(data, keys) if k in self.places}
         places.setdefault((), self.place(*keys))
         return YamlSource(data, places)
 
@@ -68,9 +68,20 @@ class YamlSource:
         self.places.update({keys + k: p for k, p in value.places.items()})
 
     def drop(self, keys: Keys) -> None:
-        """Remove the places under these keys."""
-        n = len(keys)
-        self.places = {k: p for k, p in self.places.items() if k[:n] != keys}
+        """Remove the places under these keys, whose data are still there."""
+        data = self.data
+        for key in keys:
+            data = data.get(key) if isinstance(data, dict) else None
+        for path in paths(data, keys):
+            self.places.pop(path, None)
+
+
+def paths(data: Any, keys: Keys = ()) -> Iterator[Keys]:
+    """The keys of a value, `keys`, and of all values in it."""
+    yield keys
+    inside = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in inside:
+        yield from paths(value, (*keys, key))
 
 
 def read(path: Path) -> YamlSource:
@@ -125,8 +136,8 @@ def merge(base: YamlSource, top: YamlSource) -> YamlSource:
     merged = YamlSource(dict(base.data), dict(base.places))
     for key, value in top.data.items():
         if value is None and key in merged.data:
-            del merged.data[key]
             merged.drop((key,))
+            del merged.data[key]
         elif isinstance(value, dict) and isinstance(merged.data.get(key), dict):
             merged.put((key,), merge(merged.sub(key), top.sub(key)))
         else:
