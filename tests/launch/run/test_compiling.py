@@ -19,7 +19,6 @@ from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.work.compiling import LONGEST, compiler_watched, compiling
 from palpate.launch.run.work.watchdog import START_PATIENCE, HangError, watched
-from palpate.physics import kernel_files
 from palpate.physics.kernel import kernel
 
 
@@ -114,7 +113,6 @@ def test_waiting_for_a_kernel_that_another_process_compiles_is_a_sign_of_life(mo
     with compiler_watched(again.append):
         assert kernel(halved.py_func)(3.0) == 1.5
     assert again == []  # cached: nothing to report
-    assert kernel_files.exists(function._cache.cache_path, function._cache._name((numba.types.float64,)))
 
 
 def test_the_launcher_does_not_end_a_worker_that_compiles(monkeypatch):
