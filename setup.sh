@@ -4,8 +4,8 @@
 set -eu
 cd "$(dirname "$0")"
 case "${1:-}" in
-    "") set -- "-e.[view,page,devices]" "vtk<9.6; python_version < '3.14'" ;; # later wheels of VTK are 120 MB larger
-    dev) set -- "-e.[all,dev]" ;;
+    "") set -- "palpate[view,page,devices]" "vtk<9.6; python_version < '3.14'" ;; # later wheels of VTK are 120 MB larger
+    dev) set -- "palpate[all,dev]" ;;
     *)
         echo "setup: found '$1', expected nothing or 'dev'" >&2
         exit 2
@@ -47,5 +47,16 @@ if [ -n "$packages" ] && command -v apt-get >/dev/null 2>&1; then
 fi
 
 [ -x .venv/bin/python ] || "$python" -m venv .venv
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$@"
+install() {
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$@"
+}
+
+# The kernels of the usual graphs are compiled while pip installs the packages for pictures.
+install -e .
+.venv/bin/python -m palpate.cli.machine.kernels &
+kernels=$!
+trap 'kill $kernels 2>/dev/null || true' EXIT
+install "$@"
+wait $kernels || echo "setup: the kernels were not compiled; the first run compiles them" >&2
+trap - EXIT
 echo "palpate is ready: .venv/bin/palpate"

@@ -39,9 +39,7 @@ def run(tree, *arguments, cache=None):
     # Python detects changes by time and size of a source, and both are constant here.
     environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
     environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # importing plugins takes longer than the rest
-    environment.pop("NUMBA_CACHE_DIR", None)
-    if cache is not None:
-        environment["NUMBA_CACHE_DIR"] = str(cache)
+    environment["NUMBA_CACHE_DIR"] = str(cache or tree / "cache")
     return subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, cwd=tree)
 
 
@@ -74,12 +72,12 @@ def test_numba_imported_first_keeps_the_settings_of_the_program(tree):
 
 
 def test_folders_of_old_sources_are_removed(tree):
-    inner = tree / "palpate" / "physics" / "inner.py"
-    for factor in range(KEPT + 2):
-        inner.write_text(INNER.format(f"{factor}.0"))
-        assert run(tree, "-c", "import palpate.physics.outer").returncode == 0
-    left = list((tree / "palpate" / "compiler" / "__pycache__").glob(f"{PREFIX}*"))
-    assert len(left) == KEPT
+    for name in range(KEPT + 1):
+        (tree / "cache" / f"{PREFIX}{name}").mkdir(0o755, parents=True)
+    (tree / "cache" / "of another program").mkdir()
+    assert run(tree, "-c", "import palpate.physics.outer").returncode == 0
+    assert (tree / "cache" / "of another program").is_dir()
+    assert len(list((tree / "cache").glob(f"{PREFIX}*"))) == KEPT
 
 
 def test_the_user_may_set_the_folder(tree):
@@ -89,8 +87,41 @@ def test_the_user_may_set_the_folder(tree):
     assert folder.name.startswith(PREFIX) and not list(folder.glob(f"{PREFIX}*"))
 
 
-def test_read_only_sources_use_another_cache_folder(tree, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tree / "caches"))
-    (tree / "palpate" / "compiler" / "__pycache__").write_text("a file, so that root cannot make this folder either")
+def test_without_a_folder_of_the_user_the_cache_is_next_to_the_sources(tree):
+    (tree / "a file").touch()  # so that root cannot make a folder there either
+    set_before = (
+        f"import os; os.environ.update(XDG_CACHE_HOME={str(tree / 'a file')!r}); del os.environ['NUMBA_CACHE_DIR']"
+    )
+    assert run(tree, "-c", f"{set_before}; {NOTEBOOK}").stdout.split()[0] == "7.0"
+    assert list((tree / "palpate" / "compiler" / "__pycache__").glob(f"{PREFIX}*"))
+
+
+def test_copies_of_the_same_sources_share_the_cache_of_the_user(tree, tmp_path):
+    moved = shutil.copytree(tree, tmp_path / "moved")
+    for file in moved.rglob("*.py"):
+        os.utime(file, (1e9, 1e9))
+    assert notebook(tree, cache=tree / "shared") == (7.0, False)
+    assert notebook(moved, cache=tree / "shared") == (7.0, True)
+
+
+def test_shipped_kernels_are_used_at_another_path_before_the_cache(tree, tmp_path):
+    """With other times of the files, in a folder that cannot be written, and with group write access as of the sources
+    (umask 002). Without the sources' access, they are compiled again."""
     assert notebook(tree) == (7.0, False)
-    assert list((tree / "caches" / "palpate").glob(f"{PREFIX}*"))
+    installed = shutil.copytree(tree, tmp_path / "installed", ignore=shutil.ignore_patterns("cache"))
+    [made] = (tree / "cache").glob(f"{PREFIX}*")
+    name = made.name.rpartition(".")[0] if made.name.count(".") > 1 else made.name
+    shipped = installed / "palpate" / "compiler" / "compiled" / name
+    shutil.copytree(made, shipped, ignore=shutil.ignore_patterns("*.lock"))
+    for file in [*installed.rglob("*")]:
+        os.utime(file, (1e9, 1e9))
+    empty = tmp_path / "empty"
+    assert notebook(installed, cache=empty) == (7.0, True)
+    assert not list(empty.rglob("*.nbc"))
+    for file in [shipped, *shipped.iterdir()]:
+        file.chmod(file.stat().st_mode | 0o020)
+    assert notebook(installed, cache=empty) == (7.0, False)
+    for file in installed.rglob("*.py"):
+        file.chmod(file.stat().st_mode | 0o020)
+    shutil.rmtree(empty)
+    assert notebook(installed, cache=empty) == (7.0, True)

@@ -10,6 +10,7 @@ import contextlib
 import gc
 import hashlib
 import inspect
+import os
 import pickle
 import signal
 import threading
@@ -161,10 +162,14 @@ class CachedFunction(Pinned):
         self._cache = _Cache(py_func, self.targetoptions, machine_code)
         self._compiler._customize_flags = _Flags  # type: ignore[attr-defined]
 
+    def file(self, sig: Any) -> Path | None:
+        """The cache file for these types; None: not cached."""
+        return self._cache.file(sig)
+
     def compile(self, sig: Any) -> Any:
         """The code for these types, compiled or loaded."""
         with target_override(TARGET), collection_suspended():
-            if self._cache.has(sig):
+            if self._cache.file(sig) is not None:
                 return super().compile(sig)
             with event.trigger_event(COMPILING), self._cache.locked():
                 return super().compile(sig)
@@ -180,15 +185,17 @@ class _Cache:
     def __init__(self, function: Any, options: Any, machine_code: bool) -> None:
         self._function, self._options, self._machine_code = function, options, machine_code
         self.cache_path = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
+        self._folders = [path for path in (kernel_cache.shipped(), self.cache_path) if path is not None]
         self._source = _source(function)
         self._names: dict[Any, str] = {}
 
     def flush(self) -> None:
         """Nothing: `Dispatcher.recompile` overwrites the files."""
 
-    def has(self, sig: Any) -> bool:
-        """Whether a file exists for these types."""
-        return self._source is not None and kernel_files.exists(self.cache_path, self._name(sig))
+    def file(self, sig: Any) -> Path | None:
+        """The file for these types; None: not cached."""
+        found = [path / self._name(sig) for path in self._folders] if self._source is not None else []
+        return next(filter(os.path.lexists, found), None)
 
     def locked(self) -> contextlib.AbstractContextManager[None]:
         """Other processes do not compile the function during the block."""
@@ -199,19 +206,19 @@ class _Cache:
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The code for these types; None: not cached, or the file cannot be used."""
         target_context.refresh()
-        if self._source is None:
-            return None
-        try:
-            content = kernel_files.read(self.cache_path, self._name(sig))
-        except kernel_files.UntrustedError as error:
-            kernel_cache.warn(f"{self.cache_path}: a file {error}; it is compiled again")
-            return None
-        if content is None:
-            return None
-        with _deferred_signals(), contextlib.suppress(Exception):  # such as a class of the user that was renamed
-            types, parts = pickle.loads(content)
-            if types == normalize_signature(sig):
-                return CompileResult._rebuild(target_context, *parts)
+        for folder in self._folders if self._source is not None else ():
+            source = os.stat(__file__) if folder is not self.cache_path else None
+            try:
+                content = kernel_files.read(folder, self._name(sig), source)
+            except kernel_files.UntrustedError as error:
+                kernel_cache.warn(f"{folder}: a file {error}; it is compiled again")
+                continue
+            if content is None:
+                continue
+            with _deferred_signals(), contextlib.suppress(Exception):  # such as a class of the user that was renamed
+                types, parts = pickle.loads(content)
+                if types == normalize_signature(sig):
+                    return CompileResult._rebuild(target_context, *parts)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -243,9 +250,9 @@ class _Cache:
 
 
 def _source(function: Any) -> str | None:
-    """A hash of the source of a function of a user: its file, or its cell in a notebook. The name of the cache folder
-    contains that of palpate. None: no source, so the function cannot be cached."""
-    if function.__module__.startswith(f"{PACKAGE}."):
+    """A hash of the source of a function outside the sources that the name of the folder stands for: its file, or its
+    cell in a notebook. None: no source, so the function cannot be cached."""
+    if function.__module__.startswith(tuple(f"{package}." for package in kernel_cache.COMPILED)):
         return ""
     try:
         file = Path(function.__code__.co_filename)

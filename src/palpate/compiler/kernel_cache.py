@@ -20,9 +20,11 @@ from pathlib import Path
 
 from palpate.compiler.kernel_files import check_folder, check_trust
 
-KEPT = 3  # Folders that are kept, so that switching between two branches recompiles nothing
+KEPT = 12  # Folders that are kept, 15 MB each, so that several versions and branches recompile nothing
 PREFIX = "kernels-"
 COMPILED = ("palpate.compiler", "palpate.physics", "palpate.models.fe", "palpate.nodes", "palpate.engine")
+
+SHIPPED = Path(__file__).parent / "compiled"  # Folders that a wheel contains (docs/release/backend.py)
 
 ROOM = 100_000_000
 """[bytes] Free disk space required for a new folder, about three times its size."""
@@ -34,12 +36,19 @@ def folder(given: str = "") -> Path:
 
 
 @functools.cache
+def shipped() -> Path | None:
+    """The folder of kernels that the installation contains for these sources and this minor version of numba."""
+    path = SHIPPED / f"{PREFIX}{key()}-{versions(minor=True)}"
+    return path if path.is_dir() else None
+
+
+@functools.cache
 def _folder(given: str) -> Path:
-    """The first usable location of `given`, next to the sources, and the user's cache; else a temporary folder. A
-    warning reports that `given`, or an existing cache folder, is not used."""
+    """The first usable location of `given`, the user's cache, which copies of the same sources share, and a folder next
+    to the sources; else a temporary folder. A warning reports that `given` or an existing folder is not used."""
     name = f"{PREFIX}{key()}-{versions()}"
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    places = [Path(__file__).parent / "__pycache__", Path(caches) / "palpate"]
+    places = [Path(caches) / "palpate", Path(__file__).parent / "__pycache__"]
     refused = ""
     for place in [Path(given), *places] if given else places:
         try:
@@ -98,9 +107,10 @@ def key(packages: Sequence[str] = COMPILED) -> str:
     return hasher.hexdigest()[:16]
 
 
-def versions() -> str:
-    """Versions of Python and of the compiler."""
+def versions(minor: bool = False) -> str:
+    """Versions of Python and of the compiler; `minor`: without its last number."""
     numba = importlib.metadata.version("numba")
+    numba = ".".join(numba.split(".")[:2]) if minor else numba
     return f"py{sys.version_info[0]}{sys.version_info[1]}{getattr(sys, 'abiflags', '')}-numba{numba}"
 
 

@@ -9,7 +9,6 @@ import numba
 import pytest
 from rich.console import Console
 
-from palpate.compiler import kernel_files
 from palpate.compiler.kernel import kernel
 from palpate.engine.health import HealthCounters
 from palpate.engine.job import Job, NodeJob
@@ -114,7 +113,6 @@ def test_waiting_for_a_kernel_that_another_process_compiles_is_a_sign_of_life(mo
     with compiler_watched(again.append):
         assert kernel(halved.py_func)(3.0) == 1.5
     assert again == []  # cached: nothing to report
-    assert kernel_files.exists(function._cache.cache_path, function._cache._name((numba.types.float64,)))
 
 
 def test_the_launcher_does_not_end_a_worker_that_compiles(monkeypatch):

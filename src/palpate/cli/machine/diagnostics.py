@@ -52,6 +52,7 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Diagnost
     yield Diagnostic("python", "ok", platform.python_version())
     yield _system()
     yield from _packages()
+    yield _kernels()
     if pictures:
         yield _pictures()
     if sys.platform != "linux":
@@ -89,6 +90,17 @@ def _packages() -> Iterator[Diagnostic]:
         lacking = [name for name, version in versions.items() if version is None]
         listing = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
         yield Diagnostic(f"extra {extra}", "note" if lacking else "ok", listing, install(extra) if lacking else "")
+
+
+def _kernels() -> Diagnostic:
+    """Whether the usual graphs start without a compilation, found in a subprocess that ends at the first one."""
+    command = [sys.executable, "-m", "palpate.cli.machine.kernels", "check"]
+    code = subprocess.run(command, capture_output=True).returncode
+    if code == 0:
+        return Diagnostic("kernels", "ok", "compiled for the usual graphs")
+    return Diagnostic(
+        "kernels", "note", "not compiled: the first run compiles them, 10 to 40 s", "palpate doctor --compile"
+    )
 
 
 def _pictures() -> Diagnostic:

@@ -17,16 +17,23 @@ def doctor(
     seconds: Annotated[
         float, typer.Option(help="Seconds for each of two measurements of wake-up latency; 0: none.", min=0, max=600)
     ] = 2.0,
+    compile_first: Annotated[
+        bool, typer.Option("--compile", help="First compile the kernels of the usual graphs.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Check this machine, with remedies.
 
-    Python, packages, cores, wake-ups at 1 kHz, pictures and devices. Exit code 1 if palpate cannot run.
+    Python, packages, kernels, cores, wake-ups at 1 kHz, pictures and devices. Exit code 1 if palpate cannot run.
     """
     from rich.text import Text
 
     from palpate.cli.machine.diagnostics import examine
 
+    if compile_first:
+        from palpate.cli.machine.kernels import compile_usual
+
+        compile_usual()
     colours = {"ok": "green", "note": "yellow", "fault": "red"}
     out = console(soft_wrap=True, quiet=as_json)
     diagnostics = []

@@ -1,0 +1,65 @@
+"""Builds the wheel (PEP 517): that of setuptools, with the kernels compiled for this Python and numba on Linux, x86-64.
+
+`python -m build` calls it; `python -m build -C kernels=no` leaves the kernels out, so that the wheel fits any machine.
+The kernels are compiled from the content of the wheel and stored in `palpate/compiler/compiled`, where palpate looks
+before its cache.
+"""
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from setuptools import build_meta
+from setuptools.build_meta import *  # noqa: F403
+
+PLATFORM = "manylinux_2_17_x86_64"  # kernels need no C library; those of numba's wheels are newer
+SHIPPED = "palpate/compiler/compiled"
+
+
+def get_requires_for_build_wheel(config_settings: Any = None) -> list[str]:
+    """Requirements of setuptools and, for the kernels, those of palpate."""
+    required = build_meta.get_requires_for_build_wheel(config_settings)
+    if not _with_kernels(config_settings):
+        return required
+    with open("pyproject.toml", "rb") as file:
+        return [*required, "wheel>=0.40", *tomllib.load(file)["project"]["dependencies"]]
+
+
+def build_wheel(wheel_directory: str, config_settings: Any = None, metadata_directory: Any = None) -> str:
+    """The name of the wheel in the folder."""
+    name = build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
+    return _add_kernels(Path(wheel_directory, name)) if _with_kernels(config_settings) else name
+
+
+def _with_kernels(settings: Any) -> bool:
+    here = sys.platform == "linux" and platform.machine() == "x86_64" and not os.environ.get("PALPATE_NATIVE")
+    return here and (settings or {}).get("kernels", "yes") != "no"
+
+
+def _add_kernels(wheel: Path) -> str:
+    """Replace the wheel by one with kernels; returns its name."""
+    with tempfile.TemporaryDirectory() as temporary:
+        unpacked, cache = Path(temporary, "wheel"), Path(temporary, "cache")
+        _run("wheel", "unpack", str(wheel), "--dest", str(unpacked))
+        [content] = unpacked.iterdir()
+        environment = {**os.environ, "PYTHONPATH": str(content), "NUMBA_CACHE_DIR": str(cache)}
+        environment["PYTHONDONTWRITEBYTECODE"] = "1"
+        for words in (["all"], ["copy", str(content / SHIPPED)]):
+            _run("palpate.cli.machine.kernels", *words, folder=temporary, environment=environment)
+        shutil.rmtree(cache)
+        _run("wheel", "pack", str(content), "--dest", str(wheel.parent))
+    python = f"cp{sys.version_info[0]}{sys.version_info[1]}"
+    tags = ["--python-tag", python, "--abi-tag", "none", "--platform-tag", PLATFORM]
+    return _run("wheel", "tags", "--remove", *tags, str(wheel)).split()[-1]
+
+
+def _run(module: str, *words: str, folder: str | None = None, environment: Any = None) -> str:
+    """The output of a Python module. Errors and progress appear on standard error."""
+    command = [sys.executable, "-m", module, *words]
+    return subprocess.run(command, cwd=folder, env=environment, stdout=-1, text=True, check=True).stdout

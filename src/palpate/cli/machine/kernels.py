@@ -1,0 +1,170 @@
+"""Compiles the kernels of shipped graphs before a run needs them: after an installation, and for a wheel.
+
+python -m palpate.cli.machine.kernels            compile those of the usual graphs
+python -m palpate.cli.machine.kernels all        compile those of all graphs, bodies and nodes
+python -m palpate.cli.machine.kernels check      exit code 3 if one of the usual graphs needs a compilation
+python -m palpate.cli.machine.kernels copy TO    copy the compiled kernels that all graphs load to a folder
+"""
+
+import contextlib
+import gc
+import importlib
+import os
+import pkgutil
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from palpate import registry
+from palpate.compiler import kernel_cache
+from palpate.engine.segment import kernels, table_runner
+from palpate.launch.load.launchfile import LaunchFile, find, names
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.execute import execute
+from palpate.launch.run.work.compiling import compiling
+from palpate.launch.run.work.worker import Worker
+from palpate.nodes.base import CompiledNode
+from palpate.physics.errors import PalpateError
+
+BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
+TOUCHES = ("kidney", "nodule")  # Graphs in which every body fits
+MISSING = 3  # Exit code of a check that finds a kernel which is not compiled
+TICKS = 3
+
+
+def usual() -> Iterator[tuple[str, LaunchFile]]:
+    """The graph of the first run, with the two bodies that users start with."""
+    for body in BODIES[:2]:
+        yield f"kidney with {body}", find("kidney").but(overrides=(f"tissue.use=deformation.{body}",))
+
+
+def shipped() -> Iterator[tuple[str, LaunchFile]]:
+    """All graphs, with emulated devices; those of one touch with each body."""
+    yield from usual()
+    for name in names():
+        launch = find(name)
+        nodes = launch.load().nodes
+        ports = [node for node, spec in nodes.items() if spec.cls.hardware and hasattr(spec.cls, "port")]
+        launch = launch.but(overrides=[f"{node}.port=emulator" for node in ports])
+        yield name, launch
+        for body in BODIES if name in TOUCHES else ():
+            yield f"{name} with {body}", launch.but(overrides=(f"tissue.use=deformation.{body}",))
+
+
+def start(launch: LaunchFile, folder: Path) -> None:
+    """Run some ticks in this process; a graph with devices is only started. PalpateError: it does not fit together."""
+    planned = launch.plan()
+    if not any(planned.graph.nodes[name].cls.hardware for name in planned.order):
+        duration = TICKS / planned.graph.rate
+        execute(launch.but(clock="simulated", place="fused", duration=duration, record=folder / "run.mcap"))
+        return
+    [job] = jobs(planned, launch.but(place="fused").placement(planned), clock="real", ticks=TICKS, about={})
+    worker = Worker(job, None, lambda _: None)
+    try:
+        worker.start()
+    finally:
+        worker.stop()
+
+
+def compile_all(
+    report: Callable[[str, int], None], runs: Iterator[tuple[str, LaunchFile]], folder: Path, nodes: bool = False
+) -> int:
+    """Compile or load the kernels of these runs, and with `nodes` of all compiled nodes. Returns the number that was
+    compiled.
+
+    report  called with the name of a run before it, and the number so far before each compilation
+    folder  for recordings
+    """
+    count, now = 0, ""
+
+    def compiled(_: int) -> None:
+        nonlocal count
+        count += 1
+        report(now, count)
+
+    for now, launch in runs:
+        report(now, count)
+        try:
+            with compiling(compiled):
+                start(launch, folder)
+        except PalpateError:  # a body that does not fit, or a package that is not installed
+            continue
+    if nodes:
+        now = "all nodes"
+        with compiling(compiled):
+            _compile_nodes()
+    return count
+
+
+def _compile_nodes() -> None:
+    """The steps of all shipped nodes, the loops over tables on both clocks, and an ensemble."""
+    import palpate
+
+    for real in (False, True):
+        table_runner(real)
+    for info in pkgutil.walk_packages(palpate.nodes.__path__, "palpate.nodes."):
+        for kind in registry.declared(importlib.import_module(info.name), CompiledNode):
+            with contextlib.suppress(Exception):  # an abstract base
+                kernels(kind, True)
+    palpate.Ensemble("kidney", lanes=2, duration=TICKS * 1e-3).run(quiet=True)
+
+
+def copy_loaded(to: Path) -> int:
+    """Copy the files from which this process has loaded kernels to a folder with the name of the shipped one. Returns
+    their number."""
+    from palpate.compiler.kernel import CachedFunction
+
+    folder = to / f"{kernel_cache.PREFIX}{kernel_cache.key()}-{kernel_cache.versions(minor=True)}"
+    folder.mkdir(parents=True)
+    functions = [function for function in gc.get_objects() if isinstance(function, CachedFunction)]
+    files = {function.file(types) for function in functions for types in function.stats.cache_hits}
+    for file in sorted(filter(None, files)):
+        shutil.copyfile(file, folder / file.name)
+    return len(files)
+
+
+def compile_usual() -> None:
+    """Compile the kernels of the usual graphs, with progress on a terminal and one line at the end."""
+    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        compile_all(_report, usual(), Path(folder))
+    print(f"{'' if _HIDDEN else chr(13)}kernels are compiled: {kernel_cache.folder()}{'':20}", file=sys.stderr)
+
+
+_HIDDEN = not sys.stderr.isatty()
+
+
+def _report(name: str, count: int) -> None:
+    if not _HIDDEN:
+        print(f"\rcompiling kernels: {count}, {name:40}", end="", file=sys.stderr, flush=True)
+
+
+def main(words: Sequence[str]) -> None:
+    folder = Path(tempfile.mkdtemp(prefix="palpate-"))
+
+    def end_if_missing(name: str, count: int) -> None:
+        if count:
+            shutil.rmtree(folder, ignore_errors=True)
+            os._exit(MISSING)
+
+    try:
+        match words:
+            case ["check"]:
+                compile_all(end_if_missing, usual(), folder)
+            case ["all"]:
+                compile_all(_report, shipped(), folder, nodes=True)
+            case ["copy", to]:
+                if count := compile_all(_report, shipped(), folder, nodes=True):
+                    raise SystemExit(f"compiled {count} kernels, expected that all are in {kernel_cache.folder()}")
+                copy_loaded(Path(to))
+            case []:
+                compile_usual()
+            case _:
+                raise SystemExit(f"found {' '.join(words)!r}, expected nothing, all, check, or copy and a folder")
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
