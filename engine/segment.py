@@ -138,7 +138,7 @@ class CompiledSegment:
             put = records.ctypes.data + 8 * argument if table is None else table.ctypes.data + 8 + 8 * nth
             line["record"], line["absent"], line["put"] = record.ctypes.data, absent.ctypes.data, put
             line["every"], line["loop"], line["permitted"] = port.every, port.loop, permitted(slot, port)
-            line["given"], line["optional"] = not port.inside, port.port.optional
+            line["optional"] = port.port.optional
             line["drives"] = port is slot.driver
         self._inlets[place] = inlets
         numbers = self._keep(np.array([a for record in outputs for a in _numbers(record)], np.int64))
@@ -206,15 +206,15 @@ class CompiledSegment:
             self._call(tick, 1)
         else:
             self._timed(tick)
-        self._ended(tick, host)
+        self.ended(tick, host)
 
-    def resume(self, tick: int, host: Any) -> None:
+    def resume(self, tick: int) -> None:
         """Continue a tick in which the journal was full. NodeError: a node failed."""
         self._clock["first"], self._clock["last"] = 0, len(self.slots)
         self._call(tick, 1)
-        self._ended(tick, host)
 
-    def _ended(self, tick: int, host: Any) -> None:
+    def ended(self, tick: int, host: Any) -> None:
+        """After the steps of a tick: deliver the messages of the nodes that stepped."""
         for place, slot in enumerate(self.slots):
             if self._stepped[place]:
                 slot.time, slot.health.tick = int(self._times[place]), tick

@@ -16,9 +16,23 @@ from palpate.engine.clock import now
 from palpate.engine.job import Job
 from palpate.engine.segment import CompiledSegment, Entrance
 from palpate.engine.slot import Output, RemoteStream, Slot
+from palpate.engine.table import ROW
 from palpate.engine.tick import run_tick
 from palpate.engine.wire_plan import wire_plan
-from palpate.launch.run.hop.table import DONE, FAILED, HEADER, HOP, INPUT, JOURNAL, PORT, READER, SCRATCH, SEGMENT, WIRE
+from palpate.launch.run.hop.table import (
+    BETWEEN,
+    DONE,
+    FAILED,
+    HEADER,
+    HOP,
+    INPUT,
+    JOURNAL,
+    PORT,
+    READER,
+    SCRATCH,
+    SEGMENT,
+    WIRE,
+)
 from palpate.launch.run.wire.bus import Bus
 from palpate.launch.run.wire.inlet import Inlet
 from palpate.launch.run.wire.outlet import ReaderConnection, Sender
@@ -30,6 +44,8 @@ from palpate.nodes.base import Block
 BUFFER, ARENA = 1 << 17, 1 << 12  # [bytes] first sizes of a wire's buffer and of a port's memory for arrays
 BLOCK = 256  # ticks in one call at most
 LONGEST = 20_000_000  # [ns] of a call, since orders and Ctrl-C take effect after it
+REAL_BLOCK, REAL_LONGEST = 16, 10_000_000  # the same on the real clock
+FAR = 1 << 62  # a tick after all others
 SAMPLES = 64  # measured steps of each node in one call
 
 
@@ -40,8 +56,13 @@ def suits(parts: Sequence[Slot | CompiledSegment]) -> bool:
 
 def load(real: bool) -> Any:
     """The compiled function, loaded or compiled: before the start barrier, since it would delay the first ticks."""
-    from palpate.launch.run.hop.tick import run_hop  # the compiler is slow to import
-    from palpate.physics.entry_point import entry_point
+    from palpate.physics.entry_point import entry_point  # the compiler is slow to import
+
+    if real:
+        from palpate.launch.run.hop.real import run_real_hop
+
+        return entry_point(run_real_hop, 0, 0, 0)
+    from palpate.launch.run.hop.tick import run_hop
 
     return entry_point(run_hop, 0, 0, 0, 0)
 
@@ -53,6 +74,8 @@ class Owner(Protocol):
     bus: Bus | None
     parts: list[Slot | CompiledSegment]
     outputs: dict[str, Output]
+    last: int | None
+    tick: int
     feeds: dict[str, RemoteStream]
 
     def show(self, block: Block) -> None:
@@ -89,15 +112,16 @@ class Hop:
         )
         if not self.usable:
             return
+        self._real = worker.job.clock == "real"
         self._fill(worker.job)
-        self._run = load(False)
+        self._run = load(self._real)
 
     def _fill(self, job: Job) -> None:
         base, slots = 0, list[Slot]()
         for line, part in zip(self._segments, self._parts, strict=True):
             ports = [self._port(part, entrance) for entrance in part.entrances()]
-            # The last to arrive first: the others arrive during the wait for it.
-            ports.sort(key=lambda port: -port.entrance.port.rank)
+            if not self._real:  # the last to arrive first: the others arrive during the wait for it
+                ports.sort(key=lambda port: -port.entrance.port.rank)
             places = self._keep(np.array([port.address for port in ports] or [0], np.int64))
             line["rows"], line["clock"] = part.where
             line["port"], line["ports"] = places.ctypes.data, len(ports)
@@ -112,7 +136,7 @@ class Hop:
         state["segments"], state["count"] = self._segments.ctypes.data, len(self._segments)
         state["scratch"], state["most"] = scratch.ctypes.data, SAMPLES * base
         state["samples"], state["ages"] = self._samples.ctypes.data, self._ages.ctypes.data
-        state["period"] = round(1e9 / job.rate)
+        state["exact"], state["period"] = 1e9 / job.rate, round(1e9 / job.rate)
 
     def _port(self, part: CompiledSegment, entrance: Entrance) -> _Port:
         feed = entrance.port.feed
@@ -140,6 +164,60 @@ class Hop:
         self._complete(reached, why, host)
         return reached + 1
 
+    def run_real(self, host: Any, origin: int, lead: Slot) -> int:
+        """Run ticks of the real clock as far as one call goes; returns their number. 0: the next one does not begin
+        soon, or it begins in a way that the loop in Python handles. NodeError: a node failed.
+
+        origin  [ns] time of tick 0;  lead  the node whose input or clock starts a tick
+        """
+        if not self._set_lead(lead):
+            return 0
+        state, worker = self._state[0], self._worker
+        self._prepare()
+        state["origin"], state["last"] = origin, worker.tick
+        state["end"] = FAR if worker.last is None else worker.last
+        why = self._run(self._state.ctypes.data, 1 if self._bus.served() else REAL_BLOCK, now() + REAL_LONGEST)
+        self._take_counts()
+        self._take_ages(lead)
+        ran, worker.tick = int(state["done"]), int(state["last"])
+        if why in (DONE, BETWEEN):
+            self._hand_over()
+            return ran
+        host.begins(int(state["now"]), int(state["time"]), int(state["begun"]))
+        self._complete(worker.tick, why, host)
+        return ran + 1
+
+    def _set_lead(self, lead: Slot) -> bool:
+        """Enter the leading node; False: its driving message comes from this process."""
+        state = self._state[0]
+        if not state["lead"]:
+            at, place = next((k, part.slots.index(lead)) for k, part in enumerate(self._parts) if lead in part.slots)
+            state["lead"] = self._parts[at].where[0] + place * ROW.itemsize
+            driving = None if lead.node.paced else lead.inputs[0]
+            address = next((port.address for port in self._ports if port.entrance.port is driving), 0)
+            self._led = lead.node.paced or address != 0
+            state["port"] = address
+        return self._led
+
+    def _take_ages(self, lead: Slot) -> None:
+        """Copy the ages of outputs and the counts of the leading node to the slots."""
+        state = self._state[0]
+        period = int(state["period"])
+        for node, age in self._ages[: int(state["aged"])].tolist():
+            health = self._slots[node].health
+            health.age.add(age)
+            health.overdue += age > period
+        lead.health.late += int(state["late"])
+        lead.health.lost += int(state["lost"])
+        state["aged"] = state["late"] = state["lost"] = 0
+
+    def lacks_sender(self) -> bool:
+        """Whether a connection is not established, or a sender has died: Python connects again."""
+        return self.attached and any(
+            wire.line["fd"][0] < 0 or any(port.entrance.port.dead for port in wire.ports)
+            for wire in self._wires.values()
+        )
+
     def _complete(self, tick: int, why: int, host: Any) -> None:
         """Complete an interrupted tick in Python."""
         state = self._state[0]
@@ -159,7 +237,8 @@ class Hop:
             if why == FAILED:
                 raise part.failed()
             if why == JOURNAL:
-                part.resume(tick, host)
+                part.resume(tick)
+            part.ended(tick, host)
             at += 1
         run_tick(self._parts[at:], tick, host)
 

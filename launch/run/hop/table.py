@@ -47,11 +47,10 @@ keeps          whether an observer takes its messages, so that they stay in the 
 base           number of its first node in the worker;  first  entry of the journal at which a tick's messages begin
 """
 HOP = np.dtype([
-    (n, "<i8")
-    for n in (
+    ("exact", "<f8"), *((n, "<i8") for n in (
         "segments", "count", "at", "entry", "reader", "sent", "scratch", "samples", "sampled", "ages", "aged", "most",
-        "origin", "period", "last", "end", "lead", "port", "late", "lost",
-    )
+        "origin", "period", "last", "end", "lead", "port", "late", "lost", "now", "time", "begun", "done",
+    ))
 ])  # fmt: skip
 """State of a hop.
 
@@ -61,11 +60,16 @@ at               segment at which it was interrupted;  entry, reader, sent  the 
 scratch          address of memory for system calls (`SCRATCH` numbers)
 samples, sampled address and number of measured steps: node and duration [ns];  most  of these, and of ages
 ages, aged       address and number of ages of outputs on the real clock: node and age [ns]
-origin, period   [ns] time of tick 0, and between ticks;  last, end  last tick that has run, last tick of the run
-lead, port       address of the `ROW` of the node that leads on the real clock, and of the `PORT` that drives it, 0: the
-                 clock drives it;  late, lost  its counts since the last call
+
+On the real clock:
+
+exact, period    [ns] between ticks, and rounded;  origin  [ns] time of tick 0
+last, end        last tick that has run, last tick of the run;  done  number of ticks that have run in this call
+lead, port       address of the `ROW` of the node that leads, and of the `PORT` that drives it, 0: the clock drives it
+late, lost       counts of the leading node since the last call
+now, time, begun the present tick, its time [ns], and when its nodes began [ns of the monotonic clock]
 """
 HEADER, SCRATCH = 9, 32
-DONE, INPUT, OUTPUT, JOURNAL, FAILED = range(5)
+DONE, INPUT, OUTPUT, JOURNAL, FAILED, BETWEEN = range(6)
 """Why a call returned: all ticks have run; an input is missing or has another form; a reader needs attention; the
-journal is full; a node failed."""
+journal is full; a node failed; the next tick of the real clock does not begin soon."""

@@ -236,6 +236,12 @@ class Bus:
         self._outlet.tend()
         return self._outlet.version
 
+    def served(self) -> bool:
+        """Whether readers were served since the last call, so that there may be more to do."""
+        served = self._outlet.served or self._public.served
+        self._outlet.served = self._public.served = False
+        return served
+
     def waits_for(self, reader: ReaderConnection) -> bool:
         """Whether a full buffer of this reader blocks its sender."""
         return self._outlet.waits_for(reader)

@@ -17,7 +17,6 @@ import socket
 import struct
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from itertools import islice
 
 import zmq
@@ -152,7 +151,8 @@ class Outlet:
         self.version = 0  # of the readers of the senders
         self._group, self._external, self._real, self._outer = group, external, real, watch
         self._watch = SocketPoller()
-        watch.add(self._watch.fileno(), partial(self._watch.poll, most=1 if real else 64))
+        self.served = False  # whether requests or commands of readers have been handled
+        watch.add(self._watch.fileno(), self._serve_some)
         self._workers = {name for groups in external.values() for name in groups}
         self._senders: list[Sender] = []
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -195,6 +195,9 @@ class Outlet:
             if reader.rest:
                 self._unfinished.add(reader)
         self.tend()
+
+    def _serve_some(self) -> None:
+        self.served = self._watch.poll(most=1 if self._real else 64) > 0
 
     # -- readers -------------------------------------------------------------------------------------------------
 

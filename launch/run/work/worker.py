@@ -176,7 +176,7 @@ class Worker:
                 feed.inlet = self.bus.inlet(feed.stream)
             for stream in self.job.external:
                 self.outputs[stream].send = self.bus.sender(stream, self.poll).send
-            if suits(self.parts) and not self._real:
+            if suits(self.parts):
                 hop = Hop(self)
                 self.hop = hop if hop.usable else None
         self._mark_heard()
@@ -287,6 +287,13 @@ class Worker:
                 feed = self.feeds[inlet.stream]
                 for payload in inlet.take():
                     self.deliver(feed, payload)
+
+    def listen(self) -> None:
+        """After ticks in compiled code: serve readers, note orders, and connect again to senders that have ended."""
+        if self.bus is not None and self.hop is not None:
+            self.bus.sweep()
+            if self.hop.lacks_sender():
+                self.drain()
 
     def deliver(self, feed: RemoteStream, payload: bytes) -> None:
         """Pass a received message to the ports that read it."""
