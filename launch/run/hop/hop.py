@@ -44,9 +44,9 @@ from palpate.nodes.base import Block
 BUFFER, ARENA = 1 << 17, 1 << 12  # [bytes] first sizes of a wire's buffer and of a port's memory for arrays
 BLOCK = 256  # ticks in one call at most
 LONGEST = 20_000_000  # [ns] of a call, since orders and Ctrl-C take effect after it
-REAL_BLOCK, REAL_LONGEST = 16, 10_000_000  # the same on the real clock
+REAL_LONGEST = 10_000_000  # [ns] of a call on the real clock
 FAR = 1 << 62  # a tick after all others
-SAMPLES = 64  # measured steps of each node in one call
+SAMPLES = 512  # measured steps of each node in one call
 
 
 def suits(parts: Sequence[Slot | CompiledSegment]) -> bool:
@@ -113,6 +113,9 @@ class Hop:
         if not self.usable:
             return
         self._real = worker.job.clock == "real"
+        self._lead: Slot | None = None
+        self._block, self._phase = max(1, min(BLOCK, round(1e-9 * REAL_LONGEST * worker.job.rate))), worker.job.phase
+        self._where = self._state.ctypes.data
         self._fill(worker.job)
         self._run = load(self._real)
 
@@ -155,8 +158,7 @@ class Hop:
         """Run the ticks [tick, until) of the simulated clock as far as one call goes; returns the next tick. `host`
         completes an interrupted tick. NodeError: a node failed."""
         self._prepare()
-        reached, why = self._run(self._state.ctypes.data, tick, min(until, tick + BLOCK), now() + LONGEST)
-        self._take_counts()
+        reached, why = self._run(self._where, tick, min(until, tick + BLOCK), now() + LONGEST)
         if why == DONE:
             self._hand_over()
             return reached
@@ -176,9 +178,11 @@ class Hop:
         self._prepare()
         state["origin"], state["last"] = origin, worker.tick
         state["end"] = FAR if worker.last is None else worker.last
-        why = self._run(self._state.ctypes.data, 1 if self._bus.served() else REAL_BLOCK, now() + REAL_LONGEST)
-        self._take_counts()
-        self._take_ages(lead)
+        # Each worker returns to Python after other ticks than the others, since they share the core.
+        most = 1 if self._bus.served() else self._block - (worker.tick + 1 + self._phase) % self._block
+        why = self._run(self._where, most, now() + 2 * REAL_LONGEST)
+        if 2 * state["aged"] > state["most"] or 2 * state["sampled"] > state["most"]:
+            self.count()
         ran, worker.tick = int(state["done"]), int(state["last"])
         if why in (DONE, BETWEEN):
             self._hand_over()
@@ -196,20 +200,28 @@ class Hop:
             driving = None if lead.node.paced else lead.inputs[0]
             address = next((port.address for port in self._ports if port.entrance.port is driving), 0)
             self._led = lead.node.paced or address != 0
-            state["port"] = address
+            state["port"], self._lead = address, lead
         return self._led
 
-    def _take_ages(self, lead: Slot) -> None:
-        """Copy the ages of outputs and the counts of the leading node to the slots."""
+    def count(self) -> None:
+        """Copy from the table to the slots: counts, durations and ages, and tick and time of the last step."""
         state = self._state[0]
-        period = int(state["period"])
-        for node, age in self._ages[: int(state["aged"])].tolist():
-            health = self._slots[node].health
-            health.age.add(age)
-            health.overdue += age > period
-        lead.health.late += int(state["late"])
-        lead.health.lost += int(state["lost"])
-        state["aged"] = state["late"] = state["lost"] = 0
+        samples, ages = self._samples[: int(state["sampled"])], self._ages[: int(state["aged"])]
+        for node, slot in enumerate(self._slots):
+            slot.health.step.add_all(samples[samples[:, 0] == node, 1])
+            own = ages[ages[:, 0] == node, 1]
+            slot.health.age.add_all(own)
+            slot.health.overdue += int(np.count_nonzero(own > state["period"]))
+        if self._lead is not None:
+            self._lead.health.late += int(state["late"])
+            self._lead.health.lost += int(state["lost"])
+        state["sampled"] = state["aged"] = state["late"] = state["lost"] = 0
+        for part in self._parts:
+            part.copy_times()
+        for line, readers in zip(self._lines, self._readers, strict=True):
+            for k, (_, _, reader) in enumerate(readers):
+                reader.dropped += int(line["dropped"][k])
+            line["dropped"] = 0
 
     def lacks_sender(self) -> bool:
         """Whether a connection is not established, or a sender has died: Python connects again."""
@@ -221,6 +233,7 @@ class Hop:
     def _complete(self, tick: int, why: int, host: Any) -> None:
         """Complete an interrupted tick in Python."""
         state = self._state[0]
+        self.count()
         at = int(state["at"])
         part, segment = self._parts[at], self._segments[at]
         if why in (JOURNAL, FAILED):
@@ -271,20 +284,6 @@ class Hop:
                 self._worker.show(block)
                 part.clear()
 
-    def _take_counts(self) -> None:
-        """Copy from the table to the slots: last tick and time, and durations."""
-        state = self._state[0]
-        for node, duration in self._samples[: int(state["sampled"])].tolist():
-            self._slots[node].health.step.add(duration)
-        state["sampled"] = 0
-        for part in self._parts:
-            part.copy_times()
-        for line, readers in zip(self._lines, self._readers, strict=True):
-            if line["dropped"].any():
-                for (_, _, reader), dropped in zip(readers, line["dropped"].tolist(), strict=True):
-                    reader.dropped += dropped
-                line["dropped"] = 0
-
     # -- sockets -------------------------------------------------------------------------------------------------
 
     def _prepare(self) -> None:
@@ -301,6 +300,7 @@ class Hop:
 
     def _renew(self) -> None:
         """Make the table of the readers. A closed descriptor may have been opened again for something else."""
+        self.count()
         self._known = self._bus.readers()
         for at, part in enumerate(self._parts):
             readers = [
@@ -331,6 +331,7 @@ class Hop:
         if not self.attached:
             return
         self.attached = False
+        self.count()
         for port in self._ports:
             port.release()
         for wire in self._wires.values():

@@ -35,7 +35,7 @@ clock_nanosleep: Any = types.ExternalFunction("clock_nanosleep", _INT(_INT, _INT
 ABSOLUTE, READABLE = 1, 1  # of Linux
 FAR = 1 << 62  # a tick after all others
 LONGEST_WAIT = 20_000_000  # [ns] in compiled code, since orders and Ctrl-C take effect after it
-SETTLED = 0.4  # share of the period after which the force path of a tick has usually ended
+SETTLED = 0.5  # share of the period after which the force path of a tick has usually ended
 
 
 @kernel

@@ -434,6 +434,8 @@ class Worker:
     def sign_of_life(self) -> None:
         """Send the health of the nodes to launcher and observers."""
         self._reported = now()
+        if self.hop is not None:
+            self.hop.count()
         for part in self.parts:
             if isinstance(part, CompiledSegment):
                 part.count()
