@@ -1,7 +1,11 @@
 """Nodes of random graphs: their outputs depend on every bit of their inputs, their state and dt."""
 
+import numpy as np
+
+from palpate.compiler.kernel import kernel
 from palpate.messages import Force, Torque
-from palpate.nodes.base import Node
+from palpate.nodes.base import Node, Out
+from palpate.nodes.base.compiled import CompiledNode
 
 
 def mix(state: list[float], *inputs: Torque | Force | None) -> tuple[float, float, float]:
@@ -49,3 +53,87 @@ class Two(One):
         same = one[0] > 0.3 and self.sent
         self.sent = True
         return Torque(torques=one), None if same else Force(force=one, state="", energy=self.state[1])  # type: ignore[return-value]
+
+
+@kernel
+def stir(state, place, given):
+    """`mix` with one input of three numbers."""
+    for k in range(3):
+        x = state[k] + 0.37 * (place + 1) * given[k] + 0.1
+        state[k] = x - 2.0 * np.rint(x / 2.0)
+
+
+@kernel
+def stir_number(state, place, given):
+    """`mix` with a number in place of three."""
+    for k in range(3):
+        x = state[k] + 0.37 * (place + 1) * given + 0.1
+        state[k] = x - 2.0 * np.rint(x / 2.0)
+
+
+class CompiledClock(CompiledNode):
+    """The paced node."""
+
+    paced = True
+    sink = True
+    State = {"state": (3,)}
+
+    def start(self) -> None:
+        super().start()
+        self.own["state"] = 0.1, 0.2, 0.3
+
+    @kernel
+    def compute(own, back: Torque | None, out: Out[Torque], dt):
+        if back.there:
+            stir(own.state, 0, back.torques)
+        else:
+            stir_number(own.state, 0, -1.0)
+        stir_number(own.state, 1, dt)
+        for k in range(3):
+            out.torques[k] = own.state[k]
+
+
+class CompiledOne(CompiledNode):
+    """One output; the second and third input are optional."""
+
+    State = {"state": (3,)}
+
+    def start(self) -> None:
+        super().start()
+        self.own["state"] = 0.0, 0.5, -0.5
+
+    @kernel
+    def compute(own, first: Torque, second: Torque | None, third: Force | None, out: Out[Torque], dt):
+        stir(own.state, 0, first.torques)
+        if second.there:
+            stir(own.state, 1, second.torques)
+        else:
+            stir_number(own.state, 1, -1.0)
+        if third.there:
+            stir(own.state, 2, third.force)
+        else:
+            stir_number(own.state, 2, -1.0)
+        stir_number(own.state, 3, dt)
+        for k in range(3):
+            out.torques[k] = own.state[k]
+
+
+class CompiledTwo(CompiledNode):
+    """Two outputs."""
+
+    State = {"state": (3,)}
+
+    @kernel
+    def compute(
+        own, first: Torque, second: Torque | None, third: Force | None, out: Out[Torque], force: Out[Force], dt
+    ):
+        stir(own.state, 0, first.torques)
+        if second.there:
+            stir(own.state, 1, second.torques)
+        if third.there:
+            stir(own.state, 2, third.force)
+        stir_number(own.state, 3, dt)
+        for k in range(3):
+            out.torques[k] = own.state[k]
+            force.force[k] = -own.state[k]
+        force.energy = own.state[0]

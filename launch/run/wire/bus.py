@@ -24,7 +24,7 @@ from palpate.launch.run.reports import ORDERS, Addressed, NodesEnded, Note, Orde
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import HIGH_WATER, Inlet, TcpInlet
 from palpate.launch.run.wire.keys import Authenticator, Key, connect
-from palpate.launch.run.wire.outlet import Outlet, Sender
+from palpate.launch.run.wire.outlet import Outlet, ReaderConnection, Sender
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.physics.errors import RunError
 
@@ -230,6 +230,21 @@ class Bus:
         holds  called repeatedly while a reader's buffer is full, on the simulated clock
         """
         return self._outlet.sender(stream, self._far, holds)
+
+    def readers(self) -> int:
+        """Version of the readers of the senders, which changes with each subscription; queued data is sent on."""
+        self._outlet.tend()
+        return self._outlet.version
+
+    def served(self) -> bool:
+        """Whether readers were served since the last call, so that there may be more to do."""
+        served = self._outlet.served or self._public.served
+        self._outlet.served = self._public.served = False
+        return served
+
+    def waits_for(self, reader: ReaderConnection) -> bool:
+        """Whether a full buffer of this reader blocks its sender."""
+        return self._outlet.waits_for(reader)
 
     def wait_linked(self, observers: dict[str, int], poll: Callable[[], object]) -> None:
         """Wait until all readers of all streams and all writers of the nodes here are connected.

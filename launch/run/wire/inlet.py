@@ -95,6 +95,25 @@ class Inlet:
     def take(self) -> list[bytes]:
         return [] if self._socket is None else self._read(socket.MSG_DONTWAIT)
 
+    def lend(self) -> tuple[int, bytes]:
+        """Let compiled code read the connection (`launch.run.hop`). Returns its descriptor, -1 while it is not
+        established, and the received bytes of the beginning of a frame."""
+        if self._socket is None or not self.linked or self._many:
+            return -1, b""
+        rest = bytes(self._connection.decoder.rest)
+        self._connection.decoder.rest.clear()
+        return self._socket.fileno(), rest
+
+    def resume(self, data: bytes) -> list[bytes]:
+        """Continue after received bytes that compiled code has not read; the payloads in them."""
+        if self._socket is None:
+            return []
+        try:
+            return self._payloads(data)
+        except zmtp.ZmtpError:
+            self._drop()
+            return []
+
     def _read(self, flags: int) -> list[bytes]:
         try:
             data = self._receive(CHUNK, flags)

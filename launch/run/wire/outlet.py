@@ -17,7 +17,6 @@ import socket
 import struct
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from itertools import islice
 
 import zmq
@@ -103,22 +102,33 @@ class Sender:
         # The binding's basic send, without the overhead for multipart and tracking options.
         self._far = None if far is None else zmq.backend.Socket.send.__get__(far)
 
+    @property
+    def far(self) -> bool:
+        """Whether readers on other machines are served."""
+        return self._far is not None
+
+    def framed(self, payload: bytes) -> bytes:
+        return _framed(self.topic + payload)
+
+    def write(self, reader: ReaderConnection, data: bytes, sent: int) -> None:
+        """Send a frame, of which `sent` bytes were sent before, to one reader."""
+        size = len(data)
+        try:
+            if not sent and not reader.rest:
+                sent = reader.send(data, _NOW)
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._outlet.drop(reader)
+            return
+        if sent != size:
+            self._outlet.crowded(reader, data, sent, self._holds)
+
     def send(self, payload: bytes) -> None:
         topic = self.topic
-        data = _framed(topic + payload)
-        size = len(data)
+        data = self.framed(payload)
         for reader in self.readers:
-            sent = 0
-            try:
-                if not reader.rest:
-                    sent = reader.send(data, _NOW)
-            except BlockingIOError:
-                pass
-            except OSError:
-                self._outlet.drop(reader)
-                continue
-            if sent != size:
-                self._outlet.crowded(reader, data, sent, self._holds)
+            self.write(reader, data, 0)
         while self._far is not None:
             try:
                 self._far(topic + payload)
@@ -138,9 +148,11 @@ class Outlet:
 
     def __init__(self, group: str, external: Mapping[str, Collection[str]], real: bool, watch: SocketPoller) -> None:
         self.changed = False  # whether subscriptions have changed
+        self.version = 0  # of the readers of the senders
         self._group, self._external, self._real, self._outer = group, external, real, watch
         self._watch = SocketPoller()
-        watch.add(self._watch.fileno(), partial(self._watch.poll, most=1 if real else 64))
+        self.served = False  # whether requests or commands of readers have been handled
+        watch.add(self._watch.fileno(), self._serve_some)
         self._workers = {name for groups in external.values() for name in groups}
         self._senders: list[Sender] = []
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -183,6 +195,9 @@ class Outlet:
             if reader.rest:
                 self._unfinished.add(reader)
         self.tend()
+
+    def _serve_some(self) -> None:
+        self.served = self._watch.poll(most=1 if self._real else 64) > 0
 
     # -- readers -------------------------------------------------------------------------------------------------
 
@@ -238,6 +253,7 @@ class Outlet:
     def _sort(self) -> None:
         """Update the readers of each sender. A subscription is a prefix of one or several stream names."""
         self.changed = True
+        self.version += 1
         for sender in self._senders:
             sender.readers = tuple(
                 reader for reader in self._readers if any(sender.topic.startswith(topic) for topic in reader.topics)
@@ -268,7 +284,7 @@ class Outlet:
             except OSError:
                 self.drop(reader)
                 return
-            if self._real or not reader.group:
+            if not self.waits_for(reader):
                 if sent:
                     self._unfinished.add(reader)
                 else:
@@ -279,6 +295,10 @@ class Outlet:
                 room.register(reader.end, select.POLLOUT)
             room.poll(POLL_INTERVAL)
             holds()
+
+    def waits_for(self, reader: ReaderConnection) -> bool:
+        """Whether a full buffer of this reader blocks the sender."""
+        return not self._real and bool(reader.group)
 
     def tend(self) -> None:
         """Continue sending queued data."""

@@ -21,9 +21,12 @@ class SocketPoller:
         if self._calls.pop(number, None) is not None:
             self._epoll.unregister(number)
 
-    def poll(self, wait: int = 0, most: int = 64) -> None:
-        """Call the functions of at most `most` readable sockets; wait up to `wait` [ms] for the first."""
-        for number, _ in self._epoll.poll(wait * 1e-3, most):
+    def poll(self, wait: int = 0, most: int = 64) -> int:
+        """Call the functions of at most `most` readable sockets; wait up to `wait` [ms] for the first. Returns their
+        number."""
+        ready = self._epoll.poll(wait * 1e-3, most)
+        for number, _ in ready:
             call = self._calls.get(number)
             if call is not None:
                 call()
+        return len(ready)

@@ -21,9 +21,10 @@ up from zero (nodes/base/absence.py).
 """
 
 from palpate.engine.clock import now, sleep_until
-from palpate.engine.schedule import needed, next_run
+from palpate.engine.schedule import FRESH, MISSED, OLD, needed, next_run, slept, standing
 from palpate.engine.slot import Input, Slot
 from palpate.engine.tick import run_tick
+from palpate.launch.run.hop.hop import Hop
 from palpate.launch.run.work.worker import EndedError, Worker, permitted
 from palpate.messages import Message
 
@@ -34,6 +35,8 @@ def run_real(worker: Worker, origin: int) -> None:
     lead = paced or worker.slots[0]
     clock = _RealClock(worker, lead, origin)
     while worker.last is None or worker.tick < worker.last:
+        if worker.hop is not None and clock.hop(worker.hop):
+            continue
         started = _pace(worker, lead, origin, 1e9 / clock.rate) if paced else _follow(worker, lead)
         if started is not None:
             clock.run(*started)
@@ -50,11 +53,26 @@ class _RealClock:
     def run(self, tick: int, at: int) -> None:
         """Run the nodes that step at this tick, then orders and housekeeping."""
         worker = self.worker
-        worker.tick, self.at = tick, at
-        self.deadline = now() + self.period
+        self.begins(tick, at, now())
         run_tick(worker.parts, tick, self)
         worker.check_orders()
         worker.housekeep()
+
+    def begins(self, tick: int, at: int, begun: int) -> None:
+        """Set the tick at which the nodes run, its time [ns], and when they began [ns of the monotonic clock]."""
+        self.worker.tick, self.at, self.deadline = tick, at, begun + self.period
+
+    def hop(self, hop: Hop) -> bool:
+        """Run some ticks in compiled code, then orders and housekeeping. False: none is ready to run there."""
+        worker = self.worker
+        ticks = hop.run_real(self, self.origin, self.lead)
+        if ticks:
+            worker.listen()
+            worker.check_orders()
+            worker.housekeep(ticks)
+            if worker.stopping:
+                raise EndedError
+        return ticks > 0
 
     def gather(self, slot: Slot, tick: int) -> list[Message | None] | None:
         """The inputs of a step, see `_gather`. A node that lacks one retries at the next tick; each run of its divisor
@@ -122,24 +140,27 @@ def _runs(slot: Slot, port: Input) -> int:
 
 
 def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool) -> list[Message | None] | None:
-    """The inputs of a step; None if a required one did not arrive in time."""
+    """The inputs of a step; None if a required one did not arrive in time. For a node of a segment all messages that
+    have arrived: compiled code applies the same rules to them."""
     messages: list[Message | None] = []
+    lacks = False  # a required input is missing, so waiting for others is useless
     for port in slot.inputs:
         if port.inside:
             messages.append(None)
             continue
         drives = port is slot.driver
         waits = (port.waits or drives) and not (leading and drives) and not _silent(worker, slot, port, tick)
-        message = _pick(worker, port, tick, deadline, waits)
-        if message is not None and message.tick < needed(tick, port.every, port.loop):
-            if drives:
-                return None
-            slot.health.held += 1
-            if _expired(worker, slot, port, message, tick):
-                message = None
-        if message is None and not port.port.optional:
+        message = arrived = _pick(worker, port, tick, deadline, waits and not lacks)
+        if message is not None:
+            state = _stands(worker, slot, port, message, tick)
+            if not slot.joined:
+                slot.health.held += state not in (FRESH, MISSED)
+            message = message if state not in (MISSED, OLD) else None
+            lacks = lacks or state == MISSED
+        lacks = lacks or (message is None and not port.port.optional)
+        if lacks and not slot.joined:
             return None
-        messages.append(message)
+        messages.append(arrived if slot.joined else message)
     return messages
 
 
@@ -148,18 +169,14 @@ def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
     if not port.port.optional or port.dead:
         return False
     message = port.newest(tick - 1 if port.loop else tick)
-    return message is not None and _expired(worker, slot, port, message, tick)
+    return message is not None and _stands(worker, slot, port, message, tick) == OLD
 
 
-def _expired(worker: Worker, slot: Slot, port: Input, message: Message, tick: int) -> bool:
-    """Whether a message is older than it may be held."""
-    return (tick - message.tick - _slept(slot, tick)) / worker.job.rate > permitted(worker.job, slot, port)
-
-
-def _slept(slot: Slot, tick: int) -> int:
-    """Ticks in which the node itself did not step. They do not age its inputs: if the whole loop stalls, the last
-    messages are still current. For hardware they count, since it keeps moving during a stall."""
-    return max(0, tick - slot.due) if slot.due and not slot.node.hardware else 0
+def _stands(worker: Worker, slot: Slot, port: Input, message: Message, tick: int) -> int:
+    """How a step takes a message, see `engine.schedule`."""
+    need, age = needed(tick, port.every, port.loop), tick - message.tick - slept(tick, slot.due, slot.node.hardware)
+    permits = permitted(worker.job, slot, port)
+    return standing(message.tick, need, port is slot.driver, age, worker.job.rate, permits)
 
 
 def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:
@@ -170,7 +187,7 @@ def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) ->
     need = needed(tick, port.every, port.loop)
     if not waits or port.loop or port.output is not None:
         return message
-    while (message is None or message.tick < need) and now() < deadline:
+    while (message is None or message.tick < need) and not port.lost(need) and now() < deadline:
         assert port.feed is not None
         worker.wait(port.feed, deadline)
         if port.dead or worker.stopping:

@@ -13,6 +13,7 @@ from palpate.launch.run.reports import Paused
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
 
+MOST = 1 << 16  # ticks in a block
 BLOCK = 20_000_000  # [ns] time limit of a block of ticks, since Ctrl-C takes effect after it
 
 
@@ -24,9 +25,8 @@ def run_simulated(worker: Worker, origin: int) -> None:
     while worker.last is None or tick <= worker.last:
         if pace is not None and lead is not None:
             sleep_until(origin + round(nanoseconds(tick, rate) / pace))
-        ticks = clock.ahead(tick) if pace is None else 1
-        clock.run(tick, ticks)
-        tick += ticks
+        before, tick = tick, clock.run(tick, 1 if pace is not None and lead is not None else MOST)
+        ticks = tick - before
         if lead is not None:
             ended = now()
             lead.health.age.add((ended - begun) // ticks, ticks)
@@ -40,32 +40,31 @@ class SimulatedClock:
 
     def __init__(self, worker: Worker) -> None:
         self.worker, self.rate, self.at = worker, worker.job.rate, 0
-        self.most = 64  # ticks in a block
+        self._block = 64  # ticks in a block of a segment without inputs
 
-    def ahead(self, tick: int) -> int:
-        """Number of ticks that can run as one block: more than one if all nodes form one segment."""
+    def run(self, tick: int, most: int = 1) -> int:
+        """Run up to `most` ticks in one block, as far as the nodes permit, then housekeeping. Returns the next tick."""
         worker = self.worker
-        (part, *others) = worker.parts
-        if others or not isinstance(part, CompiledSegment) or not part.alone():
-            return 1
-        return self.most if worker.last is None else max(1, min(worker.last - tick + 1, self.most))
-
-    def run(self, tick: int, ticks: int = 1) -> None:
-        """Run the nodes that step at these ticks, then housekeeping."""
-        worker, last = self.worker, tick + ticks - 1
-        worker.tick = last
-        self.at = nanoseconds(last, self.rate)
-        if ticks == 1:
-            run_tick(worker.parts, tick, self)
+        if most > 1 and worker.last is not None:
+            most = max(1, min(worker.last - tick + 1, most))
+        if worker.hop is not None:
+            after = worker.hop.run(tick, tick + most, self)
+            self.begins(after - 1)
+        elif most > 1 and (part := alone(worker)) is not None:
+            after, begun = tick + min(most, self._block), now()
+            self.begins(after - 1)
+            part.run_many(tick, after - tick)
+            self._block = max(16, self._block // 2) if now() - begun > BLOCK else min(2 * self._block, MOST)
         else:
-            begun = now()
-            (part,) = worker.parts
-            assert isinstance(part, CompiledSegment)
-            part.run_many(tick, ticks)
-            if worker.bus is not None:
-                part.hand_over()
-            self.most = max(16, self.most // 2) if now() - begun > BLOCK else min(2 * self.most, 1 << 16)
-        worker.housekeep()
+            after = tick + 1
+            self.begins(tick)
+            run_tick(worker.parts, tick, self)
+        worker.housekeep(after - tick)
+        return after
+
+    def begins(self, tick: int) -> None:
+        """Set the tick at which the nodes run."""
+        self.worker.tick, self.at = tick, nanoseconds(tick, self.rate)
 
     def gather(self, slot: Slot, tick: int) -> list[Message | None] | None:
         """Wait for the messages of a step; None: the node was blocked meanwhile."""
@@ -81,6 +80,12 @@ class SimulatedClock:
             slot.due = next_run(tick, slot.every)
         if tick >= slot.sends:
             self.worker.send(slot)
+
+
+def alone(worker: Worker) -> CompiledSegment | None:
+    """The segment of a worker without inputs that has no other nodes."""
+    (part, *others) = worker.parts
+    return part if not others and isinstance(part, CompiledSegment) and part.alone() else None
 
 
 def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None:

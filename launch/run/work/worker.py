@@ -15,6 +15,7 @@ from palpate.engine.job import Job
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.segment import CompiledSegment, kernels, segments, table_runner
 from palpate.engine.slot import Input, NodeError, Output, RemoteStream, Slot, make
+from palpate.launch.run.hop.hop import Hop, load, suits
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import HEALTH, Bus, frame
@@ -78,6 +79,8 @@ class Worker:
         self._ticks_per_burst = max(1, round(BURST * FAST / job.rate)) if fast else BURST
         self._burst = job.phase % self._ticks_per_burst
         self._started: list[tuple[str, Node]] = []
+        self.hop: Hop | None = None
+        """Set at tick 0 if all nodes are compiled and all connections stay on this machine."""
         if bus is not None:
             bus.sends(self.outputs)
 
@@ -122,6 +125,8 @@ class Worker:
             self.parts = segments(
                 self.slots, lambda own: CompiledSegment(own, job.rate, self._real, ages, self._deliver_block)
             )
+            if self.bus is not None and suits(self.parts):
+                load(self._real)
         if self.bus is None and not self._real:
             for slot in self.slots:
                 for output in slot.outputs:
@@ -172,6 +177,9 @@ class Worker:
                 feed.inlet = self.bus.inlet(feed.stream)
             for stream in self.job.external:
                 self.outputs[stream].send = self.bus.sender(stream, self.poll).send
+            if suits(self.parts):
+                hop = Hop(self)
+                self.hop = hop if hop.usable else None
         self._mark_heard()
         for slot in self.slots:
             slot.follows = self._real and slot.driver is not None
@@ -226,23 +234,39 @@ class Worker:
 
     def _deliver_block(self, block: Block) -> None:
         """Pass the messages of a segment to their readers."""
+        if self.bus is not None:
+            for stream, tick, payload in block.messages():
+                output = self.outputs[stream]
+                if output.send is not None:
+                    self.check_length(output, tick, payload)
+                    output.send(payload)
+        self.show(block)
+
+    def show(self, block: Block) -> None:
+        """Pass the messages of a segment to the observers, here and in other processes."""
         for observer in self.audience.begun:
             observer.take_block(block)
             if self._real:
                 observer.take()
         if self.bus is not None:
-            for stream, tick, payload in block.messages():
-                self._publish(self.bus, self.outputs[stream], tick, payload)
+            for stream, _, payload in block.messages():
+                output = self.outputs[stream]
+                if output.observed:
+                    self.bus.keep(output.topic + payload)
 
     def _publish(self, bus: Bus, output: Output, tick: int, payload: bytes) -> None:
         """Send an encoded message to its readers in other processes."""
         if output.send is not None:
-            if len(payload) > LONGEST_MESSAGE:
-                text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
-                raise NodeError(output.stream.partition(".")[0], f"step at tick {tick}", text)
+            self.check_length(output, tick, payload)
             output.send(payload)
         if output.observed:
             bus.keep(output.topic + payload)
+
+    def check_length(self, output: Output, tick: int, payload: bytes) -> None:
+        """NodeError: the message is longer than a reader accepts."""
+        if len(payload) > LONGEST_MESSAGE:
+            text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
+            raise NodeError(output.stream.partition(".")[0], f"step at tick {tick}", text)
 
     def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
         """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one
@@ -252,18 +276,28 @@ class Worker:
             self.poll()
             return False
         for payload in payloads:
-            self._deliver(feed, payload)
+            self.deliver(feed, payload)
         return True
 
     def drain(self) -> None:
         """Read all received messages."""
+        if self.hop is not None:
+            self.hop.release()
         if self.bus is not None:
             for inlet in self.bus.sweep():
                 feed = self.feeds[inlet.stream]
                 for payload in inlet.take():
-                    self._deliver(feed, payload)
+                    self.deliver(feed, payload)
 
-    def _deliver(self, feed: RemoteStream, payload: bytes) -> None:
+    def listen(self) -> None:
+        """After ticks in compiled code: serve readers, note orders, and connect again to senders that have ended."""
+        if self.bus is not None and self.hop is not None:
+            self.bus.sweep()
+            if self.hop.lacks_sender():
+                self.drain()
+
+    def deliver(self, feed: RemoteStream, payload: bytes) -> None:
+        """Pass a received message to the ports that read it."""
         try:
             message = feed.decode(payload)
         except Exception:  # not of the stream's type; on the real clock it counts as lost
@@ -330,6 +364,8 @@ class Worker:
 
     def _handle_deaths(self, nodes: set[str], blocked: set[str], back: bool) -> None:
         """End the streams of dead nodes, or resume those of restarted ones; block or unblock nodes that need them."""
+        if self.hop is not None:
+            self.hop.release()
         for slot in self.slots:
             if slot.name in blocked:
                 slot.blocked = not back
@@ -350,9 +386,9 @@ class Worker:
 
     # -- housekeeping --------------------------------------------------------------------------------------------
 
-    def housekeep(self) -> None:
-        """After a tick: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
-        self._burst += 1
+    def housekeep(self, ticks: int = 1) -> None:
+        """After some ticks: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
+        self._burst += ticks
         moment = now()
         due = moment - self._reported > REPORT  # slow nodes must also send heartbeats
         if self._burst < self._ticks_per_burst and not due:
@@ -399,6 +435,8 @@ class Worker:
     def sign_of_life(self) -> None:
         """Send the health of the nodes to launcher and observers."""
         self._reported = now()
+        if self.hop is not None:
+            self.hop.count()
         for part in self.parts:
             if isinstance(part, CompiledSegment):
                 part.count()

@@ -22,7 +22,14 @@ from palpate.compiler.kernel_files import check_folder, check_trust
 
 KEPT = 12  # Folders that are kept, 15 MB each, so that several versions and branches recompile nothing
 PREFIX = "kernels-"
-COMPILED = ("palpate.compiler", "palpate.physics", "palpate.models.fe", "palpate.nodes", "palpate.engine")
+COMPILED = (
+    "palpate.compiler",
+    "palpate.physics",
+    "palpate.models.fe",
+    "palpate.nodes",
+    "palpate.engine",
+    "palpate.launch.run.hop",
+)
 
 SHIPPED = Path(__file__).parent / "compiled"  # Folders that a wheel contains (docs/release/backend.py)
 

@@ -97,3 +97,15 @@ def set_big(typing: Any, to: Any, value: Any) -> Any:
         return builder.add(arguments[0], ir.Constant(INTEGER, 8))
 
     return types.int64(types.int64, types.int64), generate
+
+
+@intrinsic
+def big(typing: Any, address: Any) -> Any:
+    """The 64-bit integer in big-endian order at an address, which need not be aligned."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        value = builder.load(builder.inttoptr(arguments[0], INTEGER.as_pointer()))
+        value.align = 1
+        return builder.bswap(value)
+
+    return types.int64(types.int64), generate

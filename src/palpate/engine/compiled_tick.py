@@ -9,7 +9,9 @@ import numpy as np
 from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import copy, number, pointer, set_word, word
 from palpate.compiler.records import call
+from palpate.engine import schedule
 from palpate.engine.encode import encode, encoded_size
+from palpate.engine.schedule import FRESH, MISSED, OLD
 from palpate.engine.table import CLOCK, FAULT, INFINITE, INPUT, LANE, OUTPUT, RAISED, ROW, TAP
 from palpate.messages.record import HEAD
 from palpate.nodes.base.block import ENTRY, MARGIN
@@ -21,6 +23,17 @@ ROW_SIZE, INPUT_SIZE, OUTPUT_SIZE, ENTRY_SIZE = (form.itemsize for form in (ROW,
 LANE_SIZE, TAP_SIZE = LANE.itemsize, TAP.itemsize
 
 
+needed, slept = kernel(schedule.needed), kernel(schedule.slept)
+standing = kernel(schedule.standing)
+
+
+@kernel
+def stands(row, line, sent, now, rate):
+    """How a step of a row takes a message of tick `sent` at an input, see `engine.schedule`."""
+    need, age = needed(now, line.every, line.loop != 0), now - sent - slept(now, row.due, row.hardware)
+    return standing(sent, need, line.drives, age, rate, line.permitted)
+
+
 @kernel
 def gathered(row, now, at, clock):
     """Select the inputs of a step. Returns whether the required ones are available, a bit mask of the available ones,
@@ -30,14 +43,13 @@ def gathered(row, now, at, clock):
         line = input_at(row.input + j * INPUT_SIZE)
         head = head_at(line.record)
         there = head.there and not line.dead
-        if clock.real and not line.given:
-            until = now - line.loop
-            if there and head.tick < until - until % line.every:
-                if line.drives:
+        if clock.real:
+            if there:
+                state = stands(row, line, head.tick, now, clock.rate)
+                if state == MISSED:
                     return False, 0, at
-                row.held += 1
-                slept = max(0, now - row.due) if row.due != 0 and not row.hardware else 0
-                there = not (now - head.tick - slept) / clock.rate > line.permitted
+                row.held += state != FRESH
+                there = state != OLD
             if not there and not line.optional:
                 return False, 0, at
         set_word(line.put, line.record if there else line.absent)

@@ -6,6 +6,7 @@ from bisect import bisect_left
 from itertools import accumulate
 
 import msgspec
+import numpy as np
 
 from palpate import messages
 
@@ -30,6 +31,16 @@ class Histogram:
         # The bit length gives the octave, the bits after the first one the bin within it: no logarithm, no array.
         bits = nanoseconds.bit_length()
         self.bins[8 * bits + (nanoseconds >> bits - 4) if bits > 3 else 0] += count
+
+    def add_all(self, nanoseconds: np.ndarray) -> None:
+        """Count each of these durations [ns]."""
+        if len(nanoseconds):
+            self.total += int(nanoseconds.sum())
+            self.longest = max(self.longest, int(nanoseconds.max()))
+            bits = np.frexp(nanoseconds.astype(float))[1]  # the bit length, below 2^53
+            bins = np.where(bits > 3, 8 * bits + (nanoseconds >> np.maximum(bits - 4, 0)), 0)
+            for number, count in zip(*np.unique(bins, return_counts=True), strict=True):
+                self.bins[number] += int(count)
 
     @property
     def count(self) -> int:

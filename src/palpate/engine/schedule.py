@@ -1,7 +1,12 @@
 """The ticks at which a node runs, and the message that it uses at a tick.
 
-Tick k of a graph is at time k/rate on its clock. A node runs at the ticks that its divisor `every` divides.
+Tick k of a graph is at time k/rate on its clock. A node runs at the ticks that its divisor `every` divides. Loops in
+Python call these functions as they are; `compiled_tick` compiles them.
 """
+
+FRESH, HELD, OLD, MISSED = range(4)
+"""How a step on the real clock takes a message: as the one it needs; as an older one that it holds; as absent, because
+it is too old to be held; or not at all, because it is the driving one and not of this tick."""
 
 
 def needed(tick: int, every: int, loop: bool) -> int:
@@ -11,6 +16,27 @@ def needed(tick: int, every: int, loop: bool) -> int:
     """
     last = tick - 1 if loop else tick
     return last - last % every if last >= 0 else -1
+
+
+def slept(tick: int, due: int, hardware: bool) -> int:
+    """Ticks before `tick` in which a node, due at tick `due`, did not step. They do not age its inputs: if the whole
+    loop stalls, the last messages are still current. For hardware they count, since it moves on during a stall."""
+    return 0 if hardware or due == 0 else max(0, tick - due)
+
+
+def standing(sent: int, need: int, drives: bool, age: int, rate: float, permitted: float) -> int:
+    """How a step takes a message of tick `sent`: `FRESH`, `HELD`, `OLD` or `MISSED`.
+
+    need       tick of the message that it needs, see `needed`
+    drives     whether the arrival of the message runs the step
+    age        [ticks] of the message, without those that do not count, see `slept`
+    rate       [Hz];  permitted  [s] age up to which the message is held
+    """
+    if sent >= need:
+        return FRESH
+    if drives:
+        return MISSED
+    return OLD if age / rate > permitted else HELD
 
 
 def next_run(tick: int, every: int) -> int:

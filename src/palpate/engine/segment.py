@@ -6,9 +6,9 @@ observer or the live view. The host gathers messages from other senders, as for 
 
 import ctypes
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from time import perf_counter_ns
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -23,6 +23,30 @@ from palpate.nodes.base.block import ENTRY, Block
 from palpate.nodes.base.compiled import CompiledNode, code, several
 
 SAMPLE = 61  # ticks between two measurements of each node's duration; a prime, so that no usual divisor shares it
+
+
+class Entrance(NamedTuple):
+    """An input of a segment that comes from another process.
+
+    port    the input;  line  (1,) of `INPUT` in the table
+    row     address of the `ROW` of its node
+    record  (1,) the record that the segment reads
+    writer  writes a message to the memory of a record
+    """
+
+    port: Input
+    line: np.ndarray
+    row: int
+    record: np.ndarray
+    writer: Callable[[Message, Any], None]
+
+    def write(self, message: Message) -> None:
+        """Write a message to the record."""
+        self.writer(message, self.record.view(np.uint8).data)
+
+    def message(self) -> Message | None:
+        """The message in the record."""
+        return _seen(self.record.ctypes.data, self.port)
 
 
 class CompiledSegment:
@@ -53,17 +77,17 @@ class CompiledSegment:
         self._journal, self._entries = np.zeros(1 << 20, np.uint8), np.zeros(1 << 14, ENTRY)
         self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
         self._clock["entry"], self._clock["most"] = self._entries.ctypes.data, len(self._entries)
-        streams = {output.stream: output for slot in slots for output in slot.outputs}
         for slot in slots:
             for port in slot.inputs:
-                port.inside = port.stream in streams
+                port.inside = isinstance(port.output, RecordOutput) and port.output.joined
         self._border = [
             (place, slot) for place, slot in enumerate(slots) if any(not (p.inside or p.dead) for p in slot.inputs)
         ]
-        self._inlets: dict[int, list[tuple[Any, Any, Any] | None]] = {}
+        self._inlets: dict[int, list[tuple[Any, Any, Any, Any] | None]] = {}
         self._lines = [self._fill(place, slot, rate, permitted) for place, slot in enumerate(slots)]
         self._run = table_runner(real)
-        self._where = self._rows.ctypes.data, self._clock.ctypes.data
+        self.where = self._rows.ctypes.data, self._clock.ctypes.data
+        """Addresses of the rows and of the clock."""
         # views of single fields: faster in each tick than a lookup by name
         self._due, self._skip, self._stepped, self._times = (
             self._rows[name] for name in ("due", "skip", "stepped", "time")
@@ -100,7 +124,7 @@ class CompiledSegment:
                 records[1 + n] = table.ctypes.data
         records[1 + len(ports) :] = [record.ctypes.data for record in outputs]
         # Inputs: the record of the sender, or a record that the host fills.
-        inlets: list[tuple[Any, Any, Any] | None] = []
+        inlets: list[tuple[Any, Any, Any, Any] | None] = []
         for n, (port, (argument, nth)) in enumerate(zip(slot.inputs, at, strict=True)):
             line, absent = lines[n], self._absent.setdefault(port.kind, blank(port.kind))
             inlet = None
@@ -108,13 +132,13 @@ class CompiledSegment:
                 record = record_of(port.output)
             else:
                 record = self._keep(blank(port.kind))
-                inlet = writer(port.kind, port.port.wants), record.view(np.uint8).data, record["there"]
+                inlet = writer(port.kind, port.port.wants), record.view(np.uint8).data, record["there"], record
             inlets.append(inlet)
             table = ports[argument - 1]
             put = records.ctypes.data + 8 * argument if table is None else table.ctypes.data + 8 + 8 * nth
             line["record"], line["absent"], line["put"] = record.ctypes.data, absent.ctypes.data, put
             line["every"], line["loop"], line["permitted"] = port.every, port.loop, permitted(slot, port)
-            line["given"], line["optional"] = not port.inside, port.port.optional
+            line["optional"] = port.port.optional
             line["drives"] = port is slot.driver
         self._inlets[place] = inlets
         numbers = self._keep(np.array([a for record in outputs for a in _numbers(record)], np.int64))
@@ -182,6 +206,15 @@ class CompiledSegment:
             self._call(tick, 1)
         else:
             self._timed(tick)
+        self.ended(tick, host)
+
+    def resume(self, tick: int) -> None:
+        """Continue a tick in which the journal was full. NodeError: a node failed."""
+        self._clock["first"], self._clock["last"] = 0, len(self.slots)
+        self._call(tick, 1)
+
+    def ended(self, tick: int, host: Any) -> None:
+        """After the steps of a tick: deliver the messages of the nodes that stepped."""
         for place, slot in enumerate(self.slots):
             if self._stepped[place]:
                 slot.time, slot.health.tick = int(self._times[place]), tick
@@ -198,8 +231,14 @@ class CompiledSegment:
         self._timed(tick)
         if ticks > 1:
             self._call(tick + 1, ticks - 1)
-        for slot, last, time in zip(self.slots, self._rows["last"].tolist(), self._times.tolist(), strict=True):
-            slot.health.tick, slot.time = last, time
+        self.copy_times()
+
+    def copy_times(self) -> None:
+        """Copy tick and time of the last step of each node to its slot, after several ticks."""
+        begun, last, due = (self._rows[name].tolist() for name in ("begun", "last", "due"))
+        for place, (slot, time) in enumerate(zip(self.slots, self._times.tolist(), strict=True)):
+            if begun[place]:
+                slot.health.tick, slot.time, slot.due = last[place], time, due[place]
 
     def advance(self, tick: int) -> None:
         """Run one tick of the simulated clock without measuring durations, if the segment is `alone`. NodeError: a node
@@ -211,7 +250,7 @@ class CompiledSegment:
         for inlet, message in zip(self._inlets[place], messages, strict=True):
             if inlet is None:
                 continue
-            write, memory, there = inlet
+            write, memory, there, _ = inlet
             if message is None:
                 there[0] = False
             else:
@@ -220,11 +259,10 @@ class CompiledSegment:
     def _call(self, tick: int, ticks: int) -> None:
         end = tick + ticks
         while True:
-            self._run(*self._where, tick, end - tick)
+            self._run(*self.where, tick, end - tick)
             if self._failed[0] >= 0:
                 self.hand_over()
-                slot = self.slots[int(self._failed[0])]
-                raise failure(slot, slot.node, *self._where)
+                raise self.failed()
             if self._resume[0] < 0:
                 return
             tick = int(self._clock["tick"][0])
@@ -232,13 +270,39 @@ class CompiledSegment:
                 self._journal = np.zeros(2 * len(self._journal), np.uint8)
                 self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
 
+    def failed(self) -> NodeError:
+        """The error of the node that failed."""
+        slot = self.slots[int(self._failed[0])]
+        return failure(slot, slot.node, *self.where)
+
+    def block(self) -> Block | None:
+        """The messages in the journal; None: it is empty."""
+        count = int(self._count[0])
+        return Block(self._streams, self._entries[:count], self._journal) if count else None
+
+    def clear(self) -> None:
+        """Empty the journal."""
+        self._count[0] = self._length[0] = 0
+
     def hand_over(self) -> bool:
         """Deliver the messages in the journal, and empty it. Returns whether there were any."""
-        count = int(self._count[0])
-        if count:
-            self._deliver(Block(self._streams, self._entries[:count], self._journal))
-            self._count[0] = self._length[0] = 0
-        return count > 0
+        block = self.block()
+        if block is not None:
+            self._deliver(block)
+            self.clear()
+        return block is not None
+
+    def number(self, stream: str) -> int:
+        """Number of an output in the journal; -1: a node of another segment sends it."""
+        return self._streams.index(stream) if stream in self._streams else -1
+
+    def entrances(self) -> Iterator[Entrance]:
+        """The inputs from other processes."""
+        for place, (slot, lines) in enumerate(zip(self.slots, self._lines, strict=True)):
+            for n, port in enumerate(slot.inputs):
+                if port.feed is not None and not port.inside:
+                    record, write = self._inlets[place][n][3], self._inlets[place][n][0]  # type: ignore[index]
+                    yield Entrance(port, lines[n : n + 1], self.where[0] + place * ROW.itemsize, record, write)
 
     def _timed(self, tick: int) -> None:
         """Run one tick node by node and record the duration of each step."""
@@ -326,7 +390,11 @@ def _seen(record: int, port: Input) -> Message | None:
     memory = _memory(record, port.kind)
     message = reader(port.kind)(memory) if memory[0] else None
     if message is not None:
+        present = int(memory.cast("q")[3])
         msgspec.structs.force_setattr(message, "source", port.producer)
+        # Only whether each input was there is known, which is what a node may read.
+        used = tuple(0 if present >> n & 1 else -1 for n in range(present.bit_length()))
+        msgspec.structs.force_setattr(message, "used", used)
     return message
 
 
@@ -354,6 +422,9 @@ def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], CompiledSegment
     parts: list[Slot | list[Slot]] = []
     for slot in slots:
         compiled = isinstance(slot.node, CompiledNode) and type(slot.node).step is CompiledNode.step
+        for output in slot.outputs:
+            if isinstance(output, RecordOutput):
+                output.joined = compiled
         waits = any(not (p.dead or p.loop) and p.output is None for p in slot.inputs)
         if compiled and not waits and parts and isinstance(parts[-1], list):
             parts[-1].append(slot)

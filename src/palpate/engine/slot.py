@@ -77,15 +77,16 @@ class RecordOutput(Output):
     record  the message, written by the kernel
     used    ticks of the inputs that it was computed from
     source  name of the node
+    joined  whether a segment runs the node, which then writes the record
     """
 
-    __slots__ = ("_made", "_memory", "_read", "_there", "_tick", "record", "source", "used")
+    __slots__ = ("_made", "_memory", "_read", "_there", "_tick", "joined", "record", "source", "used")
 
     def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
         self.record = blank(kind)
         self._memory, self._read = self.record.view(np.uint8).data, reader(kind)
         self._there, self._tick = self.record["there"], self.record["tick"]
-        self.used, self.source = np.zeros(0, np.int64), ""
+        self.used, self.source, self.joined = np.zeros(0, np.int64), "", False
         self._made: Message | None = None
         super().__init__(stream, kind, external)
 
@@ -133,7 +134,7 @@ class Input:
         given = job or InputJob("", "", "", waits=False)
         self.stream, self.producer, self.every, self.rank = given.stream, given.producer, given.every, given.rank
         self.loop, self.waits, self.dead = given.loop, given.waits, job is None
-        self.inside = False  # whether the sender is in the same segment
+        self.inside = False  # whether a segment of this worker reads it from the record of the sender
         self.feed: RemoteStream | None = None
         self.queue: deque[Message] = deque()
         self.message: Message | None = None

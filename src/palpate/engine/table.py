@@ -26,14 +26,13 @@ steps, asleep, held, lost  counts since the last `CompiledSegment.count`
 INPUT = np.dtype([
     ("record", "<i8"), ("absent", "<i8"), ("put", "<i8"),
     ("every", "<i8"), ("loop", "<i8"), ("permitted", "<f8"),
-    ("given", "?"), ("dead", "?"), ("optional", "?"), ("drives", "?"),
+    ("dead", "?"), ("optional", "?"), ("drives", "?"),
 ], align=True)  # fmt: skip
 """
 record, absent  addresses of the sender's record, and of a record that means "no message"
 put       address to which the address of the chosen record is written
 every     divisor of the sender;  loop  1 for an edge that closes a loop
 permitted [s] age up to which it is held on the real clock
-given     the host fills the record
 """
 OUTPUT = np.dtype([(name, "<i8") for name in ("record", "steps", "count", "literals", "most", "period", "number")])
 """

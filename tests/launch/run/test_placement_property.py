@@ -1,5 +1,5 @@
 """Placement never changes the messages: random graphs of small nodes with divisors, optional inputs, several outputs
-and loops, in random groupings, compared with the same graph in one process."""
+and loops, in Python and compiled, in random groupings, compared with the same graph in one process."""
 
 import random
 from pathlib import Path
@@ -13,8 +13,15 @@ from palpate.records.reader import Recording
 TICKS = 60
 
 
-def graph(rng: random.Random) -> tuple[str, list[str]]:
-    """A random graph as text, and its nodes. A node reads earlier nodes, and any node with its third input."""
+def graph(rng: random.Random, compiled: float) -> tuple[str, list[str]]:
+    """A random graph as text, and its nodes. A node reads earlier nodes, and any node with its third input.
+
+    compiled  share of compiled nodes
+    """
+
+    def form() -> str:
+        return "Compiled" if rng.random() < compiled else ""
+
     names = [f"n{i}" for i in range(1, rng.randint(4, 7))]
     kinds = {name: rng.choice(["One", "Two"]) for name in names}
     torques, forces = ["n0"], [f"{name}.Force" for name in names if kinds[name] == "Two"]
@@ -26,10 +33,10 @@ def graph(rng: random.Random) -> tuple[str, list[str]]:
         if forces and rng.random() < 0.6:
             wires.append(f"third: {rng.choice(forces)}")
         every = rng.choice([1, 1, 1, 2, 3, 7])
-        use = f"nodes_for_placement.{kinds[name]}"
+        use = f"nodes_for_placement.{form()}{kinds[name]}"
         lines.append(f"  {name}: {{use: {use}, every: {every}, in: {{{', '.join(wires)}}}}}")
         torques.append(f"{name}.Torque" if kinds[name] == "Two" else name)
-    head = f"nodes:\n  n0: {{use: nodes_for_placement.Clock, in: {{back: {torques[-1]}}}}}\n"
+    head = f"nodes:\n  n0: {{use: nodes_for_placement.{form()}Clock, in: {{back: {torques[-1]}}}}}\n"
     return head + "\n".join(lines) + "\n  log: {use: logger.Mcap, in: all}\n", ["n0", *names]
 
 
@@ -44,10 +51,11 @@ def run(folder: Path, place: Path | str | None) -> dict[str, list[bytes]]:
     return payloads
 
 
+@pytest.mark.parametrize("compiled", [0.0, 0.6, 1.0])
 @pytest.mark.parametrize("seed", [*range(4), *(pytest.param(s, marks=pytest.mark.long) for s in range(4, 24))])
-def test_a_random_graph_sends_the_same_bytes_in_any_grouping(tmp_path, seed):
+def test_a_random_graph_sends_the_same_bytes_in_any_grouping(tmp_path, seed, compiled):
     rng = random.Random(seed)
-    text, names = graph(rng)
+    text, names = graph(rng, compiled)
     (tmp_path / "g.yaml").write_text(text)
     alone = run(tmp_path, "fused")
     assert len(alone["n0"]) == TICKS

@@ -37,7 +37,7 @@ def touch(monkeypatch, clock: str, ready: bool) -> tuple[list[dict[str, bytes]],
     monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
     sent = []
 
-    def housekeep() -> None:
+    def housekeep(ticks: int = 1) -> None:
         sent.append({stream: pack(output.last) for stream, output in worker.outputs.items() if output.last})
 
     monkeypatch.setattr(worker, "housekeep", housekeep)

@@ -1,0 +1,203 @@
+"""Many ticks on the real clock in one call: wait for the tick, read the inputs, step, send.
+
+The rules are those of `launch.run.work.real`, which completes an interrupted tick.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import set_word, word
+from palpate.engine.clock import SPIN
+from palpate.engine.compiled_tick import ROW_SIZE, clock_at, needed, row_at, stands
+from palpate.engine.schedule import MISSED, OLD
+from palpate.launch.run.hop.frames import (
+    DONTWAIT,
+    ODD,
+    WHOLE,
+    fill,
+    head_at,
+    input_at,
+    newest,
+    peek,
+    port_at,
+    segment_at,
+    wire_at,
+)
+from palpate.launch.run.hop.table import BETWEEN, DONE, INPUT
+from palpate.launch.run.hop.tick import MONOTONIC, SEGMENT_SIZE, crowded, hop_at, moment, note, run_segment
+
+_INT, _LONG = types.int32, types.int64
+ppoll: Any = types.ExternalFunction("ppoll", _INT(_LONG, _LONG, _LONG, _LONG))
+clock_nanosleep: Any = types.ExternalFunction("clock_nanosleep", _INT(_INT, _INT, _LONG, _LONG))
+ABSOLUTE, READABLE = 1, 1  # of Linux
+FAR = 1 << 62  # a tick after all others
+LONGEST_WAIT = 20_000_000  # [ns] in compiled code, since orders and Ctrl-C take effect after it
+SETTLED = 0.5  # share of the period after which the force path of a tick has usually ended
+
+
+@kernel
+def sleep(hop, until):
+    """Sleep until a time [ns] of the monotonic clock."""
+    set_word(hop.scratch, until // 1000000000)
+    set_word(hop.scratch + 8, until % 1000000000)
+    clock_nanosleep(np.int32(MONOTONIC), np.int32(ABSOLUTE), hop.scratch, 0)
+
+
+@kernel
+def paced(hop):
+    """Wait for the next tick of the clock: whether it is soon, its number and its time [ns]. Ticks whose whole period
+    has passed are left out, except the last one of the run."""
+    now = hop.last + 1
+    due = hop.origin + np.int64(np.rint(now * hop.exact))
+    left = due - moment(hop)
+    if left > LONGEST_WAIT:
+        return False, now, np.int64(0)
+    if left > 0:
+        sleep(hop, due - min(SPIN, left // 4))
+        left = due - moment(hop)
+        while left > 0:
+            left = due - moment(hop)
+    if -left > hop.exact:
+        skipped = min(np.int64(-left // hop.exact), hop.end - now)
+        hop.late += skipped if hop.last >= 0 else 0
+        now += skipped
+    return True, now, moment(hop) - hop.origin
+
+
+@kernel
+def followed(hop):
+    """Wait for the next driving message and use the newest: whether one has arrived, its tick and its time [ns].
+    Skipped messages for a run of the node's divisor count as lost."""
+    port, row = port_at(hop.port), row_at(hop.lead)
+    wire, received = wire_at(port.wire), False
+    zero = np.int64(0)
+    count = runs = zero
+    while not (input_at(port.line).dead or row.blocked):
+        state, more, found = newest(port, FAR, row.due, row.every)
+        count, runs = count + more, runs + found
+        if count > 0 and (received or state == ODD or fill(wire, DONTWAIT) <= 0):
+            head = head_at(port.record)
+            if head.tick > hop.last:
+                hop.lost += runs - (head.tick >= row.due)
+                return True, head.tick, head.time
+            hop.lost += runs if head.tick >= row.due else 0
+            count = runs = zero
+        elif count == 0 and (state == ODD or fill(wire, 0) <= 0):
+            break
+        else:
+            received = True
+    return False, zero, zero
+
+
+@kernel
+def waited(hop, wire, until):
+    """Whether a wire becomes readable before `until` [ns]; -1: Python has to look, 0: no."""
+    left = until - moment(hop)
+    if left <= 0:
+        return 0
+    if wire.fd < 0 or left > LONGEST_WAIT:
+        return -1
+    set_word(hop.scratch, np.int64(wire.fd) | (np.int64(READABLE) << 32))
+    set_word(hop.scratch + 8, left // 1000000000)
+    set_word(hop.scratch + 16, left % 1000000000)
+    return ppoll(hop.scratch, 1, hop.scratch + 8, 0)
+
+
+@kernel
+def collected(hop, port, now, waits, until):
+    """Read the newest message of an input up to the tick; wait until `until` [ns] for that of this tick. Returns
+    `DONE` or `INPUT`."""
+    line, wire = input_at(port.line), wire_at(port.wire)
+    limit, need = now - line.loop, needed(now, line.every, line.loop != 0)
+    tried = False
+    while True:
+        state, _, _ = newest(port, limit, 0, 1)
+        head = head_at(port.record)
+        if head.there and head.tick >= need:
+            return DONE
+        if state == ODD:
+            return INPUT
+        if tried:
+            # A later message has arrived, so this one is lost.
+            if not waits or peek(port) == WHOLE:
+                return DONE
+            ready = waited(hop, wire, until)
+            if ready <= 0:
+                return DONE if ready == 0 else INPUT
+        tried = True
+        if wire.fd >= 0 and fill(wire, DONTWAIT) == 0:
+            return INPUT
+
+
+@kernel
+def lacking(port, now, rate):
+    """Whether a required message is missing or too old, so that its node does not step."""
+    line, head = input_at(port.line), head_at(port.record)
+    state = stands(row_at(port.row), line, head.tick, now, rate) if head.there else OLD
+    return state == MISSED or (state == OLD and not line.optional)
+
+
+@kernel
+def silent(port, now, rate):
+    """Whether the sender of an optional input has stopped, so that waiting for it is useless."""
+    line, head = input_at(port.line), head_at(port.record)
+    return line.optional and head.there and stands(row_at(port.row), line, head.tick, now, rate) == OLD
+
+
+@kernel
+def gather(hop, segment, now, rate):
+    """Read the inputs of a segment for a tick. Returns `DONE` or `INPUT`."""
+    without = np.int64(0)  # row that lacks a required message
+    until = hop.begun + hop.period
+    for k in range(segment.ports):
+        port = port_at(word(segment.port + 8 * k))
+        row, line = row_at(port.row), input_at(port.line)
+        if now < row.due or row.blocked or line.dead:
+            continue
+        leads = word(segment.port + 8 * k) == hop.port
+        waits = (port.waits != 0 or line.drives) and not leads and port.row != without
+        if collected(hop, port, now, waits and not silent(port, now, rate), until) != DONE:
+            return INPUT
+        if lacking(port, now, rate):
+            without = port.row
+    return DONE
+
+
+@kernel(nogil=True)
+def run_real_hop(hop_address, most, deadline):
+    """Run up to `most` ticks, or until about `deadline` [ns]. Returns why it ended; `BETWEEN`: the next tick has not
+    begun. `HOP` has the tick and its time."""
+    hop = hop_at(hop_address)
+    hop.done = 0
+    while hop.done < most and hop.last < hop.end:
+        if hop.port == 0:
+            ready, now, at = paced(hop)
+        else:
+            ready, now, at = followed(hop)
+        if not ready:
+            return BETWEEN
+        hop.now, hop.time, hop.begun = now, at, moment(hop)
+        for s in range(hop.count):
+            segment = segment_at(hop.segments + s * SEGMENT_SIZE)
+            hop.at = s
+            if gather(hop, segment, now, clock_at(segment.clock).rate) != DONE:
+                return INPUT
+            why = run_segment(hop, segment, now, at)
+            if why != DONE:
+                return why
+            age = max(0, moment(hop) - hop.origin - at)
+            for i in range(segment.count):
+                if row_at(segment.rows + i * ROW_SIZE).stepped and hop.aged < hop.most:
+                    hop.aged = note(hop.ages, hop.aged, segment.base + i, age)
+        hop.last = now
+        hop.done += 1
+        if moment(hop) > deadline or crowded(hop):
+            break
+    # The caller's work waits until the others have run, since they share the core.
+    settled = hop.origin + np.int64((hop.last + SETTLED) * hop.exact)
+    if settled > moment(hop):
+        sleep(hop, min(settled, moment(hop) + LONGEST_WAIT))
+    return DONE
