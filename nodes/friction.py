@@ -1,5 +1,6 @@
 """Friction of the fingertip on the tissue (docs/equations/friction.md): one node per law in physics/friction."""
 
+import types
 import typing
 from typing import Annotated, Any, ClassVar
 
@@ -10,7 +11,7 @@ from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Friction, Proximity
 from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
 from palpate.physics import friction
-from palpate.physics.friction import bristle, unrest
+from palpate.physics.friction import bristle, coulomb, elastoplastic, lugre, unrest
 from palpate.registry import classes
 
 SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
@@ -30,6 +31,23 @@ class _Sliding(CompiledNode):
     State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": (), "rest": (unrest.ROOM,)}
     """Bristle deflection [m] with its normal [1] and normal force [N]; offset of the finger from the point that it
     drags [m]; energy that a falling load took from the bristles [J]; state of `physics.friction.unrest`."""
+
+    def __init_subclass__(cls, law: type | None = None, **given: Any) -> None:
+        """The fields of the law become settings of the node.
+
+        law  a `NamedTuple` with `advance` (docs/equations/friction.md); None: a class that is derived from a node
+        """
+        if law is not None:
+            settings = typing.get_type_hints(law, include_extras=True)
+            cls.__annotations__ = {name: _setting(hint) for name, hint in settings.items()}
+            values = law._field_defaults | {"law": law, "compute": _compute(law)}  # type: ignore[attr-defined]
+            values["spring"] = next(
+                (name for name in ("stiffness", "bristle_stiffness") if name in settings), cls.spring
+            )
+            values["__doc__"] = cls.__doc__ or law.__doc__
+            for name, value in values.items():
+                setattr(cls, name, value)
+        super().__init_subclass__(**given)
 
     def start(self) -> None:
         super().start()
@@ -91,19 +109,6 @@ def _untold(law, z, load):
     return 0.0
 
 
-def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
-    """Make the node class of a bristle law; its settings are the fields of the law.
-
-    Shipped laws already have node classes. A module of another package with the law `Dahl` defines
-    `Sliding = node_of(Dahl, "Sliding", __name__)`.
-    """
-    settings = {name: _setting(hint) for name, hint in typing.get_type_hints(law, include_extras=True).items()}
-    spring = next((name for name in ("stiffness", "bristle_stiffness") if name in settings), _Sliding.spring)
-    own = {"spring": spring, "__doc__": law.__doc__, "__module__": module, "__annotations__": settings, "law": law}
-    own |= law._field_defaults | {"compute": _compute(law)}  # type: ignore[attr-defined]
-    return type(name or law.__name__, (_Sliding,), own)
-
-
 def _setting(hint: Any) -> Any:
     """Turn `Annotated[float, unit, "> 0"]` into a setting, whose limit is a `msgspec.Meta`."""
     kind, unit, *limits = typing.get_args(hint)
@@ -111,4 +116,29 @@ def _setting(hint: Any) -> Any:
     return Annotated[kind, unit, msgspec.Meta(**bounds)] if bounds else hint
 
 
-globals().update((name, node_of(law)) for name, law in classes(friction, tuple).items() if hasattr(law, "advance"))
+class Coulomb(_Sliding, law=coulomb.Coulomb):
+    __doc__ = coulomb.Coulomb.__doc__
+
+
+class LuGre(_Sliding, law=lugre.LuGre):
+    __doc__ = lugre.LuGre.__doc__
+
+
+class ElastoPlastic(_Sliding, law=elastoplastic.ElastoPlastic):
+    __doc__ = elastoplastic.ElastoPlastic.__doc__
+
+
+def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
+    """Make the node class of a bristle law; its settings are the fields of the law.
+
+    Shipped laws already have node classes. A module of another package with the law `Dahl` defines
+    `Sliding = node_of(Dahl, "Sliding", __name__)`.
+    """
+    given = {"__doc__": law.__doc__, "__module__": module}
+    return types.new_class(name or law.__name__, (_Sliding,), {"law": law}, lambda space: space.update(given))
+
+
+# A law that is added to physics/friction is a node without another line here.
+for _name, _law in classes(friction, tuple).items():
+    if hasattr(_law, "advance") and _name not in globals():
+        globals()[_name] = node_of(_law)
