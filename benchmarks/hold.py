@@ -11,8 +11,8 @@ is the largest difference [N] of the force on the hand in a run with one process
 contact begins. If a combination is refused, its cell shows the reason. If its forces are not valid, its row has a mark,
 and a warning follows the table. Takes 15 minutes on two cores.
 
-`--search`: random closed loops of the graph kidney as lanes of ensembles, in 2 minutes: body, friction law and rate (250
-Hz to 10 kHz), mass, stiffness and damping of the hand, delay of the device, of which the controller knows, place, depth
+`--search`: random closed loops of the graph kidney as lanes of ensembles, in 2 minutes: body, friction law and rate
+(250 Hz to 10 kHz), mass, stiffness and damping of the hand, delay of the device, of which the controller knows, place, depth
 and time of the press. Printed are the loops with more than 30 mN of noise by law and by body, and the worst ten.
 """
 
@@ -214,7 +214,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     if given.search:
-        return print_search(given.search, given.seed)
+        print_search(given.search, given.seed)
+        return
     pairs, begin, warned = list(product(given.graphs, given.bodies)), time.monotonic(), []
     print("| graph | body | peak force [N] | held force [N] | noise [mN] | held friction [N] | apart [N] |")
     print("|---|---|---|---|---|---|---|", flush=True)
