@@ -37,7 +37,7 @@ BODIES: dict[str, list[str]] = {
 
 
 def touches(count: int, seed: int) -> dict[str, np.ndarray]:
-    """Places [m] (n,3), normals [1] (n,3), directions of the slide [1] (n,3), approaches [m] and speeds [m/s] (n)."""
+    """Places [m], normals [1] and directions of the slide [1] (n,3), approaches [m] (n) and speeds [m/s] (n)."""
     rng = np.random.default_rng(seed)
     mesh = surface_mesh("kidney", 10000, PLACE)
     at = rng.choice(len(mesh.areas), count, p=mesh.areas / mesh.areas.sum())
@@ -51,7 +51,7 @@ def touches(count: int, seed: int) -> dict[str, np.ndarray]:
 
 
 def lanes(given: dict[str, np.ndarray]) -> tuple[dict[str, list[Any]], np.ndarray, float]:
-    """Settings of each lane; times [s] (n,3) of the ends of both rests and of the touch; longest duration [s]."""
+    """Settings of each lane; ends [s] (n,3) of both rests and of the touch; duration [s] of the longest."""
     n, foot, slide = given["normal"], given["place"], STROKE / given["speed"]
     free = foot + (THICKNESS + CLEAR) * n
     deep = foot + (THICKNESS - given["approach"][:, None]) * n

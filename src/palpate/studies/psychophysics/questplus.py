@@ -6,6 +6,9 @@ posterior is H(θ) - I(x) with the mutual information
     I(x) = Σ_r [ Σ_θ P p_r ln p_r  -  <p_r> ln <p_r> ],   <p_r> = Σ_θ P p_r
 
 (Watson, Journal of Vision 17(3):10, 2017, eqs. 3 to 8). The largest I(x) gives the lowest expected entropy.
+
+An answer that every θ excludes would leave no posterior, and one such answer would exclude a true θ for ever. Every
+answer therefore has a probability of at least `SLIP`: a finger on the wrong key.
 """
 
 from collections.abc import Sequence
@@ -14,6 +17,8 @@ import numpy as np
 from scipy.special import xlogy
 
 from palpate.studies.psychophysics.functions import proportion
+
+SLIP = 1e-4  # [1] Least probability of an answer
 
 
 class QuestPlus:
@@ -38,7 +43,7 @@ class QuestPlus:
         grids = np.meshgrid(thresholds, spreads, lapses, indexing="ij")
         self.grid = np.array([grid.ravel() for grid in grids])
         a, b, lapse = self.grid
-        hit = np.stack([proportion(function, x, a, b, guess, lapse) for x in self.levels])
+        hit = np.clip(np.stack([proportion(function, x, a, b, guess, lapse) for x in self.levels]), SLIP, 1.0 - SLIP)
         self._chances = np.stack([hit, 1.0 - hit])
         """Probabilities (2, n, θ) of a hit and of a miss."""
         self._inner = xlogy(self._chances, self._chances).sum(axis=0)
