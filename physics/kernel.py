@@ -254,8 +254,8 @@ def _types(sig: Any) -> tuple[Any, Any]:
 
 
 def _source(function: Any) -> str | None:
-    """A hash of the source of a function outside the sources that the name of the folder stands for: its file, or its
-    cell in a notebook. None: no source, so the function cannot be cached."""
+    """A hash of the source of a function, its file or its cell in a notebook; empty for functions of `COMPILED`, whose
+    sources are in the name of the folder. None: no source, so the function cannot be cached."""
     if function.__module__.startswith(tuple(f"{package}." for package in kernel_cache.COMPILED)):
         return ""
     try:

@@ -14,7 +14,7 @@ USED = {
     "target_extension.jit_registry": "compiles numba's implementations in Python for the target",
     "target_extension.target_override": "selects the target during a compilation",
     "target_extension.current_target": "detects a call from a function of `numba.njit`",
-    "registry.cpu_target": "the target of `numba.njit`, into which such a call is linked; its processor",
+    "registry.cpu_target": "the target of `numba.njit`, into which this call is linked; its processor",
     "registry.CPUTarget": "base of the target's description",
     "registry.CPUDispatcher": "base of kernels",
     "cpu.CPUContext": "base of the code generation of the target",
