@@ -67,7 +67,7 @@ MAY = {
     "models.build": (*LOW, "models.fe"),
     "engine": LOW,
     "launch.load": (*LOW, "engine", "graphs", "models.fe"),
-    "cli.machine": MIDDLE,
+    "cli.machine": (*MIDDLE, "launch.run"),
     "launch.run": MIDDLE,
     "records": MIDDLE,
     "views": HIGH,

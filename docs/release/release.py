@@ -29,6 +29,9 @@ HOLDS = (
     "palpate/py.typed",
 )
 """Required files of the wheel."""
+KERNELS = "palpate/physics/compiled/kernels-"
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")
+"""Versions of Python with a wheel that contains compiled kernels."""
 
 
 def notes(changelog: str) -> str:
@@ -72,6 +75,8 @@ def check_wheel(wheel: Path, version: str) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     missing = [name for name in HOLDS if name not in names]
+    if "manylinux" in wheel.name and not any(name.startswith(KERNELS) for name in names):
+        missing.append(KERNELS)
     if missing or f"-{version}-" not in wheel.name:
         raise SystemExit(f"{wheel.name}: " + (f"without {', '.join(missing)}" if missing else f"expected {version}"))
 
@@ -88,6 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("version")
     parser.add_argument("--dry-run", action="store_true")
+    parser.add_argument("--python", nargs="*", default=PYTHONS, help="versions whose wheels contain compiled kernels")
     given = parser.parse_args()
     if run("git", "status", "--porcelain", "--untracked-files=no", folder=ROOT):
         raise SystemExit("uncommitted changes; `git status` lists them")
@@ -99,17 +105,22 @@ def main() -> None:
         clone = Path(temporary) / "palpate"
         run("git", "clone", "-q", str(ROOT), str(clone), folder=ROOT)
         write_version(clone, given.version)
-        run(sys.executable, "-m", "build", folder=clone)
-        [wheel], [source] = (clone / "dist").glob("*.whl"), (clone / "dist").glob("*.tar.gz")
-        check_wheel(wheel, given.version)
+        run(sys.executable, "-m", "build", "-C", "kernels=no", folder=clone)
+        for python in given.python:
+            uv = [sys.executable, "-m", "uv", "build", "-q", "--wheel", "--python", python, "--out-dir", "dist"]
+            run(*uv, folder=clone)
+        files = sorted((clone / "dist").glob("palpate*"))
+        for file in files:
+            if file.suffix == ".whl":
+                check_wheel(file, given.version)
         run("git", "commit", "-qam", f"Release {given.version}", folder=clone)
         run("git", "tag", "-a", f"v{given.version}", "-m", text, folder=clone)
         if not given.dry_run:
             run("git", "pull", "-q", "--ff-only", "--tags", str(clone), "HEAD", folder=ROOT)
             (ROOT / "dist").mkdir(exist_ok=True)
-            for file in (wheel, source):
+            for file in files:
                 (ROOT / "dist" / file.name).write_bytes(file.read_bytes())
-        print(f"{wheel.name}, {wheel.stat().st_size / 1e6:.1f} MB; {source.name}, {source.stat().st_size / 1e6:.1f} MB")
+        print("\n".join(f"{file.name}, {file.stat().st_size / 1e6:.1f} MB" for file in files))
         print(f"{'would tag' if given.dry_run else 'tagged'} v{given.version}\n\n{text}")
 
 

@@ -322,7 +322,9 @@ def test_doctor_measures_the_machine():
     code, data = json_output("doctor", "--no-pictures", "--seconds", "0.2")
     findings = {f["what"]: f for f in data["diagnostics"]}
     assert code == 0 and data["ok"]
-    assert {"python", "pyzmq", "extra view", "cores", "SCHED_RR", "locked memory", "wake-ups"} <= set(findings)
+    assert {"python", "pyzmq", "extra view", "kernels", "cores", "SCHED_RR", "locked memory", "wake-ups"} <= set(
+        findings
+    )
     assert "p99.9" in findings["wake-ups"]["found"]
     assert "ZeroMQ" in findings["pyzmq"]["found"]
     for finding in findings.values():

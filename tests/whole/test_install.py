@@ -64,8 +64,13 @@ PURPOSE = {
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
     subprocess.run(["git", "clone", "-q", str(ROOT), str(folder / "clone")], check=True)
-    build = [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(folder / "clone")]
-    built = subprocess.run(build, capture_output=True, text=True)
+    return build(folder, "-C", "kernels=no")
+
+
+def build(folder, *words):
+    """The wheel built from the clone in a folder."""
+    command = [sys.executable, "-m", "build", "--wheel", *words, "--outdir", str(folder), str(folder / "clone")]
+    built = subprocess.run(command, capture_output=True, text=True)
     if built.returncode:
         pytest.skip(f"cannot be built here: {built.stderr[-300:]}")
     return next(folder.glob("*.whl"))
@@ -171,6 +176,45 @@ def test_the_oldest_permitted_versions_work(wheel, tmp_path):
     env = environment(tmp_path / "env", wheel, python="3.11", more=["-c", tmp_path / "oldest.txt"])
     (tmp_path / "empty").mkdir()
     touches_a_kidney(env, tmp_path / "empty")
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """An environment with the wheel that contains kernels, at another path and with other time stamps of its files."""
+    folder = tmp_path_factory.mktemp("compiled")
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(folder / "clone")], check=True)
+    wheel = build(folder)
+    assert f"-cp{sys.version_info[0]}{sys.version_info[1]}-none-manylinux" in wheel.name
+    env = environment(folder / "env", wheel)
+    for file in (env / "lib").rglob("*"):
+        os.utime(file, (1e9, 1e9), follow_symlinks=False)
+    return env
+
+
+EVERY = """
+from pathlib import Path
+from palpate.cli.machine.kernels import compile_all, shipped
+print(compile_all(lambda name, count: None, shipped(), Path("."), nodes=True))
+"""
+
+
+def test_the_wheel_with_kernels_compiles_nothing(compiled, tmp_path):
+    """For every shipped graph and body, in one process; and in processes, on both clocks."""
+    count = call(compiled, tmp_path, f"NUMBA_CACHE_DIR={tmp_path}/cache python -c {shlex.quote(EVERY)}")
+    assert count.returncode == 0, count.stderr
+    assert count.stdout.splitlines()[-1] == "0"
+    for words in (
+        "",
+        "--clock real",
+        "--set tissue.use=deformation.ReducedFE",
+        "--set tissue.use=deformation.BeamBundle",
+    ):
+        run = (
+            f"NUMBA_CACHE_DIR={tmp_path}/cache palpate run kidney --no-pictures -q --no-record --duration 0.02 {words}"
+        )
+        done = call(compiled, tmp_path, run)
+        assert done.returncode == 0, done.stderr
+    assert not list((tmp_path / "cache").rglob("*.nbc"))
 
 
 BLOCKS = re.findall(r"^```sh\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)

@@ -53,6 +53,15 @@ def test_a_wheel_without_graphs_is_an_error(tmp_path):
         release.check_wheel(wheel, "0.1.0")
 
 
+def test_a_wheel_for_one_python_without_kernels_is_an_error(tmp_path):
+    wheel = tmp_path / "palpate-0.1.0-cp311-none-manylinux_2_17_x86_64.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for name in release.HOLDS:
+            archive.writestr(name, "")
+    with pytest.raises(SystemExit, match=release.KERNELS):
+        release.check_wheel(wheel, "0.1.0")
+
+
 def test_the_recipe_has_the_requirements_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     recipe = yaml.safe_load((ROOT / "docs" / "release" / "recipe.yaml").read_text())
@@ -99,7 +108,7 @@ def test_the_recipe_can_be_rendered(tmp_path):
 def test_a_dry_run_builds_and_checks_and_changes_nothing(tmp_path):
     clone = tmp_path / "palpate"
     subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
-    command = [sys.executable, "docs/release/release.py", "99.0.0", "--dry-run"]
+    command = [sys.executable, "docs/release/release.py", "99.0.0", "--dry-run", "--python"]
     done = subprocess.run(command, cwd=clone, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "palpate-99.0.0-py3-none-any.whl" in done.stdout and "would tag v99.0.0" in done.stdout

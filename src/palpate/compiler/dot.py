@@ -7,9 +7,9 @@ processor.
 
 from typing import Any
 
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.cgutils import ir
 from numba.extending import intrinsic
 
 from palpate.compiler.kernel import kernel

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from numba import typeof
-from numba.core.dispatcher import Dispatcher
+from numba.extending import is_jitted
 
 NO_NODES, NO_VECTORS, NO_FLOATS = np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0)
 """Empty arrays as in messages: read-only, which is a separate type for the compiler."""
@@ -20,8 +20,9 @@ def entry_point(kernel: Callable[..., Any], *example: Any) -> Callable[..., Any]
     Without the inspection an array of another dtype, number of axes or memory order is misread: use this only for
     arguments of fixed types, such as those of a message. A function that is not compiled is returned unchanged.
     """
-    if not isinstance(kernel, Dispatcher):
+    if not is_jitted(kernel):
         return kernel
+    function: Any = kernel
     types = tuple(map(typeof, example))
-    known: Any = kernel.overloads.get(types)
-    return kernel.compile(types) if known is None else known.entry_point
+    known = function.overloads.get(types)
+    return function.compile(types) if known is None else known.entry_point

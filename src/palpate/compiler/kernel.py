@@ -30,7 +30,6 @@ from numba.core.cpu import CPUContext
 from numba.core.externals import c_math_functions
 from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
 from numba.core.serialize import dumps
-from numba.core.sigutils import normalize_signature
 from numba.core.target_extension import (
     CPU,
     current_target,
@@ -217,7 +216,7 @@ class _Cache:
                 continue
             with _deferred_signals(), contextlib.suppress(Exception):  # such as a class of the user that was renamed
                 types, parts = pickle.loads(content)
-                if types == normalize_signature(sig):
+                if types == _types(sig):
                     return CompileResult._rebuild(target_context, *parts)
         return None
 
@@ -232,14 +231,14 @@ class _Cache:
             text = f"{self._function.__qualname__} is compiled in each process: it refers to an object of the process"
             warnings.warn_explicit(text, numba.NumbaWarning, where.co_filename, where.co_firstlineno)
             return
-        content = dumps((normalize_signature(sig), data._reduce()))
+        content = dumps((_types(sig), data._reduce()))
         with contextlib.suppress(OSError):
             kernel_files.write(self.cache_path, self._name(sig), content)
 
     def _name(self, sig: Any) -> str:
         """Name of the file. It contains the name of the function, and a hash of the types with the layout of records,
         the values that the function refers to, the options, the processor and, for functions of users, the source."""
-        types = normalize_signature(sig)
+        types = _types(sig)
         if types not in self._names:
             processor = PINNED.target_context.codegen().magic_tuple()
             known = repr((types, _meaning(self._function, ()), self._options, processor, self._source))
@@ -249,9 +248,14 @@ class _Cache:
         return self._names[types]
 
 
+def _types(sig: Any) -> tuple[Any, Any]:
+    """Types of the arguments, and of the result if the signature states it."""
+    return tuple(getattr(sig, "args", sig)), getattr(sig, "return_type", None)
+
+
 def _source(function: Any) -> str | None:
-    """A hash of the source of a function outside the sources that the name of the folder stands for: its file, or its
-    cell in a notebook. None: no source, so the function cannot be cached."""
+    """A hash of the source of a function, its file or its cell in a notebook; empty for functions of `COMPILED`, whose
+    sources are in the name of the folder. None: no source, so the function cannot be cached."""
     if function.__module__.startswith(tuple(f"{package}." for package in kernel_cache.COMPILED)):
         return ""
     try:

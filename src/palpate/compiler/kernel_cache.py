@@ -15,7 +15,6 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from palpate.compiler.kernel_files import check_folder, check_trust
@@ -106,12 +105,18 @@ def key(packages: Sequence[str] = COMPILED) -> str:
     """A hash of the names and contents of all sources of the packages, by default of those that contain kernels."""
     hasher = hashlib.sha256()
     for package in packages:
-        spec = find_spec(package)
-        for folder in (spec.submodule_search_locations or ()) if spec else ():
+        for folder in _folders(package):
             for file in sorted(Path(folder).rglob("*.py")):
                 content = hashlib.sha256(file.read_bytes()).digest()
                 hasher.update(f"{package}/{file.relative_to(folder)}".encode() + b"\0" + content)
     return hasher.hexdigest()[:16]
+
+
+def _folders(package: str) -> Sequence[str]:
+    """The folders of a package, which is not imported for that."""
+    if package in sys.modules:
+        return sys.modules[package].__path__
+    return [os.path.join(folder, *package.split(".")[1:]) for folder in sys.modules["palpate"].__path__]
 
 
 def versions(minor: bool = False) -> str:

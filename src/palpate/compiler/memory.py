@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import from_dtype, types
-from numba.core import cgutils, extending
+from numba import extending, from_dtype, types
+from numba.core import cgutils
 from numba.np.arrayobj import make_array, populate_array
 
 intrinsic: Any = extending.intrinsic  # callers omit the first argument, the typing context

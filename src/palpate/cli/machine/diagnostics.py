@@ -47,12 +47,14 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Diagnost
     """Run all checks.
 
     pictures  draw a test picture, which takes seconds
-    seconds   [s] duration of each measurement of wake-ups, without and with real-time priority; 0: no measurement
+    seconds   [s] duration of each measurement of wake-ups, without and with real-time priority; 0: no measurement, and
+              no start of the usual graphs
     """
     yield Diagnostic("python", "ok", platform.python_version())
     yield _system()
     yield from _packages()
-    yield _kernels()
+    if seconds > 0.0:
+        yield _kernels()
     if pictures:
         yield _pictures()
     if sys.platform != "linux":

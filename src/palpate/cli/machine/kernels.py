@@ -58,7 +58,8 @@ def start(launch: LaunchFile, folder: Path) -> None:
     planned = launch.plan()
     if not any(planned.graph.nodes[name].cls.hardware for name in planned.order):
         duration = TICKS / planned.graph.rate
-        execute(launch.but(clock="simulated", place="fused", duration=duration, record=folder / "run.mcap"))
+        done = execute(launch.but(clock="simulated", place="fused", duration=duration, record=folder / "run.mcap"))
+        done.signalled()
         return
     [job] = jobs(planned, launch.but(place="fused").placement(planned), clock="real", ticks=TICKS, about={})
     worker = Worker(job, None, lambda _: None)

@@ -23,7 +23,7 @@ def compiled(function: Callable[..., Any], signature: Any) -> types.CompileResul
     name = getattr(function, "__name__", "function")
     try:
         function.compile(signature)
-    except numba.core.errors.NumbaError as error:
+    except numba.NumbaError as error:
         raise TypeError(f"{name} does not compile for {signature}: {error}") from None
     return types.CompileResultWAP(function.overloads[signature.args])  # type: ignore[attr-defined]
 
