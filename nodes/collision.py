@@ -96,7 +96,7 @@ class Mesh(_Nearest, OnSurface):
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # needs an optional package
 
-            self._notes = flaws(self.surface)
+            self._notes = flaws(self.surface, self.piece)
 
     @kernel
     def compute(own, pose: Pose, out: Out[Proximity], dt):

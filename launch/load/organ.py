@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from palpate.physics.geometry.mesh import Mesh, heights, summit
 if TYPE_CHECKING:
     from palpate.engine.graph import Graph
     from palpate.launch.load.launchfile import LaunchFile
+    from palpate.launch.load.organ_file import OrganFile
 
 FINGER = 8e-3  # [m] radius around the top of the organ that must support the finger
 STEEPEST = 10e-3
@@ -28,43 +29,8 @@ SCALES = tuple(k / 10 for k in range(10, -1, -1))
 BETWEEN = 5  # points checked between two points of the path
 
 
-@dataclass(frozen=True)
-class OrganFile:
-    """A mesh file and its unit: m, cm or mm."""
-
-    file: Path
-    unit: str
-
-    @staticmethod
-    def of(file: Path, unit: str | None) -> OrganFile:
-        """The file with the given unit, or the only unit in which its size is plausible.
-
-        MeshError: unknown unit, implausible size, or several plausible units. SettingError: the file cannot be read.
-        """
-        from palpate.nodes.base.mesh_file import LARGEST, SMALLEST, UNITS, plausible_units, read_triangles
-
-        if unit is not None and unit not in UNITS:
-            raise MeshError(f"--unit: found {unit!r}, expected one of {', '.join(UNITS)}")
-        across = float(np.ptp(read_triangles(str(file))[0], axis=0).max())
-        fits = plausible_units(across)
-        if unit in fits or (unit is None and len(fits) == 1):
-            return OrganFile(file, unit or fits[0])
-        sizes = " or ".join(f"--unit {u} ({1e3 * across * UNITS[u]:.3g} mm across)" for u in fits)
-        if not fits:
-            raise MeshError(
-                f"--organ {file}: its coordinates span {across:.3g}, which is implausible in every unit; expected "
-                f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm"
-            )
-        if unit is None:
-            raise MeshError(f"--organ {file}: the file has no unit, and several are plausible: {sizes}")
-        raise MeshError(
-            f"--organ {file}: in {unit} it is {1e3 * across * UNITS[unit]:.3g} mm across, expected "
-            f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm. Use {sizes}"
-        )
-
-
-def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
-    """The run with this organ instead of the scene's, and a note on its position.
+def with_organ(launch: LaunchFile, organ: OrganFile) -> LaunchFile:
+    """The run with this organ instead of the scene's, with a note on its position.
 
     The top of the organ moves to the point where the hand's path first touches the scene's surface. Each point of the
     path is raised or lowered by the difference in height of the two surfaces, so that the indentation stays the same.
@@ -73,8 +39,9 @@ def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
     MeshError: a graph without a surface and a hand. SettingError: the mesh is unusable.
     """
     # Settings of the user's surface apply to the organ; the path was written for the scene's surface without them.
-    turned = launch.load()
-    graph = replace(launch, overrides=tuple(o for o in launch.overrides if not _of_surface(o))).load()
+    unit, piece = organ.in_unit(), organ.setting
+    turned = launch.read()
+    graph = replace(launch, overrides=tuple(o for o in launch.overrides if not _of_surface(o))).read()
     scene = graph.scene
     node = next((n for n in graph.nodes.values() if issubclass(n.cls, Placed) and "thickness" in n.settings), None)
     surface = scene.get("surface")
@@ -84,7 +51,7 @@ def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
         )
     given = node.settings
     rotation = _vector(turned.nodes[node.name].settings["rotation"])
-    mesh = surface_mesh(str(organ.file), 0, rotation=rotation, file_unit=organ.unit)
+    mesh = surface_mesh(str(organ.file), 0, rotation=rotation, file_unit=unit, piece=piece)
     count = next((n.settings["vertices"] for n in graph.nodes.values() if issubclass(n.cls, OnSurface)), 3000)
     position = _vector(given["position"]), _vector(given["rotation"])
     original = surface_mesh(given["surface"], count, *position, given.get("file_unit", "m"))
@@ -95,12 +62,12 @@ def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
     moved = np.array([*anchor, heights(original, anchor[None])[0]]) - top
     values: dict[tuple[str, ...], Any] = {
         ("scene", "surface"): surface
-        | {"surface": str(organ.file.absolute()), "file_unit": organ.unit, "position": moved.tolist()},
+        | {"surface": str(organ.file.absolute()), "file_unit": unit, "piece": piece, "position": moved.tolist()},
         (node.name, "use"): "collision.Mesh",
     }
     size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(mesh.vertices, axis=0))
     lies = ", ".join(f"{1e3 * v:.3g}" for v in top + moved)
-    text = f"{organ.file} in {organ.unit}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
+    text = f"{organ.file} in {unit}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
     if path:
         scale, points = _follow(Mesh(mesh.vertices + moved, mesh.triangles), original, points, anchor)
         values["scene", "hand"] = scene["hand"] | _hand(path, points)
@@ -109,7 +76,7 @@ def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
     place = Location(f"--organ {organ.file}")
     overrides = tuple(Override(keys, YamlSource(value, {(): place})) for keys, value in values.items())
     record = launch.record and launch.record.with_name(f"{organ.file.stem}.mcap")
-    return replace(launch, overrides=overrides + launch.overrides, record=record), text
+    return replace(launch, overrides=overrides + launch.overrides, record=record, notes=(*launch.notes, text))
 
 
 def _of_surface(override: str | Override) -> bool:

@@ -54,10 +54,12 @@ class OnSurface(Placed):
     vertices: Annotated[int, "1", msgspec.Meta(ge=12, le=2_000_000)] = 3000
     """Approximate number of vertices of a built-in surface; not for files."""
     file_unit: Annotated[str, "1"] = "m"  # Unit of the numbers in a mesh file: m, cm or mm
+    piece: Annotated[int, "1", msgspec.Meta(ge=-1)] = 0
+    """Separate piece of a mesh file: 0: all but small islands; -1: all; 1: the largest, 2: the second largest ..."""
 
     def mesh(self) -> Mesh:
         """The surface's mesh, the same object for all nodes of a process with these settings."""
-        return surface_mesh(self.surface, self.vertices, self.position, self.rotation, self.file_unit)
+        return surface_mesh(self.surface, self.vertices, self.position, self.rotation, self.file_unit, self.piece)
 
 
 class OnThinnedSurface(OnSurface):
@@ -73,13 +75,14 @@ class OnThinnedSurface(OnSurface):
 
     def mesh(self) -> Mesh:
         """The mesh of these vertices, the same object for all nodes of a process with these settings."""
-        given = self.surface, self.vertices, self.position, self.rotation, self.file_unit
+        given = self.surface, self.vertices, self.position, self.rotation, self.file_unit, self.piece
         return _thinned(*given, _content(self.surface), self.spacing)
 
 
 def surface_mesh(
-    surface: str, vertices: int, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL, file_unit: str = "m"
-) -> Mesh:
+    surface: str, vertices: int, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL, file_unit: str = "m",
+    piece: int = 0,
+) -> Mesh:  # fmt: skip
     """The triangle mesh of a surface, rotated and moved to its position in the world.
 
     Calls with equal arguments return the same object while the content of the file is unchanged.
@@ -89,10 +92,11 @@ def surface_mesh(
     position   [m]   (3) of its origin
     rotation   [rad] (3) rotation vector about its origin
     file_unit  unit of a file's numbers: m, cm or mm
+    piece      of a file, see `OnSurface.piece`
 
     SettingError: unknown surface, or a file that cannot be used.
     """
-    return _placed(surface, vertices, position, rotation, file_unit, _content(surface))
+    return _placed(surface, vertices, position, rotation, file_unit, piece, _content(surface))
 
 
 def _content(surface: str) -> bytes:
@@ -107,7 +111,9 @@ def _content(surface: str) -> bytes:
 
 
 @lru_cache(maxsize=4)
-def _placed(surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, content: bytes) -> Mesh:
+def _placed(
+    surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, piece: int, content: bytes
+) -> Mesh:
     """`surface_mesh` of a file with this digest."""
     if surface == "plane":
         mesh = plane(PLANE_SIZE, vertices)
@@ -119,7 +125,7 @@ def _placed(surface: str, vertices: int, position: Vector3, rotation: Vector3, f
         _known(surface)
         if file_unit not in UNITS:
             raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
-        mesh = read_mesh(surface, UNITS[file_unit])
+        mesh = read_mesh(surface, UNITS[file_unit], piece)
     turn = rotation_matrix(rotation)
     _finite("position", position)
     return Mesh(np.ascontiguousarray(product(mesh.vertices, turn.T) + np.asarray(position)), mesh.triangles)
@@ -130,10 +136,11 @@ surface_mesh.cache_clear = _placed.cache_clear  # type: ignore[attr-defined]
 
 @lru_cache(maxsize=4)
 def _thinned(
-    surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, content: bytes, spacing: float
-) -> Mesh:
+    surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, piece: int, content: bytes,
+    spacing: float,
+) -> Mesh:  # fmt: skip
     """`OnThinnedSurface.mesh` of a file with this digest."""
-    return thinned(_placed(surface, vertices, position, rotation, file_unit, content), spacing)
+    return thinned(_placed(surface, vertices, position, rotation, file_unit, piece, content), spacing)
 
 
 def complete(surface: Surface, points: np.ndarray) -> Surface:

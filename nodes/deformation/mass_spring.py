@@ -108,8 +108,12 @@ class MassSpring(CompiledNode, WithNodule):
         nearest = scipy.spatial.cKDTree(self.mesh().vertices).query(feet)[1]
         return self._reference().relative_stiffness()[nearest]
 
+    def bases(self) -> list[ReducedFE]:
+        """The bodies whose bases this node reads."""
+        return [] if self.stiffness_map == "uniform" else [self._reference()]
+
     def _reference(self) -> ReducedFE:
-        names = "surface", "position", "rotation", "vertices", "file_unit", "spacing", "radius"
+        names = "surface", "position", "rotation", "vertices", "file_unit", "piece", "spacing", "radius"
         return ReducedFE(**{name: getattr(self, name) for name in names})
 
     def resize(self, counts: list[int]) -> None:

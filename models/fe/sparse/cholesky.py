@@ -109,7 +109,6 @@ class Cholesky:
         solution[self.tree.order] = x.reshape(-1, 3, x.shape[1])
         return solution.reshape(rhs.shape)
 
-
     def front(self, t: int) -> tuple[np.ndarray, np.ndarray]:
         """L11 (p,p), whose upper part is arbitrary, and L21 (u,p) of a front."""
         if self._factor is None:
