@@ -113,9 +113,12 @@ class LaunchFile:
             if self.notes or (given := (graph or self.read()).organ) is None:
                 return self
             organ = organ_of(*given)
-        from palpate.launch.load.organ import with_organ  # numba and scipy, which few graphs need
+        from palpate.launch.load.organ import placed  # numba and scipy, which few graphs need
 
-        return with_organ(replace(self, organ=None), organ)
+        bare = replace(self, organ=None)
+        changes, note = placed(lambda changed: replace(bare, overrides=tuple(changed)).read(), self.overrides, organ)
+        record = self.record and self.record.with_name(f"{organ.file.stem}.mcap")
+        return replace(bare, overrides=(*changes, *self.overrides), record=record, notes=(*self.notes, note))
 
     def plan(self) -> Plan:
         """The plan of this run. GraphError: all faults."""

@@ -98,11 +98,11 @@ def built(node: ReducedFE, begin: Begin, check: bool = True) -> tuple[Basis | Sa
     """
     if node.model == "sampled":
         return _sampled(node, begin, check)
-    count = len(node.coarse_mesh().vertices)
-    basis = _condensed(node, begin, node.coarse if node.reduces() else None)
+    reduced, count = node.reduced(), len(node.coarse_mesh().vertices)
+    basis = _condensed(node, begin, reduced)
     if node.surface in SURFACES or not check or count < FEWEST:
         return basis, {}
-    half = _condensed(node, begin, min(count, node.coarse) // 2, "half the vertices, for the error: ")
+    half = _condensed(node, begin, (reduced or count) // 2, "half the vertices, for the error: ")
     stiffness, rough = node.relative_stiffness(basis), node.relative_stiffness(half)
     off = np.abs(rough / stiffness - 1.0)
     return basis, {"mean": float(off.mean()), "worst": float(off.max()), "vertices": len(basis.vertices)}
@@ -153,7 +153,7 @@ def _sampled(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBasis, 
     body = (
         of_finger(FingertipDimensions(cells=reduction.CELLS))
         if finger
-        else of_organ(_organ(node, begin, node.coarse if node.reduces() else None))
+        else of_organ(_organ(node, begin, node.reduced()))
     )
     if len(body.mesh.elements) > MOST_ELEMENTS:
         raise SettingError(

@@ -2,6 +2,7 @@
 
 import math
 from functools import lru_cache
+from hashlib import file_digest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -85,14 +86,22 @@ def across(path: str, piece: int = 0) -> float:
 
 
 def _read(path: str, piece: int) -> Triangles:
-    """As `read_triangles`, with notes; kept while the file is unchanged."""
+    """As `read_triangles`, with notes."""
+    return _read_once(path, piece, *_stamp(path))
+
+
+def _stamp(path: str) -> tuple[object, ...]:
+    """What changes with the content of a file: the results of reading it are kept until then."""
     file = Path(path).expanduser()
-    stat = file.stat() if file.is_file() else None
-    return _read_once(path, piece, str(Path.cwd()), stat and (stat.st_mtime_ns, stat.st_size, stat.st_ino))
+    if not file.is_file() or file.stat().st_size > LARGEST_FILE:
+        return (str(Path.cwd()),)
+    with file.open("rb") as stream:
+        return str(Path.cwd()), file_digest(stream, "blake2b").digest()
 
 
 @lru_cache(maxsize=2)
-def _read_once(path: str, piece: int, folder: str, stamp: object) -> Triangles:
+def _read_once(path: str, piece: int, *stamp: object) -> Triangles:
+    """`_read` of the file with this stamp."""
     vertices, triangles, notes = _load(path)
     if not len(triangles):
         raise SettingError(f"setting 'surface': {path} contains no triangles")
@@ -193,7 +202,13 @@ def flaws(path: str, piece: int = 0) -> list[str]:
 
     SettingError: it cannot be read.
     """
-    vertices, triangles, notes = _read(path, piece)
+    return list(_flaws(path, piece, *_stamp(path)))
+
+
+@lru_cache(maxsize=2)
+def _flaws(path: str, piece: int, *stamp: object) -> list[str]:
+    """`flaws` of the file with this stamp."""
+    vertices, triangles, notes = _read_once(path, piece, *stamp)
     border, _ = edge_counts(triangles, len(vertices))
     lines = [f"{path}: {note}." for note in notes]
     right = outward(vertices, triangles)

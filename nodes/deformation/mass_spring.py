@@ -11,6 +11,7 @@ from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.surface import SURFACES, thickness
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
 from palpate.physics.bodies.place_energy import surface_gradient
@@ -23,6 +24,8 @@ from palpate.physics.records import floats, form, integers, lend_first, nth, one
 NotNegative = msgspec.Meta(ge=0)
 
 _body_of = unpacking(springs.NodalBody)
+
+THIN = 4e-3  # [m] mean thickness of a body below which a note says that the law has none; half of a patch's radius
 
 
 class MassSpring(CompiledNode, WithNodule):
@@ -79,6 +82,12 @@ class MassSpring(CompiledNode, WithNodule):
         super().start()
         if self.area != "fixed":
             self._notes.append("MassSpring: its force law K s^n stays; scene.surface.area changes only its surface")
+        if self.surface not in SURFACES and (thin := thickness(self.surface, self.file_unit, self.piece)) < THIN:
+            self._notes.append(
+                f"MassSpring: {self.surface} is on average {1e3 * thin:.2g} mm thick (2 x volume / area), less than "
+                f"{1e3 * THIN:g} mm, half the radius of a fingertip's patch. The law K s^n of MassSpring has no "
+                "thickness, so the finger can sink deeper than the organ. Take deformation.ReducedFE"
+            )
         mapped = self.stiffness_map == "basis"
         self._hardness = self.hardness() if self.nodule_radius > 0.0 or mapped else None
         if self._hardness is not None:
@@ -113,7 +122,7 @@ class MassSpring(CompiledNode, WithNodule):
         return [] if self.stiffness_map == "uniform" else [self._reference()]
 
     def _reference(self) -> ReducedFE:
-        names = "surface", "position", "rotation", "vertices", "file_unit", "piece", "spacing", "radius"
+        names = "surface", "position", "rotation", "vertices", "file_unit", "piece", "refine", "spacing", "radius"
         return ReducedFE(**{name: getattr(self, name) for name in names})
 
     def resize(self, counts: list[int]) -> None:

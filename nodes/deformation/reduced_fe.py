@@ -77,7 +77,8 @@ class ReducedFE(CompiledNode, WithNodule):
     """Whether the surface under the patch sticks to the finger. If not, it slides freely, which is valid for light
     loads (heavier ones are reported). The sampled model ignores it."""
     coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
-    """Approximate number of vertices of the condensed surface. A file with at most 1.25 times as many keeps its own."""
+    """Approximate number of vertices of the condensed surface. At the default, a file gets more, up to 1500, if its
+    edges would exceed 8 mm. A file with at most 1.25 times as many keeps its vertices."""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
     """Of the patch of the terminal law before the first load."""
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
@@ -239,12 +240,18 @@ class ReducedFE(CompiledNode, WithNodule):
         return (1.0 - true.held) * true.normal * MEAN / self.radius * exp(-softness)
 
     def coarse_mesh(self) -> Mesh:
-        """The surface to which the organ is condensed, in its frame; of a file before it is reduced (`reduces`)."""
-        return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit, piece=self.piece)
+        """The surface to which the organ is condensed, in its frame; of a file before it is reduced (`reduced`)."""
+        return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit, piece=self.piece, refine=0.0)
 
-    def reduces(self) -> bool:
-        """Whether the surface has more vertices than the basis is to have."""
-        return self.surface not in SURFACES and len(self.coarse_mesh().vertices) > basis_store.KEPT * self.coarse
+    def reduced(self) -> int | None:
+        """Number of vertices to which the surface of a file is reduced; None: the basis has those of the surface."""
+        if self.surface in SURFACES:
+            return None
+        mesh, wanted = self.coarse_mesh(), self.coarse
+        if wanted == ReducedFE.coarse:  # not set
+            even = float(mesh.areas.sum()) / (0.5 * 3.0**0.5 * basis_store.EDGE**2)
+            wanted = int(np.clip(10 * round(even / 10), wanted, basis_store.MOST_REDUCED))
+        return wanted if len(mesh.vertices) > basis_store.KEPT * wanted else None
 
     def inputs(self) -> dict[str, Any]:
         """All inputs of the basis."""
@@ -253,8 +260,8 @@ class ReducedFE(CompiledNode, WithNodule):
             inputs["modes"] = self.modes
         if self.model != "sampled" or self.surface != "fingertip":
             inputs |= {"mesh": basis_store.digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
-            if self.reduces():
-                inputs["coarse"] = self.coarse
+            if (reduced := self.reduced()) is not None:
+                inputs["coarse"] = reduced
             if self.nodule_radius > 0:
                 inputs |= {"nodule": [*self.nodule_centre(), self.nodule_radius, self.nodule_ratio]}
             if self.capsule_thickness > 0:

@@ -172,7 +172,7 @@ def solid(surface: Mesh, edge: float | None = None) -> tuple[TetMesh, Mesh]:
     else:
         surface = decimated(surface, round(FINER * 2.0 * vertices_for(surface, edge)))
     middle, size = surface.vertices.mean(axis=0), float(np.ptp(surface.vertices))
-    scaled, triangles = (surface.vertices - middle) / size, np.ascontiguousarray(surface.triangles, np.int32)
+    scaled, triangles = (surface.vertices - middle) / size, np.array(surface.triangles, dtype=np.int32)
     with TemporaryDirectory() as folder, chdir(folder):  # it leaves a file in the current folder
         vertices, tets = tetrahedralize(
             scaled, triangles, edge_length_abs=edge / size, epsilon=near, num_threads=1
