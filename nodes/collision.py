@@ -14,7 +14,8 @@ from palpate.compiler.records import floats, integers, longs, put, vector
 from palpate.messages import Pose, Proximity
 from palpate.messages.record import array_handle
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
-from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, surface_patch
+from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, refinement, surface_patch
+from palpate.physics.geometry import mesh as meshes
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.proxy import follow, follow_mesh, memory
@@ -97,7 +98,18 @@ class Mesh(_Nearest, OnSurface):
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # needs an optional package
 
-            self._notes = flaws(self.surface)
+            self._notes = [*flaws(self.surface, self.piece), *self._refinement(mesh)]
+
+    def _refinement(self, mesh: meshes.Mesh) -> list[str]:
+        """A note on the change by `refine`, if any."""
+        moved, before = refinement(*self._surface)
+        if len(mesh.vertices) == before:
+            return []
+        return [
+            f"{self.surface}: triangles coarser than {1e3 * self.refine:.3g} mm are divided on a smooth surface: "
+            f"{before} vertices become {len(mesh.vertices)}, up to {1e3 * moved:.2g} mm from the triangles of the file."
+            " This costs memory and start-up time, no time per tick. scene.surface.refine=0 keeps the triangles."
+        ]
 
     @kernel
     def compute(own, pose: Pose, out: Out[Proximity], dt):

@@ -16,6 +16,7 @@ from palpate.launch.load.values.source import YamlSource, merge, parse, paths, r
 GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"
 PLACES = GRAPHS / "place"
+ORGAN = "organ"  # key of a scene: a mesh file instead of its organ
 TOP = ("rate", "wanted")
 """Values without a path that can be overridden."""
 
@@ -195,6 +196,9 @@ def apply(overrides: list[Override], graph: YamlSource, scene: YamlSource, fault
 
 
 def _set_scene(override: Override, rest: list[str], scene: YamlSource, faults: Faults) -> None:
+    if rest == [ORGAN]:
+        scene.put((ORGAN,), override.value)
+        return
     data = scene.data
     for depth, key in enumerate(rest):
         if not (isinstance(data, dict) and key in data):

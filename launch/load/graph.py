@@ -19,7 +19,7 @@ from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unli
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
-from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
+from palpate.launch.load.files import GRAPHS, ORGAN, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.network import unknown_delays
 from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.scene import Scene, condition
@@ -103,6 +103,8 @@ def load(
     changes = [item for item in parsed if item is not None]
     apply(changes, source, scene_source, faults)
     switched = chosen_effects(source, scene_source, faults)
+    place = scene_source.place(ORGAN)
+    organ = None if (given := scene_source.data.pop(ORGAN, None)) is None else (given, place)
     world = Scene(scene_source)
     contents = fill(_GraphFile, source, faults) or _GraphFile(nodes={})
     # Find the classes of the nodes; `unclear` are those without one, which cause no further faults.
@@ -154,7 +156,7 @@ def load(
     found_wanted = _wanted(holder, kinds, unclear, faults)
     notes += _half_emulated(nodes)
     recorded = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
-    graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, tuple(notes))
+    graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, tuple(notes), organ)
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph

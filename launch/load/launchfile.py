@@ -8,6 +8,7 @@ clock: real
 duration: 10 s
 record: runs/kidney.mcap       # or what to record, `sources` or `all`, in a file with the launch file's name
 set: {tissue.stiffness: 2e3, rate: 500}
+organ: liver.stl               # a mesh file instead of the scene's organ; or {file: liver.stl, unit: mm, piece: 2}
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file
 from palpate.launch.load.graph import load
+from palpate.launch.load.organ_file import OrganFile, organ_of
 from palpate.launch.load.placement import BUILT_IN, Placement, load_place
 from palpate.launch.load.plan import plan
 from palpate.launch.load.values.lines import fill, quantity
@@ -49,6 +51,7 @@ class _RunKeys(msgspec.Struct):
     set: Annotated[dict[str, Any] | None, msgspec.Meta(description="a mapping such as {tissue.stiffness: 2e3}")] = None
     wanted: Annotated[list[str] | str | None, msgspec.Meta(description="a list of streams")] = None
     pace: Annotated[float, quantity("1", 1e-3, 1e6)] | None = None
+    organ: _FileName | dict[str, Any] | None = None
 
 
 class _LaunchKeys(_RunKeys, kw_only=True):
@@ -70,6 +73,8 @@ class LaunchFile:
     pace       [1] simulated time runs at this multiple of real time; None: as fast as the machine allows
     wanted     streams to compute; None: those of scene or graph
     overrides  values set by the user; later ones win
+    organ      mesh file instead of the organ of the scene; None: that of the scene's key `organ:`, if it has one
+    notes      what was changed for the organ; empty until it is placed
     """
 
     graph: Path
@@ -83,10 +88,40 @@ class LaunchFile:
     wanted: tuple[str, ...] | None = None
     overrides: tuple[str | Override, ...] = ()
     only: str | None = None
+    organ: OrganFile | None = None
+    notes: tuple[str, ...] = ()
 
     def load(self) -> Graph:
-        """The checked graph of this run. GraphError: all faults."""
+        """The checked graph of this run. GraphError: all faults. MeshError, SettingError: the organ cannot be used."""
+        if self.organ is not None:
+            return self.settled().load()
+        graph = self.read()
+        if graph.organ is not None and not self.notes:
+            return self.settled(graph).load()
+        graph.notes += self.notes
+        return graph
+
+    def read(self) -> Graph:
+        """The checked graph with the organ of its scene. GraphError: all faults."""
         return load(self.graph, overrides=self.overrides, scene=self.scene, wanted=self.wanted)
+
+    def settled(self, graph: Graph | None = None) -> LaunchFile:
+        """The run with the mesh file of its organ, if it has one, as values of its scene, so that it is placed once and
+        not at each load. Overrides that are appended later do not move it. Errors as of `load`.
+
+        graph  result of `read`, if known
+        """
+        organ = self.organ
+        if organ is None:
+            if self.notes or (given := (graph or self.read()).organ) is None:
+                return self
+            organ = organ_of(*given)
+        from palpate.launch.load.organ import placed  # numba and scipy, which few graphs need
+
+        bare = replace(self, organ=None)
+        changes, note = placed(lambda changed: replace(bare, overrides=tuple(changed)).read(), self.overrides, organ)
+        record = self.record and self.record.with_name(f"{organ.file.stem}.mcap")
+        return replace(bare, overrides=(*changes, *self.overrides), record=record, notes=(*self.notes, note))
 
     def plan(self) -> Plan:
         """The plan of this run. GraphError: all faults."""
@@ -167,6 +202,7 @@ def _run(source: YamlSource, path: Path, kind: type[_RunKeys]) -> LaunchFile:
         pace=given.pace,
         wanted=None if wanted is None or given.wanted == "all" else tuple(wanted),
         overrides=tuple(_flat(source.sub("set"), ())) if given.set else (),
+        organ=None if given.organ is None else faults.keep(organ_of, given.organ, source.place("organ")),
     )
     faults.done()
     return launch

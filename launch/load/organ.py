@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +12,13 @@ from palpate.engine.faults import Location
 from palpate.launch.load.files import Override
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Vector3
-from palpate.nodes.base.surface import OnSurface, Placed, surface_mesh
+from palpate.nodes.base.surface import REFINE, OnSurface, Placed, surface_mesh
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.mesh import Mesh, heights, summit
 
 if TYPE_CHECKING:
     from palpate.engine.graph import Graph
-    from palpate.launch.load.launchfile import LaunchFile
+    from palpate.launch.load.organ_file import OrganFile
 
 FINGER = 8e-3  # [m] radius around the top of the organ that must support the finger
 STEEPEST = 10e-3
@@ -28,53 +28,24 @@ SCALES = tuple(k / 10 for k in range(10, -1, -1))
 BETWEEN = 5  # points checked between two points of the path
 
 
-@dataclass(frozen=True)
-class OrganFile:
-    """A mesh file and its unit: m, cm or mm."""
-
-    file: Path
-    unit: str
-
-    @staticmethod
-    def of(file: Path, unit: str | None) -> OrganFile:
-        """The file with the given unit, or the only unit in which its size is plausible.
-
-        MeshError: unknown unit, implausible size, or several plausible units. SettingError: the file cannot be read.
-        """
-        from palpate.nodes.base.mesh_file import LARGEST, SMALLEST, UNITS, plausible_units, read_triangles
-
-        if unit is not None and unit not in UNITS:
-            raise MeshError(f"--unit: found {unit!r}, expected one of {', '.join(UNITS)}")
-        across = float(np.ptp(read_triangles(str(file))[0], axis=0).max())
-        fits = plausible_units(across)
-        if unit in fits or (unit is None and len(fits) == 1):
-            return OrganFile(file, unit or fits[0])
-        sizes = " or ".join(f"--unit {u} ({1e3 * across * UNITS[u]:.3g} mm across)" for u in fits)
-        if not fits:
-            raise MeshError(
-                f"--organ {file}: its coordinates span {across:.3g}, which is implausible in every unit; expected "
-                f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm"
-            )
-        if unit is None:
-            raise MeshError(f"--organ {file}: the file has no unit, and several are plausible: {sizes}")
-        raise MeshError(
-            f"--organ {file}: in {unit} it is {1e3 * across * UNITS[unit]:.3g} mm across, expected "
-            f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm. Use {sizes}"
-        )
-
-
-def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
-    """The run with this organ instead of the scene's, and a note on its position.
+def placed(
+    read: Callable[[Sequence[str | Override]], Graph], overrides: Sequence[str | Override], organ: OrganFile
+) -> tuple[list[Override], str]:
+    """Overrides that replace the organ of a scene by this one, before those of the user, and a note on its position.
 
     The top of the organ moves to the point where the hand's path first touches the scene's surface. Each point of the
     path is raised or lowered by the difference in height of the two surfaces, so that the indentation stays the same.
     If the organ is too small or too steep, the path is scaled down horizontally. The scene's rotation is kept.
 
+    read       the graph with these overrides
+    overrides  of the user
+
     MeshError: a graph without a surface and a hand. SettingError: the mesh is unusable.
     """
     # Settings of the user's surface apply to the organ; the path was written for the scene's surface without them.
-    turned = launch.load()
-    graph = replace(launch, overrides=tuple(o for o in launch.overrides if not _of_surface(o))).load()
+    unit, piece = organ.in_unit(), organ.setting
+    turned = read(overrides)
+    graph = read([o for o in overrides if not _of_surface(o)])
     scene = graph.scene
     node = next((n for n in graph.nodes.values() if issubclass(n.cls, Placed) and "thickness" in n.settings), None)
     surface = scene.get("surface")
@@ -83,8 +54,9 @@ def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
             f"--organ: {graph.path.stem} has no scene.surface that a finger collides with; take a graph such as kidney"
         )
     given = node.settings
+    refine = next((n.settings["refine"] for n in turned.nodes.values() if issubclass(n.cls, OnSurface)), REFINE)
     rotation = _vector(turned.nodes[node.name].settings["rotation"])
-    mesh = surface_mesh(str(organ.file), 0, rotation=rotation, file_unit=organ.unit)
+    mesh = surface_mesh(str(organ.file), 0, rotation=rotation, file_unit=unit, piece=piece, refine=refine)
     count = next((n.settings["vertices"] for n in graph.nodes.values() if issubclass(n.cls, OnSurface)), 3000)
     position = _vector(given["position"]), _vector(given["rotation"])
     original = surface_mesh(given["surface"], count, *position, given.get("file_unit", "m"))
@@ -95,21 +67,19 @@ def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
     moved = np.array([*anchor, heights(original, anchor[None])[0]]) - top
     values: dict[tuple[str, ...], Any] = {
         ("scene", "surface"): surface
-        | {"surface": str(organ.file.absolute()), "file_unit": organ.unit, "position": moved.tolist()},
+        | {"surface": str(organ.file.absolute()), "file_unit": unit, "piece": piece, "position": moved.tolist()},
         (node.name, "use"): "collision.Mesh",
     }
     size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(mesh.vertices, axis=0))
     lies = ", ".join(f"{1e3 * v:.3g}" for v in top + moved)
-    text = f"{organ.file} in {organ.unit}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
+    text = f"{organ.file} in {unit}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
     if path:
         scale, points = _follow(Mesh(mesh.vertices + moved, mesh.triangles), original, points, anchor)
         values["scene", "hand"] = scene["hand"] | _hand(path, points)
         narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""
         text += f", and the hand's path follows it{narrower}"
     place = Location(f"--organ {organ.file}")
-    overrides = tuple(Override(keys, YamlSource(value, {(): place})) for keys, value in values.items())
-    record = launch.record and launch.record.with_name(f"{organ.file.stem}.mcap")
-    return replace(launch, overrides=overrides + launch.overrides, record=record), text
+    return [Override(keys, YamlSource(value, {(): place})) for keys, value in values.items()], text
 
 
 def _of_surface(override: str | Override) -> bool:

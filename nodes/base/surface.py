@@ -27,8 +27,11 @@ from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.graded import filled, spread_over
 from palpate.physics.geometry.kidney import THICKNESS, kidney
 from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import capsule, plane_patch, sphere
+from palpate.physics.geometry.pieces import pieces
+from palpate.physics.geometry.refined import refined
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.physics.geometry.thinned import thinned
 
@@ -37,6 +40,8 @@ OPEN = ("plane",)  # the built-in surfaces that have a border
 PLACE: Vector3 = (0.0, 0.0, 0.084)
 LEVEL: Vector3 = (0.0, 0.0, 0.0)
 PLANE_SIZE = 0.1
+REFINE = 1.6e-3  # [m] a fifth of the radius of a fingertip's patch
+MOST_REFINED = 200_000  # approximate largest number of vertices after refinement
 FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingertip, see `fe.meshing.fingertip`
 
 
@@ -54,10 +59,22 @@ class OnSurface(Placed):
     vertices: Annotated[int, "1", msgspec.Meta(ge=12, le=2_000_000)] = 3000
     """Approximate number of vertices of a built-in surface; not for files."""
     file_unit: Annotated[str, "1"] = "m"  # Unit of the numbers in a mesh file: m, cm or mm
+    piece: Annotated[int, "1", msgspec.Meta(ge=-1)] = 0
+    """Separate piece of a mesh file: 0: all but small islands; -1: all; 1: the largest, 2: the second largest ..."""
+
+    refine: Annotated[float, "m", msgspec.Meta(ge=0)] = REFINE
+    """Longer edges of a mesh file are divided on a smooth surface through its vertices. 1/5 of the patch radius makes
+    normals and foot points continuous; 0: the triangles of the file."""
 
     def mesh(self) -> Mesh:
         """The surface's mesh, the same object for all nodes of a process with these settings."""
-        return surface_mesh(self.surface, self.vertices, self.position, self.rotation, self.file_unit)
+        return surface_mesh(*self._surface)
+
+    @property
+    def _surface(self) -> tuple[str, int, Vector3, Vector3, str, int, float]:
+        """The settings that define the mesh."""
+        at = self.surface, self.vertices, self.position, self.rotation
+        return (*at, self.file_unit, self.piece, self.refine)
 
 
 class OnThinnedSurface(OnSurface):
@@ -73,12 +90,17 @@ class OnThinnedSurface(OnSurface):
 
     def mesh(self) -> Mesh:
         """The mesh of these vertices, the same object for all nodes of a process with these settings."""
-        given = self.surface, self.vertices, self.position, self.rotation, self.file_unit
-        return _thinned(*given, _content(self.surface), self.spacing)
+        return _thinned(*self._surface, _content(self.surface), self.spacing)
 
 
 def surface_mesh(
-    surface: str, vertices: int, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL, file_unit: str = "m"
+    surface: str,
+    vertices: int,
+    position: Vector3 = LEVEL,
+    rotation: Vector3 = LEVEL,
+    file_unit: str = "m",
+    piece: int = 0,
+    refine: float = 0.0,
 ) -> Mesh:
     """The triangle mesh of a surface, rotated and moved to its position in the world.
 
@@ -89,10 +111,12 @@ def surface_mesh(
     position   [m]   (3) of its origin
     rotation   [rad] (3) rotation vector about its origin
     file_unit  unit of a file's numbers: m, cm or mm
+    piece      of a file, see `OnSurface.piece`
+    refine     [m] longest edge of a file, see `OnSurface.refine`
 
     SettingError: unknown surface, or a file that cannot be used.
     """
-    return _placed(surface, vertices, position, rotation, file_unit, _content(surface))
+    return _placed(surface, vertices, position, rotation, file_unit, piece, refine, _content(surface))
 
 
 def _content(surface: str) -> bytes:
@@ -107,7 +131,16 @@ def _content(surface: str) -> bytes:
 
 
 @lru_cache(maxsize=4)
-def _placed(surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, content: bytes) -> Mesh:
+def _placed(
+    surface: str,
+    vertices: int,
+    position: Vector3,
+    rotation: Vector3,
+    file_unit: str,
+    piece: int,
+    refine: float,
+    content: bytes,
+) -> Mesh:
     """`surface_mesh` of a file with this digest."""
     if surface == "plane":
         mesh = plane(PLANE_SIZE, vertices)
@@ -119,7 +152,8 @@ def _placed(surface: str, vertices: int, position: Vector3, rotation: Vector3, f
         _known(surface)
         if file_unit not in UNITS:
             raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
-        mesh = read_mesh(surface, UNITS[file_unit])
+        mesh = read_mesh(surface, UNITS[file_unit], piece)
+        mesh = refined(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
     turn = rotation_matrix(rotation)
     _finite("position", position)
     return Mesh(np.ascontiguousarray(product(mesh.vertices, turn.T) + np.asarray(position)), mesh.triangles)
@@ -130,10 +164,50 @@ surface_mesh.cache_clear = _placed.cache_clear  # type: ignore[attr-defined]
 
 @lru_cache(maxsize=4)
 def _thinned(
-    surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, content: bytes, spacing: float
+    surface: str,
+    vertices: int,
+    position: Vector3,
+    rotation: Vector3,
+    file_unit: str,
+    piece: int,
+    refine: float,
+    content: bytes,
+    spacing: float,
 ) -> Mesh:
     """`OnThinnedSurface.mesh` of a file with this digest."""
-    return thinned(_placed(surface, vertices, position, rotation, file_unit, content), spacing)
+    return thinned(_placed(surface, vertices, position, rotation, file_unit, piece, refine, content), spacing)
+
+
+@lru_cache(maxsize=4)
+def refinement(
+    surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, piece: int, refine: float
+) -> tuple[float, int]:
+    """Largest distance [m] of the vertices that `refine` added from the triangles of the file, and the number of
+    vertices of the file."""
+    coarse = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, 0.0)
+    fine = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, refine)
+    added = fine.vertices[len(coarse.vertices) :]
+    if not len(added):
+        return 0.0, len(coarse.vertices)
+    foot, *_ = MeshClosestPoint(coarse).find(added)
+    return float(np.linalg.norm(added - foot, axis=1).max()), len(coarse.vertices)
+
+
+@lru_cache(maxsize=4)
+def thickness(surface: str, file_unit: str, piece: int) -> float:
+    """Mean thickness [m] of the thinnest separate piece of a mesh file, twice its volume over its area: that of a
+    plate, a third of the diameter of a ball; inf for an open piece."""
+    mesh = surface_mesh(surface, 0, LEVEL, LEVEL, file_unit, piece, 0.0)
+    label = pieces(mesh.triangles, len(mesh.vertices))
+    area = np.bincount(label, 0.5 * np.linalg.norm(mesh.face_vectors, axis=1))
+    middle = mesh.vertices - mesh.vertices.mean(axis=0)
+    volume = np.bincount(label, np.einsum("ij,ij->i", mesh.face_vectors, middle[mesh.triangles[:, 0]])) / 6.0
+    ends, count = mesh.edges
+    open_ = np.zeros(len(area), bool)
+    holder = np.zeros(len(mesh.vertices), np.int64)
+    holder[mesh.triangles] = label[:, None]
+    open_[holder[ends[count == 1]]] = True
+    return float(np.where(open_, np.inf, 2.0 * np.abs(volume) / area).min())
 
 
 def complete(surface: Surface, points: np.ndarray) -> Surface:

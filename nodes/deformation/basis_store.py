@@ -23,6 +23,12 @@ BUILDERS = {"condensed": 4, "sampled": 4}
 then no longer found. Tests compare the constants and the numbers of a small basis with this version."""
 GRID = 1e-7
 """[m] Rounding of vertices before they are hashed, since the last bits depend on the processor."""
+KEPT = 1.25
+"""[1] Vertices of a file over the setting `coarse` up to which the basis has those of the file; beyond, the surface is
+reduced to about `coarse` vertices when the basis is built."""
+EDGE, MOST_REDUCED = 8e-3, 1500
+"""Unless `coarse` is set: length of the edges [m] to which a file is reduced, the radius of a fingertip's patch, and
+the largest number of vertices, whose basis takes 50 s of processor time."""
 NEAR = 0.01
 """[1] Largest distance of a basis' vertex from the surface over the surface's extent, if the surface was remeshed."""
 

@@ -15,6 +15,7 @@ from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
+from palpate.nodes.base.surface import SURFACES, thickness
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
 from palpate.physics.bodies import spring_range
@@ -26,6 +27,8 @@ from palpate.physics.contact.terminal import indentation
 NotNegative = msgspec.Meta(ge=0)
 
 _body_of = unpacking(springs.NodalBody)
+
+THIN = 4e-3  # [m] mean thickness of a body below which a note says that the law has none; half of a patch's radius
 
 
 class MassSpring(CompiledNode, WithNodule):
@@ -83,6 +86,12 @@ class MassSpring(CompiledNode, WithNodule):
         super().start()
         if self.area != "fixed":
             self._notes.append("MassSpring: its force law K s^n stays; scene.surface.area changes only its surface")
+        if self.surface not in SURFACES and (thin := thickness(self.surface, self.file_unit, self.piece)) < THIN:
+            self._notes.append(
+                f"MassSpring: {self.surface} is on average {1e3 * thin:.2g} mm thick (2 x volume / area), less than "
+                f"{1e3 * THIN:g} mm, half the radius of a fingertip's patch. The law K s^n of MassSpring has no "
+                "thickness, so the finger can sink deeper than the organ. Take deformation.ReducedFE"
+            )
         mapped = self.stiffness_map == "basis"
         self._hardness = self.hardness() if self.nodule_radius > 0.0 or mapped else None
         if self._hardness is not None:
@@ -128,8 +137,12 @@ class MassSpring(CompiledNode, WithNodule):
             self._note_once(f"{type(self).__name__}: {spring_range.fast_note(self.retardation, self.radius)}")
         return super().notes()
 
+    def bases(self) -> list[ReducedFE]:
+        """The bodies whose bases this node reads."""
+        return [] if self.stiffness_map == "uniform" else [self._reference()]
+
     def _reference(self) -> ReducedFE:
-        names = "surface", "position", "rotation", "vertices", "file_unit", "spacing", "radius"
+        names = "surface", "position", "rotation", "vertices", "file_unit", "piece", "refine", "spacing", "radius"
         return ReducedFE(**{name: getattr(self, name) for name in names})
 
     def resize(self, counts: list[int]) -> None:

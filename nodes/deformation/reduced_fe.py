@@ -35,7 +35,7 @@ from palpate.physics.contact.spread import TABLES
 from palpate.physics.geometry.mesh import Mesh
 
 BUILT_FROM = (
-    "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "capsule_thickness", "capsule_ratio",
+    "model", "modes", "surface", "file_unit", "piece", "poisson", "bed", "coarse", "capsule_thickness", "capsule_ratio",
 )  # fmt: skip
 """Settings that the basis depends on."""
 NODULE = ("vertices", "position", "rotation", "nodule_position", "nodule_depth", "nodule_radius", "nodule_ratio")
@@ -80,7 +80,8 @@ class ReducedFE(CompiledNode, WithNodule):
     """Whether the surface under the patch sticks to the finger. If not, it slides freely, which is valid for light
     loads (heavier ones are reported). The sampled model ignores it."""
     coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
-    """Approximate number of vertices of the condensed surface."""
+    """Approximate number of vertices of the condensed surface. At the default, a file gets more, up to 1500, if its
+    edges would exceed 8 mm. A file with at most 1.25 times as many keeps its vertices."""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
     """Of the patch of the terminal law before the first load."""
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
@@ -123,10 +124,15 @@ class ReducedFE(CompiledNode, WithNodule):
         self.hold("push", np.zeros(len(mesh.vertices)))
         self.hold("pressures", np.zeros(len(mesh.vertices)))
         self._organ = self._made()
+        self._remark()
         self._make(self._count)
 
     def check(self) -> None:
         self.basis()
+
+    def bases(self) -> list["ReducedFE"]:
+        """The bodies whose bases this node reads."""
+        return [self]
 
     def condition(self) -> str:
         return "outside its range" if hasattr(self, "own") and self.own["beyond"] > 0.0 else ""
@@ -144,9 +150,9 @@ class ReducedFE(CompiledNode, WithNodule):
         self.hold("body", body)
         self.hold("coupling", body.coupling)
 
-    def _made(self) -> Any:
+    def _made(self, basis: Basis | None = None) -> Any:
         """The part of the body that is independent of the number of contacts."""
-        basis, given = self._placed()
+        basis, given = self._placed(basis)
         large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         return condensed_body(basis, *given, self.poisson, self.sticks, self._apart(), rho, self.area_law())
@@ -207,9 +213,11 @@ class ReducedFE(CompiledNode, WithNodule):
     def _placing(self) -> tuple[np.ndarray, np.ndarray]:
         return rotation_matrix(self.rotation), np.asarray(self.position, float)
 
-    def _placed(self) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
-        """The basis at its position in the world, and the other arguments of its body."""
-        basis = self.basis()
+    def _placed(
+        self, basis: Basis | SampledBasis | None = None
+    ) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
+        """The stored basis, or the given one, at its position in the world, and the other arguments of its body."""
+        basis = basis or self.basis()
         turn, origin = self._placing()
         vertices, count = product(basis.vertices, turn.T) + origin, len(basis.vertices)
 
@@ -226,20 +234,30 @@ class ReducedFE(CompiledNode, WithNodule):
             return SampledBasis(vertices, basis.triangles, residual, modes, basis.points, basis.bend), given
         return Basis(vertices, basis.triangles, turned(basis.compliance)), given
 
-    def stiffness_field(self) -> tuple[np.ndarray, np.ndarray]:
+    def stiffness_field(self, basis: Basis | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Stiffness [1] (V) under a patch of `radius` round each vertex of the surface, over that of a half-space; and
         the indentation by a force along the surface, over that by an equal normal force [1] (V,3).
-        SettingError: the basis is missing."""
-        body = self._made()
+        `basis`: instead of the stored one. SettingError: that is missing."""
+        body, triangles = self._made(basis), self._placed(basis)[0].triangles
         model, true = body.model, body.model.true
-        soft, sideways = softness(Mesh(model.vertices, self.coarse_mesh().triangles), model, body.fine.spreader)
+        soft, sideways = softness(Mesh(model.vertices, triangles), model, body.fine.spreader)
         compliance = exp((model.weights * soft[model.corners]).sum(axis=1))
         stiff = (1.0 - true.held) * true.normal * MEAN / self.radius / compliance
         return stiff, np.einsum("wa,wai->wi", model.weights, sideways[model.corners])
 
     def coarse_mesh(self) -> Mesh:
-        """The surface to which the organ is condensed, in its frame."""
-        return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit)
+        """The surface to which the organ is condensed, in its frame; of a file before it is reduced (`reduced`)."""
+        return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit, piece=self.piece, refine=0.0)
+
+    def reduced(self) -> int | None:
+        """Number of vertices to which the surface of a file is reduced; None: the basis has those of the surface."""
+        if self.surface in SURFACES:
+            return None
+        mesh, wanted = self.coarse_mesh(), self.coarse
+        if wanted == ReducedFE.coarse:  # not set
+            even = float(mesh.areas.sum()) / (0.5 * 3.0**0.5 * basis_store.EDGE**2)
+            wanted = int(np.clip(10 * round(even / 10), wanted, basis_store.MOST_REDUCED))
+        return wanted if len(mesh.vertices) > basis_store.KEPT * wanted else None
 
     def inputs(self) -> dict[str, Any]:
         """All inputs of the basis."""
@@ -248,6 +266,8 @@ class ReducedFE(CompiledNode, WithNodule):
             inputs["modes"] = self.modes
         if self.model != "sampled" or self.surface != "fingertip":
             inputs |= {"mesh": basis_store.digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
+            if (reduced := self.reduced()) is not None:
+                inputs["coarse"] = reduced
             if self.nodule_radius > 0:
                 inputs |= {"nodule": [*self.nodule_centre(), self.nodule_radius, self.nodule_ratio]}
             if self.capsule_thickness > 0:
@@ -281,6 +301,7 @@ class ReducedFE(CompiledNode, WithNodule):
                 f"capsule{self._nearest()}. Build it once: {self.command()}"
             )
         path, basis = stored
+        self._path = path
         away = basis_store.off(basis.vertices, self.coarse_mesh())
         if away > basis_store.NEAR:
             raise SettingError(
@@ -288,6 +309,16 @@ class ReducedFE(CompiledNode, WithNodule):
                 f"expected the same surface at the same position. Rebuild it: {self.command()} --force"
             )
         return basis
+
+    def _remark(self) -> None:
+        """Note the error of the basis of a file."""
+        error = (basis_store.about(self._path) or {}).get("error") or {}
+        if self.model != "sampled" and {"mean", "worst", "vertices"} <= error.keys():
+            self._note_once(
+                f"ReducedFE: the basis of {_name(self.surface)} has {error['vertices']:.0f} vertices. Estimated error "
+                f"of the stiffness under a patch of {1e3 * self.radius:.3g} mm, from a basis of half as many: "
+                f"{error['mean']:.1%} in the mean, {error['worst']:.1%} at the worst place"
+            )
 
     def _nearest(self) -> str:
         """The differences of these settings from the inputs of the shipped basis of this surface and kind."""
@@ -318,10 +349,10 @@ class _Sampled:
     State = ReducedFE.State | {"body": form(SampledBody), "cautions": (1, 4), "evaluations": int, "settled": bool}
     idle = None
 
-    def _made(self: Any) -> Any:
+    def _made(self: Any, basis: Any = None) -> Any:
         if self.area != "fixed":
             raise SettingError(f"setting 'area': found {self.area!r}, expected 'fixed' with model: sampled")
-        return self._placed()
+        return self._placed(basis)
 
     def _make(self: Any, count: int) -> None:
         self._count = count

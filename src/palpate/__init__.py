@@ -53,6 +53,7 @@ def steps(
     *,
     duration: float | str | None = None,
     scene: str | None = None,
+    organ: str | Path | Mapping[str, Any] | None = None,
     sets: Sequence[str] = (),
     **nodes: str | Mapping[str, Any],
 ) -> Iterator[Tick]:
@@ -70,7 +71,7 @@ def steps(
     from palpate.calling import described
     from palpate.stepping import Stepper, ticks
 
-    return ticks(Stepper(described(graph, duration=duration, scene=scene, sets=sets, nodes=nodes)))
+    return ticks(Stepper(described(graph, duration=duration, scene=scene, sets=sets, nodes=nodes, organ=organ)))
 
 
 def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Comparison:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.bases import build_missing
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.load.organ_file import organ_of
 from palpate.launch.load.placement import FUSED, find_place
 from palpate.launch.load.recording import new_folder, recording_name
 from palpate.launch.load.values.overrides import of_keywords
@@ -18,6 +21,8 @@ from palpate.launch.run.execute import execute
 from palpate.launch.run.notes import warn
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.views.run import Run
+
+Organ = str | Path | Mapping[str, Any] | None
 
 
 def run(
@@ -29,6 +34,7 @@ def run(
     scene: str | None = None,
     clock: str | None = None,
     place: str | Path | None = None,
+    organ: Organ = None,
     sets: Sequence[str] = (),
     **nodes: str | Mapping[str, Any],
 ) -> Run:
@@ -43,6 +49,7 @@ def run(
     clock     "simulated" or "real"
     place     "fused", or a placement file. Default: on simulated time all nodes run in this process, which gives the
               same bytes as any other placement; on real time each node runs in a separate process
+    organ     mesh file instead of the scene's organ, "liver.stl", or {"file": "liver.stl", "unit": "mm", "piece": 2}
     sets      single values in the form of `--set`: "tissue.stiffness=2e3"
     nodes     a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
@@ -53,12 +60,14 @@ def run(
     """
     if clock not in (None, "simulated", "real"):
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
-    launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
+    launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
     launch = launch.but(clock=clock, place=find_place(place))
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
+    loaded = launch.load()
+    build_missing(loaded, quiet=not sys.stderr.isatty())
     may_fuse = launch.place is None and launch.clock != "real"
-    if may_fuse and not any(spec.cls.hardware for spec in launch.load().nodes.values()):
+    if may_fuse and not any(spec.cls.hardware for spec in loaded.nodes.values()):
         launch = launch.but(place=FUSED)  # same result, without starting processes
     temporary = None
     with contextlib.ExitStack() as ending:
@@ -70,7 +79,7 @@ def run(
             file = Path(temporary.name) / f"{name}.mcap"
         else:
             file = recording_name(Path(record), "record")
-        outcome = execute(launch.but(record=file), force=force)
+        outcome = execute(launch.but(record=file), loaded, force=force)
     outcome.signalled()
     if not outcome.result.ok:
         kept = "" if temporary else f" What was recorded before is in {outcome.recording}."
@@ -91,14 +100,21 @@ def described(
     duration: float | str | None,
     sets: Sequence[str],
     nodes: Mapping[str, str | Mapping[str, Any]],
+    organ: Organ = None,
 ) -> LaunchFile:
-    """The run that these arguments of `palpate.run` describe. GraphError, ArgumentError: they are invalid."""
+    """The run that these arguments of `palpate.run` describe, with its organ at its place. GraphError, ArgumentError,
+    MeshError: they are invalid."""
     if isinstance(sets, str):
         raise ArgumentError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
-    return find(str(graph)).but(
-        overrides=[*sets, *of_keywords(nodes)],
-        scene=None if scene is None else find_file(scene, SCENES, what="scene"),
-        duration=None if duration is None else _seconds(duration),
+    return (
+        find(str(graph))
+        .but(
+            overrides=[*sets, *of_keywords(nodes)],
+            scene=None if scene is None else find_file(scene, SCENES, what="scene"),
+            duration=None if duration is None else _seconds(duration),
+            organ=None if organ is None else organ_of(organ),
+        )
+        .settled()
     )
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.calling import described
+from palpate.bases import build_missing
+from palpate.calling import Organ, described
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
@@ -32,7 +33,7 @@ class Ensemble:
                value per lane, or one value for all lanes
     keep       fields that `run` returns, "stream.field"
     every      keep every n-th tick
-    scene, duration, sets, nodes  see `palpate.run`
+    scene, duration, organ, sets, nodes  see `palpate.run`
     threads    number of threads; None: one per core
 
     GraphError, ArgumentError: invalid arguments; raised before anything runs.
@@ -47,6 +48,7 @@ class Ensemble:
         *,
         scene: str | None = None,
         duration: float | str | None = None,
+        organ: Organ = None,
         sets: Sequence[str] = (),
         every: int = 1,
         threads: int | None = None,
@@ -55,10 +57,11 @@ class Ensemble:
         for name, value in (("lanes", lanes), ("every", every), ("threads", threads)):
             if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
                 raise ArgumentError(f"{name}: found {value!r}, expected a whole number from 1")
-        launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
+        launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
         if launch.duration is None:
             raise ArgumentError(f"{graph}: the graph has no duration; pass duration=2.0 [s]")
         base = launch.load()
+        build_missing(base, quiet=not sys.stderr.isatty())
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
         self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
         self._keep = [_kept(text, base) for text in ([keep] if isinstance(keep, str) else keep)]

@@ -6,9 +6,11 @@ for tick in steps("kidney", duration=0.5):
 """
 
 import itertools
+import sys
 from collections.abc import Iterator, Mapping
 from typing import Any, NoReturn
 
+from palpate.bases import build_missing
 from palpate.engine.faults import choices
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError, Slot
@@ -95,6 +97,7 @@ class Stepper:
 
     def __init__(self, launch: LaunchFile) -> None:
         graph = launch.load()
+        build_missing(graph, quiet=not sys.stderr.isatty())
         set_recording(graph, None)
         self.plan = plan(graph)  # the nodes that run
         devices = [name for name in self.plan.order if graph.nodes[name].cls.hardware]

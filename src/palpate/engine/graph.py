@@ -98,6 +98,7 @@ class Graph:
     effects  effects that the user switched on or off
     source   content of the graph file without the scene, after all overrides
     notes    one line for each part of the scene that no class in use reads
+    organ    the scene's key `organ:` and its place; None: it has none
     """
 
     path: Path
@@ -108,6 +109,7 @@ class Graph:
     source: dict[str, Any] = field(default_factory=dict)
     effects: dict[str, EffectChoice] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), compare=False)
+    organ: tuple[Any, Location] | None = field(default=None, compare=False)
 
     @property
     def streams(self) -> dict[str, type[Message]]:

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 
-from palpate.calling import described
+from palpate.calling import Organ, described
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.gym.side_view import side_view
@@ -82,6 +82,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         scene: str | None = None,
         nodes: Mapping[str, str | Mapping[str, Any]] | None = None,
         render_mode: str | None = None,
+        organ: Organ = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ArgumentError(f"render_mode: found {render_mode!r}, expected 'rgb_array' or None")
@@ -90,7 +91,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ArgumentError(f"ticks: found {ticks!r}, expected a whole number from 1 to 1000000")
         if not 0.0 < duration < math.inf:
             raise ArgumentError(f"duration: found {duration!r}, expected a time [s] above 0")
-        launch = described(graph, scene=scene, duration=None, sets=(), nodes=nodes or {})
+        launch = described(graph, scene=scene, duration=None, sets=(), nodes=nodes or {}, organ=organ)
         devices = _simulated(launch.load())
         self.stepper = Stepper(launch.but(overrides=[f"{name}.use=device.Steered" for name in devices]))
         self.hands = [_hand(self.stepper.plan, name) for name in devices]

@@ -15,7 +15,7 @@ EXTRAS = {
     "export": {"pyarrow": "pyarrow"},
     "table": {"pandas": "pandas"},
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
-    "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
+    "mesh": {"fast-simplification": "fast_simplification", "meshio": "meshio", "trimesh": "trimesh"},
     "study": {"matplotlib": "matplotlib"} | {name: name for name in ["SALib", "xarray", "zarr", "pyarrow", "pandas"]},
     "feel": {"sounddevice": "sounddevice", "pynwb": "pynwb"},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},

@@ -72,6 +72,12 @@ OrganOption = Annotated[
 UnitOption = Annotated[
     str | None, typer.Option("--unit", help="Unit of the mesh file: m, cm or mm; required if several are plausible.")
 ]
+PieceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--piece", help="Separate piece of the mesh file: 1, the largest, 2 ..., or all; else all but islands."
+    ),
+]
 RepairOption = Annotated[
     bool, typer.Option("--repair", help="Repair the mesh first; a closed copy is written next to the file.")
 ]
@@ -128,9 +134,10 @@ def chosen(
         raise typer.BadParameter(
             f"--fused puts everything in one process, --place {place} contradicts it: use one of them"
         )
-    return find(graph).but(
+    launch = find(graph).but(
         overrides=sets or (), scene=scene and Path(scene), place=FUSED if fused else find_place(place)
     )
+    return launch if launch.organ is None else launch.settled()
 
 
 def check_new(files: Collection[Path], force: bool) -> None:
@@ -154,28 +161,34 @@ def launch_file(launch: LaunchFile, out: Path | None, what: str) -> Path:
 
 
 def with_organ_file(
-    launch: LaunchFile, file: Path | None, unit: str | None, repair: bool, silent: bool = False
-) -> tuple[LaunchFile, list[str]]:
-    """The run with the organ of a mesh file, and the changes made to it. MeshError, SettingError: unusable organ."""
+    launch: LaunchFile, file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
+) -> LaunchFile:
+    """The run with the organ of a mesh file, or of its launch file or scene, at its place. MeshError, SettingError:
+    unusable organ."""
     if file is None:
-        if unit is not None or repair:
-            raise typer.BadParameter(f"{'--repair' if repair else '--unit'} needs --organ FILE")
-        return launch, []
-    from palpate.launch.load.organ import OrganFile, with_organ  # numba and scipy, which few graphs need
-    from palpate.launch.load.repair import repaired
+        for option, given in (("--unit", unit), ("--piece", piece), ("--repair", repair)):
+            if given:
+                raise typer.BadParameter(f"{option} needs --organ FILE")
+    else:
+        from palpate.launch.load.organ_file import OrganFile
 
-    organ, done = OrganFile.of(file, unit), []
-    if repair:
-        if not silent:
-            typer.echo(f"repairing {file} ...", err=True)
-        organ, steps = repaired(organ)
-        done.append(f"{file}: {', '.join(steps)}; written to {organ.file}" if steps else f"{file} needs no repair")
-    launch, text = with_organ(launch, organ)
-    done.append(text)
-    if not silent:
-        for line in done:
-            typer.echo(line, err=True)
-    return launch, done
+        if piece not in (None, "all") and not str(piece).isdecimal():
+            raise typer.BadParameter(f"--piece: found {piece!r}, expected all or a number from 1")
+        organ = OrganFile(file, unit, int(piece) if piece is not None and piece.isdecimal() else piece)
+        if repair:
+            from palpate.models.build.repair import repaired
+
+            if not silent:
+                typer.echo(f"repairing {file} ...", err=True)
+            written, steps = repaired(file, organ.in_unit(), organ.setting)
+            text = f"{file}: {', '.join(steps)}; written to {written}" if steps else f"{file} needs no repair"
+            launch = dataclasses.replace(launch, notes=(text,))
+            organ = OrganFile(written, "m") if steps else organ
+        launch = launch.but(organ=organ)
+    launch = launch.settled()
+    for line in () if silent else launch.notes:
+        typer.echo(line, err=True)
+    return launch
 
 
 def recorded_to(

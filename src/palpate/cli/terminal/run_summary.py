@@ -13,15 +13,12 @@ if TYPE_CHECKING:
     from palpate.launch.run.execute import RunOutcome
 
 
-def ended(
-    outcome: RunOutcome, name: str, folder: Path | None, organ_notes: list[str], as_json: bool, quiet: bool
-) -> None:
-    """Print the summary and draw the pictures into a folder, unless it is None. organ_notes: changes to the organ."""
+def ended(outcome: RunOutcome, name: str, folder: Path | None, as_json: bool, quiet: bool) -> None:
+    """Print the summary and draw the pictures into a folder, unless it is None."""
     from palpate.launch.run.screen import print_death
 
     result = outcome.result
     if as_json:
-        result.notes[:0] = organ_notes
         print_json(_data(outcome, _pictures(outcome, folder, silent=True)))
         return
     if result.ticks or result.ok:

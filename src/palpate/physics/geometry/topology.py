@@ -4,6 +4,7 @@ import numpy as np
 import scipy  # loads its submodules when they are used
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.geometry.pieces import parents
 
 
 def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
@@ -21,10 +22,10 @@ FLAT = 0.75
 def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The triangles of a manifold mesh, each connected piece oriented consistently, bodies with positive volume.
 
-    vertices [m] (V,3), triangles (T,3). Closed pieces that are consistent keep their relative orientation, so that a
-    cavity remains a cavity; a piece that was corrected gets positive volume. An open piece gets positive volume about
-    the mean of its border, as if its hole were closed. A sheet (`FLAT`) has no inside and gets the orientation of most
-    of its triangles.
+    vertices [m] (V,3), triangles (T,3). A closed piece that no other encloses gets positive volume. One that another
+    encloses keeps the orientation relative to that which most of its triangles have, so that a cavity remains a cavity.
+    An open piece gets positive volume about the mean of its border, as if its hole were closed. A sheet (`FLAT`) has no
+    inside and gets the orientation of most of its triangles.
     """
     triangles = np.asarray(triangles, dtype=np.int32)
     # each edge of a triangle, with its twin in the neighbour
@@ -50,9 +51,14 @@ def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     total = np.linalg.norm([np.bincount(piece, area[:, i]) for i in range(3)], axis=0)
     sheet = (count > 0) & (total > FLAT * np.bincount(piece, np.linalg.norm(area, axis=1)))
     closed = count == 0
-    turn = np.where(closed, (changed > 0) & (volume < 0), np.where(sheet, changed > size / 2, volume < 0))
-    if np.where(turn, -volume, volume)[closed].sum() < 0:
-        turn[closed] = ~turn[closed]
+    turn = np.where(sheet, changed > size / 2, volume < 0)
+    if closed.sum() > 1:
+        around, inwards = parents(vertices, oriented, piece), (volume < 0) != (changed > size / 2)  # in the file
+        for inner in np.argsort(-np.abs(volume)):
+            outer = around[inner]
+            if closed[inner] and outer >= 0:
+                cavity = (inwards[inner] != inwards[outer]) != (turn[outer] != (volume[outer] < 0))
+                turn[inner] = (volume[inner] < 0) != cavity
     return np.ascontiguousarray(np.where(turn[piece][:, None], oriented[:, ::-1], oriented))
 
 

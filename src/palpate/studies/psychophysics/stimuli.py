@@ -36,8 +36,10 @@ class Stimuli:
         scene: Any = experiment.scene
         if isinstance(scene, str):
             scene = find_file(scene, SCENES, file.parent, source.place("scene"), "scene")
-        self.launch: LaunchFile = find_launch(graph_of(file, experiment.graph)).but(
-            scene=scene, overrides=[*overrides(experiment.set, "set"), *sets]
+        self.launch: LaunchFile = (
+            find_launch(graph_of(file, experiment.graph))
+            .but(scene=scene, overrides=[*overrides(experiment.set, "set"), *sets])
+            .settled()
         )
         base = self.launch.load()
         self.path = full_path(experiment.vary, base)

@@ -1,6 +1,6 @@
 """Studies as YAML files.
 
-graph: kidney                     # or a launch file or graph; with `scene`, `duration`, `set` as in a launch file
+graph: kidney               # or a launch file or graph; with `scene`, `duration`, `organ`, `set` as in a launch file
 over:                             # varied settings
   tissue.stiffness: {linspace: [200, 400, 5]}
   tissue.use: [deformation.MassSpring, deformation.Rigid]
@@ -12,7 +12,9 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
+from palpate.engine.faults import Location
 from palpate.launch.load.files import GRAPHS
+from palpate.launch.load.organ_file import organ_of
 from palpate.launch.load.values.lines import quantity
 from palpate.launch.load.values.source import read
 from palpate.studies.files import Text, Whole, filled, found, graph_of
@@ -31,6 +33,7 @@ class _File(msgspec.Struct, kw_only=True):
     keep: Annotated[list[str], msgspec.Meta(description="a list such as [peak contact.force]")]
     scene: str | dict[str, Any] | None = None
     duration: Annotated[float, quantity("s", 1e-9, 1e9)] | None = None
+    organ: str | dict[str, Any] | None = None
     set: Annotated[dict[str, Any], msgspec.Meta(description="a mapping such as {tissue.damping: 4}")] = {}
     samples: Whole = 0
     design: Text = "sobol"
@@ -52,6 +55,7 @@ def load(path: Path, sensitivity: str | None = None, samples: int | None = None)
     given = filled(_File, read(path), "graph, over and keep")
     values = msgspec.structs.asdict(given)
     sets = overrides(values.pop("set"), "set")
+    values["organ"] = None if given.organ is None else organ_of(given.organ, Location(str(path)))
     values |= {"graph": graph_of(path, given.graph), "limit": None if given.limit == "none" else given.limit}
     values |= {
         "sensitivity": sensitivity or given.sensitivity,

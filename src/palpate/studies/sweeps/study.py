@@ -8,6 +8,7 @@ study.table()
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -17,8 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.bases import build_missing
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
+from palpate.launch.load.organ_file import organ_of
 from palpate.launch.run.lanes import extremes
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.sweeps.axes import axis
@@ -44,7 +47,7 @@ class Study:
     graph        name of a shipped launch file or graph, or a path
     over         varied settings: paths in the form of `--set`, each with values or a distribution (see docs/studies.md)
     keep         kept results of each run: "peak contact.force", "curve contact.force", "recording" ...
-    scene, duration, sets  see `palpate.run`
+    scene, duration, organ, sets  see `palpate.run`
     samples, design, seed  number of joint samples of all distributions; sobol, lhs or random; seed of the samples
     sensitivity  sobol or morris: draw the points for the sensitivity indices of `indices`
     limit        timeout of a point, [s] or a text with a unit; None: no timeout
@@ -62,6 +65,7 @@ class Study:
         *,
         scene: str | Mapping[str, Any] | None = None,
         duration: float | str | None = None,
+        organ: str | Path | Mapping[str, Any] | None = None,
         sets: Sequence[Any] = (),
         samples: int = 0,
         design: str = "sobol",
@@ -75,6 +79,7 @@ class Study:
             raise ArgumentError(f"keep: found {keep!r}, expected a list such as ['peak contact.force']")
         given = scene if isinstance(scene, Mapping) or scene is None else find_file(str(scene), SCENES, what="scene")
         launch = find(str(graph)).but(overrides=sets, scene=given, duration=seconds("duration", duration))
+        launch = launch.but(organ=None if organ is None else organ_of(organ)).settled()
         self.limit = seconds("limit", limit)
         base = launch.load()
         self.keep = kept(keep, base)
@@ -141,6 +146,7 @@ class Study:
                 f"over: {len(self):,} points, {' x '.join(map(str, self.space.shape))}; at 1 s each this takes "
                 f"{len(self) / 86400.0:,.1f} days of one core. Expected up to {MANY:,}; to continue: --yes, or yes=True"
             )
+        build_missing(self.launch.load(), quiet=not sys.stderr.isatty())
         store = Store(Path(folder))
         try:
             missing = self._missing(store, retry, report)

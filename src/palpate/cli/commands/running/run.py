@@ -19,6 +19,7 @@ def run(
     scene: options.SceneOption = None,
     organ: options.OrganOption = None,
     unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
     repair: options.RepairOption = False,
     place: options.PlaceOption = None,
     fused: options.Fused = False,
@@ -65,7 +66,7 @@ def run(
             ending.callback(forkserver.close)
         # The run that the options describe.
         launch = options.chosen(graph, sets, scene, place, fused)
-        launch, organ_notes = options.with_organ_file(launch, organ, unit, repair, silent=as_json)
+        launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
         options.one_of("clock", clock, "simulated", "real")
         launch = launch.but(clock=clock, duration=duration, pace=pace)
         launch = options.reconnecting(launch) if reconnect else launch
@@ -79,20 +80,25 @@ def run(
             launch, loaded = page.launch, page.graph
             ending.callback(page.close)
 
+        from palpate.bases import build_missing
         from palpate.cli.terminal.run_summary import ended
         from palpate.launch.run.execute import Network, execute
         from palpate.records.times import step_times
 
-        # Run it, then print the summary and draw the pictures.
+        # Build the bases that it lacks, run it, then print the summary and draw the pictures.
+        loaded = loaded or launch.load()
+        build_missing(loaded, quiet=as_json)
         outcome = execute(
             launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
             patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),
             thin=options.thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
             watch=page.live.on_update if page else lambda _: None, fit_cores=True, force=force,
         )  # fmt: skip
+        if not as_json:
+            outcome.result.live.update(launch.notes)
         if page is not None:
             page.live.over()
-        ended(outcome, name, None if no_pictures else folder, organ_notes, as_json, quiet)
+        ended(outcome, name, None if no_pictures else folder, as_json, quiet)
         if page is not None and not (outcome.result.interrupted or as_json):
             page.stay()
     if not outcome.ok or (strict and outcome.verdict is not None and not outcome.verdict.kept):

@@ -19,6 +19,7 @@ def touch(
     scene: options.SceneOption = None,
     organ: options.OrganOption = None,
     unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
     repair: options.RepairOption = False,
     port: options.Port = 0,
     host: options.Host = "127.0.0.1",
@@ -40,12 +41,14 @@ def touch(
 
     check()
     options.one_of("--record-only", record_only, "all", "sources")
+    from palpate.bases import build_missing
     from palpate.launch.load.recording import new_folder
     from palpate.views.page.session import Session
 
-    launch, _ = options.with_organ_file(
-        options.chosen(graph, None if organ is None else sets, scene), organ, unit, repair
+    launch = options.with_organ_file(
+        options.chosen(graph, None if organ is None else sets, scene), organ, unit, piece, repair
     )
+    build_missing(launch.but(overrides=sets).load())
     with contextlib.nullcontext(out) if out else new_folder("touch") as folder:
         session = Session(launch, folder, list(sets or []), record_only)
         session.keep = not no_record

@@ -1,9 +1,9 @@
 """Static condensation with a multifrontal factor: H' K⁻¹ H for sparse loads H, without solving for each load.
 
 With K = L L' it is Y' Y with Y = L⁻¹ H, and only the forward substitution is needed. It visits the fronts once, from
-the leaves to the root. A front carries only the columns of H that load nodes of its subtree: most products are small.
-The cost is 20 times less than that of a solve per column (J. R. Gilbert, T. Peierls, SIAM J. Sci. Stat. Comput. 9
-(1988) 862, on sparse right sides; the same tree as in `fe.sparse.cholesky`).
+the leaves to the root. A front carries only the columns of H that load nodes of its subtree, so most products are
+small, and the cost is 20 times less than that of a solve per column (J. R. Gilbert, T. Peierls, SIAM J. Sci. Stat.
+Comput. 9 (1988) 862, on sparse right sides; the tree is that of `fe.sparse.cholesky`).
 """
 
 import numpy as np

@@ -1,28 +1,32 @@
 """Repairs a mesh file: closes holes, orients triangles outwards, removes self-intersections."""
 
+from pathlib import Path
+
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.launch.load.organ import OrganFile
 from palpate.nodes.base.mesh_file import UNITS, flaws, read_triangles
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.physics.geometry.topology import crossing, edge_counts, outward
 
 
-def repaired(organ: OrganFile) -> tuple[OrganFile, list[str]]:
-    """Write a closed mesh in metres next to the file; returns it and a line per repair, or the organ if it is sound.
+def repaired(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
+    """Write a closed mesh in metres next to the file; returns it and a line per repair, or the file if it is sound.
 
     Holes are closed by fans. If more than two triangles share an edge, or triangles intersect, fTetWild rebuilds the
     surface within 0.1 % of its size.
 
+    unit   of the file: m, cm or mm
+    piece  as of `read_triangles`
+
     MeshError: it cannot be repaired, or fTetWild is not installed. SettingError: the file cannot be read.
     """
-    vertices, triangles = read_triangles(str(organ.file))
+    vertices, triangles = read_triangles(str(file), piece)
     border, shared = edge_counts(triangles, len(vertices))
-    if not (border or shared or flaws(str(organ.file))):
-        return organ, []
+    if not (border or shared or flaws(str(file), piece)):
+        return file, []
     done = []
     if not shared:
         triangles = outward(vertices, triangles)
@@ -40,15 +44,15 @@ def repaired(organ: OrganFile) -> tuple[OrganFile, list[str]]:
     border, shared = edge_counts(triangles, len(vertices))
     if border or shared:
         raise MeshError(
-            f"--repair: {organ.file} still has {border} open edges and {shared} of more than two triangles. Repair it "
+            f"--repair: {file} still has {border} open edges and {shared} of more than two triangles. Repair it "
             "in a mesh editor"
         )
-    file = organ.file.with_name(f"{organ.file.stem}-repaired.ply")
+    out = file.with_name(f"{file.stem}-repaired.ply")
     try:
-        write_ply(file, Mesh(vertices * UNITS[organ.unit], outward(vertices, triangles)))
+        write_ply(out, Mesh(vertices * UNITS[unit], outward(vertices, triangles)))
     except OSError as error:
-        raise MeshError(f"--repair: {file} cannot be written: {error.strerror}") from None
-    return OrganFile(file, "m"), done or ["triangles turned outwards"]
+        raise MeshError(f"--repair: {out} cannot be written: {error.strerror}") from None
+    return out, done or ["triangles turned outwards"]
 
 
 def _closed(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:

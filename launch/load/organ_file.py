@@ -1,0 +1,90 @@
+"""The mesh file that replaces the organ of a scene: `--organ`, the key `organ:` and `palpate.run(organ=...)`.
+
+organ: liver.stl                                  # relative to the file with this line, or to the working directory
+organ: {file: liver.stl, unit: mm, piece: 2}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from palpate.engine.faults import NOWHERE, Fault, GraphError, Location, choices
+from palpate.physics.errors import MeshError
+
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class OrganFile:
+    """A mesh file.
+
+    unit   m, cm or mm; None: the only one in which its size is plausible
+    piece  1: its largest separate piece, 2: the second largest ...; "all": every piece; None: all but small islands
+    """
+
+    file: Path
+    unit: str | None = None
+    piece: int | str | None = None
+
+    def __post_init__(self) -> None:
+        whole = isinstance(self.piece, int) and not isinstance(self.piece, bool) and self.piece >= 1
+        if not (whole or self.piece in (None, ALL)):
+            raise MeshError(f"piece of {self.file}: found {self.piece!r}, expected all or a number from 1")
+
+    @property
+    def setting(self) -> int:
+        """The piece as the setting `piece` of a node."""
+        return -1 if self.piece == ALL else int(self.piece or 0)
+
+    def in_unit(self) -> str:
+        """The given unit, or the only one in which the size is plausible.
+
+        MeshError: unknown unit, implausible size, or several plausible units. SettingError: the file cannot be read.
+        """
+        from palpate.nodes.base.mesh_file import LARGEST, SMALLEST, UNITS, across, plausible_units
+
+        if self.unit is not None and self.unit not in UNITS:
+            raise MeshError(f"unit of {self.file}: found {self.unit!r}, expected one of {', '.join(UNITS)}")
+        size = across(str(self.file), self.setting)
+        fits = plausible_units(size)
+        if self.unit in fits or (self.unit is None and len(fits) == 1):
+            return self.unit or fits[0]
+        expected = f"expected {1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm"
+        sizes = " or ".join(f"--unit {u} ({1e3 * size * UNITS[u]:.3g} mm across)" for u in fits)
+        if not fits:
+            raise MeshError(
+                f"--organ {self.file}: its coordinates span {size:.3g}, which is implausible in every unit; {expected}"
+            )
+        if self.unit is None:
+            raise MeshError(f"--organ {self.file}: the file has no unit, and several are plausible: {sizes}")
+        raise MeshError(
+            f"--organ {self.file}: in {self.unit} it is {1e3 * size * UNITS[self.unit]:.3g} mm across, {expected}. "
+            f"Use {sizes}"
+        )
+
+
+def organ_of(given: Any, place: Location = NOWHERE) -> OrganFile:
+    """The organ that a key `organ:` or an argument `organ` names: a file, or a mapping with the fields of `OrganFile`.
+
+    place  of the key; a relative file is sought in the folder of its file, then in the working directory
+
+    GraphError: another value.
+    """
+    if isinstance(given, OrganFile):
+        return given
+    values = dict(given) if isinstance(given, Mapping) else {"file": given}
+    known = [field.name for field in fields(OrganFile)]
+    for key in values.keys() - set(known):
+        raise GraphError([Fault(f"organ: found the key {key!r}", choices("Keys", str(key), known), place)])
+    if not isinstance(values.get("file"), str | Path):
+        text = f"organ: found {given!r}, expected a mesh file, or a mapping such as {{file: liver.stl, unit: mm}}"
+        raise GraphError([Fault(text, "", place)])
+    file = Path(values["file"]).expanduser()
+    near = Path(place.file).parent / file
+    try:
+        return OrganFile(**values | {"file": near if near.is_file() else file})
+    except MeshError as error:
+        raise GraphError([Fault(str(error), "", place)]) from None

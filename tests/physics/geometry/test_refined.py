@@ -1,0 +1,67 @@
+"""Subdivision of coarse meshes."""
+
+import numpy as np
+import pytest
+
+from palpate.nodes.base.surface import surface_mesh
+from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.physics.geometry.refined import refined
+from palpate.physics.geometry.topology import edge_counts
+
+trimesh = pytest.importorskip("trimesh")
+
+
+def mesh_of(given):
+    return Mesh(np.array(given.vertices, dtype=float), np.array(given.faces, dtype=np.int32))
+
+
+def longest(mesh):
+    ends, _ = mesh.edges
+    return np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1).max()
+
+
+def test_a_refined_sphere_is_round_converges_and_stays_closed():
+    off = []
+    for level in (2, 3):
+        fine = refined(mesh_of(trimesh.creation.icosphere(level, 0.04)), 0.0016, 200_000)
+        assert edge_counts(fine.triangles, len(fine.vertices)) == (0, 0) and longest(fine) < 0.0017
+        assert (np.einsum("ij,ij->i", fine.face_vectors, fine.vertices[fine.triangles[:, 0]]) > 0).all()
+        off.append(np.abs(np.linalg.norm(fine.vertices, axis=1) - 0.04).max())
+    middles = trimesh.creation.icosphere(2, 0.04).triangles_center
+    assert off[0] < (0.04 - np.linalg.norm(middles, axis=1)).max() / 10 and off[1] < off[0] / 5
+
+
+def test_the_bend_at_the_edges_of_a_coarse_sphere_falls():
+    def bend(mesh):
+        unit = mesh.face_vectors / np.linalg.norm(mesh.face_vectors, axis=1)[:, None]
+        given = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+        return np.arccos(np.clip(np.einsum("ij,ij->i", *unit[given.face_adjacency.T]), -1, 1)).max()
+
+    coarse = mesh_of(trimesh.creation.icosphere(3, 0.04))
+    assert bend(refined(coarse, 0.0016, 200_000)) < 0.4 * bend(coarse)
+
+
+def test_a_box_and_a_sheet_keep_their_shape():
+    for given in (mesh_of(trimesh.creation.box((0.1, 0.08, 0.05))), plane(0.1, 16)):
+        fine = refined(given, 0.004, 200_000)
+        assert longest(fine) <= 0.004 * (1 + 1e-6)
+        assert edge_counts(fine.triangles, len(fine.vertices))[1] == 0
+        assert fine.areas.sum() == pytest.approx(given.areas.sum(), rel=1e-12)
+        assert np.ptp(fine.vertices, axis=0) == pytest.approx(np.ptp(given.vertices, axis=0), abs=1e-15)
+
+
+def test_a_cylinder_keeps_its_rim_and_its_side_becomes_round():
+    given = mesh_of(trimesh.creation.cylinder(0.03, 0.06, sections=24))
+    fine = refined(given, 0.003, 200_000)
+    radius = np.hypot(fine.vertices[:, 0], fine.vertices[:, 1])
+    middle = np.abs(fine.vertices[:, 2]) < 0.02
+    chord = 0.03 * np.cos(np.pi / 24)
+    assert np.abs(fine.vertices[:, 2]).max() == pytest.approx(0.03, abs=1e-12)
+    assert radius[~middle].min() < chord + 1e-9 or radius.max() < 0.0301
+    assert edge_counts(fine.triangles, len(fine.vertices)) == (0, 0)
+
+
+def test_a_mesh_with_short_edges_is_the_same_object_and_the_number_of_vertices_is_bounded():
+    kidney = surface_mesh("kidney", 3000)
+    assert refined(kidney, 0.01, 200_000) is kidney
+    assert len(refined(kidney, 1e-5, 20_000).vertices) < 80_000
