@@ -5,7 +5,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.engine.faults import Location
+from palpate.engine.faults import GraphError, Location
 from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.lanes import Lanes, NodeImage, Pool
@@ -165,8 +165,13 @@ def prepare_all(
 
     each = Preparation(load, {path: extremes(values) for path, values in over.items()})
     prepared = []
-    for lane in range(lanes):  # `load` names it in faults
-        prepared.append(each({path: values[lane] for path, values in over.items()}))
+    for lane in range(lanes):  # `load` names it in faults of a value, but not in what a value does to a node
+        try:
+            prepared.append(each({path: values[lane] for path, values in over.items()}))
+        except GraphError as error:
+            if not over or all(str(fault.place).startswith("lane ") for fault in error.faults):
+                raise
+            raise GraphError(replace(fault, text=f"lane {lane}: {fault.text}") for fault in error.faults) from None
     return prepared
 
 

@@ -85,6 +85,12 @@ class Starting(msgspec.Struct, frozen=True, tag=True):
     kernels: int = 0
 
 
+class InCall(msgspec.Struct, frozen=True, tag=True):
+    """Answer to SIGUSR1, by which the launcher asks a silent worker: the node whose call is running."""
+
+    node: str
+
+
 class Ready(msgspec.Struct, frozen=True, tag=True):
     """All nodes are built. endpoints: addresses by outlet; refused: privileges that the system denied."""
 
@@ -124,7 +130,7 @@ class NodesEnded(msgspec.Struct, frozen=True, tag=True):
 
 
 Order = Take | Connect | Go | Gone | End | Stop | Close | Quit | Beat
-Report = Hello | Starting | Ready | Linked | Alive | Paused | NodeFault | Note | NodesEnded
+Report = Hello | Starting | InCall | Ready | Linked | Alive | Paused | NodeFault | Note | NodesEnded
 
 
 class Addressed(msgspec.Struct, frozen=True):
