@@ -102,6 +102,7 @@ class BundleContact(Node):
         self.depth = 0.0
         self.onset = -1.0
         self.sampled = -1
+        self.sent: tuple[Contact, Friction, Slip, Surface] | None = None
 
     def _bundle(self) -> Bundle:
         tissue = ViscoelasticMaterial(self.tissue_modulus, self.tissue_relaxation, self.poisson)
@@ -115,8 +116,8 @@ class BundleContact(Node):
     def step(self, pose: Pose, *, dt: float) -> tuple[Contact, Friction, Slip, Surface]:
         sample = pose.time - (pose.delayed or 0) if pose.time >= 0 else -1
         dt = since.py_func(self, sample, dt)
-        if dt == 0.0:  # the same pose again
-            return None
+        if dt == 0.0 and self.sent is not None:  # the same pose again
+            return self.sent
         x, y, z = pose.position
         last = self.before or pose.position
         depth = min(max(self.thickness + self.plate - z, -FARTHEST), FARTHEST)
@@ -131,7 +132,8 @@ class BundleContact(Node):
         contact = Contact(foot=(x, y, self.plate), normal=UP, force=float(reaction[2]),
                           compression=max(depth, 0.0), indentation=0.0,
                           compression_rate=rate, indentation_rate=0.0)  # fmt: skip
-        return contact, self._friction(reaction), self._slip(), self._surface()
+        self.sent = contact, self._friction(reaction), self._slip(), self._surface()
+        return self.sent
 
     def _friction(self, reaction: np.ndarray) -> Friction:
         summary = self.state.summary

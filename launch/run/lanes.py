@@ -5,8 +5,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.engine.faults import Location
+from palpate.engine.faults import GraphError, Location
 from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.lanes import Lanes, NodeImage, Pool
@@ -28,13 +27,12 @@ from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.assign import jobs
+from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapted
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.logger import Mcap
 from palpate.physics.errors import ArgumentError, PalpateError
 
-BLOCK = 0.02  # [s] target duration of a call of compiled code, because Ctrl-C waits for its end
-FIRST = 8  # ticks of the first call
 KNOWN = 256  # Maximum number of loaded graphs that a `Preparation` keeps
 
 
@@ -167,8 +165,13 @@ def prepare_all(
 
     each = Preparation(load, {path: extremes(values) for path, values in over.items()})
     prepared = []
-    for lane in range(lanes):  # `load` names it in faults
-        prepared.append(each({path: values[lane] for path, values in over.items()}))
+    for lane in range(lanes):  # `load` names it in faults of a value, but not in what a value does to a node
+        try:
+            prepared.append(each({path: values[lane] for path, values in over.items()}))
+        except GraphError as error:
+            if not over or all(str(fault.place).startswith("lane ") for fault in error.faults):
+                raise
+            raise GraphError(replace(fault, text=f"lane {lane}: {fault.text}") for fault in error.faults) from None
     return prepared
 
 
@@ -263,18 +266,18 @@ class LaneRun:
         On KeyboardInterrupt the threads are stopped before it is raised.
         """
         todo = iter([lane for lane in range(self.lanes.count) if lane not in self.failures])
-        lock, stop, ran = threading.Lock(), threading.Event(), [0]
+        lock, ran = threading.Lock(), [0]
 
         # Each thread runs one lane after another, in blocks of ticks that take about `BLOCK` seconds at most.
-        def work() -> None:
+        def work(stopped: Callable[[], bool]) -> None:
             block = FIRST
-            while not stop.is_set():
+            while not stopped():
                 with lock:
                     lane = next(todo, None)
                 if lane is None:
                     return
                 now = 0
-                while now < ticks and not stop.is_set():
+                while now < ticks and not stopped():
                     count, begun = min(block, ticks - now), time.perf_counter()
                     self.lanes.run(lane, 1, count)
                     reached, took = int(self.lanes.ticks[lane]), time.perf_counter() - begun
@@ -282,19 +285,15 @@ class LaneRun:
                     if reached < now + count:
                         break
                     if count == block:
-                        block = max(1, block // 2) if took > BLOCK else block * 2 if took < 0.5 * BLOCK else block
+                        block = adapted(block, took)
                     now = reached
 
         count = min(threads or len(os.sched_getaffinity(0)), self.lanes.count)
-        with ThreadPoolExecutor(count, "palpate lanes") as pool:
-            working = [pool.submit(work) for _ in range(count)]
-            try:
-                while wait(working, timeout=0.1, return_when=FIRST_EXCEPTION).not_done:
-                    done(ran[0])
-            finally:
-                stop.set()
-        for future in working:
-            future.result()
+        pool = LaneThreads(count)
+        try:
+            pool.run([work] * count, lambda: done(ran[0]))
+        finally:
+            pool.close()
         done(ran[0])
         # Results of a failed lane are NaN from the failed tick on.
         for lane in range(self.lanes.count):

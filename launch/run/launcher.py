@@ -210,6 +210,8 @@ class Launcher:
                 member.busy, member.kernels = node, kernels
             case reports.Compiling(active):
                 member.compiling = active
+            case reports.InCall(node):
+                member.busy = node
             case reports.Ready():
                 self._ready(member, report)
             case reports.Linked():
@@ -404,11 +406,15 @@ class Launcher:
                 limit = max(limit, LONGEST)
             if member.silence() <= limit:
                 continue
-            self.forkserver.ask(reports.Kill(group, int(signal.SIGUSR1)))  # prints its traceback
+            self.forkserver.ask(reports.Kill(group, int(signal.SIGUSR1)))  # prints its traceback, reports its node
             before, until = len(self._tail), time.monotonic() + 0.5
-            while len(self._tail) == before and time.monotonic() < until:
+            while (len(self._tail) == before or not member.busy) and time.monotonic() < until:
                 time.sleep(0.05)
                 self._listen()
+                while self._next_report():
+                    pass
+            if not member.alive:
+                continue
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:g} s: it hangs or was suspended"

@@ -23,7 +23,7 @@ class WorkerHandle:
     job        its job
     joined     started by hand on another machine
     state      starting, ready, linked, running; done, failed, killed, restarting; gone
-    busy       the node that it builds
+    busy       the node that it builds, or whose call hangs
     kernels    number of kernels compiled so far
     compiling  it compiles a function, or waits for another process that does
     pid        process id; None: not started, or on another machine

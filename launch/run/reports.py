@@ -91,6 +91,12 @@ class Compiling(msgspec.Struct, frozen=True, tag=True):
     active: bool
 
 
+class InCall(msgspec.Struct, frozen=True, tag=True):
+    """Answer to SIGUSR1, by which the launcher asks a silent worker: the node whose call is running."""
+
+    node: str
+
+
 class Ready(msgspec.Struct, frozen=True, tag=True):
     """All nodes are built. endpoints: addresses by outlet; refused: privileges that the system denied."""
 
@@ -132,7 +138,7 @@ class NodesEnded(msgspec.Struct, frozen=True, tag=True):
 
 
 Order = Take | Connect | Go | Gone | End | Stop | Close | Quit | Beat
-Report = Hello | Starting | Compiling | Ready | Linked | Alive | Paused | NodeFault | Note | NodesEnded
+Report = Hello | Starting | Compiling | InCall | Ready | Linked | Alive | Paused | NodeFault | Note | NodesEnded
 
 
 class Addressed(msgspec.Struct, frozen=True):

@@ -1,7 +1,7 @@
 """The time between two samples of a position, for nodes that differentiate it.
 
-While messages are late or lost, a network repeats the last one, and a sender at a divisor repeats its own. The next
-sample then differs by the motion of a longer time than one step. Time and age of a message tell the time between the
+While messages are late or lost, a network repeats the last one, and a sender at a divisor repeats a sample. The next
+sample then differs by the motion of a longer time than one step. Time and age of a message give the time between the
 samples. State of the kernels: `sampled`, an int [ns], -1 before the first sample.
 """
 

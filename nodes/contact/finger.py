@@ -78,16 +78,17 @@ def step_length(finger, proximity, dt):
 
 
 @kernel(error_model="numpy")
-def law_now(finger, law, step, relaxation, age, dt, length):
+def law_now(finger, law, step, relaxation, age, dt, moved, length):
     """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] with the effective length `length` [s].
 
     law   K, n, c, s_free, s_prev of the last message
     step  [s] for which the law was computed; 0: for any step
     age   [s] of the message
+    moved [s] since the last sample of the approach; not `dt` if another finger had newer ones
     """
     k, n, c, free, previous = law
     own = finger.indentation
-    fresh = age <= LATE * dt and step <= LATE * dt and (dt <= LATE * step or step == 0.0)
+    fresh = moved <= LATE * dt and age <= LATE * dt and step <= LATE * dt and (dt <= LATE * step or step == 0.0)
     finger.in_step = fresh and (finger.in_step or not finger.settled or abs(own - previous) <= AGREE)
     if not finger.settled or (finger.in_step and length == dt):
         return law
@@ -109,7 +110,7 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
             finger.heard[i] = law[i]
         finger.heard[5], finger.heard[6], finger.hears = step, relaxation, True
         age = (proximity.time - time) * 1e-9 if proximity.time >= 0 and time >= 0 else dt
-        law = law_now(finger, law, step, relaxation, age, dt, length)
+        law = law_now(finger, law, step, relaxation, age, dt, moved, length)
         finger.previous = law[4]
         # effective approach: the whole approach, reduced for some time after the body was missing
         if not finger.settled and proximity.tick > 0:

@@ -187,7 +187,7 @@ class Mcap(Observer):
         if type(self).observe is not Mcap.observe or any(one is not None and one.heads for one in recorded):
             super().observe_block(block)
             return
-        if self._behind():
+        if self._file is None or self._behind():  # the disk is full
             return
         # Select the messages to write. The thread of the writer makes their records, from a copy of the block.
         number, kept = block.entries["number"], np.zeros(len(block.entries), bool)
@@ -211,7 +211,11 @@ class Mcap(Observer):
 
     def _behind(self) -> bool:
         """Whether the disk is too slow, so that messages are dropped: on the real clock no tick waits for the disk."""
-        return self._live and self._writer.full
+        try:
+            return self._live and self._writer.full
+        except OSError as error:  # of an earlier chunk
+            self._give_up(error)
+            return True
 
     def _on_time(self) -> None:
         """Write the received messages to the file; with `within` = 0 also flush it."""

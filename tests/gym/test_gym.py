@@ -1,9 +1,13 @@
 """A graph as an environment: the checks of Gymnasium, reproducibility by the seed, and the balance of forces."""
 
 import copy
+import os
 import pickle
+import signal
 import subprocess
 import sys
+import threading
+import time
 import warnings
 
 import numpy as np
@@ -347,3 +351,73 @@ def test_invalid_arguments_of_a_vector_environment_are_reported():
     with pytest.raises(ArgumentError, match="no running node"):
         envs.reset(options={"tisue": {}})
     envs.close()
+
+
+@pytest.fixture
+def presses():
+    """Six environments, whose steps take the given number of ticks; closed after the test."""
+    made = []
+
+    def make(ticks=10):
+        made.append(VectorTouch(Press, 6, ticks=ticks))
+        made[-1].reset(seed=1)
+        return made[-1]
+
+    yield make
+    for envs in made:
+        envs.close()
+
+
+STILL = np.zeros((6, 3), np.float32)
+
+
+def test_after_ctrl_c_in_a_step_no_thread_runs_in_a_lane(presses):
+    """Former threads went on in lanes that the next reset had just replaced."""
+    envs = presses(1_000_000)
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        envs.step(STILL)
+    timer.join()
+    stopped = envs._lanes.ticks.copy()
+    time.sleep(0.05)
+    assert np.array_equal(envs._lanes.ticks, stopped) and stopped.max() > 1
+    with pytest.raises(ArgumentError, match="call reset"):
+        envs.step(STILL)
+    again, fresh = envs.reset(seed=1)[0], presses(1_000_000).reset(seed=1)[0]
+    assert all(again[part].tobytes() == fresh[part].tobytes() for part in again)
+
+
+def test_a_step_in_a_forked_process_has_its_own_threads(presses):
+    """The child waited for ever for threads of its parent."""
+    envs = presses()
+    envs.step(STILL)
+    child = os.fork()
+    if not child:
+        signal.alarm(30)
+        os._exit(0 if envs.step(STILL)[4]["time"].tolist() == [0.02] * 6 else 1)
+    assert os.waitpid(child, 0)[1] == 0
+    assert envs.step(STILL)[4]["time"].tolist() == [0.02] * 6
+
+
+def test_a_reset_mask_begins_only_its_environments(presses):
+    """With settings beside it; the others continue bit for bit."""
+    envs, other = presses(), presses()
+    one, two = envs.step(STILL + DOWN)[0], other.step(STILL + DOWN)[0]
+    mask = np.array([True, False, False, True, False, False])
+    seen, infos = envs.reset(seed=[7] * 6, options={"reset_mask": mask, "tissue": {"stiffness": 900.0}})
+    assert infos["time"].tolist() == [0.0, 0.01, 0.01, 0.0, 0.01, 0.01] and infos["_time"].tolist() == mask.tolist()
+    assert all(seen[part][~mask].tobytes() == two[part][~mask].tobytes() for part in one)
+    one, two = envs.step(STILL + DOWN), other.step(STILL + DOWN)
+    assert all(one[0][part][~mask].tobytes() == two[0][part][~mask].tobytes() for part in one[0])
+    for wrong in (np.ones(5, bool), np.zeros(6, bool), np.ones(6)):
+        with pytest.raises(ArgumentError, match="reset_mask: found"):
+            envs.reset(options={"reset_mask": wrong})
+
+
+def test_a_closed_vector_environment_is_reported(presses):
+    envs = presses()
+    envs.close()
+    for call in (envs.reset, lambda: envs.step(STILL)):
+        with pytest.raises(ArgumentError, match="the environments are closed"):
+            call()

@@ -159,6 +159,7 @@ def test_a_lane_that_fails_is_reported_and_the_others_finish(spring):
         ({"over": {"stiffness": 1e3}}, "expected a setting, such as tissue.stiffness"),
         ({"over": {"tissue.stifness": 1e3}}, "stifness"),
         ({"over": {"tissue.stiffness": [1e3, 2e3, -1.0, 1e3, 1e3, 1e3]}}, "lane 2"),
+        ({"over": {"scene.hand.begin": [[0, 0, 0.11]] * 4 + [[0, 0, 0.5]] * 2}}, "lane 4: .*out of its reach"),
         (
             {"over": {"scene.tissue.friction": [True, False, True, True, True, True]}},
             "lane 1 .*differ in settings alone",

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import traceback
+from types import FrameType
 
 import msgspec
 import zmq
@@ -21,6 +22,7 @@ from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.compiling import compiler_watched
 from palpate.launch.run.work.fused import death
 from palpate.launch.run.work.loops import run
+from palpate.launch.run.work.watchdog import running_node
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.physics.errors import RunError
 
@@ -35,11 +37,11 @@ def serve(start: reports.Start, alone: bool = False) -> int:
     if not alone:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
     faulthandler.enable(file=2, all_threads=False)  # prints a traceback if compiled code crashes
-    faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
     os.register_at_fork(after_in_child=die_with_parent)  # children of a node end with it
     job = start.job
     real = job.clock == "real"
     bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded)
+    _answer_when_silent(bus)
     worker, begun, clean_exit, stack = None, None, False, contextlib.ExitStack()
     try:
         worker = Worker(job, bus, bus.report, alone)
@@ -74,6 +76,17 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         stack.close()
         bus.end(clean_exit)
         bus.close(clean_exit)
+
+
+def _answer_when_silent(bus: Bus) -> None:
+    """At SIGUSR1 print the traceback, also from compiled code, and report the node whose call is running."""
+
+    def answer(_: int, frame: FrameType | None) -> None:
+        if node := running_node(frame):
+            bus.report(reports.InCall(node))
+
+    signal.signal(signal.SIGUSR1, answer)
+    faulthandler.register(signal.SIGUSR1, file=2, all_threads=False, chain=True)
 
 
 def _link(bus: Bus) -> tuple[int, set[str]]:

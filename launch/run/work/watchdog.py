@@ -74,11 +74,25 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
         signal.setitimer(signal.ITIMER_REAL, left)
 
 
+def running_node(frame: FrameType | None) -> str:
+    """Name of the node or observer whose call is running in a frame; "": none."""
+    while frame is not None:
+        slot = _slot_of(frame)
+        if slot is not None:
+            return slot.name
+        frame = frame.f_back
+    return ""
+
+
+def _slot_of(frame: FrameType) -> Slot | ObserverSlot | None:
+    return frame.f_locals["self"] if frame.f_code in (Slot.step.__code__, ObserverSlot.take.__code__) else None
+
+
 def _running(frame: FrameType | None) -> object:
     """The running node, the number of its call and, in an observer, the message; None between two calls."""
     while frame is not None:
-        if frame.f_code in (Slot.step.__code__, ObserverSlot.take.__code__):
-            slot = frame.f_locals["self"]
+        slot = _slot_of(frame)
+        if slot is not None:
             # An observer handles many messages in one call: a process without processor time may need seconds.
             return id(slot), slot.health.step.count, frame.f_locals.get("stream"), frame.f_locals.get("tick")
         if frame.f_code in (Worker.start.__code__, Worker.stop.__code__):

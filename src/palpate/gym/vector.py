@@ -4,8 +4,8 @@ envs = gymnasium.make_vec("palpate/Press-v0", num_envs=256, vectorization_mode="
 """
 
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,6 +20,7 @@ from palpate.engine.segment import record_of
 from palpate.gym.find_nodule import FindNodule
 from palpate.gym.press import Press
 from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
+from palpate.launch.run.lane_threads import FIRST, LaneThreads, Work, adapted
 from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled
 from palpate.messages.record import reader
 from palpate.nodes.device.steered import Steered
@@ -31,7 +32,7 @@ CHUNKS = 4  # groups of lanes per thread
 
 class VectorTouch(VectorEnv):
     """Environments of one task, one lane with separate settings each; results equal those of single environments bit
-    for bit.
+    for bit. After Ctrl-C in a step no thread runs, and the next call is `reset`. A forked process has its own threads.
 
     task      class of the environments, a subclass of `Touch`
     num_envs  number of environments
@@ -69,7 +70,8 @@ class VectorTouch(VectorEnv):
         self._over: np.ndarray | None = None
         count = min(num_envs, CHUNKS * (threads or len(os.sched_getaffinity(0))))
         self._chunks = np.array_split(np.arange(num_envs), count)
-        self._pool = ThreadPoolExecutor(threads or len(os.sched_getaffinity(0)), "palpate environments")
+        self._threads = LaneThreads(threads or len(os.sched_getaffinity(0)))
+        self._block = FIRST  # ticks of one call of compiled code
         self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
         self.observation_space = batch_space(first.observation_space, num_envs)
         self.action_space = batch_space(first.action_space, num_envs)
@@ -78,19 +80,46 @@ class VectorTouch(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin an episode in each environment, as `Touch.reset`; environment i gets `seed[i]`, or `seed` + i."""
+        """Begin an episode in each environment, as `Touch.reset`; environment i gets `seed[i]`, or `seed` + i.
+
+        `options`: settings by node for all environments; `reset_mask`, an array of `num_envs` flags: only these begin,
+        the others continue.
+        """
+        self._open("reset")
+        settings, mask = dict(options or {}), np.ones(self.num_envs, bool)
+        if "reset_mask" in settings:
+            mask = self._mask(settings.pop("reset_mask"))
         seeds: Sequence[int | None] = seed if isinstance(seed, Sequence) else [seed] * self.num_envs
         if isinstance(seed, int):
             seeds = range(seed, seed + self.num_envs)
         if len(seeds) != self.num_envs:
             raise ArgumentError(f"seed: found {len(seeds)} numbers, expected {self.num_envs}")
-        for lane, one in enumerate(seeds):
-            self._begin(lane, one, options)
-        self._over = np.zeros(self.num_envs, bool)
-        return self._observed(), {"time": self._times(), "_time": np.ones(self.num_envs, bool)}
+        over, self._over = self._over, None
+        for lane in np.flatnonzero(mask).tolist():
+            self._begin(lane, seeds[lane], settings)
+        self._over = np.zeros(self.num_envs, bool) if over is None else over & ~mask
+        return self._observed(), {"time": self._times(), "_time": mask}
+
+    def _open(self, call: str) -> None:
+        """ArgumentError: the environments are closed."""
+        if self.closed:
+            raise ArgumentError(f"{call}: the environments are closed; make new ones")
+
+    def _mask(self, given: Any) -> np.ndarray:
+        """The environments to reset. ArgumentError: not one flag for each, or one without an episode is left out."""
+        mask = np.asarray(given)
+        if mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
+            raise ArgumentError(
+                f"options: reset_mask: found {mask.dtype} of the shape {mask.shape}, {np.count_nonzero(mask)} set; "
+                f"expected {self.num_envs} flags, at least one of them set"
+            )
+        if self._over is None and not mask.all():
+            raise ArgumentError("options: reset_mask: there is no episode to continue; call reset() without it first")
+        return mask
 
     def step(self, actions: Any) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Run `ticks` ticks in all environments. ArgumentError: no reset before, a wrong shape, or a NaN."""
+        self._open("step")
         if self._over is None:
             raise ArgumentError("step: there is no episode; call reset() first")
         actions = np.asarray(actions, float)
@@ -102,19 +131,33 @@ class VectorTouch(VectorEnv):
             for number, velocity in enumerate(goals):
                 velocity[:] = speed[3 * number : 3 * number + 3]
         before = self._lanes.ticks.copy()
+        self._over = None  # until all lanes have run
         if restarted.any():
             for lane in np.flatnonzero(restarted):
                 self._begin(int(lane), None, None)
             parts = [(int(lane), 1) for lane in np.flatnonzero(~restarted)]
         else:
             parts = [(int(chunk[0]), len(chunk)) for chunk in self._chunks]
-        list(self._pool.map(lambda part: self._lanes.run(part[0], part[1], self._ticks), parts))
+        self._threads.run([self._work(*part) for part in parts])
         self._check(np.flatnonzero(~restarted & (self._lanes.ticks != before + self._ticks)))
         return self._judged(actions, restarted)
 
+    def _work(self, first: int, count: int) -> Work:
+        """A step of `count` environments from `first` on, in calls of about `lane_threads.BLOCK` at most."""
+
+        def work(stopped: Callable[[], bool]) -> None:
+            now, block = 0, self._block
+            while now < self._ticks and not stopped():
+                ticks, begun = min(block, self._ticks - now), time.perf_counter()
+                self._lanes.run(first, count, ticks)
+                now, block = now + ticks, adapted(block, time.perf_counter() - begun)
+            self._block = min(block, self._ticks)
+
+        return work
+
     def close_extras(self, **kwargs: Any) -> None:
         """Stop all nodes."""
-        self._pool.shutdown()
+        self._threads.close()
         self._runs.close()
 
     # -- lanes -------------------------------------------------------------------------------------------------------
