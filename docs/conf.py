@@ -6,7 +6,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent / "site"))
 
 project = "palpate"
-extensions = ["myst_parser", "generated"]
+extensions = ["myst_parser", "generated", "mathml"]
+html_math_renderer = "mathml"
+myst_update_mathjax = False
 root_doc = "index"
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build", "site", "examples", "studies", "paper"]

@@ -8,6 +8,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from palpate.physics.readable import check_readable
 from palpate.physics.texture.autoregressive import coefficients, innovation
 
 GRID = 24
@@ -48,8 +49,7 @@ def read_texture(path: Path) -> Texture:
 
     OSError, ValueError: cannot be read; says what is wrong.
     """
-    if path.stat().st_size > LARGEST:
-        raise ValueError(f"found {path.stat().st_size} bytes; expected at most {LARGEST}")
+    check_readable(path, LARGEST)
     data = path.read_bytes()
     found = _penn(data) if data.lstrip()[:1] == b"<" else msgspec.json.decode(data, type=Texture)
     if found.quantity not in ("force", "acceleration"):

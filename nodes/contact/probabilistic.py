@@ -11,6 +11,7 @@ from palpate.messages import Contact, ForceBand, Vector
 from palpate.nodes.base import Node, SettingError, Wants, part
 from palpate.physics.contact.force_band import PUBLISHED, Band, band_at, truncated_quantile, uniform
 from palpate.physics.contact.force_models import MODELS
+from palpate.physics.readable import MOST_TEXT, check_readable
 
 LAW_SETTINGS = ("mean", "mean_parameters", "deviation", "deviation_parameters", "depth_limit", "freedom")
 """The settings that a fit determines, in the order of `Band`; a file may omit the last one."""
@@ -102,8 +103,9 @@ def read_law(path: Path, subject: str) -> dict[str, Any]:
     SettingError: the file is missing or has another format, or the subject is unknown.
     """
     try:
+        check_readable(path, MOST_TEXT)
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         text = getattr(error, "strerror", None) or "not a YAML file"
         raise SettingError(f"setting 'model' [1]: cannot read {str(path)!r}: {text}") from None
     subjects = data.get("subjects") if isinstance(data, dict) else None

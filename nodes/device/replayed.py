@@ -16,7 +16,8 @@ class Replayed(Node):
     """A device with the states of a recording, one per tick, or of a table of a motion; then it stays at the last one.
 
     path    of the recording, or of a CSV with the columns `t` [s] and either `x`, `y`, `z` [m] or `joint1`, `joint2`,
-            ... [rad], and optionally `buttons`; linear interpolation between rows
+            ... [rad], and optionally `buttons`; linear interpolation between rows. Other units are named in the
+            header: `t [ms]`, `x [mm]`, `joint1 [deg]`
     stream  name of the stream of `DeviceState` in a recording
     repeat  start again at the end
 

@@ -46,6 +46,37 @@ def test_pynwb_reads_times_types_and_positions_of_the_units(felt, tmp_path):
         assert read.session_start_time.isoformat() == felt.about["date"]
 
 
+def test_the_inspector_finds_no_critical_fault_and_no_violation(felt, tmp_path):
+    inspector = pytest.importorskip("nwbinspector")
+    (path,) = export(felt, "nwb", tmp_path / "a.nwb", subject={"subject_id": "S1", "age": "P30Y", "sex": "F"})
+    found = list(inspector.inspect_nwbfile(nwbfile_path=str(path)))
+    worst = inspector.Importance.BEST_PRACTICE_SUGGESTION
+    assert not [message for message in found if message.importance.value > worst.value], found
+
+
+def test_the_subject_is_a_simulation_a_participant_or_given(felt, tmp_path):
+    pynwb = pytest.importorskip("pynwb")
+
+    def subject(recording, **given):
+        (path,) = export(recording, "nwb", tmp_path / "a.nwb", subject=given)
+        with pynwb.NWBHDF5IO(str(path), "r") as file:
+            read = file.read()
+            assert read.units.resolution == approx(2e-4)
+            return read.subject.subject_id, read.subject.age, read.subject.sex, read.subject.species
+
+    assert subject(felt) == ("simulated-finger", "P18Y/", "U", "Homo sapiens")
+    assert subject(felt, subject_id="S1", age="P3Y") == ("S1", "P3Y", "U", "Homo sapiens")
+    beh = tmp_path / "data" / "sourcedata" / "sub-02" / "ses-01" / "beh"
+    beh.mkdir(parents=True)
+    (tmp_path / "data" / "participants.tsv").write_text("participant_id\tage\tsex\nsub-01\t9\tm\nsub-02\t31\tfemale\n")
+    (beh / "x.mcap").write_bytes(felt.path.read_bytes())
+    assert subject(Recording(beh / "x.mcap")) == ("sub-02", "P31Y", "F", "Homo sapiens")
+    with pytest.raises(RecordingError, match="found colour, expected subject_id"):
+        export(felt, "nwb", tmp_path / "b.nwb", subject={"colour": "blue"})
+    with pytest.raises(RecordingError, match="other formats have no subject"):
+        export(felt, "csv", tmp_path / "b", subject={"age": "P3Y"})
+
+
 def test_bad_input_is_refused(felt):
     pytest.importorskip("pynwb")
     for recording, given, says in (

@@ -18,6 +18,11 @@ def test_the_site_is_built_without_warnings_and_is_searchable(tmp_path):
     index = (tmp_path / "searchindex.js").read_text()
     for page in ("tutorials/first_touch", "first_errors", "reference/nodes", "reference/commands", "equations/contact"):
         assert (tmp_path / f"{page}.html").exists() and f'"{page}"' in index
+    for page in tmp_path.rglob("*.html"):  # formulas and scripts without a network
+        text = page.read_text()
+        assert "mathjax" not in text.lower() and not re.search(r'<(script|link)[^>]*(src|href)="https?:', text), page
+    contact = (tmp_path / "equations" / "contact.html").read_text()
+    assert contact.count("<math") > 20 and "\\frac" not in contact
     nodes = (tmp_path / "reference" / "nodes.html").read_text()
     assert "friction.LuGre" in nodes and "bristle_stiffness" in nodes
 

@@ -20,6 +20,7 @@ import yaml
 from yaml.reader import ReaderError
 
 from palpate.engine.faults import Fault, GraphError, Location
+from palpate.physics.readable import MOST_TEXT, check_readable
 
 Keys = tuple[Any, ...]
 
@@ -87,6 +88,7 @@ def paths(data: Any, keys: Keys = ()) -> Iterator[Keys]:
 def read(path: Path) -> YamlSource:
     """The file's data with places. GraphError: it cannot be read or is not YAML; names file, line and column."""
     try:
+        check_readable(path, MOST_TEXT)
         raw = path.read_bytes()
     except OSError as error:
         raise GraphError([Fault(f"cannot be read: {error.strerror}", place=Location(str(path)))]) from None

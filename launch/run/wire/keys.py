@@ -17,6 +17,7 @@ import zmq
 from zmq.auth.thread import ThreadAuthenticator
 
 from palpate.physics.errors import RunError
+from palpate.physics.readable import MOST_TEXT, check_readable
 
 NAME = "rig"  # default name of a key
 
@@ -100,6 +101,7 @@ def load(name: str = NAME) -> Key:
     try:
         if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
             raise RunError(f"key {name!r}: others can read {path}; chmod 600 {path}, and make a new one if they have")
+        check_readable(path, MOST_TEXT)
         key = msgspec.json.decode(path.read_bytes(), type=Key)
         zmq.curve_public(key.secret.encode())
     except FileNotFoundError:
@@ -108,6 +110,6 @@ def load(name: str = NAME) -> Key:
             "place on every machine that takes part. --unencrypted does without: then everybody on the network can "
             "read the run and send into it."
         ) from None
-    except (msgspec.MsgspecError, ValueError, zmq.ZMQError) as error:
+    except (msgspec.MsgspecError, OSError, ValueError, zmq.ZMQError) as error:
         raise RunError(f"key {name!r}: {path} is damaged ({error})") from None
     return key

@@ -2,6 +2,7 @@
 
 import math
 import os
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from palpate.physics.errors import PalpateError
+from palpate.physics.readable import check_readable
 
 MOST = 1 << 30  # [bytes] Largest archive, unpacked: about 20 times the largest basis that is built
 BLOCK = 1 << 20
@@ -20,7 +22,7 @@ _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0
 # Raised by zipfile, zlib and numpy on malformed bytes. The header of an array is parsed as Python text, and a damaged
 # directory may name encryption or an unknown compression.
 _BAD = (OSError, KeyError, ValueError, TypeError, EOFError, MemoryError, OverflowError, RuntimeError, SyntaxError,
-        zlib.error, zipfile.BadZipFile)  # fmt: skip
+        tokenize.TokenError, zlib.error, zipfile.BadZipFile)  # fmt: skip
 
 
 class ArchiveError(PalpateError, ValueError):
@@ -48,6 +50,7 @@ def read_arrays(path: str | Path, *names: str) -> dict[str, np.ndarray]:
     ArchiveError: a missing or damaged file, not .npz, or more than `MOST` bytes.
     """
     try:
+        check_readable(path)
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
             size = sum(member.file_size for member in members)

@@ -53,10 +53,15 @@ class NodeReport:
 
 @dataclass
 class Report:
-    """Result of the check, by node. `cut`: the file is truncated, so that the last inputs may be missing."""
+    """Result of the check, by node.
+
+    cut    the file is truncated or damaged, so that the last inputs may be missing
+    until  [s] time of the last tick up to which all messages were checked and agree; None: not even the first
+    """
 
     nodes: dict[str, NodeReport] = field(default_factory=dict)
     cut: bool = False
+    until: float | None = None
 
     @property
     def first(self) -> Difference | None:
@@ -74,8 +79,14 @@ class Report:
         """Every message of the file was checked."""
         return not any(report.stopped or report.gap for report in self.nodes.values())
 
+    @property
+    def verified(self) -> bool:
+        """Every message of the run was checked and agrees."""
+        return self.ok and self.complete and not self.cut
+
     def to_spec(self) -> dict[str, Any]:
-        return {"ok": self.ok, "complete": self.complete, "cut_off": self.cut,
+        return {"ok": self.verified, "equal": self.ok, "complete": self.complete, "cut_off": self.cut,
+                "verified_until_s": self.until,
                 "first": asdict(self.first) if self.first else None,
                 "nodes": {name: asdict(report) for name, report in self.nodes.items()}}  # fmt: skip
 

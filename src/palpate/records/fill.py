@@ -47,6 +47,7 @@ def fill(path: Path, file: IO[bytes], tolerance: float | None = None) -> tuple[R
         if name in channels:
             writer.add_message(channels[name], tick, time, payload)
             counts[name] += 1
+            filling.report.until = time * 1e-9
     write_json(writer, "palpate.counts", {name: {"count": count, "lost": 0} for name, count in counts.items()})
     if stored.times:
         write_json(writer, "palpate.times", stored.times)

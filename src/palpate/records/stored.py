@@ -17,6 +17,7 @@ from palpate.engine.faults import choices
 from palpate.engine.imports import full_name, recorded_class
 from palpate.messages import Message, MessageError, fields, unpack
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.readable import check_readable
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION
 from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, McapRecords, declared, messages, opened
 
@@ -103,6 +104,7 @@ class Stored:
         self.damage: Broken | None = None
         self.channels: dict[int, str] = {}  # number in the file -> stream
         try:
+            check_readable(self.path)
             with open(self.path, "rb") as file:
                 begin = file.read(8)
         except IsADirectoryError:

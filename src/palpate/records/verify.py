@@ -8,6 +8,7 @@ import numpy as np
 from palpate.engine.plan import Plan
 from palpate.engine.slot import NodeError
 from palpate.records.differences import Comparer, Difference, NodeReport, Report
+from palpate.records.format.head import head_of
 from palpate.records.player import MissingInput, Player
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError, last_tick
@@ -81,6 +82,8 @@ def verify(
                         comparer.compare(node, output.stream, payload, output.last)
                 if node.gap and node.differing > before.differing:
                     report.nodes[part.name] = replace(before, stopped=node.gap)
+            if report.complete and report.first is None:
+                report.until = head_of(next(iter(payloads.values()))).time * 1e-9
             if not tick % 512:
                 show(tick, last)
     finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -84,6 +85,21 @@ def links_of(recording: Stored) -> tuple[list[Link], Streams]:
     return links, {name: (s.producer, str(s.schema["class"])) for name, s in recording.streams.items()}
 
 
+def _nearest_mesh(body: str, links: Sequence[Link], mesh: Callable[[str], Mesh]) -> Mesh:
+    """The mesh of a body, or of the nearest node upstream. PictureError, PageError: there is none."""
+    try:
+        return mesh(body)
+    except (PictureError, PageError) as error:
+        missing = error
+    upstream = [body]
+    for node in upstream:
+        upstream += dict.fromkeys(sender for reader, _, sender in links if reader == node and sender not in upstream)
+    for node in upstream[1:]:
+        with contextlib.suppress(PictureError, PageError):
+            return mesh(node)
+    raise missing
+
+
 @dataclass(frozen=True)
 class Bodies:
     """Bodies with a mesh, in the order of the graph.
@@ -101,12 +117,15 @@ class Bodies:
 
     @classmethod
     def of(cls, links: Iterable[Link], streams: Streams, mesh: Callable[[str], Mesh]) -> Bodies:
-        """The bodies of all surfaces; `mesh` makes that of a stream. PictureError, PageError: the first has none."""
+        """The bodies of all surfaces; `mesh` makes that of a node. A body without a mesh has that of the nearest node
+        upstream which has one: the node that spreads the load, or the collision. PictureError, PageError: the first
+        body has none."""
+        links = list(links)
         surfaces = {producer: stream for stream, (producer, kind) in streams.items() if kind == full_name(Surface)}
         meshes: dict[str, Mesh] = {}
-        for stream in surfaces.values():
+        for body, stream in surfaces.items():
             try:
-                meshes[stream] = mesh(stream)
+                meshes[stream] = _nearest_mesh(body, links, mesh)
             except (PictureError, PageError):
                 if not meshes:
                     raise

@@ -14,7 +14,7 @@ LOG = "  log:    {use: logger.Mcap, in: all}\n"
 
 
 def parallel(count: int) -> str:
-    """Nodes that nobody reads: without the logger they are skipped."""
+    """Nodes that no node reads: without the logger they are skipped."""
     return GRAPH.replace(LOG, "") + "".join(
         f"  s{i}: {{use: nodes_for_runs.Spring, in: {{pose: source}}}}\n" for i in range(count)
     )

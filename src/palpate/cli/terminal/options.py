@@ -151,6 +151,15 @@ def check_new(files: Collection[Path], force: bool) -> None:
         check_file(file)
 
 
+ENDINGS = (".png", ".svg", ".pdf")  # of pictures
+
+
+def check_ending(target: Path, endings: tuple[str, ...] = ENDINGS) -> None:
+    """BadParameter: a picture of this name cannot be written."""
+    if target.suffix.lower() not in endings:
+        raise typer.BadParameter(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(endings)}")
+
+
 def launch_file(launch: LaunchFile, out: Path | None, what: str) -> Path:
     """The launch file to write, by default runs/GRAPH-WHAT.yaml. OSError: it cannot be written."""
     from palpate.physics.writable import check_file

@@ -33,6 +33,9 @@ def checked(recording: Recording, report: Report, tolerance: float, elsewhere: l
             say(f"not checked: {name}: {node.stopped}", "yellow")
         elif node.gap:
             say(f"checked but for a gap: {name}: {node.gap}", "yellow")
+    if not report.verified and report.first is None:
+        until = "nothing was verified as a whole" if report.until is None else f"verified: 0 to {report.until:.3f} s"
+        say(f"not the whole run: {until}", "red")
     if report.cut:
         ending = recording.ending or f"{recording.path} was recovered"
         say(f"{ending} The last messages may lack some of their inputs.", "yellow")

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
+from palpate.physics.readable import MOST_TEXT, check_readable
 
 HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
 AROUND = 10e6  # [ns] averaging time of the rate before and after a sample, because of encoder quantization
@@ -75,8 +76,9 @@ def rows_before(file: Path, subject: str, session: str) -> list[list[str]]:
 
     SessionError: the file has another header, or contains this session.
     """
-    if not file.is_file():
+    if not file.exists():
         return []
+    check_readable(file, MOST_TEXT)
     with file.open(encoding="utf-8", newline="") as text:
         rows = [row for row in csv.reader(text) if row]
     if rows and rows[0] != HEAD:

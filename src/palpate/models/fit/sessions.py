@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.readable import MOST_TEXT, check_readable
 
 UNITS = {
     "depth": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "μm": 1e-6, "um": 1e-6},
@@ -146,6 +147,7 @@ def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subje
 def numbered_lines(path: Path) -> list[tuple[int, str]]:
     """The lines of a CSV file with their numbers, without empty ones and comments. SessionError: it cannot be read."""
     try:
+        check_readable(path, MOST_TEXT)
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a text file in UTF-8"

@@ -14,6 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from palpate.models.fit.sessions import SessionError
 from palpate.nodes.base.texture_file import Model, Texture, tabulated
+from palpate.physics.readable import check_readable
 from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule_walker
 from palpate.physics.texture.surface import read_table, third_octaves
 
@@ -78,6 +79,7 @@ def _list(numbers: np.ndarray) -> str:
 
 def _cells(path: Path) -> tuple[float, str, list[RecordedCell]]:
     """Sampling [Hz], quantity, and the windows by speed and force."""
+    check_readable(path)
     with open(path, encoding="utf-8-sig") as file:
         head = [name.strip() for name in file.readline().split(",")]
     measured = next((name for name in ("acceleration", "lateral") if name in head), "lateral")

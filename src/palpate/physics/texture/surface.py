@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.compiler import exact
+from palpate.physics.readable import MOST_TEXT, check_readable
 
 POINTS = 16  # Points of a table per shortest wavelength, at which linear interpolation attenuates by 0.11 dB
 LINES = 70  # Longest wavelengths per period: 16 spectral lines in the lowest third-octave band
@@ -85,6 +86,7 @@ def third_octaves(lowest: float, highest: float) -> np.ndarray:
 
 def read_table(path: Path, *names: str) -> np.ndarray:
     """Columns of a CSV file by name (n, names). ValueError: states the fault and the row."""
+    check_readable(path, MOST_TEXT)
     with open(path, encoding="utf-8-sig", newline="") as file:
         rows = [(reader.line_num, row) for reader in [csv.reader(file)] for row in reader if row]
     head = [cell.strip() for cell in rows[0][1]] if rows else []

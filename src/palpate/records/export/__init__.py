@@ -1,6 +1,6 @@
 """Exports recordings to formats of other tools."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -29,6 +29,7 @@ def export(
     streams: Sequence[str] = (),
     *,
     every: int | None = None,
+    subject: Mapping[str, str] | None = None,
 ) -> list[Path]:
     """Write a recording in another format; returns the files.
 
@@ -37,6 +38,7 @@ def export(
     out      file or folder; None: next to the recording
     streams  streams to write; empty: all
     every    write every n-th message; None: all
+    subject  nwb: what is known of the subject, by the names of NWB (subject_id, age, sex, species, ...)
 
     RecordingError: an argument is invalid, or a package is missing.
     """
@@ -51,7 +53,10 @@ def export(
         raise RecordingError(f"--every: a file of type {target.suffix} needs every message; leave it out")
     if target.exists() and target.samefile(recording.path):
         raise RecordingError(f"{target} is the recording itself; name another file with --out")
-    return write(recording, target, tuple(streams) or tuple(recording.streams), every)
+    if subject and to != "nwb":
+        raise RecordingError(f"--subject: found --to {to}, expected --to nwb; other formats have no subject")
+    given = {"subject": subject or {}} if to == "nwb" else {}
+    return write(recording, target, tuple(streams) or tuple(recording.streams), every, **given)
 
 
 def source(recording: Recording, kind: type[Message], streams: Sequence[str], remedy: str) -> str:

@@ -21,6 +21,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Header, Metadata, MetadataIndex, Schema
 
+from palpate.physics.readable import check_readable
 from palpate.records.format.mcap_writer import LIBRARY, MAGIC, SEAL, seal
 
 _RECORD = struct.Struct("<BQ")
@@ -217,6 +218,7 @@ class McapRecords:
 
 def opened(path: str | Path) -> Iterator[Header | Schema | Channel | Metadata | bytes]:
     """The records of a file, see `McapRecords`. OSError, Broken."""
+    check_readable(path)
     with open(path, "rb") as file:
         yield from McapRecords(file)
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import stats
 
 from palpate.physics.errors import ArgumentError
+from palpate.physics.readable import MOST_TEXT, check_readable
 from palpate.studies.psychophysics.file import ConstantBlock, Experiment, load
 from palpate.studies.psychophysics.fit import Fit, IntervalEstimate, fit
 from palpate.studies.psychophysics.functions import AT, HALF
@@ -80,8 +81,8 @@ def analyse(folder: Path) -> list[Outcome]:
         about = {"LongName": "level", "Units": "1"}
         for path in tables(folder, task):
             dictionary = path.with_suffix(".json")
-            about |= json.loads(dictionary.read_text(encoding="utf-8"))["level"] if dictionary.is_file() else {}
-            for row in parse(path.read_bytes())[0]:
+            about |= _described(dictionary) if dictionary.exists() else {}
+            for row in parse(_content(path))[0]:
                 groups.setdefault((row["block"], path.name.split("_")[0]), []).append(row)
         for name, block in experiment.blocks.items():
             if not block.practice:
@@ -92,6 +93,24 @@ def analyse(folder: Path) -> list[Outcome]:
                 ]
                 outcomes += [*each, *_mean(each)]
     return outcomes
+
+
+def _content(path: Path) -> bytes:
+    """The bytes of a file. ArgumentError: it cannot be read."""
+    try:
+        check_readable(path, MOST_TEXT)
+        return path.read_bytes()
+    except OSError as error:
+        raise ArgumentError(f"{path}: {error.strerror}; expected a file of `palpate experiment`") from None
+
+
+def _described(path: Path) -> dict[str, Any]:
+    """The description of the column `level`. ArgumentError: the file is damaged."""
+    try:
+        return dict(json.loads(_content(path))["level"])
+    except (ValueError, TypeError, LookupError, RecursionError) as error:
+        why = f"{type(error).__name__}: {error}"
+        raise ArgumentError(f"{path}: damaged ({why}); `palpate experiment` writes it again, or remove it") from None
 
 
 def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:

@@ -25,6 +25,7 @@ import numpy as np
 
 from palpate.physics.errors import RunError
 from palpate.physics.extras import required
+from palpate.physics.readable import MOST_TEXT, check_readable
 from palpate.physics.writable import locked
 from palpate.studies.files import refuse, replace
 from palpate.studies.sweeps.point import Computed, Point
@@ -37,6 +38,7 @@ with required("studies", "study", RunError):
 FIXED = ("key", "base", "slot", "error")
 SHARE = 20.0
 """Rows are written if writing takes at most 1/SHARE of the time since the last write."""
+LARGEST = 1 << 32  # [bytes] of a table: more points than a study can compute
 AT_LEAST = 1.0  # [s] Minimum time between two writes
 CHUNK, LARGE = 32, 1 << 16  # Maximum number of curves, and of samples, in a file of several curves
 
@@ -61,14 +63,36 @@ class Store:
                 self._lock.close()
                 raise RunError(f"{folder}: another process writes this study; wait for it, or take another folder")
         try:
-            rows = pyarrow.parquet.read_table(self._table).to_pylist() if self._table.exists() else []
-            self.about: dict[str, Any] = json.loads(self._about.read_text()) if self._about.exists() else {"bases": {}}
-        except (pyarrow.ArrowInvalid, json.JSONDecodeError) as error:
+            rows, self.about = self._read()
+        except (pyarrow.ArrowException, OSError, ValueError, TypeError, LookupError, RecursionError) as error:
             self.close()
-            raise RunError(f"{folder}: this is no study, or a damaged one: {error}") from None
+            why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+            raise RunError(
+                f"{folder}: {self._table.name} or {self._about.name} is not of a study, or damaged ({why}); move the "
+                "folder away, or name another one with --out"
+            ) from None
         self.rows = {row["key"]: {k: v for k, v in row.items() if v is not None} for row in rows}
         self._written, self._took, self._changed = time.monotonic(), 0.0, False
         self._curves: dict[str, dict[int, np.ndarray]] = {}  # not written yet, by name and slot
+
+    def _read(self) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+        """The rows, and what describes them. An exception of the libraries, ValueError: damaged."""
+        rows: list[dict[str, Any]] = []
+        about: dict[str, Any] = {"bases": {}}
+        if self._table.exists():
+            check_readable(self._table, LARGEST)
+            rows = pyarrow.parquet.read_table(self._table).to_pylist()
+        if self._about.exists():
+            check_readable(self._about, MOST_TEXT)
+            about = json.loads(self._about.read_text(encoding="utf-8"))
+        kinds = {"key": str, "base": str, "slot": int, "error": str}
+        for number, row in enumerate(rows):
+            for name, kind in kinds.items():
+                if not isinstance(row[name], kind):
+                    raise ValueError(f"row {number}: {name}: found {row[name]!r}, expected {kind.__name__}")
+        if not isinstance(about, dict) or not isinstance(about["bases"], dict):
+            raise ValueError("expected a mapping with `bases`")
+        return rows, about
 
     def free(self, wanted: Iterable[int]) -> list[int]:
         """An unused slot for each number of a point: the number itself if it is free."""

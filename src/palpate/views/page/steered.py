@@ -159,13 +159,12 @@ def _shown(
 def shapes(planned: Plan) -> Bodies:
     """The bodies of a plan that have a mesh. PageError: the first one has none."""
 
-    def mesh(stream: str) -> Mesh:
-        body = stream.partition(".")[0]
+    def mesh(node: str) -> Mesh:
         try:
-            return planned.make(body).mesh()  # type: ignore[attr-defined, no-any-return]
+            return planned.make(node).mesh()  # type: ignore[attr-defined, no-any-return]
         except (AttributeError, SettingError, ValueError, OSError) as error:
-            use = planned.graph.nodes[body].use
-            raise PageError(f"node {body!r} ({use}) has no mesh to show: {error}") from None
+            use = planned.graph.nodes[node].use
+            raise PageError(f"node {node!r} ({use}) has no mesh to show: {error}") from None
 
     return Bodies.of(*links_of_plan(planned), mesh)
 

@@ -60,25 +60,27 @@ def bodies_of(touch: TouchStreams) -> Bodies:
 
     PictureError: no stream of surfaces, or no mesh of the first body.
     """
-    found = Bodies.of(*links_of(touch.recording), lambda stream: _mesh(touch, stream))
+    found = Bodies.of(*links_of(touch.recording), lambda name: _mesh(touch, name))
     if not found.streams:
         raise PictureError("the recording has no stream of surfaces")
     return found
 
 
-def _mesh(touch: TouchStreams, stream: str) -> Mesh:
-    node = touch.node(stream)
+def _mesh(touch: TouchStreams, name: str) -> Mesh:
+    """The mesh of a node. PictureError: it has none."""
+    nodes = touch.recording.about.get("plan", {}).get("nodes", ())
+    node = next((given for given in nodes if given.get("name") == name), {})
     try:
         kind = recorded_class(node["class"], Node)
         body: Any = kind(**node.get("settings", {}))
         mesh: Mesh = body.mesh()
         return mesh
     except UntrustedError as error:
-        raise PictureError(f"stream {stream!r}: {error}") from None
+        raise PictureError(f"node {name!r}: {error}") from None
     except (KeyError, ImportError, AttributeError):
-        raise PictureError(f"stream {stream!r}: {node.get('use', 'its sender')} has no mesh") from None
+        raise PictureError(f"node {name!r}: {node.get('use', 'its class')} has no mesh") from None
     except (SettingError, ValueError, OSError) as error:
-        raise PictureError(f"stream {stream!r}: its mesh cannot be made here: {error}") from None
+        raise PictureError(f"node {name!r}: its mesh cannot be made here: {error}") from None
 
 
 def displaced(surface: Surface, vertices: int) -> np.ndarray:

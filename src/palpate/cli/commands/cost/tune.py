@@ -20,11 +20,20 @@ EXAMPLE = "palpate tune kidney --budget '0.5 ms'"
 PER_TICK = 1e-3  # [s] computing time per tick of the touch for one body, including the reference and the start
 
 
+def _budget(text: str) -> float:
+    """A time in s. BadParameter: not a time, or without a unit: the times of a tick are below 1 ms."""
+    try:
+        float(text)
+    except ValueError:
+        return options.seconds(text)
+    raise typer.BadParameter(f"found {text!r} without a unit; expected a time such as '{text} ms' or '{text} s'")
+
+
 def tune(
     graph: options.Graph,
     budget: Annotated[
         float | None,
-        typer.Option(help="Processor time per tick, all nodes, p99: '0.5 ms'.", parser=options.seconds, metavar="TIME"),
+        typer.Option(help="Processor time per tick, all nodes, p99: '0.5 ms'.", parser=_budget, metavar="TIME"),
     ] = None,
     error: Annotated[
         str | None, typer.Option(help="Allowed RMS error, % of peak: '2 % force'; also indentation or shape.")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import File, Json, NoPictures, Trust, out_option
+from palpate.cli.terminal.options import File, Json, NoPictures, Trust, check_ending, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
 from palpate.launch.run.progress import ticks
 
@@ -51,10 +51,12 @@ def compare(
     base = None if reference is None else [] if reference == RECORDED else shlex.split(reference)
     if base is None and len(wanted) == 1:
         base = []
+    target = out or file.with_name(f"{file.stem}-compare.png")
+    if not no_pictures:
+        check_ending(target)
     recording = Recording(file)
     with damaged(file), ticks("computing", silent=as_json) as show:
         outcomes = work(recording, wanted, reference=base, show=show)
-    target = out or file.with_name(f"{file.stem}-compare.png")
     paths = [] if no_pictures else drawn(draw, outcomes, target)
     if as_json:
         print_json({"ok": True, "complete": recording.complete, "ending": recording.ending,

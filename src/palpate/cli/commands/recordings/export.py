@@ -27,6 +27,12 @@ def export(
         int | None,
         typer.Option(help="Only every n-th message.", min=1),
     ] = None,
+    subject: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="With --to nwb: subject_id=S1, age=P30Y, sex=F, species=...; may be repeated.", metavar="KEY=VALUE"
+        ),
+    ] = None,
     full: Annotated[
         bool, typer.Option("--full", help="With --to mcap, of a recording of sources: compute and write all messages.")
     ] = False,
@@ -54,7 +60,7 @@ def export(
 
     one_of("--to", to, *FORMATS, MCAP)
     recording = Recording(file)
-    written = write(recording, to, out, stream or (), every=every)
+    written = write(recording, to, out, stream or (), every=every, subject=_pairs(subject or []))
     if as_json:
         files = [str(path) for path in written]
         print_json({"ok": True, "files": files, "complete": recording.complete, "ending": recording.ending})
@@ -64,6 +70,14 @@ def export(
     say(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB", wrap=True)
     if not recording.complete:
         say(recording.ending, "yellow")
+
+
+def _pairs(given: list[str]) -> dict[str, str]:
+    """BadParameter: not KEY=VALUE."""
+    for text in given:
+        if not all(text.partition("=")[::2]):
+            raise typer.BadParameter(f"--subject: found {text!r}, expected KEY=VALUE, such as subject_id=S1")
+    return dict(text.split("=", 1) for text in given)
 
 
 def _recover(file: Path, out: Path | None, full: bool, as_json: bool) -> None:

@@ -7,12 +7,11 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import ColourOption, File, Json, Trust, instant, out_option
+from palpate.cli.terminal.options import ENDINGS, ColourOption, File, Json, Trust, check_ending, instant, out_option
 from palpate.cli.terminal.output import print_json, say
 from palpate.cli.terminal.run_summary import standard_pictures
 
 EXAMPLE = "palpate picture runs/kidney.mcap --at '350 ms'"
-ENDINGS = (".png", ".svg", ".pdf")
 
 
 def picture(
@@ -67,7 +66,7 @@ def picture(
 def _plot(file: Path, names: list[str], over: str | None, target: Path) -> Path:
     from palpate.views.run import Run
 
-    _check_ending(target, ENDINGS)
+    check_ending(target, ENDINGS)
     figure = Run(file).plot(*names, over=over)
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target)
@@ -78,7 +77,7 @@ def _instant(file: Path, at: float, colour: str, target: Path) -> str:
     from palpate.views.surface import colour as colours
     from palpate.views.surface.film import picture
 
-    _check_ending(target, ENDINGS[:1])
+    check_ending(target, ENDINGS[:1])
     return f"  at {picture(file, at, target, colours.colour(colour)):.3f} s"
 
 
@@ -91,9 +90,3 @@ def _film(file: Path, target: Path, rate: float, speed: float, colour: str, sile
         drawn = stages.begin("film", "drawing frames")
         frames = film(file, target, rate, speed, colours.colour(colour), lambda text: say(text, err=True), drawn)
     return f"  {frames} frames, {frames / rate:.1f} s"
-
-
-def _check_ending(target: Path, endings: tuple[str, ...]) -> None:
-    """BadParameter: a picture of this name cannot be written."""
-    if target.suffix.lower() not in endings:
-        raise typer.BadParameter(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(endings)}")

@@ -49,7 +49,8 @@ def replay(
 
     The recorded device drives the recorded graph, another graph, or with --only a part of it.
     --check computes every message of every node again from exactly the inputs that it names, and prints the first
-    difference. Exit code 1 if there is one. Bytes are compared if the recording was computed with the same
+    difference. Exit code 1 if there is one, or if the file is damaged or lacks messages: then it prints the range that
+    was verified. Bytes are compared if the recording was computed with the same
     versions and instructions; otherwise numbers are compared within 1e-6, with a warning.
     """
     from palpate.launch.load.recording import recording_name
@@ -107,5 +108,5 @@ def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool)
         print_json({**report.to_spec(), "tolerance": tolerance, "computed_otherwise": elsewhere})
     else:
         checked(recording, report, tolerance, elsewhere)
-    if not report.ok:
+    if not report.verified:
         raise typer.Exit(TROUBLE)

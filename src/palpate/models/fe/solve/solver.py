@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.solve.assembly import Assembly, Balance, Inverted
 from palpate.models.fe.solve.support import Support, check_materials, checked
 from palpate.models.fe.sparse.tangent import UnheldError
-from palpate.physics.archive import replacing
+from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.errors import PalpateError
 from palpate.physics.materials.hyperelastic import Material
 
@@ -273,9 +272,8 @@ class Solver:
     def resume(self, path: str | Path) -> None:
         """Resume from a checkpoint. ValueError: a file of another model, or not written by `save`."""
         try:
-            with np.load(path) as file:
-                state = {name: file[name] for name in file.files}
-        except (ValueError, KeyError, EOFError, BadZipFile) as error:
+            state = read_arrays(path)
+        except ArchiveError as error:
             raise ValueError(f"{path}: not a saved state ({error}); remove it to start again") from None
         found, expected = ({name: value.shape for name, value in s.items()} for s in (state, self._state()))
         wrong = [name for name in found | expected if found.get(name) != expected.get(name)]

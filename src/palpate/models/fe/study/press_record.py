@@ -14,8 +14,9 @@ from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.study.pressing import Pressing
-from palpate.physics.archive import replacing
+from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.errors import ArgumentError
+from palpate.physics.readable import MOST_TEXT, check_readable
 
 LEVELS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4])  # Equivalent strains at which volumes are recorded
 
@@ -93,8 +94,9 @@ class PressRun:
     def settings(self) -> dict[str, Any]:
         """Settings of the run. ArgumentError: no run."""
         try:
+            check_readable(self.folder / "run.json", MOST_TEXT)
             settings = json.loads((self.folder / "run.json").read_text())
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise self._damaged("run.json", error) from None
         if not isinstance(settings, dict) or not {"plate", "divisor", "bone", "friction", "finger"} <= set(settings):
             raise self._damaged("run.json", "expected the settings of a pressing")
@@ -127,9 +129,8 @@ class PressRun:
 
     def _read(self, name: str) -> dict[str, np.ndarray]:
         try:
-            with np.load(self.folder / name) as archive:
-                return {key: archive[key] for key in archive.files}
-        except DAMAGED as error:
+            return read_arrays(self.folder / name)
+        except ArchiveError as error:
             raise self._damaged(name, error) from None
 
     def _write(self, name: str, **arrays: Any) -> None:
