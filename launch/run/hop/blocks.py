@@ -2,7 +2,7 @@
 
 A frame is the stream's name, a zero byte, `MARK`, the number of messages, their entries (`nodes.base.block`), and their
 bytes with margins. `MARK` begins no msgpack value, so a frame with one message differs. Only workers of a run on one
-machine send such frames to one another; any other program receives one frame per message.
+machine send these frames to one another; any other program receives one frame per message.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def picker() -> Any:
 
 
 def frame_of(block: Block, number: int, output: Output) -> bytes:
-    """The frame with the messages of one stream of a block; empty: there are none."""
+    """The frame with the messages of one stream of a block; empty: no message."""
     entries = block.entries[block.entries["number"] == number]
     if not len(entries):
         return b""
