@@ -1,4 +1,4 @@
-"""The compiled decoder against msgspec: our own messages, and any bytes, up to the last byte before an unreadable page."""
+"""The compiled decoder against msgspec: messages and any other bytes, directly before an unreadable page."""
 
 import ctypes
 import mmap
