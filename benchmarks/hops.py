@@ -1,4 +1,5 @@
-"""Time of one hop between processes: nodes of palpate compared with the same pattern in plain pyzmq and in C.
+"""Time of one hop between processes: nodes of palpate, compiled and in Python, compared with the same pattern in plain
+pyzmq and in C.
 
 A message travels around a ring of eight processes on one core; figures are medians per hop. palpate decodes, steps,
 checks and encodes at each hop; the other programs only forward the bytes. The C program needs a compiler and ZeroMQ's
@@ -18,6 +19,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 
 import zmq
@@ -78,15 +81,21 @@ def in_c(turns: int, core: int) -> float | None:
         return float(printed.stdout) / COUNT
 
 
-def ours(turns: int, core: int) -> float:
-    """Time [us] of a hop in palpate with one process per node: the median tick over the number of nodes."""
+def ours(turns: int, core: int, compiled: Collection[int]) -> float:
+    """Time [us] of a hop in palpate with one process per node: the median tick over the number of nodes; compiled nodes
+    run many ticks in a call, so the median is that of the calls.
+
+    compiled  numbers of the compiled nodes
+    """
     from palpate.launch.load.launchfile import LaunchFile
     from palpate.launch.run.execute import execute
 
     names = [f"n{i}" for i in range(COUNT)]
-    lines = [f"  n0: {{use: relays.FirstRelay, in: {{torque: {names[-1]}}}}}"]
+    forms = ["Compiled" if number in compiled else "" for number in range(COUNT)]
+    lines = [f"  n0: {{use: relays.{forms[0]}FirstRelay, in: {{torque: {names[-1]}}}}}"]
     lines += [
-        f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}" for before, name in itertools.pairwise(names)
+        f"  {name}: {{use: relays.{form}Relay, in: {{torque: {before}}}}}"
+        for (before, name), form in zip(itertools.pairwise(names), forms[1:], strict=True)
     ]
     with tempfile.TemporaryDirectory() as folder:
         graph = Path(folder) / "ring.yaml"
@@ -104,7 +113,13 @@ def main() -> None:
     options.add_argument("--turns", type=int, default=5000)
     given = options.parse_args()
     core = max(os.sched_getaffinity(0))
-    measures = {"C": in_c, "pyzmq": plain, "palpate": ours}
+    measures = {
+        "C": in_c,
+        "pyzmq": plain,
+        "palpate, compiled": partial(ours, compiled=range(COUNT)),
+        "palpate, one of eight in Python": partial(ours, compiled=[n for n in range(COUNT) if n != 4]),
+        "palpate, in Python": partial(ours, compiled=()),
+    }
     hops: dict[str, list[float]] = {name: [] for name in measures}
     for _ in range(3):  # alternating, so that other programs slow all of them equally
         for name, measure in measures.items():
@@ -114,7 +129,10 @@ def main() -> None:
     best = {name: min(values) for name, values in hops.items() if values}
     base = best.get("C", best["pyzmq"])
     load = os.getloadavg()[0]
+    part, whole = (best[f"palpate, {name}"] for name in ("one of eight in Python", "compiled"))
+    python = whole + COUNT * (part - whole)
     rows = [{"": name, "us a hop": value, "ratio": value / base, "load": load} for name, value in best.items()]
+    rows.append({"": "palpate, the one in Python", "us a hop": python, "ratio": python / base, "load": load})
     print_tables({"one hop between two processes on one core": rows}, given.json, digits=3)
 
 

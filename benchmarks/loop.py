@@ -14,6 +14,7 @@ import json
 import os
 import platform
 import re
+import resource
 import statistics
 import subprocess
 import sys
@@ -46,9 +47,12 @@ CASES: dict[str, tuple[str | None, bool, tuple[str, ...]]] = {
     "fused, ReducedFE": ("fused", False, REDUCED),
     "fused, ReducedFE, all recorded": ("fused", True, REDUCED),
     "processes": (None, False, ()),
+    "processes, all recorded": (None, True, ()),
+    "processes, ReducedFE": (None, False, REDUCED),
+    "processes, ReducedFE, all recorded": (None, True, REDUCED),
 }
 """Placement, whether it is recorded, and overrides of each measured rate."""
-REAL = ((APART, 1000.0), (AUTO, 1000.0), (AUTO, 5000.0))
+REAL = ((APART, 1000.0), (APART, 5000.0), (AUTO, 1000.0), (AUTO, 5000.0))
 """Placements and rates [Hz] on the real clock."""
 
 
@@ -112,8 +116,22 @@ def real_time(place: str, rate: float, seconds: float) -> dict[str, object]:
         "held": device["held"] / ticks,
         **{key: statics["age"][key] for key in ("p50", "p99", "p999", "longest")},
         "control": control.result(),
+        "processor": processor_time(place, rate),
         "refused": "; ".join(result.notes),
     }
+
+
+def processor_time(place: str, rate: float) -> float:
+    """Processor time [us] of all processes per tick on the real clock: of a long run minus that of a short one, over
+    the difference of their ticks."""
+
+    def used(seconds: float) -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        run(place, "real", seconds, rate)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    return 1e6 * (used(5.0) - used(1.0)) / (4.0 * rate)
 
 
 def fine_mesh(seconds: float) -> list[dict[str, object]]:
@@ -182,6 +200,7 @@ def _row(real: dict) -> dict[str, object]:
         "skipped [%]": 100 * real["late"],
         "after the next tick [%]": 100 * real["held"],
         **{f"{key} [us]": 1e6 * real[key] for key in ("p50", "p99", "p999")},
+        "processor time [us per tick]": real["processor"],
         "sleeper: missed [%]": 100 * asleep["missed"],
         **{f"late {key} [us]": 1e6 * asleep[key] for key in ("p50", "p99", "p999")},
     }

@@ -1,7 +1,9 @@
-"""Nodes that only forward a message, so that the time of a tick is the cost of its hops."""
+"""Nodes that only forward a message, so that the time of a tick is the cost of its hops; in Python and compiled."""
 
+from palpate.compiler.kernel import kernel
 from palpate.messages import Torque
-from palpate.nodes.base import Node
+from palpate.nodes.base import Node, Out
+from palpate.nodes.base.compiled import CompiledNode
 
 
 class FirstRelay(Node):
@@ -19,3 +21,24 @@ class Relay(Node):
 
     def step(self, torque: Torque) -> Torque:
         return Torque(torques=torque.torques)
+
+
+class CompiledFirstRelay(CompiledNode):
+    """`FirstRelay`, compiled."""
+
+    paced = True
+    sink = True
+
+    @kernel
+    def compute(own, torque: Torque | None, out: Out[Torque], dt):
+        for k in range(3):
+            out.torques[k] = torque.torques[k] if torque.there else k + 1.0
+
+
+class CompiledRelay(CompiledNode):
+    """`Relay`, compiled."""
+
+    @kernel
+    def compute(own, torque: Torque, out: Out[Torque], dt):
+        for k in range(3):
+            out.torques[k] = torque.torques[k]

@@ -110,7 +110,7 @@ class Chain:
 
     def _death(self, nodes: set[str], back: bool) -> None:
         blocked = blocked_by([self.worker.job], nodes)
-        Worker._handle_deaths(SimpleNamespace(slots=self.slots, parts=()), nodes, blocked, back)
+        Worker._handle_deaths(SimpleNamespace(slots=self.slots, parts=(), hop=None), nodes, blocked, back)
 
     def _slot(self, name: str) -> Slot:
         return next(slot for slot in self.slots if slot.name == name)

@@ -6,9 +6,10 @@ from palpate.engine.imports import load_class
 from palpate.engine.job import Job
 from palpate.engine.schedule import needed
 from palpate.engine.slot import NodeError, ObserverSlot, Output, make
+from palpate.launch.run.hop.blocks import block_of
 from palpate.launch.run.wire.bus import END, HEALTH
 from palpate.messages import Health, Message, MessageError, unpack
-from palpate.nodes.base import Observer, Stream
+from palpate.nodes.base import Block, Observer, Stream
 
 
 class Audience:
@@ -59,6 +60,9 @@ class Audience:
                 if self._leave is not None:
                     self._leave(group)
                 return -1
+            block = block_of(stream, payload)
+            if block is not None:
+                return self._hear_block(stream, block)
             tick = unpack(payload, Message).tick
         except MessageError:  # not of this run
             return -1
@@ -66,6 +70,15 @@ class Audience:
             if stream in slot.streams and tick > slot.last[stream]:
                 slot.observe(stream, tick, payload)
         return tick
+
+    def _hear_block(self, stream: str, block: Block) -> int:
+        for slot in self.slots:
+            if stream in slot.streams:
+                entries = block.entries[block.entries["tick"] > slot.last[stream]]
+                if len(entries):
+                    slot.take_block(block._replace(entries=entries))
+                    slot.take()
+        return int(block.entries["tick"][-1])
 
     def tell(self, report: Health) -> None:
         for slot in self.begun:

@@ -20,12 +20,15 @@ import msgspec
 import zmq
 
 from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.engine.slot import Output
+from palpate.launch.run.hop.blocks import frame_of
 from palpate.launch.run.reports import ORDERS, Addressed, NodesEnded, Note, Order, Report
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import HIGH_WATER, Inlet, TcpInlet
 from palpate.launch.run.wire.keys import Authenticator, Key, connect
 from palpate.launch.run.wire.outlet import Outlet, ReaderConnection, Sender
 from palpate.launch.run.wire.watch import SocketPoller
+from palpate.nodes.base import Block
 from palpate.physics.errors import RunError
 
 HEALTH = "!health"  # stream of each outlet for observers with the health of the nodes
@@ -103,7 +106,9 @@ class Bus:
         self.listeners: dict[bytes, int] = {}
         self._sources: dict[str, str] = {}  # endpoint of each group that is observed here
         self._overhears: set[str] = set()
-        self._kept: list[bytes] = []
+        self._kept: list[bytes] = []  # for observers of the run
+        self._shown: list[bytes] = []  # for other programs
+        self._blocks = True  # whether observers of the run get blocks
         self._topics: tuple[bytes, ...] = ()
 
     def _socket(self, kind: int, linger: int) -> zmq.Socket:
@@ -126,6 +131,7 @@ class Bus:
 
         Returns the endpoints by outlet. RunError: the port is in use.
         """
+        self._blocks = not host
         if host and self.key is not None:
             self._keeper = Authenticator(self.context, self.key)
             self.key.secure(self._observers, server=True)
@@ -312,6 +318,21 @@ class Bus:
     def keep(self, data: bytes) -> None:
         """Buffer a frame for the observers; `flush` sends it."""
         self._kept.append(data)
+        self._shown.append(data)
+
+    def keep_block(self, block: Block, number: int, output: Output) -> None:
+        """Buffer the messages of one output in a block: one frame for the observers of the run, frames of one message
+        for other programs and other machines."""
+        kept = [self._shown] if self._public.heard(output.topic) else []
+        if self._blocks:
+            data = frame_of(block, number, output)
+            self._kept += [data] if data else []
+        else:
+            kept.append(self._kept)
+        for stream, _, payload in block.messages() if kept else ():
+            if stream == output.stream:
+                for each in kept:
+                    each.append(output.topic + payload)
 
     def flush(self, holds: Callable[[], None] = lambda: None) -> None:
         """Send the buffered frames.
@@ -319,8 +340,9 @@ class Bus:
         holds  called repeatedly while the buffer of an observer of the run is full, on the simulated clock; the
                launcher kills observers that hang
         """
+        shown, self._shown = self._shown, []
+        self._public.publish(shown)
         kept, self._kept = self._kept, []
-        self._public.publish(kept)
         for place, data in enumerate(kept):
             while True:
                 try:
@@ -377,7 +399,7 @@ class Bus:
                 self._observers.set(zmq.XPUB_NODROP, 1)
                 self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
                 end = frame(END, self.group.encode())
-                self._kept.append(end)
+                self.keep(end)
                 self.flush()
                 self.listened()
                 self._wait_taken(end)

@@ -15,6 +15,7 @@ from palpate.engine.job import Job
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.segment import CompiledSegment, kernels, segments, table_runner
 from palpate.engine.slot import Input, NodeError, Output, RemoteStream, Slot, make
+from palpate.launch.run.hop.blocks import picker
 from palpate.launch.run.hop.hop import Hop, load, suits
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
@@ -127,6 +128,7 @@ class Worker:
             )
             if self.bus is not None and suits(self.parts):
                 load(self._real)
+                picker()
         if self.bus is None and not self._real:
             for slot in self.slots:
                 for output in slot.outputs:
@@ -249,10 +251,9 @@ class Worker:
             if self._real:
                 observer.take()
         if self.bus is not None:
-            for stream, _, payload in block.messages():
-                output = self.outputs[stream]
-                if output.observed:
-                    self.bus.keep(output.topic + payload)
+            for number, stream in enumerate(block.streams):
+                if self.outputs[stream].observed:
+                    self.bus.keep_block(block, number, self.outputs[stream])
 
     def _publish(self, bus: Bus, output: Output, tick: int, payload: bytes) -> None:
         """Send an encoded message to its readers in other processes."""

@@ -39,6 +39,7 @@ def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: N
         stopping=False,
         tick=-1,
         last=None,
+        hop=None,
         drain=lambda: None,
     )
 
@@ -241,7 +242,7 @@ class Here(SimpleNamespace):
     """A worker with a paced node at each tick, a node at every second tick, and a blocked node."""
 
     def __init__(self, last: int) -> None:
-        super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, stopping=False)
+        super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, stopping=False, hop=None)
         self.clock = [0]
         self.slots = [slot("Source", ("torque", {"loop": True, "optional": True})) for _ in range(3)]
         self.parts = self.slots
