@@ -29,7 +29,7 @@ def run(
     scene: str | None = None,
     clock: str | None = None,
     place: str | Path | None = None,
-    sets: Sequence[str] = (),
+    sets: Sequence[str] | Mapping[str, Any] = (),
     **nodes: str | Mapping[str, Any],
 ) -> Run:
     """Run a graph to its end and open its recording; `palpate run` does the same from the shell.
@@ -43,7 +43,7 @@ def run(
     clock     "simulated" or "real"
     place     "fused", or a placement file. Default: on simulated time all nodes run in this process, which gives the
               same bytes as any other placement; on real time each node runs in a separate process
-    sets      single values in the form of `--set`: "tissue.stiffness=2e3"
+    sets      single values in the form of `--set`: ["tissue.stiffness=2e3"], or {"tissue.stiffness": 2e3}
     nodes     a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
     The lines that `palpate run` prints about the run are in `notes`; the first of each kind is also a PalpateWarning.
@@ -89,10 +89,12 @@ def described(
     *,
     scene: str | None,
     duration: float | str | None,
-    sets: Sequence[str],
+    sets: Sequence[str] | Mapping[str, Any],
     nodes: Mapping[str, str | Mapping[str, Any]],
 ) -> LaunchFile:
     """The run that these arguments of `palpate.run` describe. GraphError, ArgumentError: they are invalid."""
+    if isinstance(sets, Mapping):
+        sets = [f"{path}={value}" for path, value in sets.items()]
     if isinstance(sets, str):
         raise ArgumentError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
     return find(str(graph)).but(

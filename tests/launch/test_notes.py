@@ -64,3 +64,15 @@ def test_a_run_without_a_file_leaves_none_and_has_its_messages(tmp_path, monkeyp
     assert table["contact.force"].attrs["units"] == "N" and table.time.attrs["units"] == "s"
     assert np.array_equal(table["contact.force"], runs[0].contact.force)
     assert table["finger.position"].dims == ("time", "axis") and np.array_equal(table.time, runs[0].finger.time)
+
+
+@pytest.mark.filterwarnings("ignore::palpate.PalpateWarning")
+def test_settings_are_a_list_or_a_mapping():
+    force = [
+        palpate.run("kidney", record=False, duration=0.01, sets=sets).contact.force
+        for sets in (
+            [*QUICK, "controller.limit=2 N"],
+            {**dict(s.split("=", 1) for s in QUICK), "controller.limit": 2.0},
+        )
+    ]
+    assert np.array_equal(*force)
