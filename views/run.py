@@ -23,8 +23,6 @@ from palpate.records.samples import RecordedStream, Samples
 from palpate.records.stored import RecordingError
 
 if TYPE_CHECKING:
-    from tempfile import TemporaryDirectory
-
     from matplotlib.figure import Figure
 
     from palpate.launch.run.notes import RunNote
@@ -80,7 +78,6 @@ class Run:
         self.path = self._recording.path
         self.about: dict[str, Any] = self._recording.about
         self.notes: list[RunNote] = []
-        self._temporary: TemporaryDirectory[str] | None = None
 
     @property
     def streams(self) -> list[str]:

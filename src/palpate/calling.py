@@ -78,7 +78,7 @@ def run(
     if not outcome.ok:
         raise RunError("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
     run = Run(file)
-    run._temporary = temporary
+    run._recording.temporary = temporary
     run.notes = outcome.notes
     warn(run.notes)
     return run
