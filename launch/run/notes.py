@@ -16,18 +16,20 @@ class RunNote(str):
     node  the node that it is about; "": the run
     time  [s] on the graph's clock when it was reported; 0: before the first tick
     text  the line
+    lane  number of the lane of an ensemble; None: not of an ensemble
     """
 
     node: str
     time: float
+    lane: int | None
 
-    def __new__(cls, text: str, node: str = "", time: float = 0.0) -> "RunNote":
+    def __new__(cls, text: str, node: str = "", time: float = 0.0, lane: int | None = None) -> "RunNote":
         note = super().__new__(cls, text)
-        note.node, note.time = node, time
+        note.node, note.time, note.lane = node, time, lane
         return note
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return RunNote, (self.text, self.node, self.time)
+        return RunNote, (self.text, self.node, self.time, self.lane)
 
     @property
     def text(self) -> str:
@@ -51,5 +53,6 @@ def first_of_each_kind(notes: Iterable[RunNote]) -> dict[RunNote, int]:
 
 def warn(notes: Iterable[RunNote], level: int = 3) -> None:
     """A PalpateWarning for the first note of each kind. `level`: of the caller to whose line it refers."""
-    for note in first_of_each_kind(notes):
-        warnings.warn(f"{note.node}: {note}" if note.node else note.text, PalpateWarning, stacklevel=level)
+    for note, count in first_of_each_kind(notes).items():
+        where = "" if note.lane is None else f"lane {note.lane}{f' and {count - 1} more' if count > 1 else ''}, "
+        warnings.warn(f"{where}{note.node}: {note}" if note.node else note.text, PalpateWarning, stacklevel=level)

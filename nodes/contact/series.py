@@ -70,7 +70,6 @@ class Series(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        self._reported: set[int] = set()
         finger.begin(self.own["finger"])
         self.own["law"] = laws.kernel_form(self._elastic(), self.finger_damping)
 
@@ -137,8 +136,8 @@ class Series(CompiledNode):
 
     def notes(self) -> list[str]:
         for place, each in enumerate(self._fingers()):
-            if each["deepest"][0] > 0.0 and place not in self._reported:
-                self._reported.add(place)
+            if each["deepest"][0] > 0.0 and f"finger {place}" not in self._noted:
+                self._noted.add(f"finger {place}")
                 self._notes.append(self._beyond(each))
         return super().notes()
 

@@ -35,7 +35,7 @@ def run(
     clock: str | None = None,
     place: str | Path | None = None,
     organ: Organ = None,
-    sets: Sequence[str] = (),
+    sets: Sequence[str] | Mapping[str, Any] = (),
     **nodes: str | Mapping[str, Any],
 ) -> Run:
     """Run a graph to its end and open its recording; `palpate run` does the same from the shell.
@@ -50,7 +50,7 @@ def run(
     place     "fused", or a placement file. Default: on simulated time all nodes run in this process, which gives the
               same bytes as any other placement; on real time each node runs in a separate process
     organ     mesh file instead of the scene's organ, "liver.stl", or {"file": "liver.stl", "unit": "mm", "piece": 2}
-    sets      single values in the form of `--set`: "tissue.stiffness=2e3"
+    sets      single values in the form of `--set`: ["tissue.stiffness=2e3"], or {"tissue.stiffness": 2e3}
     nodes     a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
     The lines that `palpate run` prints about the run are in `notes`; the first of each kind is also a PalpateWarning.
@@ -87,7 +87,7 @@ def run(
     if not outcome.ok:
         raise RunError("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
     run = Run(file)
-    run._temporary = temporary
+    run._recording.temporary = temporary
     run.notes = outcome.notes
     warn(run.notes)
     return run
@@ -98,12 +98,14 @@ def described(
     *,
     scene: str | None,
     duration: float | str | None,
-    sets: Sequence[str],
+    sets: Sequence[str] | Mapping[str, Any],
     nodes: Mapping[str, str | Mapping[str, Any]],
     organ: Organ = None,
 ) -> LaunchFile:
     """The run that these arguments of `palpate.run` describe, with its organ at its place. GraphError, ArgumentError,
     MeshError: they are invalid."""
+    if isinstance(sets, Mapping):
+        sets = [f"{path}={value}" for path, value in sets.items()]
     if isinstance(sets, str):
         raise ArgumentError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
     return (

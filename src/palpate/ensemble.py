@@ -15,9 +15,11 @@ from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
 from palpate.launch.run.lanes import LaneRun, prepare_all
+from palpate.launch.run.notes import RunNote, warn
 from palpate.launch.run.progress import StageBars
 from palpate.messages import Field, fields
 from palpate.messages.record import layout
+from palpate.nodes.base import settings
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.records.samples import Samples
 
@@ -64,6 +66,7 @@ class Ensemble:
         build_missing(base, quiet=not sys.stderr.isatty())
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
         self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
+        self._units = {path: unit for path in self.over if (unit := _unit(path, base))}
         self._keep = [_kept(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
         if not self._keep:
             raise ArgumentError("keep: found nothing, expected a list such as ['contact.force']")
@@ -99,7 +102,8 @@ class Ensemble:
         is a dictionary of numpy arrays with units. Varied settings are coordinates of `lane`. A stream that is not sent
         at a tick keeps its last value.
 
-        A lane that fails is NaN from that tick on; `error` has its message, and a warning lists the failed lanes.
+        A lane that fails is NaN from that tick on; `error` has its message, and a warning lists the failed lanes. Lines
+        that `palpate run` would print about a lane are in `notes`; the first of each kind is also a PalpateWarning.
 
         quiet  no progress bar
 
@@ -117,6 +121,15 @@ class Ensemble:
         errors = [str(lanes.failures.get(lane, "")) for lane in range(self.count)]
         if lanes.failures:
             self._report(errors)
+        end = nanoseconds(self.ticks, self.rate) * 1e-9
+        self.notes = [
+            RunNote(text, node, end, lane)
+            for lane in range(self.count)
+            if lane not in lanes.failures
+            for node, text in lanes.lanes.notes(lane)
+        ]
+        """Lines about the lanes, each with `lane`, `node`, `time` [s] and `text`, after `run`."""
+        warn(self.notes)
         time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
         found = {
             f"{stream}.{field.name}": np.array(field.words)[column] if field.words else column
@@ -136,7 +149,7 @@ class Ensemble:
         coordinates: dict[str, Any] = {"lane": np.arange(self.count), "time": ("time", time, {"units": "s"})}
         for path, values in self.over.items():
             shown = values if all(isinstance(v, bool | int | float | str) for v in values) else list(map(str, values))
-            coordinates[path] = ("lane", shown)
+            coordinates[path] = ("lane", shown, {"units": unit} if (unit := self._units.get(path)) else {})
         return xarray.Dataset(data, coordinates, {"graph": self.name})
 
     def _report(self, errors: Sequence[str]) -> None:
@@ -157,6 +170,15 @@ def _path(path: str, base: Graph) -> str:
     if "." not in path:
         raise ArgumentError(f"over {path!r}: expected a setting, such as tissue.stiffness, or scene.<path>")
     return f"scene.{path}" if head in base.scene and head not in base.nodes else path
+
+
+def _unit(path: str, base: Graph) -> str:
+    """The SI unit of a setting of a node, or of the setting that takes a value of the scene; "": unknown."""
+    *_, node, name = ("", *path.split("."))
+    spec = base.nodes.get(node)
+    known = [settings(spec.cls)] if spec is not None else [settings(each.cls) for each in base.nodes.values()]
+    units = {found[name].unit for found in known if name in found}
+    return units.pop() if len(units) == 1 else ""
 
 
 def _each(path: str, given: Any, lanes: int) -> list[Any]:

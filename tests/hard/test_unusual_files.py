@@ -231,3 +231,14 @@ def test_the_units_of_a_motion_are_those_of_its_header(tmp_path, head, scales, f
 def test_a_budget_needs_a_unit():
     done = command("tune", "kidney", "--budget", "0.5")
     assert done.exit_code == 2 and "found '0.5' without a unit; expected a time such as '0.5 ms'" in done.stderr
+
+
+def test_a_wrong_order_and_a_foreign_file_are_named(samples, tmp_path):
+    file, foreign = tmp_path / "run.mcap", tmp_path / "foreign.mcap"
+    file.write_bytes(samples["recording"])
+    done = command("picture", "contact.force", str(file))
+    assert done.exit_code == 2 and "expected FILE first: palpate picture" in done.stderr
+    head = b"\x04\x00\x00\x00ros2\x04\x00\x00\x00rust"
+    foreign.write_bytes(b"\x89MCAP0\r\n\x01" + len(head).to_bytes(8, "little") + head + bytes(100))
+    done = command("info", str(foreign))
+    assert done.exit_code == 2 and "an MCAP file of another program" in done.stderr

@@ -17,6 +17,7 @@ from palpate.engine.segment import CompiledSegment, failure, view
 from palpate.engine.slot import NodeError, make
 from palpate.engine.table import CLOCK, LANE, TAP
 from palpate.messages.record import address_of
+from palpate.nodes.base import Node
 
 WORD, LINE, PAGE = 8, 64, 4096
 """[bytes] Alignment of the arrays of a table; of the parts of a block; unit in which images are copied."""
@@ -37,6 +38,8 @@ class NodeImage:
     def __init__(self, job: NodeJob, counts: Sequence[int], pool: Pool) -> None:
         self.job, self.counts = job, counts
         node = self.started()
+        self.notes: list[str] = node.notes()
+        """Lines for the user from the start."""
         record, held = node._record, node._held
         # Arrays that no kernel writes: point the record to the pooled array with the same content.
         private, self.shared = {}, list[np.ndarray]()
@@ -100,6 +103,7 @@ class Lanes:
         self._bases, self._nodes = np.zeros(count, np.int64), list[Sequence[NodeImage]]([()] * count)
         self._sources, self.every = np.zeros(0, np.int64), 1
         self.columns: list[np.ndarray] = []
+        self._noting: dict[int, Any] = {}  # started nodes whose records `notes` replaces, by their images
         self._image_table()
 
     def _image_table(self) -> None:
@@ -192,6 +196,19 @@ class Lanes:
         node = self._nodes[lane][place].started()
         node._record[:] = self.own(lane, place)
         return failure(self.segment.slots[place], node, base, base + self._clock)
+
+    def notes(self, lane: int) -> list[tuple[str, str]]:
+        """Lines for the user about a lane, each with the name of its node."""
+        lines = []
+        for place, image in enumerate(self._nodes[lane]):
+            lines += [(image.job.name, text) for text in image.notes]
+            if type(self.segment.slots[place].node).notes is Node.notes:
+                continue
+            node = self._noting.get(id(image)) or self._noting.setdefault(id(image), image.started())
+            node._notes, node._noted = [], set()
+            node._record[:] = self.own(lane, place)
+            lines += [(image.job.name, text) for text in node.notes()]
+        return lines
 
     @property
     def memory(self) -> tuple[int, int]:

@@ -18,6 +18,7 @@ class Recording(Stored):
     def __init__(self, path: str | Path) -> None:
         super().__init__(path)
         self._filled: IO[bytes] | None = None
+        self.temporary: tempfile.TemporaryDirectory[str] | None = None  # folder of the file, which is removed with this
         self.computed = self.as_whole()
 
     def compute(self, tolerance: float | None = None) -> Report:

@@ -107,6 +107,7 @@ class Stored:
             check_readable(self.path)
             with open(self.path, "rb") as file:
                 begin = file.read(8)
+                head = file.read(64)
         except IsADirectoryError:
             raise RecordingError(f"{path}: a folder, expected a recording, such as {self.path / 'NAME.mcap'}") from None
         except OSError as error:
@@ -114,6 +115,10 @@ class Stored:
         if begin != MAGIC:
             what = "an empty file" if not begin else "not an MCAP file"
             raise RecordingError(f"{path}: {what}; recordings are written by `palpate run --record FILE`")
+        if PROFILE.encode() not in head and len(head) == 64:  # neither its profile nor its library
+            raise RecordingError(
+                f"{path}: an MCAP file of another program, expected a recording of palpate; `mcap info` shows it"
+            )
         self._read_head()
 
     def as_whole(self) -> set[str]:

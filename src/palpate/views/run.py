@@ -23,8 +23,6 @@ from palpate.records.samples import RecordedStream, Samples
 from palpate.records.stored import RecordingError
 
 if TYPE_CHECKING:
-    from tempfile import TemporaryDirectory
-
     from matplotlib.figure import Figure
 
     from palpate.launch.run.notes import RunNote
@@ -80,7 +78,6 @@ class Run:
         self.path = self._recording.path
         self.about: dict[str, Any] = self._recording.about
         self.notes: list[RunNote] = []
-        self._temporary: TemporaryDirectory[str] | None = None
 
     @property
     def streams(self) -> list[str]:
@@ -140,6 +137,28 @@ class Run:
         times = joined.xs("time [s]", axis=1, level=1)
         joined = joined.drop(columns="time [s]", level=1)
         return joined.set_index(times.bfill(axis=1).iloc[:, 0].rename("time [s]"))
+
+    def xarray(self, streams: str | Sequence[str] = ()) -> Any:
+        """Streams (default: all) as an xarray Dataset over `time` [s], with the dimension `axis` for vectors: variables
+        "stream.field" with their unit, missing messages NaN. Without texts and arrays of variable length.
+
+        RecordingError: xarray is missing, or an unknown stream.
+        """
+        with required("xarray()", "study", RecordingError):
+            import xarray
+        made = []
+        for name in [streams] if isinstance(streams, str) else list(streams) or self.streams:
+            source = self[name]
+            if not isinstance(source, RecordedStream):
+                raise RecordingError(f"{name!r} is a field; expected a stream: {', '.join(self.streams)}")
+            data: dict[str, Any] = {}
+            for field_name, field in source.columns.items():
+                values = source[field_name]
+                if isinstance(values, Samples) and values.ndim <= 2 and values.dtype.kind in "fiub":
+                    axes = tuple(f"axis{'' if n == 3 else n}" for n in values.shape[1:])
+                    data[f"{name}.{field_name}"] = (("time", *axes), np.asarray(values), {"units": field.unit})
+            made.append(xarray.Dataset(data, {"time": ("time", source.time, {"units": "s"})}))
+        return xarray.merge(made, join="outer", combine_attrs="drop_conflicts").assign_attrs(graph=self.path.stem)
 
     def _table(self, name: str) -> Any:
         import pandas

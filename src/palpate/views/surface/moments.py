@@ -69,7 +69,7 @@ def bodies_of(touch: TouchStreams) -> Bodies:
 def _mesh(touch: TouchStreams, name: str) -> Mesh:
     """The mesh of a node. PictureError: it has none."""
     nodes = touch.recording.about.get("plan", {}).get("nodes", ())
-    node = next((given for given in nodes if given.get("name") == name), {})
+    node: dict[str, Any] = next((given for given in nodes if given.get("name") == name), {})
     try:
         kind = recorded_class(node["class"], Node)
         body: Any = kind(**node.get("settings", {}))

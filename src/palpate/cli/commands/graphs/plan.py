@@ -38,7 +38,7 @@ def plan(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show what runs, what does not and why, and the cost per effect.
+    """Show what runs, what does not and why, and after a run the cost per effect.
 
     Times come from the newest recording of the graph below runs/, or from the one given to --ablate.
     """

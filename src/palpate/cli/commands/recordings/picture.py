@@ -42,6 +42,9 @@ def picture(
         raise typer.BadParameter("FIELD..., --at and --film are different pictures: use one of them")
     if over is not None and not names:
         raise typer.BadParameter("--over needs a FIELD to draw over it")
+    swapped = next((name for name in names or () if not file.exists() and Path(name).is_file()), None)
+    if swapped is not None:
+        raise typer.BadParameter(f"found {str(file)!r} first, expected FILE first: palpate picture {swapped} {file}")
     note = ""
     if names:
         made = [_plot(file, names, over, out or file.with_name(f"{file.stem}-plot.png"))]
