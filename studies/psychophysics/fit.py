@@ -7,8 +7,8 @@ The log likelihood of k_i hits in n_i trials at the levels x_i,
 is computed on a grid of a, b and the free rates; the grid is refined where l is high. From its `STARTS` best points a
 bounded quasi-Newton method (TNC) finds the maximum. The interval of a is
 { a : max l - max_{b, λ, γ} l(a) <= χ²_{1; 0.95}/2 }, likewise for b (Pawitan, In All Likelihood, 2001, ch. 3.4); its
-ends are bracketed by the grid and found by the same method. An interval that the levels do not bound is open: it ends at 0
-or infinity. A maximum at a limit of b or λ is named: then the data do not determine the function.
+ends are bracketed by the grid and found by the same method. An interval that the levels do not bound is open: it ends
+at 0 or infinity. A maximum at a limit of b or λ is named: then the data do not determine the function.
 """
 
 from __future__ import annotations

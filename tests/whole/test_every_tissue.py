@@ -44,8 +44,8 @@ def test_modulus_and_force_of_the_beams_are_proportional():
     """For one motion of the surface: a rigid finger, whose depth does not depend on the tissue."""
     rigid = [
         "contact.finger_law=power", "contact.finger_power_stiffness=1e9", "contact.finger_power_exponent=1",
-        "contact.finger_damping=0", "scene.hand.hand_stiffness=1e5", "scene.hand.hand_damping=1000", "device.resolution=0",
-        "finger.resolution=0", "controller.resolution=0", "controller.limit=0.001",
+        "contact.finger_damping=0", "scene.hand.hand_stiffness=1e5", "scene.hand.hand_damping=1000",
+        "device.resolution=0", "finger.resolution=0", "controller.resolution=0", "controller.limit=0.001",
     ]  # fmt: skip
     names = ["kidney-assumed", "brain-human-compound", "silicone-EF50-0"]
     ensemble = palpate.Ensemble(

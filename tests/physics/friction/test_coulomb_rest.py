@@ -6,7 +6,7 @@ from pytest import approx
 
 import palpate
 from palpate.physics.friction.bristle import NOTHING
-from palpate.physics.friction.coulomb import Coulomb
+from palpate.physics.friction.coulomb import Coulomb, coulomb
 from palpate.physics.friction.unrest import LIMIT, LONG, ROOM, WINDOW, WINDOWS, WORST, watch
 
 LIGHT = ["scene.hand.hand_damping=1", "scene.hand.mass=0.05", "device.delay=1", "controller.delay=1",
@@ -18,7 +18,7 @@ def moved(law, velocities, loads, dt):
     """Forces [N] (t,3) and deflections [m] (t + 1,3)."""
     z, forces, bent = NOTHING, [], [NOTHING]
     for v, load in zip(velocities, loads, strict=True):
-        z, force, _ = law.advance(law, z, tuple(v), load, dt, 0.0)
+        z, force, _ = coulomb(law, z, tuple(v), load, dt, 0.0)
         forces.append(force)
         bent.append(z)
     return np.array(forces), np.array(bent)
@@ -47,7 +47,7 @@ def test_the_stick_is_a_kelvin_voigt_solid():
     law, dt, z, f = Coulomb(stiffness=400.0, damping=8.0), 1e-5, 0.0, 0.1
     for _ in range(4000):  # 2 k t/d = 4: find the motion with this force by inverting one step
         v = (f - law.stiffness * z) / (law.stiffness * dt + law.damping)
-        (z, *_), (force, *_), stick = law.advance(law, (z, 0.0, 0.0), (v, 0.0, 0.0), 1.0, dt, 0.0)
+        (z, *_), (force, *_), stick = coulomb(law, (z, 0.0, 0.0), (v, 0.0, 0.0), 1.0, dt, 0.0)
         assert stick and force == approx(f)
     assert z == approx(f / 400.0 * (1.0 - np.exp(-400.0 * 0.04 / 8.0)), rel=1e-3)
 
