@@ -164,5 +164,6 @@ def test_friction_indents_a_slanted_place_as_it_does_in_the_reference():
                 depths.append(kind.step([load], dt=STEP).previous_indentation)
         changes.append((depths[1] / depths[0] - 1.0, depths[3] / depths[2] - 1.0))
     expected, found = np.array(changes).T
-    assert np.abs(expected).max() > 0.08
-    assert found == approx(expected, abs=0.015)
+    assert np.abs(expected).max() > 0.13
+    assert found == approx(expected, abs=0.03)  # both the map and the reference average over a patch
+    assert np.sqrt(np.mean((found - expected) ** 2)) < 0.2 * np.sqrt(np.mean(expected**2))
