@@ -4,7 +4,8 @@
 
 The touch of the graph, one lane for each tissue. Printed for each graph and contact: the tissue, peak force [N] and
 largest indentation [mm] of ReducedFE, and for each body the difference of the peak and the RMS difference, in % of the
-peak. `*`: the indentation exceeds 1.5 radii of the patch, where ReducedFE extrapolates and a run reports it.
+peak. The graph remote has the contact of the kidney, and no lanes.
+`*`: the indentation exceeds 1.5 radii of the patch, where ReducedFE extrapolates and a run reports it.
 """
 
 import argparse
@@ -17,7 +18,7 @@ import palpate
 from palpate.launch.load.tissues import tissues
 
 GRAPHS = {  # bodies that scene.tissue sets, contacts
-    **dict.fromkeys(("kidney", "nodule", "texture", "remote"), (("tissue",), ("contact",))),
+    **dict.fromkeys(("kidney", "nodule", "texture"), (("tissue",), ("contact",))),
     "organs": (("kidney",), ("contact-kidney",)),
     "pinch": (("tissue",), ("contact-thumb", "contact-index")),
     "palpate-two": (("tissue",), ("contact-1", "contact-2")),
@@ -46,9 +47,7 @@ def main() -> None:
         reference = touch(graph, "ReducedFE", given.tissues)
         others = {body: touch(graph, body, given.tissues) for body in BODIES}
         for contact in GRAPHS[graph][1]:
-            print(
-                f"\n{graph}, {contact}\n\n| tissue | peak | depth | {' | | '.join(BODIES)} | |\n|---|---|---|---|---|---|---|"
-            )
+            print(f"\n{graph}, {contact}\n\n| tissue | peak | depth | {' | | '.join(BODIES)} | |\n{7 * '|---'}|")
             for lane, name in enumerate(given.tissues):
                 force, deepest = reference[f"{contact}.force"][lane], reference[f"{contact}.indentation"][lane].max()
                 peak, row = force.max(), {"graph": graph, "contact": contact, "tissue": name}
