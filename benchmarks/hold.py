@@ -12,8 +12,8 @@ contact begins. If a combination is refused, its cell shows the reason. If its f
 and a warning follows the table. Takes 15 minutes on two cores.
 
 `--search`: random closed loops of the graph kidney as lanes of ensembles, in 2 minutes: body, friction law and rate
-(250 Hz to 10 kHz), mass, stiffness and damping of the hand, delay of the device, of which the controller knows, place, depth
-and time of the press. Printed are the loops with more than 30 mN of noise by law and by body, and the worst ten.
+(250 Hz to 10 kHz), mass, stiffness and damping of the hand, delay of the device, of which the controller knows, place,
+depth and time of the press. Printed are the loops with more than 30 mN of noise by law and by body, and the worst ten.
 """
 
 import argparse

@@ -28,7 +28,7 @@ def test_every_record_has_a_source_and_its_modulus():
     for name, record in found.items():
         assert record["source"], name
         assert 50.0 < rest_moduli(material(record))[0] < 1e5, name
-        assert set(bodies(record)) == {"MassSpring", "ReducedFE", "full finite elements"}
+        assert set(bodies(record)) == {"MassSpring", "BeamBundle", "ReducedFE", "full finite elements"}
     assert [name for name, r in found.items() if r["grade"] == "assumed"] == ["kidney-assumed"]
 
 

@@ -11,7 +11,7 @@ from pytest import approx
 from palpate.messages import Load
 from palpate.nodes.base import SettingError
 from palpate.nodes.contact import Series
-from palpate.nodes.deformation import MassSpring
+from palpate.nodes.deformation import MassSpring, ReducedFE
 from palpate.physics.bodies.mass_spring import factor_at
 from palpate.physics.bodies.place_energy import on_hand, surface_gradient
 from palpate.physics.contact.series import exponential
@@ -139,3 +139,31 @@ def test_the_fit_finds_the_stiffness_on_a_half_space():
     relative = np.linspace(0.8, 1.2, 200)
     found = power_law(depth, np.zeros(200), 300.0 * relative**2 * depth**1.5, relative)
     assert found["exponent"] == approx(1.5, abs=2e-3) and found["stiffness"] == approx(300.0, rel=0.01)
+
+
+def test_friction_indents_a_slanted_place_as_it_does_in_the_reference():
+    """At rest, at random places of the kidney, against the whole compliance matrix of ReducedFE."""
+    mesh, _, spread = ground("kidney")
+    kinds = (
+        ReducedFE(surface="kidney", position=LINEAR["position"], model="linear", retardation=0.0),
+        MassSpring(surface="kidney", stiffness_map="basis", **LINEAR),
+    )
+    rng, changes = np.random.default_rng(5), []
+    places = rng.choice(len(mesh.vertices), 12, replace=False)
+    for at in (np.argmax(mesh.vertices[:, 0]), np.argmin(mesh.vertices[:, 0]), *places):
+        foot, n = mesh.vertices[at], mesh.normals[at]
+        along = np.cross(n, rng.normal(size=3))
+        along *= 0.5 / np.linalg.norm(along)
+        depths = []
+        for kind in kinds:
+            for force in (-n, along - n):
+                kind.start()
+                count = spread.spread(foot, n, force)
+                load = Load(nodes=spread.nodes[:count].copy(), forces=spread.forces[:count].copy(),
+                            foot=tuple(foot.tolist()), normal=tuple(n.tolist()))  # fmt: skip
+                depths.append(kind.step([load], dt=STEP).previous_indentation)
+        changes.append((depths[1] / depths[0] - 1.0, depths[3] / depths[2] - 1.0))
+    expected, found = np.array(changes).T
+    assert np.abs(expected).max() > 0.13
+    assert found == approx(expected, abs=0.03)  # both the map and the reference average over a patch
+    assert np.sqrt(np.mean((found - expected) ** 2)) < 0.2 * np.sqrt(np.mean(expected**2))

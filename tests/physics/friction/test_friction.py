@@ -36,7 +36,7 @@ def lugre_path(slip, load, dt, law, normal=UP):
 
 
 def coulomb_path(slip, load, dt, mu, stiffness):
-    return bristle_path(CoulombLaw(mu, stiffness), slip, load, dt)
+    return bristle_path(CoulombLaw(mu, stiffness, 0.0), slip, load, dt)
 
 
 def test_steady_sliding_has_the_closed_form():

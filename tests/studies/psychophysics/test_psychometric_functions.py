@@ -8,7 +8,7 @@ import pytest
 from scipy import integrate, optimize, stats
 from simulated_sessions import DESIGNS, Sessions
 
-from palpate.studies.psychophysics.fit import DROP, fit
+from palpate.studies.psychophysics.fit import DROP, TINY, _wide, fit
 from palpate.studies.psychophysics.functions import AT, FUNCTIONS, HALF, proportion
 from palpate.studies.psychophysics.questplus import QuestPlus
 
@@ -145,3 +145,41 @@ def test_lengths_are_drawn_in_millimetres():
     assert axes.get_xlabel() == "scene.depth [mm]"
     points, line = (drawn.get_xydata() for drawn in axes.lines)
     assert points == pytest.approx(np.array([[1, 1], [2, 2], [4, 4]])) and line == pytest.approx(points)
+
+
+def test_an_answer_that_every_parameter_excludes_leaves_a_posterior():
+    """Without lapses and guesses these probabilities are 0 to rounding; the next answers still count."""
+    quest = QuestPlus("weibull", [0.0, 1.0, 100.0], [1.0, 2.0, 4.0], [3.0], [0.0], 0.0)
+    for level, hit in ((0.0, True), (100.0, False), *[(1.0, True)] * 60, *[(1.0, False)] * 3):
+        quest.update(level, hit)
+        assert np.isfinite(quest.posterior).all() and quest.posterior.sum() == pytest.approx(1.0)
+        assert np.isfinite(quest.information()).all()
+    assert int(np.argmax(quest.posterior)) == 0
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_no_other_method_finds_a_larger_likelihood(name):
+    """Differential evolution within the same limits, on small data sets with wandering maxima."""
+    rng = np.random.default_rng(11)
+    for trials in (18, 30, 60):
+        x = rng.choice(np.linspace(0.5, 4.0, 8), trials)
+        hits = rng.random(trials) < proportion(name, x, 2.0, 3.0 if name == "weibull" else 0.5, 0.5, 0.03)
+        found = fit(name, x, hits, 0.5)
+        a, b = (grid[[0, -1]] for grid in _wide(name, np.unique(x)))
+
+        def loss(v, x=x, hits=hits):
+            p = np.clip(proportion(name, x, v[0], np.exp(v[1]), 0.5, v[2]), TINY, 1.0 - TINY)
+            return -np.log(np.where(hits, p, 1.0 - p)).sum()
+
+        best = optimize.differential_evolution(loss, [a, np.log(b), (0.0, 0.1)], seed=1, popsize=8, maxiter=60)
+        at = found.threshold.value, np.log(found.spread.value), found.lapse
+        assert loss(at) == pytest.approx(-found.likelihood, abs=1e-9)
+        assert -found.likelihood < best.fun + 1e-3
+        assert found.threshold.low <= found.threshold.value <= found.threshold.high
+
+
+def test_a_maximum_at_a_limit_is_named():
+    x = np.repeat([1.0, 2.0, 3.0], 10)
+    step, flat = fit("normal", x, x > 1.5, 0.0), fit("normal", x, np.arange(30) % 2 == 0, 0.0)
+    assert "the steepest slope" in step.limits and "the flattest slope" in flat.limits
+    assert fit("normal", *shares("normal", 0.5, 0.02), 0.5).limits == ()

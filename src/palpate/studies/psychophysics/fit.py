@@ -7,8 +7,8 @@ The log likelihood of k_i hits in n_i trials at the levels x_i,
 is computed on a grid of a, b and the free rates; the grid is refined where l is high. From its `STARTS` best points a
 bounded quasi-Newton method (TNC) finds the maximum. The interval of a is
 { a : max l - max_{b, λ, γ} l(a) <= χ²_{1; 0.95}/2 }, likewise for b (Pawitan, In All Likelihood, 2001, ch. 3.4); its
-ends are bracketed by the grid and found by the same method. An interval that the levels do not bound is open: it ends at 0
-or infinity. A maximum at a limit of b or λ is named: then the data do not determine the function.
+ends are bracketed by the grid and found by the same method. An interval that the levels do not bound is open: it ends
+at 0 or infinity. A maximum at a limit of b or λ is named: then the data do not determine the function.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ POINTS = 41  # Grid points of a and of b
 LAPSES = np.linspace(0.0, 0.1, 11)
 GUESSES = np.linspace(0.0, 0.5, 26)
 STARTS = 4
+HALVINGS = 9  # of the bracket of an end of an interval
 TINY = 1e-12  # [1] Least probability of an answer, so that the logarithm is finite
 FAR = 12.0  # The finer grid leaves out points with a log likelihood this far below the maximum
 
@@ -221,7 +222,10 @@ def _interval(
             value = float(grid[at])
             beyond = value < peak[which] if side == 0 else value > peak[which]
             if beyond and above(value) < 0.0:
-                ends[side] = optimize.brentq(above, value, held, xtol=2e-3 * abs(value - peak[which]) + 1e-300)
+                for _ in range(HALVINGS):  # the maximum at the last grid point is known to be above
+                    middle = 0.5 * (value + held)
+                    value, held = (value, middle) if above(middle) >= 0.0 else (middle, held)
+                ends[side] = 0.5 * (value + held)
                 break
             held, at = value if beyond else held, at + step
     return IntervalEstimate(float(peak[which]), *ends)

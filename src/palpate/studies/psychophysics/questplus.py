@@ -7,8 +7,8 @@ posterior is H(θ) - I(x) with the mutual information
 
 (Watson, Journal of Vision 17(3):10, 2017, eqs. 3 to 8). The largest I(x) gives the lowest expected entropy.
 
-An answer that every θ excludes would leave no posterior, and one such answer would exclude a true θ for ever. Every
-answer therefore has a probability of at least `SLIP`: a finger on the wrong key.
+An answer that every θ with a posterior excludes is a slip, a finger on the wrong key. It does not change the
+posterior.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,6 @@ import numpy as np
 from scipy.special import xlogy
 
 from palpate.studies.psychophysics.functions import proportion
-
-SLIP = 1e-4  # [1] Least probability of an answer
 
 
 class QuestPlus:
@@ -43,7 +41,7 @@ class QuestPlus:
         grids = np.meshgrid(thresholds, spreads, lapses, indexing="ij")
         self.grid = np.array([grid.ravel() for grid in grids])
         a, b, lapse = self.grid
-        hit = np.clip(np.stack([proportion(function, x, a, b, guess, lapse) for x in self.levels]), SLIP, 1.0 - SLIP)
+        hit = np.stack([proportion(function, x, a, b, guess, lapse) for x in self.levels])
         self._chances = np.stack([hit, 1.0 - hit])
         """Probabilities (2, n, θ) of a hit and of a miss."""
         self._inner = xlogy(self._chances, self._chances).sum(axis=0)
@@ -56,5 +54,7 @@ class QuestPlus:
 
     def update(self, level: float, hit: bool) -> None:
         at = int(np.argmin(np.abs(self.levels - level)))
-        self.posterior = self.posterior * self._chances[0 if hit else 1, at]
-        self.posterior /= self.posterior.sum()
+        posterior = self.posterior * self._chances[0 if hit else 1, at]
+        total = posterior.sum()
+        if total > 0.0:
+            self.posterior = posterior / total
