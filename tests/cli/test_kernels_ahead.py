@@ -37,6 +37,7 @@ def test_compiled_kernels_suffice_for_the_usual_graphs_in_one_and_several_proces
     assert {file.name for file in (tmp_path / "cache").rglob("*.nbc")} == made
 
 
+@pytest.mark.long
 def test_the_wheel_contains_every_graph_and_body():
     listed = [name for name, _ in shipped()]
     assert set(listed) >= set(names()) | {f"{graph} with {body}" for graph in TOUCHES for body in BODIES}
