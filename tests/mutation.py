@@ -124,7 +124,7 @@ def main() -> int:
         tree = Path(folder) / "tree"
         left_out = shutil.ignore_patterns(".*", "__pycache__", "runs", "*.egg-info")
         shutil.copytree(ROOT, tree, symlinks=True, ignore=left_out)
-        os.environ.pop("NUMBA_CACHE_DIR", None)
+        os.environ["NUMBA_CACHE_DIR"] = str(Path(folder) / "kernels")  # mutants must not evict the kernels of the user
         for file in given.files:
             if not (given.tests or tests_of(file)) or not survives(tree, given.tests or tests_of(file)):
                 print(f"{file}: no tests, or they fail without a mutant", file=sys.stderr)

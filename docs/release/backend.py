@@ -60,6 +60,9 @@ def _add_kernels(wheel: Path) -> str:
 
 
 def _run(module: str, *words: str, folder: str | None = None, environment: Any = None) -> str:
-    """The output of a Python module. Errors and progress appear on standard error."""
+    """The output of a Python module. Errors and progress appear on standard error. SystemExit: it failed."""
     command = [sys.executable, "-m", module, *words]
-    return subprocess.run(command, cwd=folder, env=environment, stdout=-1, text=True, check=True).stdout
+    done = subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        raise SystemExit(f"{module} failed, see above; a wheel without kernels: python -m build -C kernels=no")
+    return done.stdout

@@ -5,6 +5,7 @@ and the version of the builder (`BUILDERS`). The file contains these inputs, the
 command of the build, and the error of the basis.
 """
 
+import functools
 import hashlib
 import json
 import os
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
+from palpate.physics.bodies.condensed_body import Start
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
@@ -74,6 +76,33 @@ def differences(made: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
         for name in sorted(made.keys() | wanted.keys())
         if made.get(name) != wanted.get(name)
     ]
+
+
+def start_key(*arguments: Any) -> str:
+    """Hash of the arguments of a body: arrays, numbers and None."""
+    hasher = hashlib.sha256()
+    for each in arguments:
+        array = isinstance(each, np.ndarray)
+        hasher.update(f"{each.dtype.str}{each.shape}".encode() if array else repr(each).encode())
+        hasher.update(np.ascontiguousarray(each).data if array else b"")
+    return hasher.hexdigest()[:32]
+
+
+@functools.lru_cache(maxsize=4)
+def start(path: Path, wanted: str) -> Start | None:
+    """The start of a body that a basis contains, for arguments with this key; None: it contains another one or none.
+    It has the bits that the body would compute (`benchmarks/extend_bases.py`)."""
+    try:
+        stored = read_arrays(path, "start", *Start._fields)
+        if str(stored["start"]) != wanted:
+            return None
+        size = len(stored["softness"])
+        table = np.zeros((size, size), np.float32)
+        table[np.tril_indices(size)] = stored["table"]
+    except (ArchiveError, KeyError, ValueError):
+        return None
+    table = np.where(np.tri(size, dtype=bool), table, table.T)
+    return Start(stored["corners"], stored["weights"], table, stored["softness"])
 
 
 def off(vertices: np.ndarray, surface: Mesh) -> float:

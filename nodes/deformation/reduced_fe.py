@@ -23,7 +23,7 @@ from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies import sampled_body as sampled
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_body import CondensedBody, condensed_body, under
+from palpate.physics.bodies.condensed_body import CondensedBody, Start, condensed_body, under
 from palpate.physics.bodies.condensed_step import COURSE
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
@@ -155,7 +155,19 @@ class ReducedFE(CompiledNode, WithNodule):
         basis, given = self._placed(basis)
         large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
-        return condensed_body(basis, *given, self.poisson, self.sticks, self._apart(), rho, self.area_law())
+        law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
+        return condensed_body(basis, *given, *law, start=self._start(basis, given))
+
+    def start_key(self, basis: Basis, given: tuple[Mesh, float, float, float, float]) -> str:
+        """Key of the results of a start. They depend neither on the modulus nor on the retardation time."""
+        mesh, _, _, radius, _ = given
+        surfaces = (basis.vertices, basis.triangles, basis.compliance, mesh.vertices, mesh.triangles)
+        return basis_store.start_key(*surfaces, radius, self.poisson, self.sticks, self._apart())
+
+    def _start(self, basis: Basis, given: tuple[Mesh, float, float, float, float]) -> Start | None:
+        """The stored results for a shipped basis at its place in the scene."""
+        path = basis_store.find(basis_store.SHIPPED, self.key())
+        return basis_store.start(path, self.start_key(basis, given)) if path is not None else None
 
     @kernel
     def idle(own, load, out, dt):

@@ -71,6 +71,21 @@ def test_the_recipe_has_the_requirements_of_the_project():
     assert recipe["context"]["version"] == project["version"]
 
 
+def test_the_backend_builds_kernels_only_for_the_wheel_and_if_wanted(monkeypatch):
+    """An editable installation needs setuptools alone, a wheel with kernels all dependencies."""
+    spec = spec_from_file_location("backend", ROOT / "docs" / "release" / "backend.py")
+    backend = module_from_spec(spec)
+    spec.loader.exec_module(backend)
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(backend.build_meta, "get_requires_for_build_wheel", lambda settings: ["setuptools>=77"])
+    assert backend.get_requires_for_build_wheel({"kernels": "no"}) == ["setuptools>=77"]
+    if backend._with_kernels(None):
+        assert any(one.startswith("numba") for one in backend.get_requires_for_build_wheel())
+    monkeypatch.setattr(backend.platform, "machine", lambda: "aarch64")
+    assert backend.get_requires_for_build_wheel() == ["setuptools>=77"]
+    assert backend.get_requires_for_build_editable is backend.build_meta.get_requires_for_build_editable
+
+
 RENDER = """
 import json, pathlib, sys
 from rattler_build import Stage0Recipe

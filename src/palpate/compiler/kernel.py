@@ -189,7 +189,10 @@ class _Cache:
         self._names: dict[Any, str] = {}
 
     def flush(self) -> None:
-        """Nothing: `Dispatcher.recompile` overwrites the files."""
+        """Remove the files that this process has looked for (`Dispatcher.recompile`)."""
+        for name in self._names.values():
+            with contextlib.suppress(OSError):
+                (self.cache_path / name).unlink()
 
     def file(self, sig: Any) -> Path | None:
         """The file for these types; None: not cached."""

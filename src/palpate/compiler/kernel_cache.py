@@ -69,7 +69,7 @@ def _folder(given: str) -> Path:
         atexit.register(_remove, path, os.getpid())
         refused = refused or f"{places[-1]}: no place for compiled kernels"
     if refused:
-        remedy = "name a folder of yours with NUMBA_CACHE_DIR, or unset it" if given else "remove it"
+        remedy = f"name a folder of yours with NUMBA_CACHE_DIR{', or unset it' if given else ''}"
         warn(f"{refused}; kernels are cached in {path}. Remedy: {remedy}")
     return path
 

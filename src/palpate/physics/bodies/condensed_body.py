@@ -60,6 +60,21 @@ class CondensedBody(NamedTuple):
     shape: Annotated[np.ndarray, "<f8", 2]
 
 
+class Start(NamedTuple):
+    """What the start of a body computes from its surfaces, for a store: it would compile four functions for it."""
+
+    corners: np.ndarray  # (N,3) and weights (N,3) of each vertex of the fine mesh, see `lies_on`
+    weights: np.ndarray
+    table: np.ndarray  # [1/m] (V,V) float32, see `mean_inverse_distance`
+    softness: np.ndarray  # (V,) see `Ground`
+
+    @classmethod
+    def of(cls, body: CondensedBody) -> "Start":
+        """The results in a body."""
+        model = body.model
+        return cls(model.corners, model.weights, model.true.table, body.ground.softness)
+
+
 def condensed_body(
     basis: Basis,
     mesh: Mesh,
@@ -72,6 +87,7 @@ def condensed_body(
     apart: np.ndarray | None = None,
     rho: np.ndarray = NO_FLOATS,
     area: AreaLaw = FIXED,
+    start: Start | None = None,
 ) -> CondensedBody:
     """A body at rest under one contact.
 
@@ -84,10 +100,12 @@ def condensed_body(
     apart     [m] (V,) distance of each vertex of `basis` from a nodule, 0 under a capsule; None: the organ has neither
     rho       [1] (3,) coefficients, see `large_displacement`; empty: the organ is linear
     area      law of a contact that grows with the force; its load acts on the coarse surface on the patch of `radius`
+    start     of a body with the same arguments, if it is stored
     """
     coarse, fine, rho = Mesh(basis.vertices, basis.triangles), fine_mesh(mesh, radius, reach), np.array(rho)
-    corners, weights = lies_on(coarse, mesh)
-    true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
+    corners, weights = lies_on(coarse, mesh) if start is None else start[:2]
+    table = None if start is None else start.table
+    true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart, table)
     if len(area.forces):
         half_space = (1.0 - true.held) * np.pi * true.normal * MEAN / young
         area, rho = with_approach(area, half_space, rho), np.array(NO_FLOATS)
@@ -95,7 +113,8 @@ def condensed_body(
         basis.compliance, basis.vertices, rho, hat_moments(coarse), corners, weights, weight_slopes(coarse, corners),
         young, retardation, mesh.vertices, true, area, DEEPEST if apart is None or apart.any() else DEEPEST_COVERED,
     )  # fmt: skip
-    ground = Ground(coarse.normals, softness(coarse, model, fine.spreader)[0], rho)
+    soft = softness(coarse, model, fine.spreader)[0] if start is None else start.softness
+    ground = Ground(coarse.normals, soft, rho)
     return under(model, ground, fine, 1)
 
 

@@ -75,15 +75,20 @@ class TruePatch(NamedTuple):
 
 
 def true_patch(
-    coarse: Mesh, fine: Mesh, poisson: float, sticks: bool = True, apart: np.ndarray | None = None
+    coarse: Mesh,
+    fine: Mesh,
+    poisson: float,
+    sticks: bool = True,
+    apart: np.ndarray | None = None,
+    table: np.ndarray | None = None,
 ) -> TruePatch:
-    """The correction of a body that is condensed to `coarse` and touched on `fine`."""
+    """The correction of a body that is condensed to `coarse` and touched on `fine`. `table`: if it is known."""
     held = HELD * ((1.0 - 2.0 * poisson) / (1.0 - poisson)) ** 2 if sticks else 0.0
     ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
     near = np.zeros(0) if apart is None else apart
     return TruePatch(
-        _table(coarse), depth_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, LEAST_MOMENT * fine.areas,
-        near, _ground(coarse),
+        _table(coarse) if table is None else table, depth_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks,
+        LEAST_MOMENT * fine.areas, near, _ground(coarse),
     )  # fmt: skip
 
 
