@@ -40,7 +40,7 @@ def test_the_winding_number_is_1_inside_and_0_outside():
 
 
 @pytest.mark.parametrize("turned", range(4))
-def test_pieces_beside_one_another_are_solid_whatever_their_orientation(tmp_path, turned):
+def test_pieces_that_no_other_encloses_are_solid(tmp_path, turned):
     file = saved(tmp_path, ball(40.0, 2, (0, 0, 0), bool(turned & 1)), ball(30.0, 2, (100, 0, 60), bool(turned & 2)))
     assert (volumes(read_mesh(file, 1e-3)) > 0).all()
     assert any("inside out" in line for line in flaws(file)) == bool(turned)
@@ -68,7 +68,7 @@ def test_an_island_is_left_out_with_a_note_and_all_keeps_it(tmp_path):
     assert "2 separate pieces" in line and "1 with less than 1%" in line and "--piece all" in line
     assert np.ptp(read_triangles(file, -1)[0], axis=0)[2] == pytest.approx(150.8, rel=1e-4)
     assert np.ptp(read_triangles(file, 2)[0], axis=0)[2] == pytest.approx(1.6, rel=1e-4)
-    with pytest.raises(SettingError, match="found 3, expected 1 to 2.*2 separate pieces"):
+    with pytest.raises(SettingError, match=r"found 3, expected 1 to 2.*2 separate pieces"):
         read_triangles(file, 3)
 
 
@@ -84,7 +84,7 @@ def test_two_surfaces_at_the_same_place_are_refused_with_a_remedy(tmp_path):
     other = ball()
     other.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 0, 1)))
     file = saved(tmp_path, ball(), other)
-    with pytest.raises(SettingError, match="pieces 1 and 2 of .* lie at the same place.*--piece 2"):
+    with pytest.raises(SettingError, match=r"pieces 1 and 2 of .* lie at the same place.*--piece 2"):
         read_mesh(file, 1e-3)
     assert (volumes(read_mesh(file, 1e-3, 2)) > 0).all()
 
