@@ -165,8 +165,8 @@ def _chosen(path: str, vertices: np.ndarray, triangles: np.ndarray, piece: int) 
         return triangles, [f"it has {text}; all are used, --piece 1 uses only the largest"]
     share = 100 * area[order][islands].sum() / area.sum()
     return triangles[~islands[rank]], [
-        f"it has {text}; {islands.sum()} with less than {ISLAND:.0%} of the area of the largest, together {share:.2g} % "
-        "of the area, are left out as islands. --piece all keeps them"
+        f"it has {text}; {islands.sum()} with less than {ISLAND:.0%} of the area of the largest, together {share:.2g} %"
+        " of the area, are left out as islands. --piece all keeps them"
     ]
 
 
