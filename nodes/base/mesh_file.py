@@ -28,7 +28,7 @@ LARGEST_FILE = 1 << 28  # [bytes] 5 million triangles of a binary STL; reading t
 MOST_CHECKED = 50_000  # number of triangles up to which intersections are searched, which takes 2 s
 ISLAND = 0.01
 """[1] Area of a separate piece over that of the largest one below which it is an island, such as a speck of a
-segmentation, and left out; a vessel of 6 mm beside a liver has 5 %."""
+segmentation, and left out; a vessel of 6 mm next to a liver has 5 %."""
 COINCIDE = 1e-3  # [1] Difference of the bounds of two pieces, over the size, up to which they lie at the same place
 SHOWN = 8  # number of pieces that a message lists
 REPAIR = "`palpate run kidney --organ {} --repair`"
@@ -165,8 +165,8 @@ def _chosen(path: str, vertices: np.ndarray, triangles: np.ndarray, piece: int) 
         return triangles, [f"it has {text}; all are used, --piece 1 uses only the largest"]
     share = 100 * area[order][islands].sum() / area.sum()
     return triangles[~islands[rank]], [
-        f"it has {text}; {islands.sum()} with less than {ISLAND:.0%} of the largest one's area, together {share:.2g} % "
-        "of the area, are left out as islands. --piece all keeps them"
+        f"it has {text}; {islands.sum()} with less than {ISLAND:.0%} of the area of the largest, together {share:.2g} %"
+        " of the area, are left out as islands. --piece all keeps them"
     ]
 
 

@@ -40,7 +40,7 @@ OPEN = ("plane",)  # the built-in surfaces that have a border
 PLACE: Vector3 = (0.0, 0.0, 0.084)
 LEVEL: Vector3 = (0.0, 0.0, 0.0)
 PLANE_SIZE = 0.1
-REFINE = 1.6e-3  # [m] a fifth of the radius of a fingertip's patch
+REFINE = 1.6e-3  # [m] 20 % of the radius of a fingertip's patch
 MOST_REFINED = 200_000  # approximate largest number of vertices after refinement
 FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingertip, see `fe.meshing.fingertip`
 

@@ -329,7 +329,7 @@ class ReducedFE(CompiledNode, WithNodule):
             self._note_once(
                 f"ReducedFE: the basis of {_name(self.surface)} has {error['vertices']:.0f} vertices. Estimated error "
                 f"of the stiffness under a patch of {1e3 * self.radius:.3g} mm, from a basis of half as many: "
-                f"{error['mean']:.1%} in the mean, {error['worst']:.1%} at the worst place"
+                f"{error['mean']:.1%} on average, {error['worst']:.1%} at the worst place"
             )
 
     def _nearest(self) -> str:

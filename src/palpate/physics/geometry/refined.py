@@ -3,8 +3,8 @@
 The facets of a coarse mesh make the foot point and the normal jump at edges. Each edge longer than the wanted length is
 divided at a point of the cubic that has the normals of its ends, and the triangles are divided without gaps (2, 3 or 4
 of each). Repeated, this converges to a smooth surface (X. Yang, Comput.-Aided Des. 37 (2005) 497-507; the midpoint is
-that of curved PN triangles: A. Vlachos et al., I3D 2001, 159-166). A sphere of 40 mm with 162 vertices is then off by
-0.05 mm instead of 0.8 mm, and by six times less with edges of half the length.
+that of curved PN triangles: A. Vlachos et al., I3D 2001, 159-166). The error of a sphere of 40 mm
+with 162 vertices falls from 0.8 to 0.05 mm, with 642 vertices from 0.2 to 0.008 mm.
 
 Edges at which the surface bends by more than 40 degrees and borders stay straight, and at their ends an edge takes the
 normal of its two triangles, so a box stays a box.

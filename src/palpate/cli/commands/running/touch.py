@@ -48,7 +48,7 @@ def touch(
     launch = options.with_organ_file(
         options.chosen(graph, None if organ is None else sets, scene), organ, unit, piece, repair
     )
-    build_missing(launch.but(overrides=sets).load())
+    build_missing(launch.but(overrides=sets or ()).load())
     with contextlib.nullcontext(out) if out else new_folder("touch") as folder:
         session = Session(launch, folder, list(sets or []), record_only)
         session.keep = not no_record

@@ -48,9 +48,10 @@ def basis(
         error.add_note(f"nothing is stored; the same command {again}")
         raise
     _print(as_json, path, time.perf_counter() - started, errors)
-    if errors.get("worst", 0.0) > WORST:
+    if errors.get("mean" if "vertices" in errors else "worst", 0.0) > WORST:
         finer = f"--set coarse={min(2 * node.coarse, MOST_COARSE)} (now {node.coarse}, by default {ReducedFE.coarse})"
-        cure = f"more vertices in {node.surface}" if "." in node.surface else finer
+        sampled = node.model == "sampled" and node.reduced() is None
+        cure = f"more vertices in {node.surface}" if "." in node.surface and sampled else finer
         text = f"stored, but the error is above {WORST:.0%} at some touches. Use a finer surface: {cure}"
         typer.secho(text, fg="red", err=True)
         raise typer.Exit(TROUBLE)
@@ -68,6 +69,6 @@ def _print(as_json: bool, path: Path, seconds: float | None, errors: dict[str, f
         linear = ""
         if "linear_mean" in errors:
             linear = f"; of the linear body {errors['linear_mean']:.1%}, {errors['linear_worst']:.1%}"
-        say(
-            f"error at touches outside the training set: mean {errors['mean']:.1%}, worst {errors['worst']:.1%}{linear}"
-        )
+        what = "estimated error of the stiffness under a patch, from half as many vertices"
+        what = what if "vertices" in errors else "error at touches outside the training set"
+        say(f"{what}: mean {errors['mean']:.1%}, worst {errors['worst']:.1%}{linear}")
