@@ -24,8 +24,9 @@ class _Settling(dict[type, Callable[[Any], None]]):
         return written
 
 
-PLAUSIBLE = {"N": 1e4, "N m": 410.0, "m": 185.0, "m/s": 2e3}
-"""Largest plausible value by SI unit: 1000 times the largest limit of a device (drivers/limits.py)."""
+PLAUSIBLE = {"N": 1e4, "N m": 410.0}
+"""Largest plausible value by SI unit: 1000 times the largest limit of a device (drivers/limits.py). Positions and
+speeds have none: kinematics rejects those of a device, and a node copies them to its outputs."""
 SETTLE = _Settling()
 """By message type, the function that converts the fields of a new message to their declared form: numbers to floats,
 vectors to tuples of the declared length, arrays to read-only contiguous ones of the declared dtype and shape. Writable
