@@ -372,7 +372,7 @@ STILL = np.zeros((6, 3), np.float32)
 
 
 def test_after_ctrl_c_in_a_step_no_thread_runs_in_a_lane(presses):
-    """Former threads went on in lanes that the next reset had just replaced."""
+    """Former threads continued in lanes that the next reset had just replaced."""
     envs = presses(1_000_000)
     timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
@@ -388,8 +388,8 @@ def test_after_ctrl_c_in_a_step_no_thread_runs_in_a_lane(presses):
     assert all(again[part].tobytes() == fresh[part].tobytes() for part in again)
 
 
-def test_a_step_in_a_forked_process_has_its_own_threads(presses):
-    """The child waited for ever for threads of its parent."""
+def test_a_step_in_a_forked_process_starts_threads(presses):
+    """The child waited forever for threads of its parent."""
     envs = presses()
     envs.step(STILL)
     child = os.fork()
@@ -401,7 +401,7 @@ def test_a_step_in_a_forked_process_has_its_own_threads(presses):
 
 
 def test_a_reset_mask_begins_only_its_environments(presses):
-    """With settings beside it; the others continue bit for bit."""
+    """In addition to settings; the others continue bit for bit."""
     envs, other = presses(), presses()
     one, two = envs.step(STILL + DOWN)[0], other.step(STILL + DOWN)[0]
     mask = np.array([True, False, False, True, False, False])

@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import UNSET
 
-from palpate.messages import Load, Message, MessageError, check_finite, fields, pack, unpack
+from palpate.drivers.limits import LIMITS
+from palpate.messages import Friction, Load, Message, MessageError, check_finite, fields, pack, unpack
+from palpate.messages.checks import PLAUSIBLE, check_plausible
 from palpate.messages.docs import documented, message_types
 
 KINDS = list(message_types().values())
@@ -214,3 +216,34 @@ def test_a_message_shares_read_only_arrays_and_copies_others():
 def test_arrays_with_the_same_length_symbol_have_equal_lengths():
     with pytest.raises(MessageError, match=r"Load.forces: found shape \(2, 3\), expected \(3, 3\)"):
         Load(nodes=np.zeros(3, "<i4"), forces=np.zeros((2, 3)), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+
+
+def test_a_plausible_value_is_at_most_1000_times_the_limits_of_a_device():
+    """1e300 N from a node in Python was finite, and the hand lost its force without a sign."""
+    limits = LIMITS.values()
+    most = {
+        "N": max(each.command for each in limits if not each.each),
+        "N m": max(each.command for each in limits if each.each),
+    }  # fmt: skip
+    assert pytest.approx(PLAUSIBLE, rel=0.01) == {unit: 1000 * value for unit, value in most.items()}
+
+
+@pytest.mark.parametrize("value", [10001.0, -10001.0, 1e300])
+def test_an_implausible_number_is_named(value):
+    friction = Friction(force=(0.0, value, 0.0), bristle=(0.0, 0.0, 0.0), stick=False)
+    with pytest.raises(MessageError, match=r"Friction.force \[N\]: found .* at index 1, expected at most 10000"):
+        check_plausible(friction)
+    load = Load.example(True)
+    wrong = msgspec.structs.replace(load, forces=np.array([[0.0, 0.0, value]]))
+    with pytest.raises(MessageError, match=r"Load.forces \[N\]: found .* at index \(0, 2\)"):
+        check_plausible(wrong)
+    check_finite(friction)
+
+
+def test_plausible_numbers_pass():
+    for kind in KINDS:
+        check_plausible(kind.example(True))
+    check_plausible(Friction(force=(0.0, 9999.0, -9999.0), bristle=(0.0, 0.0, 0.0), stick=False))
+    count = 5000  # of forces whose sum of squares is beyond the bound, although none is
+    load = msgspec.structs.replace(Load.example(True), nodes=np.zeros(count, int), forces=np.full((count, 3), 9e3))
+    check_plausible(load)

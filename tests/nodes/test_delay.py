@@ -30,7 +30,8 @@ def arrived(count, **settings):
     """Number of the message that is forwarded at each tick, counted from 0."""
     bus = FakeBus(Delay.of(Pose)(**settings))
     still = {"velocity": (0, 0, 0), "dt": 1e-3}
-    return [round(p.position[0]) for p in bus.publish(*(Pose(position=(k, 0, 0), **still) for k in range(count)))]
+    sent = (Pose(position=(1e-3 * k, 0, 0), **still) for k in range(count))
+    return [round(1e3 * p.position[0]) for p in bus.publish(*sent)]
 
 
 def test_messages_are_delayed_and_the_first_one_is_used_until_then():

@@ -92,6 +92,8 @@ class Bad(Node):
             match self.how:
                 case "nan":
                     force = (0.0, float("nan"), 0.0)
+                case "huge":
+                    force = (0.0, 1e300, 0.0)
                 case "shape":
                     force = (1.0, 2.0)
                 case "text":

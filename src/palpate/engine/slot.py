@@ -18,9 +18,9 @@ from palpate.engine.imports import load_class
 from palpate.engine.job import InputJob, NodeJob, ObserverJob
 from palpate.engine.schedule import needed
 from palpate.engine.warm import warm
-from palpate.messages import Message, MessageError, check_finite, fields
+from palpate.messages import Message, MessageError, fields
 from palpate.messages.base import decoder
-from palpate.messages.checks import finite_check
+from palpate.messages.checks import check_finite, check_plausible, finite_check, plausible_check
 from palpate.messages.record import blank, reader
 from palpate.nodes.base import Block, CompiledNode, InputError, Node, Observer, Port, inputs, outputs
 from palpate.physics.errors import PalpateError
@@ -53,15 +53,17 @@ class Output:
     external  whether nodes of other groups read it
     send      sends a payload to them, after the start of the run
     period    divisor of the ticks whose messages are observed, if all observers are in this process
+    finite    the fast check of a message; `check` raises MessageError if it is wrong
     """
 
     __slots__ = (
-        "external", "finite", "kind", "last", "listeners", "observed", "period", "previous", "send", "stream", "topic",
+        "check", "external", "finite", "kind", "last", "listeners", "observed", "period", "previous", "send", "stream",
+        "topic",
     )  # fmt: skip
 
     def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
         self.stream, self.kind, self.external = stream, kind, external
-        self.finite = finite_check(kind)
+        self.finite, self.check = plausible_check(kind), check_plausible
         self.topic = stream.encode() + b"\0"
         self.last: Message | None = None
         self.previous: Message | None = None
@@ -186,6 +188,10 @@ class Slot:
             raise NodeError(job.name, "streams", f"found {len(job.streams)}, expected {len(kinds)}")
         form = RecordOutput if isinstance(node, CompiledNode) else Output
         self.outputs = [form(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)]
+        # as in a segment: a compiled law may be outside its range, and reports it
+        if isinstance(node, CompiledNode) and type(node).step is CompiledNode.step:
+            for output in self.outputs:
+                output.finite, output.check = finite_check(output.kind), check_finite
         self.inputs: list[Input] = []
         self.awaited: list[tuple[int, Input]] = []
         """The inputs with their index, the last to arrive first: the others arrive during the wait for it."""
@@ -321,7 +327,7 @@ class Slot:
                     message = self._other(output, message, tick)
                 if not output.finite(message):
                     try:
-                        check_finite(message)
+                        output.check(message)
                     except MessageError as error:
                         raise NodeError(self.name, f"step at tick {tick}", error) from None
             _set(message, "tick", tick)

@@ -10,6 +10,7 @@ import pytest
 
 from palpate.compiler.kernel import kernel
 from palpate.engine import segment
+from palpate.engine.clock import now
 from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import find
@@ -19,6 +20,7 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.work import worker as workers
 from palpate.launch.run.work.loops import run
+from palpate.launch.run.work.real import _RealClock
 from palpate.launch.run.work.worker import Worker
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose, Proximity, unpack
 from palpate.nodes.base import CompiledNode, Node, Out, Wants
@@ -70,12 +72,12 @@ class Spring(CompiledNode):
         return ValueError(f"too deep: {fault}, {messages[2].position[2] < 0.1}")
 
 
-def made(overrides: tuple[str, ...] = (), ticks: int = 300) -> Worker:
+def made(overrides: tuple[str, ...] = (), ticks: int = 300, clock: str = "simulated") -> Worker:
     """The kidney graph in this process; each stream has a listener."""
     graph = find("kidney").but(overrides=(*TOUCH, *overrides)).load()
     set_recording(graph, None)
     planned = plan(graph)
-    (job,) = jobs(planned, fused(planned), ticks=ticks)
+    (job,) = jobs(planned, fused(planned), clock=clock, ticks=ticks)
     streams = {stream: ("elsewhere",) for node in job.nodes for stream in node.streams}
     return Worker(msgspec.structs.replace(job, external=streams), None, lambda report: None)
 
@@ -155,6 +157,39 @@ def test_a_fault_in_compiled_code_names_node_tick_and_cause(how, text):
     worker = made((f"controller.use={__name__}.Spring", f"controller.how={how}"))
     with pytest.raises(NodeError, match=f"node 'controller', step at tick [0-9]+: .*{text}"):
         sent(worker)
+
+
+@pytest.mark.parametrize("way", ["segment", "one by one"])
+def test_on_the_real_clock_no_node_steps_on_a_driving_message_of_an_earlier_tick(way, monkeypatch):
+    """The collision stops in a press. The contact must not step on its last position, however short the hold; what
+    holds a message may."""
+    if way == "one by one":
+        monkeypatch.setattr(workers, "segments", lambda slots, make: list(slots))
+    worker = made(clock="real")
+    worker.start()
+    worker.begin(now())
+    clock = _RealClock(worker, worker.slots[0], now())
+    for tick in range(90):
+        clock.run(tick, tick * 1_000_000)
+    slots = {slot.name: slot for slot in worker.slots}
+    slots["collision"].blocked = True
+    for part in worker.parts:
+        if isinstance(part, CompiledSegment):
+            part.refresh()
+    last = {name: worker.outputs[name].last for name in ("contact", "friction", "spread", "tissue")}
+    for tick in range(90, 93):
+        clock.run(tick, tick * 1_000_000)
+        assert worker.outputs["finger"].last.tick == tick
+        for name, before in last.items():
+            assert worker.outputs[name].last.tick == before.tick == 89, name
+    assert last["contact"].force > 0.1
+    slots["collision"].blocked = False
+    for part in worker.parts:
+        if isinstance(part, CompiledSegment):
+            part.refresh()
+    clock.run(93, 93_000_000)
+    assert worker.outputs["contact"].last.tick == worker.outputs["contact"].last.used[0] == 93
+    worker.stop()
 
 
 def test_a_message_object_is_created_only_on_request(monkeypatch):

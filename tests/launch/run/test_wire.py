@@ -134,6 +134,57 @@ def test_frames_of_any_size_arrive_whole_and_in_order(ends):
     assert reader.inlet.take() == []
 
 
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_wait_ends_at_its_deadline(ends, tmp_path, linked):
+    """Not after twice the time, nor before it; also while the sender does not listen."""
+    inlet = ends[1].inlet if linked else End(tmp_path / "none").read_from().inlet
+    took = []
+    for _ in range(8):
+        begun = time.monotonic_ns()
+        assert inlet.wait_until(begun + 30_000_000) == []
+        took.append(1e-6 * (time.monotonic_ns() - begun))
+    assert 29.0 < min(took) < 55.0
+    begun = time.monotonic_ns()
+    assert inlet.wait_until(begun - 10**9) == [] and time.monotonic_ns() - begun < 10**9
+
+
+@pytest.mark.parametrize("how", ["closed", "dropped"])
+def test_a_socket_that_is_closed_is_not_watched(ends, how):
+    """The system gives its number to the next socket, whose messages would wake the wrong reader."""
+    writer, reader = ends
+    assert reader.watch._calls
+    if how == "closed":
+        reader.inlet.close()
+    else:
+        writer.outlet.close()
+        end = time.monotonic() + 10.0
+        while reader.inlet.linked and time.monotonic() < end:
+            reader.inlet.take()
+        assert reader.inlet in reader.apart
+    assert not reader.watch._calls
+
+
+def test_a_reader_does_not_wait_for_an_outlet_that_accepts_no_connection(tmp_path):
+    """A blocking connection to a stopped process would stop the force path of its readers."""
+    path = str(tmp_path / "stopped")
+    others = []
+    with socket.socket(socket.AF_UNIX) as stopped:
+        stopped.bind(path)
+        stopped.listen(0)
+        with pytest.raises(BlockingIOError):
+            for _ in range(100):
+                others.append(socket.socket(socket.AF_UNIX))
+                others[-1].setblocking(False)
+                others[-1].connect(path)
+        reader = End(Path(path))
+        thread = threading.Thread(target=reader.read_from, daemon=True)
+        thread.start()
+        thread.join(5.0)
+        assert not thread.is_alive() and reader.inlet in reader.apart
+        for other in others:
+            other.close()
+
+
 def test_a_full_connection_blocks_its_sender_and_loses_nothing(ends):
     writer, reader = ends
     count = 30_000
