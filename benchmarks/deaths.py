@@ -1,6 +1,6 @@
 """Time from a fault of a node until the device has no torque, while the finger presses the kidney on the real clock.
 
-    python benchmarks/deaths.py [--json] [--fault kill --fault spin ...]
+    python benchmarks/deaths.py [--json] [--rate HZ] [--fault kill --fault spin ...] [--node tissue ...]
 
 A node is killed (SIGKILL), stopped (SIGSTOP) or terminated (SIGTERM), or its step spins or sleeps forever. The table
 lists the time until the device works without torque; for the device itself, until its last sample; and for a kill, the
@@ -34,7 +34,7 @@ from palpate.records.reader import Recording
 UNSURE = 1e-3  # [s]
 TRIES = 10
 FAULT_AT = 0.9  # [s] of the graph's clock: the hand holds the finger in the tissue
-TICKS = 2000
+LASTS = 2.0  # [s]
 NODES = ("device", "finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics")
 SIGNALS = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP, "term": signal.SIGTERM}
 FAULTS = (*SIGNALS, "spin", "hang")
@@ -58,26 +58,26 @@ class Faulty(Shipped):
 """Module of a node whose step writes the time [s] to a file and never returns."""
 
 
-def fault(node: str, kind: str, folder: Path) -> dict[str, float | None]:
+def fault(node: str, kind: str, folder: Path, rate: float) -> dict[str, float | None]:
     """Time [s] from the fault to the report, and to the first sample of the device without torque (None: never)."""
     for _ in range(TRIES):
-        result = once(node, kind, folder)
+        result = once(node, kind, folder, rate)
         if result is not None and (result["unsure"] or 0.0) <= UNSURE:
             return result
     raise SystemExit(f"{node}, {kind}: {TRIES} runs without a fault whose moment is known; the machine is too busy")
 
 
-def once(node: str, kind: str, folder: Path) -> dict[str, float | None] | None:
+def once(node: str, kind: str, folder: Path, rate: float) -> dict[str, float | None] | None:
     """As `fault`, with the duration of sending the signal [s], `unsure`; None if the run ended before the fault."""
     file, note = folder / "run.mcap", folder / "note"
     note.unlink(missing_ok=True)
-    launch = dataclasses.replace(find("kidney"), record=file)
+    launch = dataclasses.replace(find("kidney"), record=file).but(overrides=[f"rate={rate}"])
     if kind not in SIGNALS:
-        launch = launch.but(overrides=[f"{node}.use={faulty(launch.load().nodes[node].use, kind, note)}"])
+        launch = launch.but(overrides=[f"{node}.use={faulty(launch.load().nodes[node].use, kind, note, rate)}"])
     graph = launch.load()
     set_recording(graph, file)
     steps = plan(graph)
-    work = jobs(steps, launch.placement(steps), clock="real", ticks=TICKS, about=about(steps))
+    work = jobs(steps, launch.placement(steps), clock="real", ticks=round(LASTS * rate), about=about(steps))
     times: dict[str, float] = {}
 
     def look(launcher: Launcher) -> None:
@@ -110,24 +110,26 @@ def once(node: str, kind: str, folder: Path) -> dict[str, float | None] | None:
     }
 
 
-def faulty(use: str, kind: str, note: Path) -> str:
+def faulty(use: str, kind: str, note: Path, rate: float) -> str:
     """Write a module with a faulty subclass of a shipped class to the current folder; returns the text for `use:`."""
     how = {"spin": "pass", "hang": "time.sleep(1000.0)"}[kind]
     name = f"faulty_{use.replace('.', '_')}_{kind}"
-    Path(f"{name}.py").write_text(FAULTY.format(use=use, at=round(FAULT_AT * 1e3), note=str(note), how=how))
+    Path(f"{name}.py").write_text(FAULTY.format(use=use, at=round(FAULT_AT * rate), note=str(note), how=how))
     return f"{name}.Faulty"
 
 
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("--fault", action="append", choices=FAULTS, help="only this fault; may be repeated")
+    options.add_argument("--node", action="append", choices=NODES, help="only this node; may be repeated")
+    options.add_argument("--rate", type=float, default=1000.0, help="base rate [Hz]")
     given = options.parse_args()
     kinds = given.fault or FAULTS
     rows = {}
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
-        for node, kind in track(list(itertools.product(NODES, kinds)), "faults", transient=True):
-            rows.setdefault(node, {})[kind] = fault(node, kind, Path(folder))
+        for node, kind in track(list(itertools.product(given.node or NODES, kinds)), "faults", transient=True):
+            rows.setdefault(node, {})[kind] = fault(node, kind, Path(folder), given.rate)
     if given.json:
         print(json.dumps(rows))
         return

@@ -1,4 +1,4 @@
-"""The compiled hop: a worker sends the same bytes as by the loops in Python, whatever arrives and whoever reads."""
+"""The compiled hop: a worker sends the same bytes as by the loops in Python, whatever arrives and with any readers."""
 
 import os
 import random
