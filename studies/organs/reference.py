@@ -23,7 +23,7 @@ from palpate.physics.contact.series import elastic
 from palpate.studies.organs.runs import Traces
 
 LONG = 1e3  # [s] a step after which a body is at rest
-FORCES = np.geomspace(0.03, 100.0, 9)  # [N] at which the indentation of a body is computed; between them it is a power
+FORCES = np.geomspace(0.03, 60.0, 13)  # [N] at which the indentation of a body is computed; between them it is a power
 LONGEST = 50e-3  # [m] approach up to which forces are known
 MOST = 1e30  # [N]
 
