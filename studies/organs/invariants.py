@@ -34,14 +34,14 @@ from typing import Any
 
 import numpy as np
 
-from palpate.studies.organs.reference import AtRest, Place
+from palpate.studies.organs.reference import AtRest, Place, at_rest
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
 
 WINDOW = 1e-3  # [s] W
 PAST = 60e-3  # [s] of approach and rate that explain a force
 SLOW = 5e-3  # [m/s]
-SMOOTH = 5e-3  # [s] over which the rate of approach is measured
+SMOOTH = 2e-3  # [s] over which the rate of approach is measured
 STILL = 20e-3  # [s]
 PATCH = 8e-3  # [m]
 LEAST_CURVATURE = PATCH / 8.0  # [m] R
@@ -264,18 +264,26 @@ INVARIANTS: dict[str, Callable[[Trace], Score]] = {
     "energy": energy, "side": side,
 }  # fmt: skip
 UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad", "energy": "J",
-         "side": "m or rad", "finite": "1"}  # fmt: skip
+         "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak"}  # fmt: skip
 
 
-def scores(traces: Traces, rest: AtRest, only: list[str] | None = None) -> list[dict[str, Score]]:
-    """The score of each invariant, for each touch of a batch."""
-    closest, listed = traces.setting.closest().find, []
+def traced(traces: Traces, rest: AtRest) -> list[Trace | None]:
+    """Each touch of a batch; None: its lane stopped, or a value is not finite."""
+    closest, listed = traces.setting.closest().find, list[Trace | None]()
     for lane, ticks in enumerate(traces.ticks):
         values = {name: column[lane, :ticks] for name, column in traces.values.items()}
-        broken = lane in traces.failed or not all(np.isfinite(v).all() for v in values.values())
-        if broken:
-            listed.append({"finite": Score(np.inf, 0.0, 1.0, 0.0)})
-            continue
-        trace = Trace(values, traces.step, rest, traces.nodes, closest)
-        listed.append({name: check(trace) for name, check in INVARIANTS.items() if not only or name in only})
+        good = lane not in traces.failed and all(np.isfinite(v).all() for v in values.values())
+        listed.append(Trace(values, traces.step, rest, traces.nodes, closest) if good else None)
     return listed
+
+
+def judged(trace: Trace | None) -> dict[str, Score]:
+    """The score of each invariant in a touch."""
+    if trace is None:
+        return {"finite": Score(np.inf, 0.0, 1.0, 0.0)}
+    return {name: check(trace) for name, check in INVARIANTS.items()}
+
+
+def scores(traces: Traces) -> list[dict[str, Score]]:
+    """The score of each invariant, for each touch of a batch."""
+    return [judged(trace) for trace in traced(traces, at_rest(traces))]

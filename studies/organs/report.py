@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -54,17 +55,15 @@ def text(results: Results, folder: Path, count: int = 10, names: Sequence[str] =
     lines += ["", "The worst touches:", ""]
     for found in results.top(count):
         lines += [line(found), "    " + found.touch.command(folder), ""]
+    lines += [line(pair) for pair in sorted(results.pairs, key=lambda pair: (pair.invariant, -pair.score.score))]
+    for (surface, body, reason), touch in sorted(results.silent.items()):
+        lines += [f"no note ({reason}): {surface}, {body}", "    " + touch.command(folder), ""]
     lines += [f"stopped: {error}\n    {touch.command(folder)}" for touch, error in results.failed[:count]]
     return "\n".join(lines) + "\n"
 
 
-def written(results: Results, meshes: Path, out: Path, count: int = 10, pictures: bool = True) -> dict[str, Path]:
-    """Write the report and the pictures of the worst touches to a folder; the files by name.
-
-    OSError: the folder cannot be written.
-    """
-    import json
-
+def written(results: Results, meshes: Path, out: Path, count: int = 10) -> dict[str, Path]:
+    """Write the report to a folder, as text and as JSON; the files by name. OSError: it cannot be written."""
     out.mkdir(parents=True, exist_ok=True)
     files = {"report": out / "organs.txt", "table": out / "organs.json"}
     files["report"].write_text(text(results, meshes, count), encoding="utf-8")
@@ -79,6 +78,18 @@ def plain(results: Results, folder: Path, count: int = 10) -> dict[str, Any]:
          "unit": UNITS[f.invariant], "time": f.score.time, "touch": f.touch.plain(), "command": f.touch.command(folder)}
         for f in results.top(count)
     ]  # fmt: skip
-    broken = sum(results.broken.values())
-    return {"ok": not broken, "touches": results.total, "broken": broken, "rows": rows(results), "worst": worst,
-            "stopped": [{"error": e, "command": t.command(folder)} for t, e in results.failed]}  # fmt: skip
+    broken = results.broken.total()
+    silent = [{"surface": s, "body": b, "reason": why, "command": touch.command(folder)}
+              for (s, b, why), touch in sorted(results.silent.items())]  # fmt: skip
+    stopped = [{"error": error, "command": touch.command(folder)} for touch, error in results.failed]
+    return {
+        "ok": not (broken or silent or stopped or any(pair.score.broken for pair in results.pairs)),
+        "touches": results.total, "broken": broken, "rows": rows(results), "worst": worst, "silent": silent,
+        "stopped": stopped, "pairs": [_pair(pair) for pair in results.pairs],
+    }  # fmt: skip
+
+
+def _pair(found: Found) -> dict[str, Any]:
+    given = found.touch.setting
+    return {"invariant": found.invariant, "surface": given.surface, "body": given.body, "vertices": given.count,
+            "value": found.score.value, "bound": found.score.bound}  # fmt: skip

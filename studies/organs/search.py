@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import PalpateError
-from palpate.studies.organs.invariants import Score, scores
+from palpate.studies.organs.invariants import Score, judged, traced
+from palpate.studies.organs.notes import noted, reasons
 from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import lanes_of, run
 from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, drawn, reachable
@@ -48,6 +49,8 @@ class Results:
     worst    the worst touches, by surface, body and invariant
     refused  why a setting was refused, by surface and body
     failed   errors of lanes that stopped
+    pairs    the worst pair of each surface that was turned, and that was refined
+    noted    by surface, body and reason: a touch out of the range of the models, and the notes of its run
     """
 
     touches: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -55,6 +58,13 @@ class Results:
     worst: dict[tuple[str, str, str], list[Found]] = field(default_factory=dict)
     refused: dict[tuple[str, str], str] = field(default_factory=dict)
     failed: list[tuple[Touch, str]] = field(default_factory=list)
+    noted: dict[tuple[str, str, str], tuple[Touch, list[str]]] = field(default_factory=dict)
+    pairs: list[Found] = field(default_factory=list)
+
+    @property
+    def silent(self) -> dict[tuple[str, str, str], Touch]:
+        """A touch without a note by surface, body and the reason why it is out of range."""
+        return {key: touch for key, (touch, texts) in self.noted.items() if not texts}
 
     def add(self, touch: Touch, invariant: str, score: Score, counted: bool = True) -> None:
         key = touch.setting.surface, touch.setting.body, invariant
@@ -91,19 +101,33 @@ def settings(
             )  # fmt: skip
 
 
-def judged(
-    touches: Sequence[Touch], folder: Path, results: Results, threads: int | None = None
+def tried(
+    touches: Sequence[Touch], folder: Path, results: Results, threads: int | None = None, notes: bool = False
 ) -> list[dict[str, Score]]:
-    """Run touches of one setting, and add their scores; those of each touch, the worst of its fingers."""
+    """Run touches of one setting; their scores, the worst of the fingers of each.
+
+    notes  whether to look for notes of the first touch of this surface and body that is out of range for a reason
+    """
     each: list[dict[str, Score]] = [{} for _ in touches]
     for traces in run(touches, folder, threads):
-        for mine, found in zip(each, scores(traces, at_rest(traces)), strict=True):
-            for name, score in found.items():
+        listed = traced(traces, at_rest(traces))
+        for touch, mine, trace in zip(touches, each, listed, strict=True):
+            for name, score in judged(trace).items():
                 if name not in mine or score.score > mine[name].score:
                     mine[name] = score
+            if notes and trace is not None:
+                _look_for_notes(touch, reasons(trace, touch.setting.mesh()), folder, results)
         for lane, error in traces.failed.items():
             results.failed.append((touches[lane], error))
     return each
+
+
+def _look_for_notes(touch: Touch, why: Sequence[str], folder: Path, results: Results) -> None:
+    keys = [(touch.setting.surface, touch.setting.body, reason) for reason in why]
+    if new := [key for key in keys if key not in results.noted]:
+        texts = noted(touch, folder)
+        for key in new:
+            results.noted[key] = (touch, texts)
 
 
 def search(
@@ -116,11 +140,13 @@ def search(
     *,
     batch: int = BATCH,
     rate: float | None = None,
+    notes: bool = False,
 ) -> Results:
     """Touch surfaces at random.
 
     count   touches in all
     folder  of the meshes
+    notes   whether to look for notes of touches that are out of the range of a model, each in a separate run
     done    called after each batch with the share of the work
 
     PalpateError is not raised for a setting that is refused: it is listed.
@@ -134,7 +160,7 @@ def search(
         touches = [replace(drawn(setting, own), seed=(seed, number, k)) for k in range(size)]
         key = setting.surface, setting.body
         try:
-            for touch, found in zip(touches, judged(touches, folder, results), strict=True):
+            for touch, found in zip(touches, tried(touches, folder, results, notes=notes), strict=True):
                 results.touches[key] += 1
                 for name, score in found.items():
                     results.add(touch, name, score)
@@ -162,7 +188,7 @@ def worsened(
         if not near:
             break
         try:
-            found = judged(near, folder, unused)
+            found = tried(near, folder, unused)
         except PalpateError:
             break
         ranked = [
