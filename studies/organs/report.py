@@ -9,6 +9,7 @@ from typing import Any
 
 from palpate.studies.organs.invariants import INVARIANTS, UNITS
 from palpate.studies.organs.search import Found, Results
+from palpate.studies.organs.zoo import ZOO
 
 NAMES = (*INVARIANTS, "finite")
 
@@ -62,10 +63,33 @@ def text(results: Results, folder: Path, count: int = 10, names: Sequence[str] =
     return "\n".join(lines) + "\n"
 
 
+def page(results: Results) -> str:
+    """The table of surfaces and bodies in Markdown: touches that break an invariant, of all, and the worst score."""
+    pairs = sorted({*results.touches, *results.refused})
+    surfaces, bodies = ([*dict.fromkeys(pair[k] for pair in pairs)] for k in (0, 1))
+    lines = ["| surface | " + " | ".join(bodies) + " |", "|---" * (1 + len(bodies)) + "|"]
+    for surface in surfaces:
+        cells = [_cell(results, surface, body) for body in bodies]
+        lines.append(f"| {surface}: {ZOO[surface].about} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(results: Results, surface: str, body: str) -> str:
+    if not results.touches[surface, body]:
+        return "refused" if (surface, body) in results.refused else "-"
+    listed = [found[0] for name in NAMES if (found := results.worst.get((surface, body, name)))]
+    worst = max(listed, key=lambda found: found.score.score)
+    return (
+        f"{results.bad[surface, body]} of {results.touches[surface, body]}; {worst.invariant} {worst.score.score:.2g}"
+    )
+
+
 def written(results: Results, meshes: Path, out: Path, count: int = 10) -> dict[str, Path]:
     """Write the report to a folder, as text and as JSON; the files by name. OSError: it cannot be written."""
     out.mkdir(parents=True, exist_ok=True)
     files = {"report": out / "organs.txt", "table": out / "organs.json"}
+    files["page"] = out / "organs.md"
+    files["page"].write_text(page(results), encoding="utf-8")
     files["report"].write_text(text(results, meshes, count), encoding="utf-8")
     files["table"].write_text(json.dumps(plain(results, meshes, count), indent=1), encoding="utf-8")
     return files

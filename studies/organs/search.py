@@ -26,7 +26,6 @@ FRICTION = {"LuGre": 0.5, "ElastoPlastic": 0.15, "Coulomb": 0.15, "": 0.2}
 TWO = 0.1  # share of batches with two fingers
 ROUGH = 0.3  # share of batches on a coarse mesh
 BATCH = 60  # touches
-BATCHES = 20  # Number of batches, over the least, after which a search ends although settings were refused
 KEPT = 10  # worst touches of each invariant, surface and body
 SHIFT, HURRY = 1.5e-3, 0.3  # [m] [1] by which the local search changes a touch
 
@@ -45,6 +44,7 @@ class Results:
     """What a search found.
 
     touches  number of touches by surface and body
+    bad      number of touches that break any invariant, by surface and body
     broken   number of touches that break an invariant, by surface, body and invariant
     worst    the worst touches, by surface, body and invariant
     refused  why a setting was refused, by surface and body
@@ -54,6 +54,7 @@ class Results:
     """
 
     touches: Counter[tuple[str, str]] = field(default_factory=Counter)
+    bad: Counter[tuple[str, str]] = field(default_factory=Counter)
     broken: Counter[tuple[str, str, str]] = field(default_factory=Counter)
     worst: dict[tuple[str, str, str], list[Found]] = field(default_factory=dict)
     refused: dict[tuple[str, str], str] = field(default_factory=dict)
@@ -85,20 +86,32 @@ class Results:
 
 
 def settings(
-    surfaces: Sequence[Specimen], bodies: Sequence[str], rng: np.random.Generator, rate: float | None = None
+    surfaces: Sequence[Specimen],
+    bodies: Sequence[str],
+    rng: np.random.Generator,
+    rate: float | None = None,
+    rough: float = ROUGH,
 ) -> Iterator[Setting]:
-    """Settings of batches without end: each surface with each body in turn, the rest at random."""
-    pairs = [(s, b) for s in surfaces for b in bodies if s.patch or b not in WITH_BASIS]
+    """Settings of batches without end: each surface with each body in turn, the rest at random.
+
+    rate   [Hz]; None: at random
+    rough  [1] share of coarse meshes
+    """
+    pairs = _pairs(surfaces, bodies)
     while pairs:
         for index in rng.permutation(len(pairs)):
             specimen, body = pairs[index]
-            rough, two, turn = rng.uniform() < ROUGH, rng.uniform() < TWO, rng.integers(len(ORIENTATIONS))
+            coarse, two, turn = rng.uniform() < rough, rng.uniform() < TWO, rng.integers(len(ORIENTATIONS))
             yield Setting(
-                specimen.name, 0 if specimen.patch else COARSE if rough else USUAL, body,
+                specimen.name, 0 if specimen.patch else COARSE if coarse else USUAL, body,
                 str(rng.choice(list(FRICTION), p=list(FRICTION.values()))),
                 rate or float(rng.choice(list(RATES), p=list(RATES.values()))), 1 + int(two),
                 ORIENTATIONS[turn] if specimen.name == "kidney" else (0.0, 0.0, 0.0),
             )  # fmt: skip
+
+
+def _pairs(surfaces: Sequence[Specimen], bodies: Sequence[str]) -> list[tuple[Specimen, str]]:
+    return [(s, b) for s in surfaces for b in bodies if s.patch or b not in WITH_BASIS]
 
 
 def tried(
@@ -140,6 +153,7 @@ def search(
     *,
     batch: int = BATCH,
     rate: float | None = None,
+    rough: float = ROUGH,
     notes: bool = False,
 ) -> Results:
     """Touch surfaces at random.
@@ -149,12 +163,17 @@ def search(
     notes   whether to look for notes of touches that are out of the range of a model, each in a separate run
     done    called after each batch with the share of the work
 
-    PalpateError is not raised for a setting that is refused: it is listed.
+    A setting that the loader or a node refuses is listed in the results.
     """
     results, rng = Results(), np.random.default_rng(seed)
-    for number, setting in enumerate(settings(surfaces, bodies, rng, rate)):
-        if results.total >= count or number > BATCHES * (1 + count // batch):
+    pairs = _pairs(surfaces, bodies)
+    batch = min(batch, 1 + count // max(1, len(pairs)))  # every surface is touched
+    for number, setting in enumerate(settings(surfaces, bodies, rng, rate, rough)):
+        refused = {key for key in results.refused if not results.touches[key]}
+        if results.total >= count or len(refused) == len(pairs):
             break
+        if (setting.surface, setting.body) in refused:
+            continue
         own = np.random.default_rng((seed, number))
         size = min(batch, lanes_of(setting, 2.5), count - results.total)
         touches = [replace(drawn(setting, own), seed=(seed, number, k)) for k in range(size)]
@@ -162,6 +181,7 @@ def search(
         try:
             for touch, found in zip(touches, tried(touches, folder, results, notes=notes), strict=True):
                 results.touches[key] += 1
+                results.bad[key] += any(score.broken for score in found.values())
                 for name, score in found.items():
                     results.add(touch, name, score)
         except PalpateError as error:
