@@ -4,13 +4,16 @@ A score is a value over its bound: above 1 the invariant is broken.
 
 force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e and approach rate v of
          the last 60 ms (`reference`). At rest it is the quasi-static force of the depth.
-hand     change of the force on the hand within 1 ms <= K w + 0.1 N, where w is the path of the finger in that time and
-         two steps before, and K the stiffness that the laws allow:
-         K = k + f/R + f (sigma_0 + (sigma_1 + sigma_2)/W) + k_t, plus f W/5 ms for a force that relaxes.
-         k = k1 k2/(k1 + k2) with k1 = g'(s1) + c f/W and k2 = K_body (1 + tau/W), the implicit stiffness of a step of
-         W = 1 ms; f/R is the turn of the normal: a fingertip does not feel curvature below R, an eighth of its patch;
-         sigma: the bristles of LuGre, k_t: the spring of Coulomb. f: 1.2 x what the depth explains, as in `force`.
-         The foot does not appear: a foot that moves alone must not change the force.
+hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv + v w/R + v at the first contact)
+         + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + (f - f_0) W/2 ms + 0.1 N, where
+         w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
+                 appear: a foot that moves while the finger does not must not change the force;
+         k = k1 k2/(k1 + k2), k1 = g'(s1) (1 + c v), k2 = 1.5 x the secant stiffness of the body: fingertip and body;
+         f/R     the turn of the normal: a fingertip does not feel curvature below R, an eighth of its patch;
+         B = K_body tau, what a change of the rate changes at once;
+         sigma   the bristles of LuGre, k_t the spring of Coulomb;
+         f, f_0  1.2 x the force that depth and rate explain, as in `force`, and that of the depth alone, to which it
+                 relaxes.
 contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
@@ -31,18 +34,19 @@ from typing import Any
 
 import numpy as np
 
-from palpate.studies.organs.reference import AtRest, Place
+from palpate.studies.organs.reference import AtRest, Place, at_rest
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
 
 WINDOW = 1e-3  # [s] W
 PAST = 60e-3  # [s] of approach and rate that explain a force
 SLOW = 5e-3  # [m/s]
-SMOOTH = 5e-3  # [s] over which the rate of approach is measured
+SMOOTH = 2e-3  # [s] over which the rate of approach is measured
 STILL = 20e-3  # [s]
 PATCH = 8e-3  # [m]
 LEAST_CURVATURE = PATCH / 8.0  # [m] R
-RELAXES = 5e-3  # [s]
+RELAXES = 2e-3  # [s]
+STIFFEST = 1e4  # [N/m] of a body with a retardation
 ABOVE = 1.2  # [1] of the quasi-static force
 ROUNDED = 0.03  # [N] by which a force at an impact may exceed it, since the rate is a mean of `SMOOTH`
 LATERAL = 0.5  # [1] of the normal force
@@ -98,14 +102,23 @@ class Trace:
     @cached_property
     def fast(self) -> np.ndarray:
         """The greatest rate of approach [m/s] of the last `PAST` (T), over `SMOOTH`."""
-        n, e = self.ticks(SMOOTH), self["collision.approach"]
+        n, e = self.ticks(SMOOTH), -self["collision.gap"]
         before = np.concatenate([np.repeat(e[:1], n), e])[: len(e)]
         return greatest(np.maximum((e - before) / (n * self.step), 0.0), self.ticks(PAST))
 
     @cached_property
+    def static(self) -> np.ndarray:
+        """Force [N] (T) that the depth explains at rest: `ABOVE` x that of the series law at the deepest place."""
+        return ABOVE * self.place(int(np.argmax(self.deep))).force(self.deep)
+
+    @cached_property
     def explained(self) -> np.ndarray:
-        """Force [N] (T) that the depth explains: `ABOVE` x that of the series law at the place of the deepest one."""
-        return ABOVE * self.place(int(np.argmax(self.deep))).force(self.deep, float(self.fast.max()))
+        """Force [N] (T) that depth and rate explain; the rate is rounded up to one of four."""
+        place, total = self.place(int(np.argmax(self.deep))), self.static
+        grid = float(self.fast.max()) * np.array([0.0, 0.25, 0.5, 0.75])
+        for lower, upper in zip(grid, [*grid[1:], float(self.fast.max())], strict=True):
+            total = np.where(self.fast > lower, ABOVE * place.force(self.deep, upper), total)
+        return total
 
     def ticks(self, seconds: float) -> int:
         return max(1, round(seconds / self.step))
@@ -144,7 +157,7 @@ def force(trace: Trace) -> Score:
     # candidates: the largest force, and the largest for its depth, at any speed and of a slow finger
     found = Score(0.0, 0.0, 0.0, 0.0)
     share = np.where(f > LEAST_FORCE, f / (trace.explained + 1e-3), 0.0)
-    slow = np.where(f > LEAST_FORCE, f / (trace.place(int(np.argmax(deep))).force(deep) + 1e-3), 0.0)
+    slow = np.where(f > LEAST_FORCE, f / (trace.static + 1e-3), 0.0)
     for k in {int(np.argmax(f)), int(np.argmax(share)), int(np.argmax(np.where(fast < SLOW, slow, 0.0)))}:
         if f[k] > LEAST_FORCE:
             bound = ABOVE * float(trace.place(k).force(deep[k], fast[k])) + ROUNDED
@@ -162,19 +175,20 @@ def _change(trace: Trace, vector: np.ndarray) -> Score:
     way = np.concatenate([[0.0], np.cumsum(length(np.diff(p, axis=0)))])
     back = np.maximum(np.arange(len(p)) - n - 2, 0)
     moved = way - way[back]
+    turned, speed = extent(trace["finger.velocity"], n + 3), greatest(length(trace["finger.velocity"]), n + 3)
+    begins = (f > 0.0) & (-greatest(-f, n + 3) <= 0.0)
     change = np.zeros(len(p))
     change[n:] = length(vector[n:] - vector[:-n])
     usual, rest = trace.explained, trace.rest
-    one = np.interp(usual, rest.forces, rest.tangents) + rest.damping * usual / window
-    body = 1.5 * trace.place(int(np.argmax(usual))).stiffness(max(float(usual.max()), 0.1))
-    two = body * (1.0 + rest.retardation / window)
-    bristles = trace.nodes.get("friction", {})
-    rub = (
-        bristles.get("bristle_stiffness", 0.0)
-        + (bristles.get("bristle_damping", 0.0) + bristles.get("viscous", 0.0)) / window
-    )
-    stiff = one * two / (one + two) + usual / LEAST_CURVATURE + usual * rub + bristles.get("stiffness", 0.0)
-    return worst(trace, change, stiff * moved + usual * window / RELAXES + ALLOWED)
+    body = trace.place(int(np.argmax(usual))).stiffness(max(float(usual.max()), 0.1))
+    one, two = np.interp(usual, rest.forces, rest.tangents) * (1.0 + rest.damping * speed), 1.5 * body
+    law = trace.nodes.get("friction", {})
+    viscous = min(body, STIFFEST) * rest.retardation
+    bounds = (one * two / (one + two) + usual / LEAST_CURVATURE + law.get("stiffness", 0.0)) * moved
+    bounds += viscous * (turned + speed * moved / LEAST_CURVATURE + speed * begins)
+    bounds += usual * law.get("bristle_stiffness", 0.0) * moved
+    bounds += usual * (law.get("bristle_damping", 0.0) + law.get("viscous", 0.0)) * turned
+    return worst(trace, change, bounds + np.maximum(usual - trace.static, 0.0) * window / RELAXES + ALLOWED)
 
 
 def hand(trace: Trace) -> Score:
@@ -229,7 +243,7 @@ def side(trace: Trace) -> Score:
         if not touching[i]:
             regular = True
             continue
-        if i and jump[i - 1] > MOVES * motion[i - 1] + 2e-4:
+        if i and (jump[i - 1] > MOVES * motion[i - 1] + 2e-4 or normal[i] @ normal[i - 1] < 0.5):
             regular = False
         if not regular or trace["contact.force"][k] < LEAST_FORCE:
             continue
@@ -250,18 +264,26 @@ INVARIANTS: dict[str, Callable[[Trace], Score]] = {
     "energy": energy, "side": side,
 }  # fmt: skip
 UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad", "energy": "J",
-         "side": "m or rad", "finite": "1"}  # fmt: skip
+         "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak"}  # fmt: skip
 
 
-def scores(traces: Traces, rest: AtRest, only: list[str] | None = None) -> list[dict[str, Score]]:
-    """The score of each invariant, for each touch of a batch."""
-    closest, listed = traces.setting.closest().find, []
+def traced(traces: Traces, rest: AtRest) -> list[Trace | None]:
+    """Each touch of a batch; None: its lane stopped, or a value is not finite."""
+    closest, listed = traces.setting.closest().find, list[Trace | None]()
     for lane, ticks in enumerate(traces.ticks):
         values = {name: column[lane, :ticks] for name, column in traces.values.items()}
-        broken = lane in traces.failed or not all(np.isfinite(v).all() for v in values.values())
-        if broken:
-            listed.append({"finite": Score(np.inf, 0.0, 1.0, 0.0)})
-            continue
-        trace = Trace(values, traces.step, rest, traces.nodes, closest)
-        listed.append({name: check(trace) for name, check in INVARIANTS.items() if not only or name in only})
+        good = lane not in traces.failed and all(np.isfinite(v).all() for v in values.values())
+        listed.append(Trace(values, traces.step, rest, traces.nodes, closest) if good else None)
     return listed
+
+
+def judged(trace: Trace | None) -> dict[str, Score]:
+    """The score of each invariant in a touch."""
+    if trace is None:
+        return {"finite": Score(np.inf, 0.0, 1.0, 0.0)}
+    return {name: check(trace) for name, check in INVARIANTS.items()}
+
+
+def scores(traces: Traces) -> list[dict[str, Score]]:
+    """The score of each invariant, for each touch of a batch."""
+    return [judged(trace) for trace in traced(traces, at_rest(traces))]

@@ -9,7 +9,7 @@ refined  rms difference of the contact force over the peak of the finer mesh <= 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,9 @@ from scipy.spatial.transform import Rotation
 from palpate.physics.device.falcon import HOME
 from palpate.studies.organs.invariants import Score
 from palpate.studies.organs.runs import run
+from palpate.studies.organs.search import Found
 from palpate.studies.organs.touches import Finger, Setting, Touch, drawn, reachable
-from palpate.studies.organs.zoo import COARSE, FINE, USUAL
+from palpate.studies.organs.zoo import COARSE, FINE, USUAL, Specimen
 
 TURNED = 1e-3  # [1] of the peak
 REFINED = {(COARSE, USUAL): 0.05, (USUAL, FINE): 0.01}  # [1] of the peak
@@ -89,3 +90,21 @@ def _difference(value: float, reference: np.ndarray, bound: float) -> Score:
     if peak < LIGHT:
         return Score(0.0, 0.0, 0.0, bound)
     return Score(float(value) / peak / bound, 0.0, float(value) / peak, bound)
+
+
+def compared(specimens: Sequence[Specimen], count: int, seed: int, folder: Path, fine: bool = False) -> Iterator[Found]:
+    """The worst of `count` turned touches, and of `count` touches on a finer mesh, of each smooth surface, with
+    MassSpring; with `fine` also on 300 000 vertices, which takes a minute each."""
+    for one in specimens:
+        if not one.smooth or one.patch == "plane":
+            continue
+        setting = Setting(one.name, 0 if one.patch else USUAL)
+        yield _worst("turned", rotation_scores(setting, count, seed, folder))
+        if not one.patch:
+            for meshes in [(COARSE, USUAL), (USUAL, FINE)][: 1 + fine]:
+                yield _worst("refined", refinement_scores(setting, count, seed, folder, meshes))
+
+
+def _worst(name: str, listed: list[tuple[Touch, Score]]) -> Found:
+    touch, score = max(listed, key=lambda pair: pair[1].score)
+    return Found(touch, name, score)

@@ -1,7 +1,7 @@
 """The quasi-static force of a depth, by a route that shares neither the search for the foot nor the solution in series.
 
 A body at rest under a force f at a place is indented by s2(f); the fingertip's law gives its compression s1(f). The
-force of an approach e is the root of s1(f) + s2(f) = e. s2 is that of the node of the body, in one step of 1000 s.
+force of an approach e is the root of s1(f) + s2(f) = e. s2 is that of the node of the body, in one step of 1e6 s.
 
 At an approach rate up to v a viscous fingertip, f = g(s1) <1 + c s1'>, and a body with the retardation tau, whose law
 is that of s2 + tau s2', carry at most the root of s1(f/(1 + c v)) + s2(f) = e + tau v, because the force rises with
@@ -22,8 +22,8 @@ from palpate.nodes.spread import Kernel
 from palpate.physics.contact.series import elastic
 from palpate.studies.organs.runs import Traces
 
-LONG = 1e3  # [s] a step after which a body is at rest
-FORCES = np.geomspace(0.03, 100.0, 9)  # [N] at which the indentation of a body is computed; between them it is a power
+LONG = 1e6  # [s] a step after which a body is at rest
+FORCES = np.geomspace(0.03, 60.0, 13)  # [N] at which the indentation of a body is computed; between them it is a power
 LONGEST = 50e-3  # [m] approach up to which forces are known
 MOST = 1e30  # [N]
 
@@ -51,9 +51,7 @@ class AtRest:
         given = Contact(foot=tuple(foot.tolist()), normal=tuple(normal.tolist()), force=force, compression=1e-3,
                         indentation=1e-3, compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
         load = self.spread.step(given, None, dt=LONG)
-        for _ in range(2):
-            surface = press(self.body, load, dt=LONG)
-        return float(surface.previous_indentation)
+        return float(press(self.body, load, dt=LONG).previous_indentation)
 
     def place(self, foot: np.ndarray, normal: np.ndarray) -> Place:
         """The body at a point of the surface [m] (3) along its normal [1] (3)."""

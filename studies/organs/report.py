@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from palpate.studies.organs.invariants import INVARIANTS, UNITS
 from palpate.studies.organs.search import Found, Results
+from palpate.studies.organs.zoo import ZOO
 
 NAMES = (*INVARIANTS, "finite")
 
@@ -54,19 +56,40 @@ def text(results: Results, folder: Path, count: int = 10, names: Sequence[str] =
     lines += ["", "The worst touches:", ""]
     for found in results.top(count):
         lines += [line(found), "    " + found.touch.command(folder), ""]
+    lines += [line(pair) for pair in sorted(results.pairs, key=lambda pair: (pair.invariant, -pair.score.score))]
+    for (surface, body, reason), touch in sorted(results.silent.items()):
+        lines += [f"no note ({reason}): {surface}, {body}", "    " + touch.command(folder), ""]
     lines += [f"stopped: {error}\n    {touch.command(folder)}" for touch, error in results.failed[:count]]
     return "\n".join(lines) + "\n"
 
 
-def written(results: Results, meshes: Path, out: Path, count: int = 10, pictures: bool = True) -> dict[str, Path]:
-    """Write the report and the pictures of the worst touches to a folder; the files by name.
+def page(results: Results) -> str:
+    """The table of surfaces and bodies in Markdown: touches that break an invariant, of all, and the worst score."""
+    pairs = sorted({*results.touches, *results.refused})
+    surfaces, bodies = ([*dict.fromkeys(pair[k] for pair in pairs)] for k in (0, 1))
+    lines = ["| surface | " + " | ".join(bodies) + " |", "|---" * (1 + len(bodies)) + "|"]
+    for surface in surfaces:
+        cells = [_cell(results, surface, body) for body in bodies]
+        lines.append(f"| {surface}: {ZOO[surface].about} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
 
-    OSError: the folder cannot be written.
-    """
-    import json
 
+def _cell(results: Results, surface: str, body: str) -> str:
+    if not results.touches[surface, body]:
+        return "refused" if (surface, body) in results.refused else "-"
+    listed = [found[0] for name in NAMES if (found := results.worst.get((surface, body, name)))]
+    worst = max(listed, key=lambda found: found.score.score)
+    return (
+        f"{results.bad[surface, body]} of {results.touches[surface, body]}; {worst.invariant} {worst.score.score:.2g}"
+    )
+
+
+def written(results: Results, meshes: Path, out: Path, count: int = 10) -> dict[str, Path]:
+    """Write the report to a folder, as text and as JSON; the files by name. OSError: it cannot be written."""
     out.mkdir(parents=True, exist_ok=True)
     files = {"report": out / "organs.txt", "table": out / "organs.json"}
+    files["page"] = out / "organs.md"
+    files["page"].write_text(page(results), encoding="utf-8")
     files["report"].write_text(text(results, meshes, count), encoding="utf-8")
     files["table"].write_text(json.dumps(plain(results, meshes, count), indent=1), encoding="utf-8")
     return files
@@ -79,6 +102,18 @@ def plain(results: Results, folder: Path, count: int = 10) -> dict[str, Any]:
          "unit": UNITS[f.invariant], "time": f.score.time, "touch": f.touch.plain(), "command": f.touch.command(folder)}
         for f in results.top(count)
     ]  # fmt: skip
-    broken = sum(results.broken.values())
-    return {"ok": not broken, "touches": results.total, "broken": broken, "rows": rows(results), "worst": worst,
-            "stopped": [{"error": e, "command": t.command(folder)} for t, e in results.failed]}  # fmt: skip
+    broken = results.broken.total()
+    silent = [{"surface": s, "body": b, "reason": why, "command": touch.command(folder)}
+              for (s, b, why), touch in sorted(results.silent.items())]  # fmt: skip
+    stopped = [{"error": error, "command": touch.command(folder)} for touch, error in results.failed]
+    return {
+        "ok": not (broken or silent or stopped or any(pair.score.broken for pair in results.pairs)),
+        "touches": results.total, "broken": broken, "rows": rows(results), "worst": worst, "silent": silent,
+        "stopped": stopped, "pairs": [_pair(pair) for pair in results.pairs],
+    }  # fmt: skip
+
+
+def _pair(found: Found) -> dict[str, Any]:
+    given = found.touch.setting
+    return {"invariant": found.invariant, "surface": given.surface, "body": given.body, "vertices": given.count,
+            "value": found.score.value, "bound": found.score.bound}  # fmt: skip

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import PalpateError
-from palpate.studies.organs.invariants import Score, scores
+from palpate.studies.organs.invariants import Score, judged, traced
+from palpate.studies.organs.notes import noted, reasons
 from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import lanes_of, run
 from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, drawn, reachable
@@ -25,7 +26,6 @@ FRICTION = {"LuGre": 0.5, "ElastoPlastic": 0.15, "Coulomb": 0.15, "": 0.2}
 TWO = 0.1  # share of batches with two fingers
 ROUGH = 0.3  # share of batches on a coarse mesh
 BATCH = 60  # touches
-BATCHES = 20  # Number of batches, over the least, after which a search ends although settings were refused
 KEPT = 10  # worst touches of each invariant, surface and body
 SHIFT, HURRY = 1.5e-3, 0.3  # [m] [1] by which the local search changes a touch
 
@@ -44,17 +44,28 @@ class Results:
     """What a search found.
 
     touches  number of touches by surface and body
+    bad      number of touches that break any invariant, by surface and body
     broken   number of touches that break an invariant, by surface, body and invariant
     worst    the worst touches, by surface, body and invariant
     refused  why a setting was refused, by surface and body
     failed   errors of lanes that stopped
+    pairs    the worst pair of each surface that was turned, and that was refined
+    noted    by surface, body and reason: a touch out of the range of the models, and the notes of its run
     """
 
     touches: Counter[tuple[str, str]] = field(default_factory=Counter)
+    bad: Counter[tuple[str, str]] = field(default_factory=Counter)
     broken: Counter[tuple[str, str, str]] = field(default_factory=Counter)
     worst: dict[tuple[str, str, str], list[Found]] = field(default_factory=dict)
     refused: dict[tuple[str, str], str] = field(default_factory=dict)
     failed: list[tuple[Touch, str]] = field(default_factory=list)
+    noted: dict[tuple[str, str, str], tuple[Touch, list[str]]] = field(default_factory=dict)
+    pairs: list[Found] = field(default_factory=list)
+
+    @property
+    def silent(self) -> dict[tuple[str, str, str], Touch]:
+        """A touch without a note by surface, body and the reason why it is out of range."""
+        return {key: touch for key, (touch, texts) in self.noted.items() if not texts}
 
     def add(self, touch: Touch, invariant: str, score: Score, counted: bool = True) -> None:
         key = touch.setting.surface, touch.setting.body, invariant
@@ -75,35 +86,61 @@ class Results:
 
 
 def settings(
-    surfaces: Sequence[Specimen], bodies: Sequence[str], rng: np.random.Generator, rate: float | None = None
+    surfaces: Sequence[Specimen],
+    bodies: Sequence[str],
+    rng: np.random.Generator,
+    rate: float | None = None,
+    rough: float = ROUGH,
 ) -> Iterator[Setting]:
-    """Settings of batches without end: each surface with each body in turn, the rest at random."""
-    pairs = [(s, b) for s in surfaces for b in bodies if s.patch or b not in WITH_BASIS]
+    """Settings of batches without end: each surface with each body in turn, the rest at random.
+
+    rate   [Hz]; None: at random
+    rough  [1] share of coarse meshes
+    """
+    pairs = _pairs(surfaces, bodies)
     while pairs:
         for index in rng.permutation(len(pairs)):
             specimen, body = pairs[index]
-            rough, two, turn = rng.uniform() < ROUGH, rng.uniform() < TWO, rng.integers(len(ORIENTATIONS))
+            coarse, two, turn = rng.uniform() < rough, rng.uniform() < TWO, rng.integers(len(ORIENTATIONS))
             yield Setting(
-                specimen.name, 0 if specimen.patch else COARSE if rough else USUAL, body,
+                specimen.name, 0 if specimen.patch else COARSE if coarse else USUAL, body,
                 str(rng.choice(list(FRICTION), p=list(FRICTION.values()))),
                 rate or float(rng.choice(list(RATES), p=list(RATES.values()))), 1 + int(two),
                 ORIENTATIONS[turn] if specimen.name == "kidney" else (0.0, 0.0, 0.0),
             )  # fmt: skip
 
 
-def judged(
-    touches: Sequence[Touch], folder: Path, results: Results, threads: int | None = None
+def _pairs(surfaces: Sequence[Specimen], bodies: Sequence[str]) -> list[tuple[Specimen, str]]:
+    return [(s, b) for s in surfaces for b in bodies if s.patch or b not in WITH_BASIS]
+
+
+def tried(
+    touches: Sequence[Touch], folder: Path, results: Results, threads: int | None = None, notes: bool = False
 ) -> list[dict[str, Score]]:
-    """Run touches of one setting, and add their scores; those of each touch, the worst of its fingers."""
+    """Run touches of one setting; their scores, the worst of the fingers of each.
+
+    notes  whether to look for notes of the first touch of this surface and body that is out of range for a reason
+    """
     each: list[dict[str, Score]] = [{} for _ in touches]
     for traces in run(touches, folder, threads):
-        for mine, found in zip(each, scores(traces, at_rest(traces)), strict=True):
-            for name, score in found.items():
+        listed = traced(traces, at_rest(traces))
+        for touch, mine, trace in zip(touches, each, listed, strict=True):
+            for name, score in judged(trace).items():
                 if name not in mine or score.score > mine[name].score:
                     mine[name] = score
+            if notes and trace is not None:
+                _look_for_notes(touch, reasons(trace, touch.setting.mesh()), folder, results)
         for lane, error in traces.failed.items():
             results.failed.append((touches[lane], error))
     return each
+
+
+def _look_for_notes(touch: Touch, why: Sequence[str], folder: Path, results: Results) -> None:
+    keys = [(touch.setting.surface, touch.setting.body, reason) for reason in why]
+    if new := [key for key in keys if key not in results.noted]:
+        texts = noted(touch, folder)
+        for key in new:
+            results.noted[key] = (touch, texts)
 
 
 def search(
@@ -116,26 +153,35 @@ def search(
     *,
     batch: int = BATCH,
     rate: float | None = None,
+    rough: float = ROUGH,
+    notes: bool = False,
 ) -> Results:
     """Touch surfaces at random.
 
     count   touches in all
     folder  of the meshes
+    notes   whether to look for notes of touches that are out of the range of a model, each in a separate run
     done    called after each batch with the share of the work
 
-    PalpateError is not raised for a setting that is refused: it is listed.
+    A setting that the loader or a node refuses is listed in the results.
     """
     results, rng = Results(), np.random.default_rng(seed)
-    for number, setting in enumerate(settings(surfaces, bodies, rng, rate)):
-        if results.total >= count or number > BATCHES * (1 + count // batch):
+    pairs = _pairs(surfaces, bodies)
+    batch = min(batch, 1 + count // max(1, len(pairs)))  # every surface is touched
+    for number, setting in enumerate(settings(surfaces, bodies, rng, rate, rough)):
+        refused = {key for key in results.refused if not results.touches[key]}
+        if results.total >= count or len(refused) == len(pairs):
             break
+        if (setting.surface, setting.body) in refused:
+            continue
         own = np.random.default_rng((seed, number))
         size = min(batch, lanes_of(setting, 2.5), count - results.total)
         touches = [replace(drawn(setting, own), seed=(seed, number, k)) for k in range(size)]
         key = setting.surface, setting.body
         try:
-            for touch, found in zip(touches, judged(touches, folder, results), strict=True):
+            for touch, found in zip(touches, tried(touches, folder, results, notes=notes), strict=True):
                 results.touches[key] += 1
+                results.bad[key] += any(score.broken for score in found.values())
                 for name, score in found.items():
                     results.add(touch, name, score)
         except PalpateError as error:
@@ -162,7 +208,7 @@ def worsened(
         if not near:
             break
         try:
-            found = judged(near, folder, unused)
+            found = tried(near, folder, unused)
         except PalpateError:
             break
         ranked = [

@@ -55,7 +55,7 @@ def test_a_held_press_on_a_ball_has_the_force_of_the_closed_form(presses):
 
 
 def test_good_presses_break_nothing_and_reach_the_reference(presses):
-    for found in scores(presses, at_rest(presses)):
+    for found in scores(presses):
         assert set(found) == set(INVARIANTS)
         assert all(not score.broken for score in found.values())
         assert 0.9 / ABOVE < found["force"].score < 1.01 / ABOVE
@@ -66,7 +66,7 @@ def changed(traces, **columns):
 
 
 def broken(traces):
-    return [{name for name, score in found.items() if score.broken} for found in scores(traces, at_rest(traces))]
+    return [{name for name, score in found.items() if score.broken} for found in scores(traces)]
 
 
 def test_a_kick_of_one_tick_is_found(presses):

@@ -1,6 +1,7 @@
 """The random search on surfaces of all kinds, its report and its command."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.studies.organs.pairs import refinement_scores, rotation_scores
-from palpate.studies.organs.report import NAMES, text
+from palpate.studies.organs.report import NAMES, line, text
 from palpate.studies.organs.search import search, varied, worsened
 from palpate.studies.organs.touches import Setting, drawn
 from palpate.studies.organs.zoo import USUAL, ZOO, chosen
@@ -19,10 +20,46 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("meshes")
 
 
+@pytest.fixture(scope="module")
+def touched(folder):
+    """A few hundred touches of the whole zoo on coarse meshes, and of the patches with the other bodies."""
+    meshes = [one for one in ZOO.values() if one.patch != "plane"]
+    whole = search(meshes, ["MassSpring"], 6 * len(meshes), 1, folder, rate=1000.0, rough=1.0)
+    patches = search(
+        chosen(["kidney", "sphere-nurbs"]), ["ReducedFE", "BeamBundle", "Rigid"], 48, 2, folder, rate=1000.0
+    )
+    return whole, patches
+
+
+def broken(results, names):
+    return [
+        line(f) + "\n" + f.touch.command(Path("meshes"))
+        for f in results.top(99)
+        if f.invariant in names and f.score.broken
+    ]
+
+
+def test_on_the_whole_zoo_forces_are_finite_and_passive(touched):
+    for results in touched:
+        assert results.total >= 48 and not results.refused and not results.failed
+        assert not broken(results, {"finite", "energy", "rubbing"})
+        assert all(results.worst[surface, body, "force"][0].score.value > 0.1 for surface, body in results.touches)
+
+
+@pytest.mark.xfail(
+    strict=False,
+    reason="the foot follows the nearest point: normals turn at edges and in grooves while the finger rests, the body "
+    "answers to a foot that moves alone, and reversed pieces and thin bodies are touched from the wrong side",
+)
+def test_on_the_whole_zoo_forces_are_bounded_and_smooth(touched):
+    for results in touched:
+        assert not broken(results, set(NAMES))
+
+
 @pytest.mark.parametrize("body", ["MassSpring", "Rigid"])
 def test_random_touches_of_smooth_convex_surfaces_break_nothing(folder, body):
-    results = search(chosen(["sphere", "ellipsoid"]), [body], 60, 3, folder, batch=30, rate=1000.0)
-    assert results.total == 60 and not results.refused and not results.failed
+    results = search(chosen(["sphere", "ellipsoid"]), [body], 40, 3, folder, batch=20, rate=1000.0)
+    assert results.total == 40 and not results.refused and not results.failed
     assert not results.broken.total(), text(results, folder)
 
 
@@ -41,8 +78,8 @@ def test_touches_begin_outside(folder):
 
 
 def test_the_local_search_finds_a_worse_touch(folder):
-    results = search(chosen(["box"]), ["MassSpring"], 20, 1, folder, batch=20, rate=1000.0)
-    listed = {name: results.worst["box", "MassSpring", name][0] for name in ("still", "hand")}
+    results = search(chosen(["box"]), ["MassSpring"], 12, 1, folder, rate=1000.0, rough=1.0)
+    listed = {name: results.worst["box", "MassSpring", name][0] for name in ("still",)}
     for found in listed.values():
         assert worsened(found, 2, 1, folder, batch=8).score.score >= found.score.score
     near = varied(listed["still"].touch, 0.0, np.random.default_rng(1))

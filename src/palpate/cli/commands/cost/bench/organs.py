@@ -24,6 +24,10 @@ def organs(
     body: Annotated[list[str] | None, typer.Option(help="Only this body: MassSpring; may be repeated.")] = None,
     rate: Annotated[float | None, typer.Option(help="Only this rate, Hz.", min=100, max=20_000)] = None,
     worse: Annotated[int, typer.Option(help="Rounds that make each of the worst touches worse.", min=0)] = 0,
+    pairs: Annotated[
+        int, typer.Option(help="Touches of each smooth surface that are also turned, and put on a finer mesh.", min=0)
+    ] = 0,
+    fine: Annotated[bool, typer.Option("--fine", help="Refine to 300 000 vertices, too: minutes per surface.")] = False,
     worst: Annotated[int, typer.Option(help="Number of the worst touches to print.", min=1)] = 10,
     out: Annotated[Path, out_option("Folder of meshes, report and pictures.")] = Path("organs"),
     no_pictures: NoPictures = False,
@@ -35,6 +39,8 @@ def organs(
     the worst touches as commands. The exit code is 1 if an invariant is broken.
     """
     from palpate.physics.writable import check_folder
+    from palpate.studies.organs.pairs import compared
+    from palpate.studies.organs.pictures import drawn
     from palpate.studies.organs.report import plain, text, written
     from palpate.studies.organs.search import BODIES, Results, search, worsened
     from palpate.studies.organs.zoo import chosen
@@ -50,7 +56,7 @@ def organs(
         def show(share: float, found: Results) -> None:
             done(share, f"{sum(found.broken.values())} broken")
 
-        results = search(surfaces, bodies, touches, seed, meshes, show, rate=rate)
+        results = search(surfaces, bodies, touches, seed, meshes, show, rate=rate, notes=True)
         if worse:
             leading = results.top(worst)
             done = bars.begin(f"make {len(leading)} touches worse", "")
@@ -58,12 +64,20 @@ def organs(
                 better = worsened(found, worse, seed + number, meshes)
                 results.add(better.touch, better.invariant, better.score, counted=False)
                 done((number + 1) / len(leading), f"{found.score.score:.3g} to {better.score.score:.3g} x its bound")
-    files = written(results, meshes, out, worst, pictures=not no_pictures)
+        if pairs:
+            done = bars.begin("turn and refine", "", total=None)
+            for pair in compared(surfaces, pairs, seed, meshes, fine):
+                results.pairs.append(pair)
+                done(0.0, f"{pair.invariant}: {pair.touch.setting.surface}")
+    files = written(results, meshes, out, worst)
+    if not no_pictures:
+        files |= drawn(results.top(worst), meshes, out)
+    report = plain(results, meshes, worst)
     if as_json:
-        print_json(plain(results, meshes, worst) | {"files": {name: str(file) for name, file in files.items()}})
+        print_json(report | {"files": {name: str(file) for name, file in files.items()}})
     else:
         typer.echo(text(results, meshes, worst))
         for name, file in files.items():
             say(f"{name:14} {file}")
-    if results.broken.total() or results.failed:
+    if not report["ok"]:
         raise typer.Exit(1)

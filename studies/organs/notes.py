@@ -1,0 +1,94 @@
+"""Nothing silent: a touch that is outside the range of a model must print a note.
+
+Whether it is outside is decided by geometry alone: the tissue is indented by more than its thickness, the patch is
+wider than the body, the triangles are coarser than half of the patch's radius, or the nearest point of the surface
+jumps while the finger presses (both sides of a thin part, two walls of a groove, a focal point).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from palpate.launch.load.placement import fused
+from palpate.launch.load.plan import plan
+from palpate.launch.load.recording import set_recording
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.reports import Note, Report
+from palpate.launch.run.work.simulated import run_simulated
+from palpate.launch.run.work.worker import Worker
+from palpate.physics.geometry.mesh import Mesh
+from palpate.studies.organs.invariants import EVERY, LEAST_FORCE, MOVES, PATCH, Trace, length
+from palpate.studies.organs.runs import launch
+from palpate.studies.organs.touches import Touch
+
+DEEP = 0.1  # [m] of the search for the other side
+
+
+def reasons(trace: Trace, mesh: Mesh) -> list[str]:
+    """Why a touch is outside the range of the models: words; empty if it is inside."""
+    f, found = trace["contact.force"], []
+    if not f.max() > LEAST_FORCE:
+        return []
+    k = int(np.argmax(trace["contact.indentation"]))
+    if trace["contact.indentation"][k] > _thickness(
+        trace["contact.foot"][k], trace["contact.normal"][k], trace.closest
+    ):
+        found.append("thickness")
+    if 0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1]) < PATCH:
+        found.append("patch")
+    if _edge(mesh, trace["contact.foot"][k]) > 0.5 * PATCH:
+        found.append("coarse")
+    pressed = np.flatnonzero(f > LEAST_FORCE)[:: trace.ticks(EVERY)]
+    foot = trace.closest(trace["finger.position"][pressed])[0]
+    motion, jump = (length(np.diff(points, axis=0)) for points in (trace["finger.position"][pressed], foot))
+    if (jump > MOVES * motion + 3e-3).any():
+        found.append("jump")
+    return found
+
+
+def _thickness(foot: np.ndarray, normal: np.ndarray, closest: Callable[..., tuple[np.ndarray, ...]]) -> float:
+    """Distance [m] through the body from a point of its surface, against its normal."""
+    deep = np.arange(2e-4, DEEP, 2e-4)
+    outside = closest(foot - normal * deep[:, None])[3] > 0.0
+    return float(deep[int(np.argmax(outside))]) if outside.any() else DEEP
+
+
+def _edge(mesh: Mesh, foot: np.ndarray) -> float:
+    """Median length [m] of the edges of the triangles under the patch, or of the nearest ones."""
+    corners = mesh.vertices[mesh.triangles]
+    away = length(corners.mean(axis=1) - foot)
+    near = corners[away <= max(PATCH, float(np.partition(away, 3)[3]))]
+    return float(np.median(length(near - np.roll(near, 1, axis=1))))
+
+
+def noted(touch: Touch, folder: Path) -> list[str]:
+    """The notes that a single run of the touch prints while it runs, without those of its start.
+
+    GraphError, NodeError: the setting is refused.
+    """
+    texts: list[str] = []
+
+    def report(what: Report) -> None:
+        if isinstance(what, Note):
+            texts.append(what.text)
+
+    graph = launch(touch.setting, folder, touch.duration, touch.hand_sets()).load()
+    set_recording(graph, None)
+    planned = plan(graph)
+    (job,) = jobs(planned, fused(planned), ticks=round(touch.duration * touch.setting.rate))
+    worker = Worker(job, None, report)
+    try:
+        worker.start()
+        worker.begin(0)
+        for slot in worker.slots:
+            texts += slot.node.notes()
+        started = set(texts)
+        run_simulated(worker, 0)
+        for slot in worker.slots:
+            texts += slot.node.notes()
+    finally:
+        worker.stop()
+    return [text for text in dict.fromkeys(texts) if text not in started]
