@@ -10,7 +10,7 @@ hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv 
                  appear: a foot that moves while the finger does not must not change the force;
          k = k1 k2/(k1 + k2), k1 = g'(s1) (1 + c v), k2 = 1.5 x the secant stiffness of the body: fingertip and body;
          f/R     the turn of the normal: a fingertip does not feel curvature below R, an eighth of its patch;
-         B = K_body tau, what a change of the rate changes at once;
+         B = K_body tau, what a change of the rate changes at once; c f on a rigid body;
          sigma   the bristles of LuGre, k_t the spring of Coulomb;
          f, f_0  1.2 x the force that depth and rate explain, as in `force`, and that of the depth alone, to which it
                  relaxes.
@@ -46,7 +46,7 @@ STILL = 20e-3  # [s]
 PATCH = 8e-3  # [m]
 LEAST_CURVATURE = PATCH / 8.0  # [m] R
 RELAXES = 2e-3  # [s]
-STIFFEST = 1e4  # [N/m] of a body with a retardation
+STIFFEST = 1e4  # [N/m] of a body; on a stiffer one the fingertip is the damper
 ABOVE = 1.2  # [1] of the quasi-static force
 ROUNDED = 0.03  # [N] by which a force at an impact may exceed it, since the rate is a mean of `SMOOTH`
 LATERAL = 0.5  # [1] of the normal force
@@ -183,7 +183,7 @@ def _change(trace: Trace, vector: np.ndarray) -> Score:
     body = trace.place(int(np.argmax(usual))).stiffness(max(float(usual.max()), 0.1))
     one, two = np.interp(usual, rest.forces, rest.tangents) * (1.0 + rest.damping * speed), 1.5 * body
     law = trace.nodes.get("friction", {})
-    viscous = min(body, STIFFEST) * rest.retardation
+    viscous = body * rest.retardation if body < STIFFEST else rest.damping * usual
     bounds = (one * two / (one + two) + usual / LEAST_CURVATURE + law.get("stiffness", 0.0)) * moved
     bounds += viscous * (turned + speed * moved / LEAST_CURVATURE + speed * begins)
     bounds += usual * law.get("bristle_stiffness", 0.0) * moved

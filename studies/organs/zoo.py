@@ -118,7 +118,7 @@ def _dome(count: int) -> Mesh:
 
 
 def _vessel(count: int) -> Mesh:
-    """A vessel, 6 mm across, 2 mm beside an ellipsoid."""
+    """A vessel, 6 mm across, 2 mm from an ellipsoid."""
     r, half = 3 * MM, 30 * MM
     line = np.concatenate([arc((0, half), r, np.pi / 2, 0), arc((0, -half), r, 0, -np.pi / 2)])
     line[0, 0] = line[-1, 0] = 0.0
@@ -192,7 +192,7 @@ def _all() -> dict[str, Specimen]:
         Specimen("wedge", _wedge, "like a liver, with a rim of 5 mm"),
         Specimen("dome", _dome, "a hemisphere on a plate"),
         Specimen("bumpy", _bumpy, "an ellipsoid with bumps", True),
-        Specimen("vessel", _vessel, "a vessel, 6 mm across, beside an ellipsoid", True),
+        Specimen("vessel", _vessel, "a vessel, 6 mm across, next to an ellipsoid", True),
         Specimen("two-balls", _two, "two balls, one with reversed triangles", True, turned=True),
         Specimen("island", _island, "a ball and a speck", True),
         Specimen("doubled", _doubled, "an ellipsoid with separate corners", True),

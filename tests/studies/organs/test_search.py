@@ -1,7 +1,6 @@
 """The random search on surfaces of all kinds, its report and its command."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,18 +30,16 @@ def touched(folder):
     return whole, patches
 
 
-def broken(results, names):
+def broken(results, names, folder):
     return [
-        line(f) + "\n" + f.touch.command(Path("meshes"))
-        for f in results.top(99)
-        if f.invariant in names and f.score.broken
+        line(f) + "\n" + f.touch.command(folder) for f in results.top(99) if f.invariant in names and f.score.broken
     ]
 
 
-def test_on_the_whole_zoo_forces_are_finite_and_passive(touched):
+def test_on_the_whole_zoo_forces_are_finite_and_passive(touched, folder):
     for results in touched:
         assert results.total >= 48 and not results.refused and not results.failed
-        assert not broken(results, {"finite", "energy", "rubbing"})
+        assert not broken(results, {"finite", "energy", "rubbing"}, folder)
         assert all(results.worst[surface, body, "force"][0].score.value > 0.1 for surface, body in results.touches)
 
 
@@ -51,9 +48,9 @@ def test_on_the_whole_zoo_forces_are_finite_and_passive(touched):
     reason="the foot follows the nearest point: normals turn at edges and in grooves while the finger rests, the body "
     "answers to a foot that moves alone, and reversed pieces and thin bodies are touched from the wrong side",
 )
-def test_on_the_whole_zoo_forces_are_bounded_and_smooth(touched):
+def test_on_the_whole_zoo_forces_are_bounded_and_smooth(touched, folder):
     for results in touched:
-        assert not broken(results, set(NAMES))
+        assert not broken(results, set(NAMES), folder)
 
 
 @pytest.mark.parametrize("body", ["MassSpring", "Rigid"])
