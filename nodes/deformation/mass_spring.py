@@ -65,9 +65,10 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
-        "factors": ARRAY, "courses": TABLE,
+        "factors": ARRAY, "courses": TABLE, "thick": (), "beyond": (), "deepest": (),
     }  # fmt: skip
-    """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
+    """Smallest width of a closed surface [m], else inf; excess of the indentation over it [1], now and at most.
+    The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, and the course
     of its indentation (`physics.contact.end_rate`)."""
 
@@ -87,6 +88,8 @@ class MassSpring(CompiledNode, WithNodule):
             mesh = self.mesh()
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
             self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning]))
+        surface = self.mesh()
+        self.own["thick"] = np.ptp(surface.vertices, axis=0).min() if surface.closed else np.inf
         self._make(self._count)
 
     def check(self) -> None:
@@ -111,6 +114,17 @@ class MassSpring(CompiledNode, WithNodule):
     def _reference(self) -> ReducedFE:
         names = "surface", "position", "rotation", "vertices", "file_unit", "spacing", "radius"
         return ReducedFE(**{name: getattr(self, name) for name in names})
+
+    def condition(self) -> str:
+        return "outside its range" if hasattr(self, "own") and self.own["beyond"] > 0.0 else ""
+
+    def notes(self) -> list[str]:
+        if hasattr(self, "own") and self.own["deepest"] > 0.0:
+            self._note_once(
+                f"MassSpring: the organ is indented by more than its thickness, {1e3 * self.own['thick']:.3g} mm. Its "
+                "springs have no end: the force is meaningless there"
+            )
+        return super().notes()
 
     def resize(self, counts: list[int]) -> None:
         if counts[0] != self._count:
@@ -152,6 +166,7 @@ class MassSpring(CompiledNode, WithNodule):
         body, count, courses = _body_of(own.body), 0, floats(own.courses)
         stored, factors = 0.0, floats(own.factors)
         mapped, slopes, reached = own.ground.shape[0] > 0, floats(own.slopes), 0.0
+        own.beyond = 0.0
         for i in range(load.count):
             each = nth(load, i)
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
@@ -178,6 +193,7 @@ class MassSpring(CompiledNode, WithNodule):
                 count = springs.move(body, i, integers(each.nodes), pull, normal, dt, course[end_rate.AHEAD])
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
+            own.beyond = max(own.beyond, s / own.thick - 1.0)
             laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s, s
             if own.energy or mapped:
                 grown = own.exponent + 1.0
@@ -192,7 +208,8 @@ class MassSpring(CompiledNode, WithNodule):
             put(out.tangential_gradient, vector(slopes[0, :3]))
             for k in range(9):
                 out.shape_operator.values[k] = slopes[0, 3 + k]
-        out.step, out.relaxation = dt, own.retardation
+        own.deepest = max(own.deepest, own.beyond)
+        out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.beyond
         if not own.shape:
             return
         if several:

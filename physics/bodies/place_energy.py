@@ -151,11 +151,12 @@ def along(ground, nodes, touched, tilt, normal, radius, power, compliance, force
 @kernel
 def on_hand(gradient, shape, approach, normal):
     """Tangential force on the hand (1 - e S)^-1 g [N] (3 numbers), from g [N] (3), S [1/m] (9) row by row, and the
-    approach e [m] of the bone edge below the foot point; e S is limited to `STEEPEST`."""
+    depth e [m] of the bone edge below the foot point, negative above; |e S| is limited to `STEEPEST`."""
     size = 0.0
     for k in range(9):
         size += shape[k] * shape[k]
-    deep = min(approach, STEEPEST / max(np.sqrt(size), 1e-12))
+    most = STEEPEST / max(np.sqrt(size), 1e-12)
+    deep = min(max(approach, -most), most)
     force = stack_zeros((3,))
     for _ in range(40):  # Neumann series; the error decreases by the factor STEEPEST in each iteration
         for i in range(3):
