@@ -1,0 +1,69 @@
+"""`palpate bench organs`: random touches of surfaces of all kinds, and the invariants that they break."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json, NoPictures, out_option
+from palpate.cli.terminal.output import print_json, say
+from palpate.launch.run.progress import StageBars
+from palpate.physics.errors import ArgumentError
+
+EXAMPLE = "palpate bench organs --touches 500 --seed 1"
+
+
+def organs(
+    touches: Annotated[int, typer.Option(help="Number of touches.", min=1, max=10_000_000)] = 2000,
+    seed: Annotated[int, typer.Option(help="Seed of the random touches.", min=0)] = 1,
+    surface: Annotated[
+        list[str] | None, typer.Option("--surface", help="Only this surface of the zoo; may be repeated.")
+    ] = None,
+    body: Annotated[list[str] | None, typer.Option(help="Only this body: MassSpring; may be repeated.")] = None,
+    rate: Annotated[float | None, typer.Option(help="Only this rate, Hz.", min=100, max=20_000)] = None,
+    worse: Annotated[int, typer.Option(help="Rounds that make each of the worst touches worse.", min=0)] = 0,
+    worst: Annotated[int, typer.Option(help="Number of the worst touches to print.", min=1)] = 10,
+    out: Annotated[Path, out_option("Folder of meshes, report and pictures.")] = Path("organs"),
+    no_pictures: NoPictures = False,
+    as_json: Json = False,
+) -> None:
+    """Search for touches on which a force is not bounded or smooth.
+
+    Touches surfaces of all kinds at random, as lanes of ensembles, and checks invariants (docs/your_organ.md). Prints
+    the worst touches as commands. The exit code is 1 if an invariant is broken.
+    """
+    from palpate.physics.writable import check_folder
+    from palpate.studies.organs.report import plain, text, written
+    from palpate.studies.organs.search import BODIES, Results, search, worsened
+    from palpate.studies.organs.zoo import chosen
+
+    if unknown := [name for name in body or () if name not in BODIES]:
+        raise ArgumentError(f"--body: found {', '.join(unknown)}, expected some of {', '.join(BODIES)}")
+    surfaces, bodies = chosen(surface), body or BODIES
+    check_folder(out)
+    meshes = (out / "meshes").absolute()
+    with StageBars(silent=as_json) as bars:
+        done = bars.begin(f"bench organs: {touches} touches", "")
+
+        def show(share: float, found: Results) -> None:
+            done(share, f"{sum(found.broken.values())} broken")
+
+        results = search(surfaces, bodies, touches, seed, meshes, show, rate=rate)
+        if worse:
+            leading = results.top(worst)
+            done = bars.begin(f"make {len(leading)} touches worse", "")
+            for number, found in enumerate(leading):
+                better = worsened(found, worse, seed + number, meshes)
+                results.add(better.touch, better.invariant, better.score, counted=False)
+                done((number + 1) / len(leading), f"{found.score.score:.3g} to {better.score.score:.3g} x its bound")
+    files = written(results, meshes, out, worst, pictures=not no_pictures)
+    if as_json:
+        print_json(plain(results, meshes, worst) | {"files": {name: str(file) for name, file in files.items()}})
+    else:
+        typer.echo(text(results, meshes, worst))
+        for name, file in files.items():
+            say(f"{name:14} {file}")
+    if results.broken.total() or results.failed:
+        raise typer.Exit(1)

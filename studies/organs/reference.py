@@ -1,0 +1,98 @@
+"""The quasi-static force of a depth, by a route that shares neither the search for the foot nor the solution in series.
+
+A body at rest under a force f at a place is indented by s2(f); the fingertip's law gives its compression s1(f). The
+force of an approach e is the root of s1(f) + s2(f) = e. s2 is that of the node of the body, in one step of 1000 s.
+
+At an approach rate up to v a viscous fingertip, f = g(s1) <1 + c s1'>, and a body with the retardation tau, whose law
+is that of s2 + tau s2', carry at most the root of s1(f/(1 + c v)) + s2(f) = e + tau v, because the force rises with
+each rate and neither exceeds v while the finger approaches.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.launch.load.classes import find_class
+from palpate.messages import Contact
+from palpate.nodes.base.contacts import press
+from palpate.nodes.contact import Series
+from palpate.nodes.spread import Kernel
+from palpate.physics.contact.series import elastic
+from palpate.studies.organs.runs import Traces
+
+LONG = 1e3  # [s] a step after which a body is at rest
+FORCES = np.geomspace(0.03, 60.0, 13)  # [N] at which the indentation of a body is computed; between them it is a power
+LONGEST = 50e-3  # [m] approach up to which forces are known
+MOST = 1e30  # [N]
+
+
+class AtRest:
+    """Fingertip and body of a graph at rest.
+
+    nodes  settings of the graph's nodes by name
+    body   class of the body
+    """
+
+    def __init__(self, nodes: dict[str, dict[str, Any]], body: str) -> None:
+        self.spread, self.body = Kernel(**nodes["spread"]), find_class(f"deformation.{body}")(**nodes["tissue"])
+        self.contact = Series(**{k: v for k, v in (nodes.get("joint") or nodes["contact"]).items() if k != "finger"})
+        for node in (self.spread, self.body, self.contact):
+            node.start()
+        kind, first, second, radius, self.damping = map(float, self.contact.own["law"])
+        self.retardation = _retardation(nodes["tissue"])
+        self.compressions = np.linspace(0.0, LONGEST, 4001)
+        rows = [elastic(s, int(kind), first, second, radius) for s in self.compressions]
+        self.forces, self.tangents = np.minimum(np.array(rows).T, MOST)
+
+    def indentation(self, foot: np.ndarray, normal: np.ndarray, force: float) -> float:
+        """s2 [m] under a force [N] at a point of the surface [m] (3) along its normal [1] (3)."""
+        given = Contact(foot=tuple(foot.tolist()), normal=tuple(normal.tolist()), force=force, compression=1e-3,
+                        indentation=1e-3, compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
+        load = self.spread.step(given, None, dt=LONG)
+        for _ in range(2):
+            surface = press(self.body, load, dt=LONG)
+        return float(surface.previous_indentation)
+
+    def place(self, foot: np.ndarray, normal: np.ndarray) -> Place:
+        """The body at a point of the surface [m] (3) along its normal [1] (3)."""
+        return Place(self, np.array([self.indentation(foot, normal, f) for f in FORCES.tolist()]))
+
+
+class Place:
+    """Fingertip and body at rest at one place; `indentations` [m] are those under `FORCES`."""
+
+    def __init__(self, rest: AtRest, indentations: np.ndarray) -> None:
+        self.rest = rest
+        ends = np.maximum(np.maximum.accumulate(indentations), 1e-12)
+        logs, deep = np.log(FORCES), np.log(ends)
+        self._force = np.maximum(rest.forces, 1e-12)
+        at = np.log(self._force)
+        first = (deep[1] - deep[0]) / (logs[1] - logs[0])
+        last = (deep[-1] - deep[-2]) / (logs[-1] - logs[-2])
+        between = np.interp(at, logs, deep)
+        between = np.where(at < logs[0], deep[0] + first * (at - logs[0]), between)
+        self._body = np.exp(np.where(at > logs[-1], deep[-1] + last * (at - logs[-1]), between))
+
+    def force(self, approach: np.ndarray | float, rate: np.ndarray | float = 0.0) -> np.ndarray:
+        """Largest force [N] at approaches [m] (n) and a rate of approach [m/s]; at no rate that at rest."""
+        faster = 1.0 + self.rest.damping * float(np.max(rate))
+        reach = np.asarray(approach) + self.rest.retardation * float(np.max(rate))
+        # s1(f/(1 + c v)) + s2(f) at the forces of the table
+        grown = np.interp(self._force / faster, self._force, self.rest.compressions) + self._body
+        return np.where(reach > 0.0, np.interp(reach, grown, self._force), 0.0)
+
+    def stiffness(self, force: float) -> float:
+        """Secant stiffness [N/m] of the body under a force [N]."""
+        return force / max(float(np.interp(force, self._force, self._body)), 1e-12)
+
+
+def _retardation(tissue: dict[str, Any]) -> float:
+    """[s] of the body; the longest of several layers."""
+    return float(tissue.get("retardation", max(tissue.get("relaxations", [0.0]))))
+
+
+def at_rest(traces: Traces) -> AtRest:
+    """Fingertip and body of a batch at rest."""
+    return AtRest(traces.nodes, traces.setting.body)

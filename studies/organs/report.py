@@ -1,0 +1,84 @@
+"""What a search found, as tables and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from palpate.studies.organs.invariants import INVARIANTS, UNITS
+from palpate.studies.organs.search import Found, Results
+
+NAMES = (*INVARIANTS, "finite")
+
+
+def rows(results: Results) -> list[dict[str, Any]]:
+    """One row for each surface and body: touches, and of each invariant how many broke it and the worst score."""
+    found = []
+    for surface, body in sorted({*results.touches, *results.refused}):
+        key = surface, body
+        row: dict[str, Any] = {"surface": surface, "body": body, "touches": results.touches[key],
+                               "refused": results.refused.get(key, "")}  # fmt: skip
+        for name in NAMES:
+            listed = results.worst.get((surface, body, name), [])
+            row[name] = {
+                "broken": results.broken[surface, body, name],
+                "worst": listed[0].score.score if listed else 0.0,
+            }
+        found.append(row)
+    return found
+
+
+def line(found: Found) -> str:
+    """The score of a touch, in words."""
+    s, given = found.score, found.touch.setting
+    mesh = f"{given.count} vertices" if given.count else "NURBS"
+    return (
+        f"{found.invariant}: {s.value:.3g} {UNITS[found.invariant]} at {s.time:.4f} s, bound {s.bound:.3g} "
+        f"({s.score:.3g} x): {given.surface} ({mesh}), {given.body}, {given.friction or 'no friction'}, "
+        f"{given.rate:g} Hz, {given.fingers} finger{'s' * (given.fingers > 1)}"
+    )
+
+
+def text(results: Results, folder: Path, count: int = 10, names: Sequence[str] = NAMES) -> str:
+    """The whole report as text: broken of all touches and the worst score, then the worst touches."""
+    head = f"{'surface':14}{'body':12}{'touches':>8}" + "".join(f"{name:>16}" for name in names)
+    lines = [f"{results.total} touches. Cells: touches that break the invariant, and the worst value over its bound."]
+    lines += ["", head]
+    for row in rows(results):
+        if not row["touches"]:
+            lines.append(f"{row['surface']:14}{row['body']:12} refused: {row['refused']}")
+            continue
+        cells = "".join(f"{row[n]['broken'] or '.':>7} {row[n]['worst']:>8.3g}" for n in names)
+        lines.append(f"{row['surface']:14}{row['body']:12}{row['touches']:>8}{cells}")
+    lines += ["", "The worst touches:", ""]
+    for found in results.top(count):
+        lines += [line(found), "    " + found.touch.command(folder), ""]
+    lines += [f"stopped: {error}\n    {touch.command(folder)}" for touch, error in results.failed[:count]]
+    return "\n".join(lines) + "\n"
+
+
+def written(results: Results, meshes: Path, out: Path, count: int = 10, pictures: bool = True) -> dict[str, Path]:
+    """Write the report and the pictures of the worst touches to a folder; the files by name.
+
+    OSError: the folder cannot be written.
+    """
+    import json
+
+    out.mkdir(parents=True, exist_ok=True)
+    files = {"report": out / "organs.txt", "table": out / "organs.json"}
+    files["report"].write_text(text(results, meshes, count), encoding="utf-8")
+    files["table"].write_text(json.dumps(plain(results, meshes, count), indent=1), encoding="utf-8")
+    return files
+
+
+def plain(results: Results, folder: Path, count: int = 10) -> dict[str, Any]:
+    """The report for programs."""
+    worst = [
+        {"invariant": f.invariant, "score": f.score.score, "value": f.score.value, "bound": f.score.bound,
+         "unit": UNITS[f.invariant], "time": f.score.time, "touch": f.touch.plain(), "command": f.touch.command(folder)}
+        for f in results.top(count)
+    ]  # fmt: skip
+    broken = sum(results.broken.values())
+    return {"ok": not broken, "touches": results.total, "broken": broken, "rows": rows(results), "worst": worst,
+            "stopped": [{"error": e, "command": t.command(folder)} for t, e in results.failed]}  # fmt: skip

@@ -1,0 +1,136 @@
+"""The invariants on known answers: closed forms, and faults that are injected into a good touch."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.optimize import brentq
+
+from palpate.studies.organs.invariants import ABOVE, INVARIANTS, scores
+from palpate.studies.organs.reference import at_rest
+from palpate.studies.organs.runs import run
+from palpate.studies.organs.touches import Finger, Setting, Touch, drawn
+
+B, M, K, TAU = 26.2641, 1681.06, 257.0, 20e-3  # of the kidney scene
+
+
+def press(setting, deep, seconds=0.5, hold=0.6):
+    """A press on top of a ball of 20 mm: the target of the hand lies `deep` below the point of contact."""
+    top = 0.024
+    path = (
+        {"to": [0.0, 0.0, top - deep], "time": seconds, "shape": "minimum-jerk"}, {"hold": hold},
+        {"to": [0.0, 0.0, top + 0.006], "time": 0.4, "shape": "minimum-jerk"},
+    )  # fmt: skip
+    return Touch(setting, (Finger((0.0, 0.0, top + 0.006), (0.0, 0.0, top - 0.11), path),))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("meshes")
+
+
+@pytest.fixture(scope="module")
+def presses(folder):
+    (traces,) = run([press(Setting("sphere"), deep) for deep in (4e-3, 8e-3, 12e-3)], folder)
+    return traces
+
+
+def series(approach):
+    """Closed form of the static series: s1(f) + f/K = e with s1 = log(1 + m f/b)/m."""
+    return brentq(lambda f: np.log1p(M * f / B) / M + f / K - approach, 0.0, 100.0)
+
+
+def test_the_reference_is_the_closed_form_of_the_series(presses):
+    place = at_rest(presses).place(np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 1.0]))
+    for approach in (0.5e-3, 2e-3, 5e-3, 10e-3, 20e-3):
+        assert float(place.force(approach)) == approx(series(approach), rel=2e-3)
+    assert place.stiffness(1.0) == approx(K, rel=1e-3)
+
+
+def test_a_held_press_on_a_ball_has_the_force_of_the_closed_form(presses):
+    held = round(1.05 / presses.step)
+    for force, approach in zip(presses["contact.force"], presses["collision.approach"], strict=True):
+        assert force[held] == approx(series(approach[held]), rel=5e-3)
+
+
+def test_good_presses_break_nothing_and_reach_the_reference(presses):
+    for found in scores(presses, at_rest(presses)):
+        assert set(found) == set(INVARIANTS)
+        assert all(not score.broken for score in found.values())
+        assert 0.9 / ABOVE < found["force"].score < 1.01 / ABOVE
+
+
+def changed(traces, **columns):
+    return dataclasses.replace(traces, values={**traces.values, **columns})
+
+
+def broken(traces):
+    return [{name for name, score in found.items() if score.broken} for found in scores(traces, at_rest(traces))]
+
+
+def test_a_kick_of_one_tick_is_found(presses):
+    """The force on the hand in a still hold, changed by 2 N in one tick."""
+    kicked = presses["controller.force"].copy()
+    kicked[1, 900] += (0.0, 0.0, 2.0)
+    assert broken(changed(presses, **{"controller.force": kicked})) == [set(), {"hand"}, set()]
+
+
+def test_a_foot_that_jumps_is_found(presses):
+    normal, turn = presses["contact.normal"].copy(), np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    normal[2, 900] = turn @ normal[2, 900]
+    assert broken(changed(presses, **{"contact.normal": normal}))[2] >= {"still", "contact"}
+
+
+def test_a_force_above_the_quasi_static_one_is_found(presses):
+    assert all(
+        "force" in found for found in broken(changed(presses, **{"contact.force": 1.3 * presses["contact.force"]}))
+    )
+    assert not any(broken(changed(presses, **{"contact.force": 1.1 * presses["contact.force"]})))
+
+
+def test_a_large_lateral_force_is_found(presses):
+    along = 0.6 * presses["contact.force"][..., None] * np.array([1.0, 0.0, 0.0]) + 0.1
+    assert all("lateral" in found for found in broken(changed(presses, **{"contact.lateral_force": along})))
+
+
+def test_too_much_friction_is_found(presses):
+    rubbing = 1.5 * presses["contact.force"][..., None] * np.array([1.0, 0.0, 0.0])
+    assert all("rubbing" in found for found in broken(changed(presses, **{"friction.force": rubbing})))
+
+
+def test_energy_from_nothing_is_found(presses):
+    """A force that is twice as large while the finger leaves as while it enters."""
+    leaves = np.diff(presses["finger.position"][..., 2], axis=1, append=0.0) > 0.0
+    gained = np.where(leaves[..., None], 2.0, 1.0) * presses["controller.force"]
+    assert "energy" in broken(changed(presses, **{"controller.force": gained}))[2]
+
+
+def test_the_wrong_side_is_found(presses):
+    """A contact 3 mm above the surface, and one whose normal points sideways."""
+    deeper = np.where(presses["collision.approach"] > 0.0, presses["collision.approach"] + 3e-3, 0.0)
+    assert all("side" in found for found in broken(changed(presses, **{"collision.approach": deeper})))
+    aside = np.broadcast_to(np.array([1.0, 0.0, 0.0]), presses["contact.normal"].shape)
+    assert "side" in broken(changed(presses, **{"contact.normal": aside}))[2]
+
+
+def test_values_that_are_not_numbers_and_lanes_that_stop_are_found(presses):
+    bad = presses["contact.force"].copy()
+    bad[0, 500] = np.nan
+    assert broken(changed(presses, **{"contact.force": bad}))[0] == {"finite"}
+    assert broken(dataclasses.replace(presses, failed={1: "node 'tissue' failed"}))[1] == {"finite"}
+
+
+def test_a_touch_is_the_run_of_its_command(folder, tmp_path):
+    """The lane of a search and `palpate run` with the settings of the printed command give the same bytes."""
+    import palpate
+
+    rng = np.random.default_rng(5)
+    touches = [drawn(Setting("torus-14", rate=500.0, friction="Coulomb"), rng) for _ in range(3)]
+    (traces,) = run(touches, folder)
+    alone = palpate.run(
+        "kidney", duration=touches[2].duration, sets=touches[2].sets(folder), record=tmp_path / "one.mcap"
+    )
+    given = np.asarray(alone["contact.force"])
+    assert given.max() > 0.1
+    assert given.tobytes() == traces["contact.force"][2, : len(given)].tobytes()

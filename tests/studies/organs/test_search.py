@@ -1,0 +1,79 @@
+"""The random search on surfaces of all kinds, its report and its command."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palpate.cli.__main__ import app
+from palpate.studies.organs.pairs import refinement_scores, rotation_scores
+from palpate.studies.organs.report import NAMES, text
+from palpate.studies.organs.search import search, varied, worsened
+from palpate.studies.organs.touches import Setting, drawn
+from palpate.studies.organs.zoo import USUAL, ZOO, chosen
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("meshes")
+
+
+@pytest.mark.parametrize("body", ["MassSpring", "Rigid"])
+def test_random_touches_of_smooth_convex_surfaces_break_nothing(folder, body):
+    results = search(chosen(["sphere", "ellipsoid"]), [body], 60, 3, folder, batch=30, rate=1000.0)
+    assert results.total == 60 and not results.refused and not results.failed
+    assert not results.broken.total(), text(results, folder)
+
+
+def test_a_seed_gives_the_same_touches(folder):
+    one, two = (drawn(Setting("torus-8"), np.random.default_rng(4)) for _ in range(2))
+    assert one == two
+    assert one != drawn(Setting("torus-8"), np.random.default_rng(5))
+
+
+def test_touches_begin_outside(folder):
+    rng = np.random.default_rng(2)
+    for name in ("groove", "torus-10", "vessel"):
+        setting = Setting(name, USUAL)
+        begins = np.array([drawn(setting, rng).fingers[0].begin for _ in range(30)])
+        assert (setting.closest().find(begins)[3] > 4e-3).all()
+
+
+def test_the_local_search_finds_a_worse_touch(folder):
+    results = search(chosen(["box"]), ["MassSpring"], 20, 1, folder, batch=20, rate=1000.0)
+    listed = {name: results.worst["box", "MassSpring", name][0] for name in ("still", "hand")}
+    for found in listed.values():
+        assert worsened(found, 2, 1, folder, batch=8).score.score >= found.score.score
+    near = varied(listed["still"].touch, 0.0, np.random.default_rng(1))
+    assert near == listed["still"].touch
+
+
+def test_the_command_prints_json(folder, tmp_path):
+    given = ["bench", "organs", "--touches", "12", "--surface", "sphere", "--body", "MassSpring", "--rate", "1000",
+             "--no-pictures", "-o", str(tmp_path / "out"), "--json"]  # fmt: skip
+    done = CliRunner().invoke(app, given)
+    report = json.loads(done.stdout)
+    assert done.exit_code == 0 and report["ok"] and report["touches"] == 12
+    assert set(NAMES) <= set(report["rows"][0])
+    assert all(one["command"].startswith("palpate run kidney") for one in report["worst"])
+    assert (tmp_path / "out" / "organs.txt").is_file()
+    wrong = CliRunner().invoke(app, ["bench", "organs", "--surface", "spheer", "-o", str(tmp_path / "out")])
+    assert wrong.exit_code == 2
+
+
+def test_turning_organ_and_hand_together_changes_nothing(folder):
+    for touch, score in rotation_scores(Setting("ellipsoid"), 6, 1, folder):
+        assert not score.broken, touch.command(folder)
+
+
+def test_refining_a_mesh_of_a_smooth_convex_surface_converges(folder):
+    for touch, score in refinement_scores(Setting("ellipsoid"), 6, 1, folder):
+        assert not score.broken, (score, touch.command(folder))
+
+
+def test_every_surface_is_touched_or_refused(folder):
+    names = [name for name in ZOO if name.startswith(("plate", "torus-6"))]
+    results = search(chosen(names), ["BeamBundle"], 8, 1, folder, batch=4, rate=1000.0)
+    assert not results.total and set(results.refused) == {(name, "BeamBundle") for name in names}
+    assert all("mm thick" in why for why in results.refused.values())
