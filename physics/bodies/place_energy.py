@@ -33,7 +33,7 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 from palpate.physics.memory import stack_zeros
 
-STEEPEST = 0.75  # [1] Limit of e S: beyond it the bone edge is near the surface's centre of curvature
+STEEPEST = 0.6  # [1] Limit of e S: beyond it the bone edge is near the centre of curvature, and the foot trails
 MOST_ASIDE = 0.5  # [1] Limit of the tangential over the normal force
 SUDDEN = 0.25
 """[1] The ratio of both forces changes by at most the motion over this multiple of the approach, so that the tangential

@@ -16,15 +16,18 @@ distance.
 
 **The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
-e (tissue thickness minus gap), the foot moves by at most `AHEAD` |dp|, and if that is more than `EASY` |dp| no faster
-than `FASTEST`. The normal turns by at most |dp|/max(`SUDDEN` e, `SHARPEST`). Both cover the same share of the distance
-to the target, along the chord. The gap is that of the target, but within
+e (tissue thickness minus gap), the foot moves by at most `AHEAD` |dp|, and if that is more than `EASY` times the part
+of dp along the surface, no faster than `FASTEST`. The normal turns by at most |dp|/max(`SUDDEN` e, `SHARPEST`). Both
+cover the same share of the distance to the target, along the chord. A foot that trails its target follows its motion,
+and covers at most the larger share of (its largest motion)/`LANDING` and dt/`ARRIVES` of the distance, so that it does
+not stop abruptly. The gap is that of the target, but within
 
     g + n.dp - REGAIN |dp|  <=  gap  <=  g + |dp|,
 
-g and n being the last gap and normal. So the force F(e) n changes by at most (F' + F/(SUDDEN e)) |dp|, F' = dF/de; the
-approach is at most that of the target, except on the way out of a thin body; and it grows without work of the hand by
-at most `REGAIN` |dp|. A foot that the nearest point does not outrun is the nearest point exactly.
+g and n being the last gap and normal (`BENT` in place of `REGAIN` if the foot does not trail). So the force F(e) n
+changes by at most (F' + F/(SUDDEN e)) |dp|, F' = dF/de; the approach is at most that of the target, except on the way
+out of a thin body; and it grows without work of the hand by at most `REGAIN` or `BENT` times |dp|. A foot that the
+nearest point does not outrun is the nearest point exactly.
 """
 
 import numpy as np
@@ -43,11 +46,16 @@ TURNED = -0.3
 OUTSIDE = -0.5  # [1] The same for the direction from the nearest point to a tool that is outside
 AHEAD = 6.0  # [1] Limit of the foot's motion over the tool's, reached in a ball at a depth of 83 % of its radius
 EASY, FASTEST = 2.0, 0.1
-"""[1], [m/s] A foot that moves more than `EASY` times as far as the tool moves no faster than `FASTEST`: viscous tissue
-resists a patch that moves over it, twofold at the radius of the patch over its retardation time, 0.4 m/s."""
-SUDDEN, SHARPEST = 0.25, 1e-3
+"""[1], [m/s] A foot that moves more than `EASY` times as far as the tool moves along the surface, moves no faster than
+`FASTEST`: viscous tissue resists a patch that moves over it, twofold at the radius of the patch over its retardation
+time, 0.4 m/s."""
+LANDING, ARRIVES = 1e-3, 5e-3
+"""[m], [s] Largest motion of the foot, or time, in which a foot that trails its target covers 63 % of the distance."""
+SUDDEN, SHARPEST = 1.0 / 6.0, 1e-3
 """[1], [m] The normal turns by at most the tool's motion over `SUDDEN` times the approach, and over `SHARPEST`."""
-REGAIN = 0.2  # [1] Limit of the growth of the approach without work of the tool, over the tool's motion
+REGAIN, BENT = 0.2, 0.5
+"""[1] Limit of the growth of the approach without work of the tool, over the tool's motion: while the foot trails its
+target, and else, where interpolated normals of a mesh differ from the direction of the nearest point by up to 45°."""
 BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from which the tool is past a border
 ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
 STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
@@ -145,18 +153,22 @@ def _approach(moved, held, dt, foot, memory):
     """
     deep = memory[THICKNESS] - memory[GAP]
     gap = min(max(foot[8], memory[GAP] - moved), memory[GAP] + moved)
-    memory[BEHIND] = 0.0
+    behind, memory[BEHIND] = memory[BEHIND], 0.0
     if deep > 0.0:
-        gap = max(gap, held - REGAIN * moved)
         turn = move = 0.0
         for k in range(3):
             turn += (foot[3 + k] - memory[NORMAL + k]) ** 2
             move += (foot[k] - memory[FOOT + k]) ** 2
         turn, move = np.sqrt(turn), np.sqrt(move)
-        most = min(AHEAD * moved, max(EASY * moved, FASTEST * dt)) + STILL
+        aside = np.sqrt(max(moved * moved - (held - memory[GAP]) ** 2, 0.0))
+        most = min(AHEAD * moved, max(EASY * aside, FASTEST * dt)) + STILL
         most_turned = (moved + STILL) / max(SUDDEN * deep, SHARPEST)
         share = min(most / move if move > most else 1.0, most_turned / turn if turn > most_turned else 1.0)
-        if share < 1.0:
+        if behind > 0.0:  # the motion of the target, and a part of the distance
+            part = min(max(most / LANDING, dt / ARRIVES), 1.0)
+            share = min(share, (max(move - behind, 0.0) + behind * part) / max(move, STILL))
+        gap = max(gap, held - (REGAIN if share < 1.0 else BENT) * moved)
+        if share < 1.0 and move > ROUNDING:
             memory[BEHIND] = (1.0 - share) * move
             size = 0.0
             for k in range(3):

@@ -23,7 +23,7 @@ BODIES = {"MassSpring": 1.05, "BeamBundle": 1.3, "ReducedFE": 1.4}
 STIFFNESS, FINGER, HARDENING, RELAXES, DAMPS, THICKNESS = 257.0, 26.2641, 1681.06, 0.02, 8.0, 4e-3  # scenes/kidney.yaml
 STEEP = 10e3
 """[N/m] Force on the hand over the motion of the finger. At 3 N: the fingertip 5 kN/m elastic and 24 kN/m in a step of
-1 ms by its damping, in series with a tissue of 21 x 257 N/m in this step: 4.5 kN/m; the normal turns f/(SUDDEN e) = 1
+1 ms by its damping, in series with a tissue of 21 x 257 N/m in this step: 4.5 kN/m; the normal turns f/(SUDDEN e) = 1.5
 kN/m; friction 500 f = 1.5 kN/m, and as much again for the rate of the bristles."""
 DT = 1e-3
 
@@ -106,8 +106,10 @@ def test_a_finger_that_changes_the_wall_of_a_groove_does_not_kick(body):
 
 @cache
 def random_touches(count, seed):
-    """Rotation, begin and path of touches of the turned kidney: pressed deep, moved 12 mm, lifted."""
+    """Rotation, begin and path of touches of a turned kidney: pressed deep, moved 12 mm, lifted. Two orientations,
+    since lanes of the same one share their mesh and basis."""
     rng, turns, begins, paths = np.random.default_rng(seed), [], [], []
+    kidneys = [[*rng.uniform(-0.5, 0.5, 2).tolist(), float(rng.uniform(-np.pi, np.pi))] for _ in range(2)]
     for _ in range(count):
         (x, y), z, angle = rng.uniform(-0.02, 0.02, 2) * (1.0, 0.8), rng.uniform(0.088, 0.094), rng.uniform(-3.1, 3.1)
         u, v = x + 0.012 * np.cos(angle), y + 0.012 * np.sin(angle)
@@ -115,14 +117,14 @@ def random_touches(count, seed):
         path = [(x, y, 0.112, 0.3), (x, y, z, press), (x, y, z, 0.1), (u, v, z + 2e-3, slide), (u, v, z + 2e-3, 0.1),
                 (u, v, 0.128, lift)]  # fmt: skip
         paths.append(line(*np.array(path).tolist()))
-        turns.append([*rng.uniform(-0.5, 0.5, 2).tolist(), float(rng.uniform(-np.pi, np.pi))])
+        turns.append(kidneys[len(turns) * 2 // count])
         begins.append([float(x), float(y), 0.128])
     return turns, begins, paths
 
 
 @pytest.mark.parametrize("body", BODIES)
 def test_random_deep_touches_do_not_kick(body):
-    check(body, run(body, *random_touches(100, 1), 2.0))
+    check(body, run(body, *random_touches(60, 1), 2.0))
 
 
 @pytest.mark.long
@@ -132,7 +134,7 @@ def test_more_random_deep_touches_do_not_kick(body, seed):
     check(body, run(body, *random_touches(200, seed), 2.0))
 
 
-def torus(ring, tube, around=96, across=48):
+def torus(ring, tube, around=160, across=160):
     """A torus around the z axis, its top at z = 0."""
     a, b = np.meshgrid(np.arange(around) * 2 * np.pi / around, np.arange(across) * 2 * np.pi / across, indexing="ij")
     wide = ring + tube * np.cos(b)
