@@ -2,7 +2,8 @@
 
 Let p be the bone edge of the fingertip, S the nearest point of the surface and n its outward normal. The gap is the
 signed distance d = (p - S).n. For a fingertip with tissue of thickness h0 in front of the bone, the approach is
-e = <h0 - d>: contact begins at d = h0. Once p is inside, S is a proxy: it stays on the side where p entered.
+e = <h0 - d>: contact begins at d = h0. Once p is inside, S is a proxy: it stays on the side where p entered. Where the
+nearest point leaps, S follows it no faster than p moves (`physics.geometry.proxy`); both cases are reported.
 """
 
 from typing import Annotated
@@ -18,17 +19,43 @@ from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, refine
 from palpate.physics.geometry import mesh as meshes
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.physics.geometry.proxy import follow, follow_mesh, memory
+from palpate.physics.geometry.proxy import BEHIND, PASSED, follow, follow_mesh, memory
 from palpate.physics.geometry.topology import edge_counts
+
+TRAILS = 0.5e-3  # [m] distance of the foot from the nearest point above which it is reported
+CAUSES = 2  # the foot trails the nearest point; the nearest point is on another side
+CAUTIONS = {"outside": bool, "first": (CAUSES,), "seen": int}
+"""Whether the foot of this step is not the nearest point; time [ns] of the first case
+of each cause; number of causes as a bit mask."""
 
 
 class _Nearest(Placed, CompiledNode):
-    """Settings of both nodes."""
+    """Settings and reports of both nodes."""
 
     thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05)] = 4e-3
     """Fingertip tissue in front of the bone edge, h0."""
     hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
-    """The foot point jumps to another part of the surface when that part is nearer by this distance."""
+    """The foot point changes to another part of the surface when that part is nearer by this distance."""
+
+    def condition(self) -> str:
+        return "outside its range" if hasattr(self, "own") and self.own["outside"] else ""
+
+    def notes(self) -> list[str]:
+        """A note for each cause for which the foot was not the nearest point."""
+        seen = int(self.own["seen"]) if hasattr(self, "own") else 0
+        name, (trails, passed) = type(self).__name__, 1e-9 * self.own["first"] if seen else (0.0, 0.0)
+        if seen & 1:
+            self._note_once(
+                f"{name}: from {trails:.3f} s on the nearest point of the surface leapt ahead of the finger, as near a "
+                "centre of curvature, in a groove, at a rim and over the edges of large triangles. The foot point "
+                "follows it no faster than the finger moves: force and direction there are bounded, but approximate"
+            )
+        if seen & 2:
+            self._note_once(
+                f"{name}: at {passed:.3f} s the finger was deeper than the middle of a thin part. The force continues "
+                "on the side where it entered: it is bounded, but meaningless beyond the thickness"
+            )
+        return super().notes()
 
 
 @kernel
@@ -43,24 +70,33 @@ def send(own, foot, element, pose, out):
     put(out.slip, (v[0] - away * n0, v[1] - away * n1, v[2] - away * n2))
     out.coordinates[0], out.coordinates[1], out.element, out.gap = foot[6], foot[7], element, foot[8]
     out.approach, out.separation = (0.0, -depth) if depth < 0.0 else (depth, 0.0)
+    # report a foot that is not the nearest point
+    memory = floats(own.memory)
+    trails, passed = memory[BEHIND] > TRAILS and depth > 0.0, memory[PASSED] != 0.0
+    own.outside = trails or passed
+    if own.outside:
+        for cause, found in enumerate((trails, passed)):
+            if found and not own.seen & (1 << cause):
+                own.seen |= 1 << cause
+                own.first[cause] = pose.time
 
 
 class Nurbs(_Nearest):
     """The closest point of a smooth patch (docs/equations/surface.md)."""
 
-    State = {
+    State = CAUTIONS | {
         "data": ARRAY, "layout": ARRAY, "seeds": ARRAY, "index": ARRAY,  # of the patch and its samples
         "found": ARRAY, "work": ARRAY, "derivatives": array_handle(3), "foot": ARRAY, "memory": ARRAY,
     }  # fmt: skip
-    """Arguments of `physics.geometry.proxy.follow`."""
+    """The last 11: arguments of `physics.geometry.proxy.follow`."""
     shared = ("data", "layout", "seeds", "index")
 
     def start(self) -> None:
         super().start()
         patch = surface_patch(self.surface, self.position, self.rotation)
         closest = ClosestPoint(patch)
-        arrays = *closest.tables, *closest.scratch(), memory(patch.points, self.surface in OPEN)
-        for name, array in zip(self.State, arrays, strict=True):
+        arrays = *closest.tables, *closest.scratch(), memory(patch.points, self.surface in OPEN, self.thickness)
+        for name, array in zip([n for n in self.State if n not in CAUTIONS], arrays, strict=True):
             self.hold(name, array)
 
     @kernel
@@ -68,7 +104,7 @@ class Nurbs(_Nearest):
         foot = floats(own.foot)
         follow(
             floats(own.data), longs(own.layout), floats(own.seeds), longs(own.index), vector(pose.position),
-            own.hysteresis, floats(own.found), floats(own.work), floats(own.derivatives), foot, floats(own.memory),
+            own.hysteresis, floats(own.found), floats(own.work), floats(own.derivatives), foot, floats(own.memory), dt,
         )  # fmt: skip
         send(own, foot, 0, pose, out)
 
@@ -76,11 +112,11 @@ class Nurbs(_Nearest):
 class Mesh(_Nearest, OnSurface):
     """The closest point of a triangle mesh (docs/equations/surface.md)."""
 
-    State = {
+    State = CAUTIONS | {
         "points": TABLE, "cells": TABLE, "discs": TABLE, "star_at": ARRAY, "star": ARRAY,  # of the mesh
         "work": ARRAY, "foot": ARRAY, "memory": ARRAY,
     }  # fmt: skip
-    """Arguments of `physics.geometry.proxy.follow_mesh`."""
+    """The last 8: arguments of `physics.geometry.proxy.follow_mesh`."""
     shared = ("points", "cells", "discs", "star_at", "star")
 
     def start(self) -> None:
@@ -92,8 +128,8 @@ class Mesh(_Nearest, OnSurface):
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
         border = edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0
-        arrays = *tables, *closest.scratch(), memory(mesh.vertices, border)
-        for name, array in zip(self.State, arrays, strict=True):
+        arrays = *tables, *closest.scratch(), memory(mesh.vertices, border, self.thickness)
+        for name, array in zip([n for n in self.State if n not in CAUTIONS], arrays, strict=True):
             self.hold(name, array)
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # needs an optional package
@@ -116,6 +152,6 @@ class Mesh(_Nearest, OnSurface):
         foot = floats(own.foot)
         follow_mesh(
             floats(own.points), integers(own.cells), floats(own.discs), longs(own.star_at), integers(own.star),
-            vector(pose.position), own.hysteresis, longs(own.work), foot, floats(own.memory),
+            vector(pose.position), own.hysteresis, longs(own.work), foot, floats(own.memory), dt,
         )  # fmt: skip
         send(own, foot, int(foot[9]), pose, out)

@@ -21,6 +21,8 @@ RIGID = 5e4
 COARSEST = 0.25
 """[1] Spacing of a thinned surface over the patch radius above which the force error reaches 1 %."""
 
+COARSE_TRIANGLES = 0.5  # [1] Spacing of the vertices over the patch radius above which a note is printed
+
 _spreader_of = unpacking(Spreader)
 
 
@@ -63,6 +65,17 @@ class Kernel(CompiledNode, WithArea):
             self._notes.append(
                 f"Kernel: the surface is thinned to {1e3 * self.spacing:.2g} mm, which is coarse for a patch of "
                 f"{1e3 * self.radius:.2g} mm; set scene.surface.spacing to {125 * self.radius:.2g} mm"
+            )
+        wide = float(law.radii[-1]) if grows else self.radius
+        if spacing > COARSE_TRIANGLES * wide:
+            self._notes.append(
+                f"Kernel: the vertices are {1e3 * spacing:.2g} mm apart, the patch is {1e3 * wide:.2g} mm, "
+                "so force and shape follow the triangles; a quarter of the patch is fine enough: refine the mesh"
+            )
+        if extent < wide and mesh.closed:
+            self._notes.append(
+                f"Kernel: the patch of {1e3 * wide:.2g} mm is wider than the organ, {2e3 * extent:.2g} mm across. The "
+                "laws of finger and tissue are those of a patch within the surface: the force is meaningless"
             )
         begin(self.own["friction"]["gain"], FADE, FADE)
 

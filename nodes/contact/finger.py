@@ -158,7 +158,7 @@ def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness
         if force > 0.0 and sloped:
             slip = proximity.slip
             motion = dt * (math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2) + abs(finger.rate) + abs(rate))
-            lateral = on_hand(gradient, shape, proximity.approach, vector(proximity.normal))
+            lateral = on_hand(gradient, shape, -proximity.gap, vector(proximity.normal))
             lateral = bounded(lateral, force, motion, proximity.approach, finger.aside)
     if not force > 0.0:
         finger.aside[0] = finger.aside[1] = finger.aside[2] = 0.0

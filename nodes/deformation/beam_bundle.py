@@ -70,10 +70,8 @@ class BeamBundle(CompiledNode, WithNodule):
         if self.area != "fixed":
             raise SettingError(f"setting 'area': found {self.area!r}, expected 'fixed': the beams find their contact")
         mesh = self.mesh()
-        faces = mesh.face_vectors
-        closed = np.abs(faces.sum(axis=0)).max() < 1e-6 * np.abs(faces).sum()
         thickness = float(np.ptp(mesh.vertices, axis=0).min())
-        if closed and sum(self.layers) > thickness:
+        if mesh.closed and sum(self.layers) > thickness:
             raise SettingError(
                 f"layers: found {sum(self.layers) * 1e3:g} mm in all, the body is {thickness * 1e3:.1f} mm thick: its "
                 f"beams would end beyond the other side"

@@ -72,9 +72,10 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
-        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int,
+        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": (), "excess": (), "deepest": (),
     }  # fmt: skip
-    """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
+    """Smallest width of a closed surface [m], else inf; excess of the indentation over it [1], now and at most.
+    The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, and the course
     of its indentation (`physics.contact.end_rate`)."""
 
@@ -101,6 +102,8 @@ class MassSpring(CompiledNode, WithNodule):
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
             sideways = self._field()[1]
             self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning, sideways]))
+        surface = self.mesh()
+        self.own["thick"] = np.ptp(surface.vertices, axis=0).min() if surface.closed else np.inf
         self._make(self._count)
 
     def check(self) -> None:
@@ -135,6 +138,11 @@ class MassSpring(CompiledNode, WithNodule):
             self._note_once(f"{type(self).__name__}: {spring_range.deep_note(self.radius)}")
         if beyond & spring_range.FAST_NOTE:
             self._note_once(f"{type(self).__name__}: {spring_range.fast_note(self.retardation, self.radius)}")
+        if hasattr(self, "own") and self.own["deepest"] > 0.0:
+            self._note_once(
+                f"MassSpring: the organ is indented by more than its thickness, {1e3 * self.own['thick']:.3g} mm. Its "
+                "springs have no end: the force is meaningless there"
+            )
         return super().notes()
 
     def bases(self) -> list[ReducedFE]:
@@ -144,6 +152,9 @@ class MassSpring(CompiledNode, WithNodule):
     def _reference(self) -> ReducedFE:
         names = "surface", "position", "rotation", "vertices", "file_unit", "piece", "refine", "spacing", "radius"
         return ReducedFE(**{name: getattr(self, name) for name in names})
+
+    def condition(self) -> str:
+        return "outside its range" if hasattr(self, "own") and self.own["excess"] > 0.0 else ""
 
     def resize(self, counts: list[int]) -> None:
         if counts[0] != self._count:
@@ -186,6 +197,7 @@ class MassSpring(CompiledNode, WithNodule):
         body, count, courses = _body_of(own.body), 0, floats(own.courses)
         stored, side, factors = 0.0, 0.0, floats(own.factors)
         mapped, slopes, reached = own.ground.shape[0] > 0, floats(own.slopes), 0.0
+        own.excess = 0.0
         for i in range(load.count):
             each = nth(load, i)
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
@@ -227,6 +239,7 @@ class MassSpring(CompiledNode, WithNodule):
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
             laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s + shift, s
+            own.excess = max(own.excess, s / own.thick - 1.0)
             if own.energy or mapped:
                 grown = own.exponent + 1.0
                 stored += share * (stiffness * max(s, 0.0) ** grown / grown)
@@ -241,6 +254,7 @@ class MassSpring(CompiledNode, WithNodule):
             for k in range(9):
                 out.shape_operator.values[k] = slopes[0, 3 + k]
         out.step, out.relaxation, out.delayed = dt, own.retardation, oldest(load)
+            own.excess = max(own.excess, s / own.thick - 1.0)
         if not own.shape:
             return
         if several:

@@ -30,7 +30,7 @@ def nearest(mesh, path, proxy):
     (work, nearest), kept = closest.scratch(), memory(mesh.vertices)
     for p in path:
         if proxy:
-            follow_mesh(*closest.tables.arrays, tuple(p.tolist()), 1e-4, work, nearest, kept)
+            follow_mesh(*closest.tables.arrays, tuple(p.tolist()), 1e-4, work, nearest, kept, 1e-3)
         else:
             track_mesh(*closest.tables.arrays, *p.tolist(), 1e-4, work, nearest)
         rows.append(nearest[:9].copy())
@@ -44,7 +44,7 @@ def press(mesh, proxy, mass=0.1, push=3.0, stiffness=300.0, dt=1e-3, speed=0.0):
     kept, z, v, line = memory(mesh.vertices), 1e-3, -speed, []
     for _ in range(400):
         if proxy:
-            follow_mesh(*closest.tables.arrays, (1e-4, 2e-4, z), 1e-4, work, nearest, kept)
+            follow_mesh(*closest.tables.arrays, (1e-4, 2e-4, z), 1e-4, work, nearest, kept, 1e-3)
         else:
             track_mesh(*closest.tables.arrays, 1e-4, 2e-4, z, 1e-4, work, nearest)
         force = stiffness * max(-nearest[8], 0.0) * nearest[5]
@@ -141,7 +141,7 @@ def test_across_the_pole_the_proxy_follows_a_finger_inside():
     for lat in np.linspace(-0.5, 0.5, 101):
         depth = 2e-3 if lat > -0.49 else -1e-3
         p = (0.02 - depth) * np.array([np.sin(lat), 0.0, np.cos(lat)])
-        follow(*closest.tables, tuple(p.tolist()), 1e-4, *scratch, kept)
+        follow(*closest.tables, tuple(p.tolist()), 1e-4, *scratch, kept, 1e-3)
         assert scratch[3][8] == approx(-depth, abs=2e-9)
 
 

@@ -44,7 +44,7 @@ def patch_run(surface, path):
     scratch, kept = closest.scratch(), memory(surface.points)
     feet = []
     for p in path:
-        follow(*closest.tables, tuple(map(float, p)), 1e-4, *scratch, kept)
+        follow(*closest.tables, tuple(map(float, p)), 1e-4, *scratch, kept, 1e-3)
         feet.append(scratch[3][:9].copy())
     return np.array(feet)
 
@@ -54,7 +54,7 @@ def mesh_run(mesh, path):
     (work, result), kept = closest.scratch(), memory(mesh.vertices)
     feet = []
     for p in path:
-        follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, work, result, kept)
+        follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, work, result, kept, 1e-3)
         feet.append(result[:9].copy())
     return np.array(feet)
 
@@ -122,14 +122,15 @@ def test_the_force_does_not_flip_inside_a_ball(form, aside):
     ball = sphere(0.02)
     path = line((aside, 0, 0.025), (aside, 0, -0.03), (aside, 0, 0.025))
     feet = patch_run(ball, path) if form == "patch" else mesh_run(tessellate(ball, 3000), path)
-    assert (feet[:, 5] > 0.8).all()
+    assert (feet[:, 5] > (0.8 if aside < 1e-3 else 0.5)).all()
     assert lipschitz(path, feet) <= 1e-12
     assert feet[-1, 8] == approx(0.005, abs=1e-4)
 
 
 @pytest.mark.parametrize("form", ["patch", "mesh"])
 def test_in_a_thick_body_the_proxy_is_the_nearest_point(form):
-    """A finger strokes the kidney with the bone up to 6 mm inside."""
+    """A finger strokes the kidney with the bone up to 6 mm inside. Over the edges of a mesh of 4000 vertices the
+    nearest point leaps by up to 0.7 mm; the foot follows with the finger, the gap at once."""
     organ = kidney()
     top = organ(0.25, 0.5)
     t = np.linspace(0, 4 * np.pi, 4000)
@@ -153,7 +154,12 @@ def test_in_a_thick_body_the_proxy_is_the_nearest_point(form):
         for k, p in enumerate(path):
             track_mesh(*closest.tables.arrays, *p, 1e-4, work, result)
             nearest[k] = result[:9]
-    assert (feet == nearest).all() or feet == approx(nearest, abs=1e-12)
+    if form == "patch":
+        assert (feet == nearest).all() or feet == approx(nearest, abs=1e-12)
+        return
+    away = np.linalg.norm(feet[:, :3] - nearest[:, :3], axis=1)
+    assert feet[:, 8] == approx(nearest[:, 8], abs=1e-12)
+    assert 0.05e-3 < away.max() < 0.75e-3 and away.mean() < 0.01e-3
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -192,7 +198,7 @@ def test_a_finger_near_a_sharp_rim_slides_off_and_meets_the_underside_only_from_
     position, speed, seen = np.array([0.02 - aside, 1e-3, 6e-3]), np.zeros(3), []
     for k in range(1200):
         hand = np.array([0.02 - aside, 1e-3, 6e-3 - 18e-3 * min(k / 500, 1.0)])
-        follow_mesh(*closest.tables.arrays, tuple(map(float, position)), 1e-4, work, result, kept)
+        follow_mesh(*closest.tables.arrays, tuple(map(float, position)), 1e-4, work, result, kept, 1e-3)
         push = 3000.0 * max(4e-3 - result[8], 0.0) ** 1.5 * result[3:6]
         speed = speed + 1e-3 * (500.0 * (hand - position) - 20.0 * speed + push) / 0.2
         seen.append((position[2], result[5], result[8]))

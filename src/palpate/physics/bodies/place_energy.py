@@ -33,7 +33,7 @@ from palpate.physics.bodies.true_patch import gathered, narrow_load, patch_compl
 from palpate.physics.contact.spread import Spreader, spread
 from palpate.physics.geometry.mesh import Mesh
 
-STEEPEST = 0.75  # [1] Limit of e S: beyond it the bone edge is near the surface's centre of curvature
+STEEPEST = 0.6  # [1] Limit of e S: beyond it the bone edge is near the centre of curvature, and the foot trails
 MOST_ASIDE = 0.5  # [1] Limit of the tangential over the normal force
 SUDDEN = 0.25
 """[1] The ratio of both forces changes by at most the motion over this multiple of the approach, so that the tangential
@@ -159,11 +159,12 @@ def along(ground, nodes, touched, tilt, normal, radius, power, compliance, force
 @kernel
 def on_hand(gradient, shape, approach, normal):
     """Tangential force on the hand (1 - e S)^-1 g [N] (3 numbers), from g [N] (3), S [1/m] (9) row by row, and the
-    approach e [m] of the bone edge below the foot point; e S is limited to `STEEPEST`."""
+    depth e [m] of the bone edge below the foot point, negative above; |e S| is limited to `STEEPEST`."""
     size = 0.0
     for k in range(9):
         size += shape[k] * shape[k]
-    deep = min(approach, STEEPEST / max(np.sqrt(size), 1e-12))
+    most = STEEPEST / max(np.sqrt(size), 1e-12)
+    deep = min(max(approach, -most), most)
     force = stack_zeros((3,))
     for _ in range(40):  # Neumann series; the error decreases by the factor STEEPEST in each iteration
         for i in range(3):

@@ -23,6 +23,11 @@ class Mesh:
         return np.cross(b - a, c - a)
 
     @cached_property
+    def closed(self) -> bool:
+        """Whether the surface encloses a volume: its area vectors sum to zero."""
+        return bool(np.abs(self.face_vectors.sum(axis=0)).max() < 1e-6 * np.abs(self.face_vectors).sum())
+
+    @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
         """Ends of each edge (E,2), the lower index first, and its number of triangles (E,)."""
         ends = np.sort(self.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)

@@ -4,16 +4,30 @@ When a tool is more than halfway through a thin body, the nearest point of the s
 proxy remains on the side of entry: C. B. Zilles, J. K. Salisbury, IROS 1995; D. C. Ruspini, K. Kolarov, O. Khatib, The
 haptic display of complex graphical environments, SIGGRAPH 1997.
 
-While the tool is outside, the foot is that of `closest` or `mesh_closest`. After the tool has entered from outside,
+The *target* is the nearest point while the tool is outside. After the tool has entered from outside, the target is
 
-* the foot is the nearest point if its normal is not reversed and, deep inside, its distance from the last foot is
-  explained by the motion of the tool along the surface;
-* else it is the local minimum of the distance next to the last foot, under the same conditions;
-* else the foot does not move, and the gap is measured along its normal.
+* the nearest point if its normal is not reversed against that of the foot;
+* else the local minimum of the distance next to the last target, under the same condition;
+* else none: the foot does not move, and the gap is measured along its normal.
 
-This ends when the tool is outside as seen from the side of entry, or far beyond the other side. The gap never changes
-faster than the tool moves; the old foot remains until the gap equals that of the new foot. A tool that starts inside,
-or jumps, has no side of entry: its foot is the nearest point. Past the border of a sheet the gap is the distance.
+This ends when the tool is outside as seen from the side of entry, or far beyond the other side. A tool that starts
+inside, or jumps, has no side of entry: its foot is the nearest point. Past the border of a sheet the gap is the
+distance.
+
+**The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
+groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
+e (tissue thickness minus gap), the foot moves by at most `AHEAD` |dp|, and if that is more than `EASY` times the part
+of dp along the surface, no faster than `FASTEST`. The normal turns by at most |dp|/max(`SUDDEN` e, `SHARPEST`). Both
+cover the same share of the distance to the target, along the chord. A foot that trails its target follows its motion,
+and covers at most the larger share of (its largest motion)/`LANDING` and dt/`ARRIVES` of the distance, so that it does
+not stop abruptly. The gap is that of the target, but within
+
+    g + n.dp - REGAIN |dp|  <=  gap  <=  g + |dp|,
+
+g and n being the last gap and normal (`BENT` in place of `REGAIN` if the foot does not trail). So the force F(e) n
+changes by at most (F' + F/(SUDDEN e)) |dp|, F' = dF/de; the approach is at most that of the target, except on the way
+out of a thin body; and it grows without work of the hand by at most `REGAIN` or `BENT` times |dp|. A foot that the
+nearest point does not outrun is the nearest point exactly.
 """
 
 import numpy as np
@@ -30,27 +44,33 @@ JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6
 TURNED = -0.3
 """[1] Cosine between normals below which a foot is on the other side; a little below 0, for rims at right angles."""
 OUTSIDE = -0.5  # [1] The same for the direction from the nearest point to a tool that is outside
-AMPLIFIED = 4.0  # [1] Limit of the foot's motion over the tool's, reached in a ball at a depth of 75 % of its radius
-SHALLOW = 0.25  # [1] Depth over the smallest width of the body up to which the motion of the foot is not limited
-DEEPER, SIMILAR = 1.5, 0.9
-"""[1] Beyond this multiple of that depth, the normal is compared with its value there: smallest cosine between them."""
-LEAP, ALONG = 1.5e-3, 1.5
-"""[m], [1] Limit of the foot's motion in a step deep inside, where a jump would change the force. If samples were lost
-and the tool has moved farther along the surface, the limit is this multiple of its motion."""
+AHEAD = 6.0  # [1] Limit of the foot's motion over the tool's, reached in a ball at a depth of 83 % of its radius
+EASY, FASTEST = 2.0, 0.1
+"""[1], [m/s] A foot that moves more than `EASY` times as far as the tool moves along the surface, moves no faster than
+`FASTEST`: viscous tissue resists a patch that moves over it, twofold at the radius of the patch over its retardation
+time, 0.4 m/s."""
+LANDING, ARRIVES = 1e-3, 5e-3
+"""[m], [s] Largest motion of the foot, or time, in which a foot that trails its target covers 63 % of the distance."""
+SUDDEN, SHARPEST = 1.0 / 6.0, 1e-3
+"""[1], [m] The normal turns by at most the tool's motion over `SUDDEN` times the approach, and over `SHARPEST`."""
+REGAIN, BENT = 0.2, 0.5
+"""[1] Limit of the growth of the approach without work of the tool, over the tool's motion: while the foot trails its
+target, and else, where interpolated normals of a mesh differ from the direction of the nearest point by up to 45°."""
 BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from which the tool is past a border
 ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
+STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
 FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
-STARTED, INSIDE, GAP, DEEP, TOOL, FOOT, NORMAL, PLACE, ENTRY, OPEN = 0, 1, 2, 3, 4, 7, 10, 13, 16, 19
-"""Entries of the memory: whether a last step exists, whether the tool is inside, last gap [m], depth [m] from which the
-motion of the foot is limited; tool [m], foot [m], normal [1] (3 each); parameters, or triangle and weights (3); the
-normal at `DEEPER` times that depth [1] (3); whether the surface has a border."""
+STARTED, INSIDE, GAP, TOOL, FOOT, NORMAL, PLACE, OPEN, THICKNESS, BEHIND, PASSED = 0, 1, 2, 3, 6, 9, 12, 15, 16, 17, 18
+"""Entries of the memory: whether a last step exists, whether the tool is inside, last gap [m]; tool [m], foot [m],
+normal [1] (3 each); parameters, or triangle and weights of the target (3); whether the surface has a border; tissue
+before the tool [m]; distance of the foot from its target [m]; whether the nearest point is on another side."""
 
 
-def memory(points: np.ndarray, border: bool = False) -> np.ndarray:
-    """Memory of a tool before its first step, for a surface through points [m] (...,3), with or without a border."""
-    state = np.zeros(20)
-    state[OPEN] = float(border)
-    state[DEEP] = SHALLOW * float(np.ptp(points.reshape(-1, 3), axis=0).min())
+def memory(points: np.ndarray, border: bool = False, thickness: float = 0.0) -> np.ndarray:
+    """Memory of a tool before its first step, for a surface through points [m] (...,3), with or without a border, and a
+    tool with soft tissue of this thickness [m]."""
+    state = np.zeros(19)
+    state[OPEN], state[THICKNESS] = float(border), thickness
     return state
 
 
@@ -91,28 +111,8 @@ def _outside(p, foot, memory):
 
 
 @kernel
-def _plausible(p, foot, memory):
-    """Whether a new foot continues the last one: same side, and a motion explained by that of the tool."""
-    if _turned(foot, memory):
-        return False
-    if -memory[GAP] <= memory[DEEP] and -foot[8] <= memory[DEEP]:
-        return True
-    depth = moved = side = cosine = 0.0
-    for k in range(3):
-        cosine += foot[3 + k] * memory[ENTRY + k]
-        depth += (p[k] - memory[FOOT + k]) * memory[NORMAL + k]
-    for k in range(3):
-        moved += (foot[k] - memory[FOOT + k]) ** 2
-        side += (p[k] - memory[FOOT + k] - depth * memory[NORMAL + k]) ** 2
-    if -memory[GAP] > DEEPER * memory[DEEP] and cosine < SIMILAR:
-        return False
-    side = np.sqrt(side)
-    return np.sqrt(moved) <= min(AMPLIFIED * side, max(LEAP, ALONG * side)) + ROUNDING
-
-
-@kernel
-def _regular(p, foot, moved, memory):
-    """Whether the nearest point is the foot; updates whether the tool is inside."""
+def _regular(foot, moved, p, memory):
+    """Whether the nearest point is the target; updates whether the tool is inside."""
     if moved == np.inf:
         memory[INSIDE] = 0.0
         return True
@@ -125,38 +125,82 @@ def _regular(p, foot, moved, memory):
     if _outside(p, foot, memory):
         memory[INSIDE] = 0.0
         return True
-    return foot[8] <= 0.0 and _plausible(p, foot, memory)
+    return foot[8] <= 0.0 and not _turned(foot, memory)
 
 
 @kernel
-def _stay(p, memory, foot):
-    """Copy the last foot into `foot`, with the gap along its normal."""
-    foot[8] = 0.0
+def _held_gap(p, memory):
+    """The gap [m] if the foot does not move: the last one, changed by the tool's motion along the last normal."""
+    gap = memory[GAP]
+    for k in range(3):
+        gap += (p[k] - memory[TOOL + k]) * memory[NORMAL + k]
+    return gap
+
+
+@kernel
+def _stay(memory, gap, foot):
+    """Copy the last foot into `foot`, with this gap."""
+    foot[8] = gap
     for k in range(3):
         foot[k], foot[3 + k] = memory[FOOT + k], memory[NORMAL + k]
-        foot[8] += (p[k] - foot[k]) * foot[3 + k]
 
 
 @kernel
-def _end(p, moved, inside, foot, memory):
-    """Limit the change of the gap to the tool's motion and store the step; returns whether the last foot remains.
+def _approach(moved, held, dt, foot, memory):
+    """Move the last foot towards the target `foot`, as far as the motion of the tool allows, into `foot`.
+
+    moved [m] of the tool;  held [m] the gap if the foot does not move;  dt [s]
+    """
+    deep = memory[THICKNESS] - memory[GAP]
+    gap = min(max(foot[8], memory[GAP] - moved), memory[GAP] + moved)
+    behind, memory[BEHIND] = memory[BEHIND], 0.0
+    if deep > 0.0:
+        turn = move = 0.0
+        for k in range(3):
+            turn += (foot[3 + k] - memory[NORMAL + k]) ** 2
+            move += (foot[k] - memory[FOOT + k]) ** 2
+        turn, move = np.sqrt(turn), np.sqrt(move)
+        aside = np.sqrt(max(moved * moved - (held - memory[GAP]) ** 2, 0.0))
+        most = min(AHEAD * moved, max(EASY * aside, FASTEST * dt)) + STILL
+        most_turned = (moved + STILL) / max(SUDDEN * deep, SHARPEST)
+        share = min(most / move if move > most else 1.0, most_turned / turn if turn > most_turned else 1.0)
+        if behind > 0.0:  # the motion of the target, and a part of the distance
+            part = min(max(most / LANDING, dt / ARRIVES), 1.0)
+            share = min(share, (max(move - behind, 0.0) + behind * part) / max(move, STILL))
+        gap = max(gap, held - (REGAIN if share < 1.0 else BENT) * moved)
+        if share < 1.0 and move > ROUNDING:
+            memory[BEHIND] = (1.0 - share) * move
+            size = 0.0
+            for k in range(3):
+                foot[k] = memory[FOOT + k] + share * (foot[k] - memory[FOOT + k])
+                foot[3 + k] = memory[NORMAL + k] + share * (foot[3 + k] - memory[NORMAL + k])
+                size += foot[3 + k] ** 2
+            size = np.sqrt(size)
+            for k in range(3):
+                foot[3 + k] /= size
+    foot[8] = gap
+
+
+@kernel
+def _end(p, moved, inside, exists, dt, foot, memory):
+    """Move the foot to its target, if it exists, and store the step.
 
     inside  whether the tool was inside in the last step
+    exists  whether `foot` is the target; else no target exists. Returned: whether the foot moves to one
     """
-    stays = False
     if moved < np.inf:
-        gap = min(max(foot[8], memory[GAP] - moved), memory[GAP] + moved)
-        stays = inside and memory[INSIDE] == 0.0 and foot[8] > gap + ROUNDING
-        if stays:
-            memory[INSIDE] = 1.0
-            _stay(p, memory, foot)
-        foot[8] = gap
+        held = _held_gap(p, memory)
+        if exists and inside and memory[INSIDE] == 0.0 and foot[8] > memory[GAP] + moved + ROUNDING:
+            # leaves a thin body: the gap rises to the true one first
+            memory[INSIDE], exists, held = 1.0, False, memory[GAP] + moved
+        if exists:
+            _approach(moved, held, dt, foot, memory)
+        else:
+            _stay(memory, held, foot)
     memory[STARTED], memory[GAP] = 1.0, foot[8]
     for k in range(3):
         memory[TOOL + k], memory[FOOT + k], memory[NORMAL + k] = p[k], foot[k], foot[3 + k]
-        if -foot[8] <= DEEPER * memory[DEEP]:
-            memory[ENTRY + k] = foot[3 + k]
-    return stays
+    return exists
 
 
 @kernel
@@ -165,8 +209,8 @@ def _limited(x):
 
 
 @kernel
-def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, memory):
-    """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`."""
+def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, memory, dt):
+    """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`; dt [s]."""
     p = (_limited(point[0]), _limited(point[1]), _limited(point[2]))
     moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
     track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, foot)
@@ -175,50 +219,55 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
         for k in range(3):
             along += (p[k] - foot[k]) * foot[3 + k]
         _at_border(p, along, foot)
-    if not _regular(p, foot, moved, memory):
+    exists = _regular(foot, moved, p, memory)
+    memory[PASSED] = 0.0 if exists else 1.0
+    if not exists:
         nearest = foot.copy()
         u, v, _ = newton(data, layout, p[0], p[1], p[2], memory[PLACE], memory[PLACE + 1], work, d[0])
         n0, n1, n2 = normal_of(data, layout, u, v, d[0])
         foot[0], foot[1], foot[2] = d[0, 0, 0], d[0, 0, 1], d[0, 0, 2]
         foot[3], foot[4], foot[5], foot[6], foot[7] = n0, n1, n2, u, v
         foot[8] = (p[0] - foot[0]) * n0 + (p[1] - foot[1]) * n1 + (p[2] - foot[2]) * n2
-        if not _plausible(p, foot, memory):
-            _stay(p, memory, foot)
-            foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
-        if foot[8] > 0.0:
-            memory[INSIDE] = 0.0
+        exists = not _turned(foot, memory)
+        if (foot[8] if exists else _held_gap(p, memory)) > 0.0:
+            memory[INSIDE], exists = 0.0, True
             for k in range(len(foot)):
                 foot[k] = nearest[k]
+        elif not exists:
+            foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
         state[0], state[1] = foot[6], foot[7]
-    if _end(p, moved, inside, foot, memory):
+    if not _end(p, moved, inside, exists, dt, foot, memory):
         foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
     memory[PLACE], memory[PLACE + 1] = foot[6], foot[7]
 
 
 @kernel
-def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, foot, memory):
-    """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`."""
+def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, foot, memory, dt):
+    """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`;
+    dt [s]."""
     p = (_limited(point[0]), _limited(point[1]), _limited(point[2]))
     moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
     track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, foot)
     if memory[OPEN] == 1.0:
         _, v, w, place = _on_triangle(points, cells, work[0], p[0], p[1], p[2])
         _at_border(p, signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], foot), foot)
-    if not _regular(p, foot, moved, memory):
+    exists = _regular(foot, moved, p, memory)
+    memory[PASSED] = 0.0 if exists else 1.0
+    if not exists:
         nearest, local = foot.copy(), work[0]
         t, _ = _descend(points, cells, star_at, star, p[0], p[1], p[2], int(memory[PLACE]))
         _, v, w, place = _on_triangle(points, cells, t, p[0], p[1], p[2])
         foot[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], foot)
         normal_at(points, cells, t, v, w, foot)
         work[0], foot[6], foot[7] = t, v, w
-        if foot[8] > 0.0 or not _plausible(p, foot, memory):
-            _stay(p, memory, foot)
-            work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
-        if foot[8] > 0.0:
-            memory[INSIDE], work[0] = 0.0, local
+        exists = foot[8] <= 0.0 and not _turned(foot, memory)
+        if not exists and _held_gap(p, memory) > 0.0:
+            memory[INSIDE], work[0], exists = 0.0, local, True
             for k in range(len(foot)):
                 foot[k] = nearest[k]
-    if _end(p, moved, inside, foot, memory):
+        elif not exists:
+            work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
+    if not _end(p, moved, inside, exists, dt, foot, memory):
         work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
     foot[9] = cells[work[0], ORIGIN]
     memory[PLACE], memory[PLACE + 1], memory[PLACE + 2] = work[0], foot[6], foot[7]
