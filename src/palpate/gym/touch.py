@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, NoReturn, Self
 
@@ -14,6 +15,8 @@ from palpate.calling import Organ, described
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.gym.side_view import side_view
+from palpate.launch.load.files import Override
+from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.nodes.device import Simulated
 from palpate.nodes.device.steered import Steered
@@ -93,6 +96,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ArgumentError(f"duration: found {duration!r}, expected a time [s] above 0")
         launch = described(graph, scene=scene, duration=None, sets=(), nodes=nodes or {}, organ=organ)
         devices = _simulated(launch.load())
+        launch = replace(launch, overrides=tuple(map(_without_path, launch.overrides)))
         self.stepper = Stepper(launch.but(overrides=[f"{name}.use=device.Steered" for name in devices]))
         self.hands = [_hand(self.stepper.plan, name) for name in devices]
         self.ticks, self.duration = ticks, duration
@@ -238,6 +242,14 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         f, n, a = contact.force, contact.normal, contact.lateral_force
         force = (f * n[0] - p[0] + a[0], f * n[1] - p[1] + a[1], f * n[2] - p[2] + a[2])
         return pose.position, pose.velocity, force
+
+
+def _without_path(override: str | Override) -> str | Override:
+    """Leaves out the path of the hand along an organ, which no node reads: the actions replace it."""
+    if isinstance(override, str) or override.keys != ("scene", "hand"):
+        return override
+    begin = {key: value for key, value in override.value.data.items() if key != "path"}
+    return replace(override, value=YamlSource(begin, {(): override.place}))
 
 
 def _simulated(graph: Graph) -> list[str]:

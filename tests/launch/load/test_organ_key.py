@@ -1,0 +1,137 @@
+"""The key `organ:` from the shell, Python, launch files, studies and scenes; the basis that is built on demand."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import palpate
+from palpate.cli.__main__ import app
+from palpate.engine.faults import GraphError
+from palpate.launch.load.launchfile import find
+from palpate.launch.load.organ_file import OrganFile, organ_of
+from palpate.nodes.deformation.basis_store import about, cache
+from palpate.physics.errors import MeshError
+
+trimesh = pytest.importorskip("trimesh")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with a ball of 120 mm, in mm, and an empty cache of bases."""
+    trimesh.creation.icosphere(2, 60.0).export(tmp_path / "ball.stl")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path
+
+
+def surface(launch):
+    graph = launch.load()
+    return graph.scene["surface"], [note for note in graph.notes if "ball.stl" in note]
+
+
+def test_launch_files_and_scenes_take_the_organ_of_a_file_next_to_them(folder, monkeypatch):
+    expected, notes = surface(find("kidney").but(organ=OrganFile(folder / "ball.stl", "mm")))
+    assert len(notes) == 1 and "its top lies at" in notes[0] and expected["file_unit"] == "mm"
+    (folder / "run.yaml").write_text("graph: kidney\norgan: {file: ball.stl, unit: mm}\n")
+    (folder / "scene.yaml").write_text("extends: kidney\norgan: {file: ball.stl, unit: mm}\n")
+    (folder / "elsewhere").mkdir()
+    monkeypatch.chdir(folder / "elsewhere")
+    for launch in (find(str(folder / "run.yaml")), find("kidney").but(scene=folder / "scene.yaml")):
+        assert surface(launch) == surface(launch.settled()) == (expected, notes)
+    monkeypatch.chdir(folder)
+    assert surface(find("kidney").but(overrides=("scene.organ=ball.stl",)))[0] == expected
+
+
+def test_python_gives_the_same_force_as_the_shell(folder):
+    words = ["run", "kidney", "--organ", "ball.stl", "--duration", "0.6 s", "--fused", "--no-pictures", "--json"]
+    shell = CliRunner().invoke(app, [*words, "--out", "shell"])
+    assert shell.exit_code == 0, shell.output
+    expected = np.asarray(palpate.open("shell/ball.mcap").contact.force)
+    assert expected.max() > 0.5
+    given = {"organ": "ball.stl", "duration": 0.6}
+    np.testing.assert_array_equal(palpate.run("kidney", record="python.mcap", **given).contact.force, expected)
+    lanes = palpate.Ensemble("kidney", 2, **given).run(quiet=True)["contact.force"]
+    np.testing.assert_array_equal(np.asarray(lanes)[1], expected)
+    *_, last = palpate.steps("kidney", **given)
+    assert last.contact.force == expected[-1]
+    study = palpate.Study("kidney", {"tissue.stiffness": [200.0, 300.0]}, **given)
+    assert surface(study.launch)[0]["file_unit"] == "mm"
+
+
+def test_an_environment_takes_an_organ(folder):
+    gymnasium = pytest.importorskip("gymnasium")
+    import palpate.gym  # noqa: F401, registers the environments
+
+    env = gymnasium.make("palpate/Touch-v0", organ={"file": "ball.stl", "unit": "mm"})
+    env.reset(seed=1)
+    collision = env.unwrapped.stepper.plan.graph.nodes["collision"]
+    assert collision.settings["surface"].endswith("ball.stl")
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"file": "ball.stl", "units": "mm"}, "the key 'units'"),
+        (7, "expected a mesh file, or a mapping"),
+        ({"file": "ball.stl", "piece": 0}, "found 0, expected all or a number from 1"),
+        ({"file": "ball.stl", "piece": "some"}, "found 'some', expected all"),
+    ],
+)
+def test_a_wrong_key_says_what_is_expected(folder, given, text):
+    with pytest.raises(GraphError, match=text):
+        organ_of(given)
+
+
+def test_a_missing_file_and_a_wrong_unit_are_errors_without_traceback(folder):
+    for words, text in (
+        ("--organ no.stl", "no file no.stl"), ("--organ ball.stl --unit m", "in m it is"),
+        ("--organ ball.stl --piece x", "expected all or"), ("--piece 1", "needs --organ"),
+    ):  # fmt: skip
+        result = CliRunner().invoke(app, ["run", "kidney", *words.split()], env={"COLUMNS": "300"})
+        assert result.exit_code == 2 and text in result.output and "Traceback" not in result.output
+    with pytest.raises(MeshError, match="in m it is"):
+        palpate.run("kidney", organ={"file": "ball.stl", "unit": "m"})
+
+
+def test_a_missing_basis_is_built_once_and_used(folder):
+    trimesh.creation.icosphere(1, 60.0).export("ball.stl")
+    given = {"organ": "ball.stl", "tissue": "deformation.ReducedFE", "duration": 0.5}
+    force = palpate.run("kidney", record="one.mcap", **given).contact.force
+    (basis,) = cache().glob("ball-condensed-*.npz")
+    assert force.max() > 0.5 and about(basis)["inputs"]["surface"] == "ball"
+    written = basis.stat().st_mtime_ns
+    np.testing.assert_array_equal(palpate.run("kidney", record="two.mcap", **given).contact.force, force)
+    assert basis.stat().st_mtime_ns == written
+
+
+@pytest.mark.long
+def test_a_fine_file_is_reduced_and_the_notes_have_the_error(folder):
+    """The stiffness of the reduced ball differs by less than the stated error from that of a finer basis."""
+    pytest.importorskip("pytetwild")
+    trimesh.creation.icosphere(5, 60.0).export("ball.stl")
+    common = ["--organ", "ball.stl", "--set", "tissue.use=deformation.ReducedFE", "--duration", "0.6 s", "--fused"]
+    peak = {}
+    for coarse in (300, 900):
+        words = [
+            "run",
+            "kidney",
+            *common,
+            "--set",
+            f"tissue.coarse={coarse}",
+            "--no-pictures",
+            "--json",
+            "-o",
+            str(coarse),
+        ]
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 0, result.output
+        (note,) = (note for note in json.loads(result.stdout)["notes"] if "the basis of ball" in note)
+        peak[coarse] = np.asarray(palpate.open(f"{coarse}/ball.mcap").contact.force).max()
+        error = next(
+            about(path)["error"] for path in cache().glob("ball-*.npz") if about(path)["inputs"]["coarse"] == coarse
+        )
+        assert f"{error['mean']:.1%} on average" in note and error["mean"] < 0.05
+    assert abs(peak[300] / peak[900] - 1.0) < 0.05
