@@ -18,7 +18,7 @@ from palpate.engine.segment import CompiledSegment, Entrance
 from palpate.engine.slot import Output, RemoteStream, Slot
 from palpate.engine.table import ROW
 from palpate.engine.tick import run_tick
-from palpate.engine.wire_plan import wire_plan
+from palpate.launch.run.hop.ports import Port, Wire
 from palpate.launch.run.hop.table import (
     BETWEEN,
     DONE,
@@ -27,21 +27,15 @@ from palpate.launch.run.hop.table import (
     HOP,
     INPUT,
     JOURNAL,
-    PORT,
     READER,
     SCRATCH,
     SEGMENT,
-    WIRE,
 )
 from palpate.launch.run.wire.bus import Bus
 from palpate.launch.run.wire.inlet import Inlet
 from palpate.launch.run.wire.outlet import ReaderConnection, Sender
-from palpate.launch.run.wire.zmtp import frame
-from palpate.messages import pack
-from palpate.messages.record import blank
 from palpate.nodes.base import Block
 
-BUFFER, ARENA = 1 << 17, 1 << 12  # [bytes] first sizes of a wire's buffer and of a port's memory for arrays
 BLOCK = 256  # ticks in one call at most
 LONGEST = 20_000_000  # [ns] of a call, since orders and Ctrl-C take effect after it
 REAL_LONGEST = 10_000_000  # [ns] of a call on the real clock
@@ -97,8 +91,8 @@ class Hop:
         self._worker, self._bus, self._kept = worker, worker.bus, list[Any]()
         self._parts: list[CompiledSegment] = worker.parts  # type: ignore[assignment]
         self._state = np.zeros(1, HOP)
-        self._ports: list[_Port] = []
-        self._wires: dict[str, _Wire] = {}
+        self._ports: list[Port] = []
+        self._wires: dict[str, Wire] = {}
         self._segments = np.zeros(len(self._parts), SEGMENT)
         self._readers: list[list[tuple[int, Sender, ReaderConnection]]] = [[] for _ in self._parts]
         self._lines: list[np.ndarray] = [np.zeros(0, READER) for _ in self._parts]
@@ -141,12 +135,12 @@ class Hop:
         state["samples"], state["ages"] = self._samples.ctypes.data, self._ages.ctypes.data
         state["exact"], state["period"] = 1e9 / job.rate, round(1e9 / job.rate)
 
-    def _port(self, part: CompiledSegment, entrance: Entrance) -> _Port:
+    def _port(self, part: CompiledSegment, entrance: Entrance) -> Port:
         feed = entrance.port.feed
         assert feed is not None
         if feed.stream not in self._wires:
-            self._wires[feed.stream] = _Wire(feed)
-        return _Port(part, entrance, self._wires[feed.stream])
+            self._wires[feed.stream] = Wire(feed)
+        return Port(part, entrance, self._wires[feed.stream])
 
     def _keep(self, array: np.ndarray) -> np.ndarray:
         self._kept.append(array)
@@ -337,103 +331,3 @@ class Hop:
         for wire in self._wires.values():
             for payload in wire.release():
                 self._worker.deliver(wire.feed, payload)
-
-
-class _Wire:
-    """The connection of one stream."""
-
-    def __init__(self, feed: RemoteStream) -> None:
-        self.feed = feed
-        self.line = np.zeros(1, WIRE)
-        self.ports: list[_Port] = []
-        self.topic = np.frombuffer(feed.stream.encode() + b"\0", np.uint8)
-        self.line["topic"], self.line["skip"] = self.topic.ctypes.data, len(self.topic)
-        self._set_buffer(BUFFER)
-        self._set_form()
-
-    def _set_form(self) -> None:
-        from palpate.launch.run.hop.decode import FORM  # the compiler is slow to import
-
-        self._plan = plan = wire_plan(self.feed.kind, self.feed.producer)
-        self._lengths, self._blank = np.zeros(max(1, plan.letters), np.int64), blank(self.feed.kind)
-        self.form = np.zeros(1, FORM)
-        self.form["steps"], self.form["count"] = plan.steps.ctypes.data, len(plan.steps)
-        self.form["literals"], self.form["axes"] = plan.literals.ctypes.data, plan.axes.ctypes.data
-        self.form["letters"], self.form["lengths"] = plan.letters, self._lengths.ctypes.data
-        self.form["blank"] = self._blank.ctypes.data
-
-    def _set_buffer(self, size: int) -> None:
-        self._buffer = np.zeros(size, np.uint8)
-        self.line["buffer"], self.line["room"] = self._buffer.ctypes.data, size
-
-    def attach(self) -> None:
-        """Take the bytes of the inlet, and encode the messages that wait in the ports again before them."""
-        inlet = self.feed.inlet
-        waiting = {message.tick: message for port in self.feed.ports for message in port.queue}
-        topic = self.topic.tobytes()
-        frames = [frame(topic + pack(waiting[tick])) for tick in sorted(waiting)]
-        number, rest = inlet.lend()
-        data = b"".join((*frames, rest))
-        needed = max(len(data), int(self.line["need"][0]))
-        if 2 * needed > len(self._buffer):
-            self._set_buffer(4 * needed)
-        self._buffer[: len(data)] = np.frombuffer(data, np.uint8)
-        self.line["fd"], self.line["end"], self.line["need"] = number, len(data), 0
-        for port in self.ports:
-            port.line["begin"] = port.line["ahead"] = 0
-        for given in self.feed.ports:
-            given.queue.clear()
-
-    def release(self) -> list[bytes]:
-        """Return the unread bytes to the inlet; the payloads that they contain."""
-        begin = min(int(port.line["begin"][0]) for port in self.ports)
-        return self.feed.inlet.resume(self._buffer[begin : int(self.line["end"][0])].tobytes())
-
-
-class _Port:
-    """One input of a node."""
-
-    def __init__(self, part: CompiledSegment, entrance: Entrance, wire: _Wire) -> None:
-        self.entrance, self.wire = entrance, wire
-        self.line = np.zeros(1, PORT)
-        self.address = self.line.ctypes.data
-        self._home = entrance.record
-        self._other = blank(entrance.port.kind)
-        line = self.line
-        line["wire"], line["form"] = wire.line.ctypes.data, wire.form.ctypes.data
-        line["row"], line["line"] = entrance.row, entrance.line.ctypes.data
-        line["next"], wire.line["port"] = wire.line["port"], self.address
-        line["waits"] = entrance.port.waits and not entrance.port.loop
-        wire.ports.append(self)
-        self._records = {record.ctypes.data: record for record in (self._home, self._other)}
-        self._former: list[np.ndarray] = []
-        self._set_arenas(ARENA)
-
-    def _set_arenas(self, size: int) -> None:
-        self._arenas = np.zeros(size, np.uint8), np.zeros(size, np.uint8)
-        self.line["arena"], self.line["other"] = (arena.ctypes.data for arena in self._arenas)
-        self.line["space"] = size
-
-    def attach(self) -> None:
-        port, line, home = self.entrance.port, self.line, self._home
-        need = int(line["need"][0])
-        if need > int(line["space"][0]):
-            self._former += self._arenas  # the arrays of the present message may be there
-            self._set_arenas(2 * need)
-        line["need"], line["record"], line["spare"] = 0, home.ctypes.data, self._other.ctypes.data
-        message = port.message
-        if message is None:
-            home["there"] = False
-        elif not (home["there"][0] and home["tick"][0] == message.tick):
-            self.entrance.write(message)
-
-    def release(self) -> None:
-        """Return the message to the port, and its record to where the segment writes it."""
-        current, home, port = self._records[int(self.line["record"][0])], self._home, self.entrance.port
-        if current is not home:
-            home[:] = current
-            self.entrance.line["record"] = home.ctypes.data
-        if not home["there"][0]:
-            port.message = None
-        elif port.message is None or port.message.tick != home["tick"][0]:
-            port.message = self.entrance.message()

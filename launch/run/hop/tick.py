@@ -19,6 +19,7 @@ from palpate.launch.run.hop.table import DONE, FAILED, HOP, INPUT, JOURNAL, SEGM
 _INT, _LONG = types.int32, types.int64
 clock_gettime: Any = types.ExternalFunction("clock_gettime", _INT(_INT, _LONG))
 MONOTONIC = 1
+ENOUGH = 100_000  # [bytes]
 hop_at = pointer(HOP)
 SEGMENT_SIZE = SEGMENT.itemsize
 
@@ -75,10 +76,10 @@ def run_segment(hop, segment, tick, at):
 
 @kernel
 def crowded(hop):
-    """Whether a journal is half full."""
+    """Whether a journal contains enough messages for a block, or is half full."""
     for s in range(hop.count):
         clock = clock_at(segment_at(hop.segments + s * SEGMENT_SIZE).clock)
-        if 2 * clock.length > clock.room or 2 * clock.entries > clock.most:
+        if clock.length > ENOUGH or 2 * clock.length > clock.room or 2 * clock.entries > clock.most:
             return True
     return False
 

@@ -38,6 +38,8 @@ LONGEST_ORDER = 1 << 26  # [bytes]
 BEHIND = 5
 """Multiple of `HIGH_WATER` that is buffered for the run's observers on the real clock, 5 s of 20 streams at 1 kHz: a
 log process gets little processor time next to a browser that draws in software."""
+AHEAD = 200  # frames buffered for the run's observers on simulated time; one may contain 0.1 MB of messages
+BLOCKS = 4000  # blocks of 10 ms buffered for the run's observers on the real clock
 LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that accepts the connection and stays silent
 
 
@@ -97,7 +99,7 @@ class Bus:
         self._observers = self._publisher()
         self._send = zmq.backend.Socket.send.__get__(self._observers)  # without the overhead of pyzmq's options
         self._observed = self._socket(zmq.SUB, 0)
-        self._observed.set(zmq.RCVHWM, HIGH_WATER * (BEHIND if real else 1))
+        self._observed.set(zmq.RCVHWM, HIGH_WATER if real else min(HIGH_WATER, AHEAD))
         self._observed.set(zmq.RCVTIMEO, POLL_INTERVAL)
         self._inlets: dict[str, Inlet | TcpInlet] = {}
         self._tcp: list[Inlet | TcpInlet] = []
@@ -119,7 +121,7 @@ class Bus:
     def _publisher(self) -> zmq.Socket:
         socket = self._socket(zmq.XPUB, -1)
         socket.set(zmq.XPUB_VERBOSER, 1)  # report every subscription and cancellation
-        socket.set(zmq.SNDHWM, HIGH_WATER * (BEHIND if self.real else 1))
+        socket.set(zmq.SNDHWM, HIGH_WATER * BEHIND if self.real else min(HIGH_WATER, AHEAD))
         socket.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
         if not self.real:
             socket.set(zmq.XPUB_NODROP, 1)
@@ -292,6 +294,11 @@ class Bus:
         if self._far is not None:
             for note in self._subscriptions(self._far):
                 self._far_readers[note[1:]] += 1 if note[:1] == b"\x01" else -1
+
+    def sends_blocks(self) -> None:
+        """The messages of all streams will be sent in blocks; call it before `bind`."""
+        if self.real:
+            self._observers.set(zmq.SNDHWM, min(HIGH_WATER, BLOCKS))
 
     def sends(self, streams: Iterable[str]) -> None:
         """Set the streams that observers can subscribe to here."""
