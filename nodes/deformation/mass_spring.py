@@ -74,8 +74,8 @@ class MassSpring(CompiledNode, WithNodule):
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
         "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": (), "excess": (), "deepest": (),
     }  # fmt: skip
-    """Smallest width of a closed surface [m], else inf; excess of the indentation over it [1], now and at most.
-    The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
+    """Smallest width of a closed surface [m], else inf; excess of the indentation over it [1], now and at most. Flags of
+    the limits that were exceeded (`spring_range`). The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, and the course
     of its indentation (`physics.contact.end_rate`)."""
 
@@ -253,8 +253,9 @@ class MassSpring(CompiledNode, WithNodule):
             put(out.tangential_gradient, vector(slopes[0, :3]))
             for k in range(9):
                 out.shape_operator.values[k] = slopes[0, 3 + k]
-        out.step, out.relaxation, out.delayed = dt, own.retardation, oldest(load)
-            own.excess = max(own.excess, s / own.thick - 1.0)
+        own.deepest = max(own.deepest, own.excess)
+        out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.excess
+        out.delayed = oldest(load)
         if not own.shape:
             return
         if several:
