@@ -74,10 +74,10 @@ class MassSpring(CompiledNode, WithNodule):
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
         "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": (), "excess": (), "deepest": (),
     }  # fmt: skip
-    """Smallest width of a closed surface [m], else inf; excess of the indentation over it [1], now and at most. Flags of
-    the limits that were exceeded (`spring_range`). The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
-    each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, and the course
-    of its indentation (`physics.contact.end_rate`)."""
+    """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
+    each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, the course of
+    its indentation (`physics.contact.end_rate`), and the last feet. Flags of exceeded limits (`spring_range`); smallest
+    width of a closed surface [m], else inf; excess of the indentation over it [1], now and at most."""
 
     shared = "hard", "ground", "body.law", "body.nodal", "body.edges"
 
