@@ -86,7 +86,7 @@ def links_of(recording: Stored) -> tuple[list[Link], Streams]:
 
 
 def _nearest_mesh(body: str, links: Sequence[Link], mesh: Callable[[str], Mesh]) -> Mesh:
-    """The mesh of a body, or of the nearest node upstream. PictureError, PageError: there is none."""
+    """The mesh of a body, or of the nearest node upstream. PictureError, PageError: no such node."""
     try:
         return mesh(body)
     except (PictureError, PageError) as error:

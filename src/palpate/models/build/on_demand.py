@@ -26,7 +26,7 @@ def build(node: ReducedFE, begin: Begin) -> None:
     path = os.pathsep.join(p for p in sys.path if p)
     try:
         process = subprocess.Popen(
-            [sys.executable, "-m", "palpate.models.build.on_demand", str(writing)],
+            [sys.executable, "-P", "-m", "palpate.models.build.on_demand", str(writing)],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, pass_fds=[writing],
             env={**environment(), "PYTHONPATH": path},
             start_new_session=True,  # Ctrl-C reaches the caller, which ends the build
