@@ -8,6 +8,12 @@ import pytest
 from pytest import approx
 
 import palpate
+from palpate.launch.testing import FakeBus
+from palpate.messages import Load, Pose
+from palpate.nodes.base.contacts import press
+from palpate.nodes.collision import Nurbs
+from palpate.nodes.deformation import MassSpring
+from palpate.nodes.spread import Kernel
 from palpate.physics.bodies.place_energy import MOST_ASIDE
 from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh, write_ply
@@ -194,3 +200,41 @@ def test_a_still_finger_keeps_its_normal_while_the_nearest_point_is_elsewhere():
         rows.append(foot[:9].copy())
     last = np.array(rows[-50:])
     assert np.abs(np.diff(last, axis=0)).max() <= 1e-6
+
+
+@pytest.mark.parametrize(
+    ("surface", "y", "cause"),
+    [("kidney", 0.004, "leapt ahead of the finger"), ("sphere", 0.0, "middle of a thin part")],
+)
+def test_a_foot_that_is_not_the_nearest_point_is_reported_once_with_its_time(surface, y, cause):
+    """A finger is pressed through the middle: the hilum of the kidney, or the other side of a ball, becomes nearer."""
+    node = Nurbs(surface=surface)
+    bus = FakeBus(node)
+    for k, z in enumerate(np.linspace(0.11, 0.07, 600)):
+        if k == 150:  # 5 mm deep
+            assert node.notes() == [] and node.condition() == ""
+        bus.publish(Pose(position=(0.0, y, float(z)), velocity=(0.0, 0.0, 0.0), dt=DT, time=k * 10**6))
+    (found,) = [note for note in node.notes() if cause in note]
+    assert 0.35 < float(found.split(" s ")[0].split()[-1]) < 0.6
+    assert node.condition() == "outside its range" and node.notes() == []
+
+
+def test_an_organ_that_does_not_fit_the_patch_is_reported(tmp_path):
+    """MassSpring indented a ball of 10 mm by 8.3 mm under a patch of 8 mm, and a plate of 2 mm likewise, silently."""
+    small = tessellate(sphere(5e-3), 800)
+    write_ply(tmp_path / "small.ply", small)
+    given = {"surface": str(tmp_path / "small.ply"), "position": (0.0, 0.0, 0.0)}
+    spread = Kernel(**given)
+    spread.start()
+    assert any("wider than the organ, 10 mm across" in note for note in spread.notes())
+    coarse = Kernel(**(given | {"surface": str(sphere_file(tmp_path / "coarse.ply", 642))}))
+    coarse.start()
+    assert any("the vertices are 5.6 mm apart" in note for note in coarse.notes())
+    body = MassSpring(**given, stiffness=257.0, exponent=1.0, damping=0.0)
+    body.start()
+    force = np.array([[0.0, 0.0, -3.0]])
+    load = Load(nodes=np.array([0], np.int32), forces=force, foot=(0.0, 0.0, 5e-3), normal=(0.0, 0.0, 1.0))
+    surface = press(body, load, dt=DT)
+    assert surface.extrapolation == approx(3.0 / 257.0 / 10e-3 - 1.0, abs=0.05)
+    assert any("indented by more than its thickness" in note for note in body.notes())
+    assert body.condition() == "outside its range"

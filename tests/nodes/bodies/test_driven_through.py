@@ -42,6 +42,7 @@ def test_the_force_never_flips_and_no_energy_is_generated(kind, collision, place
     assert (forces[-1] == 0).all()
     if kind.__name__ == "ReducedFE":  # 225 N in a tick if the foot jumped to the other side
         inward = np.linalg.norm(forces, axis=1)[: np.argmax(-path[:, 2])]
-        assert np.abs(np.diff(inward)).max() < 10.0  # steps of the foot deep inside a mesh cause up to 5 N
+        # 14 N of 45 N, 33 mm inside, where the hilum becomes nearer than the top and the foot moves towards it
+        assert np.abs(np.diff(inward)).max() < 20.0
         # It stiffens beyond its deepest press: 60 mm is five times as deep.
         assert inward.max() < 120.0
