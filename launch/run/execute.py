@@ -173,7 +173,7 @@ def execute(
             f"--place {APART}: a process for each"
         )
     result.health = {name: result.health[name] for name in names if name in result.health}
-    if clock == "simulated" and not (fused or joined or launch.pace) and result.ok:
+    if clock == "simulated" and not (fused or joined or launch.pace or result.interrupted) and result.ok:
         result.notes += faster_fused(result)
     kept = verdict(result, planned, ticks) if clock == "real" else None
     return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))

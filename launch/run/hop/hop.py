@@ -180,6 +180,8 @@ class Hop:
         ran, worker.tick = int(state["done"]), int(state["last"])
         if why in (DONE, BETWEEN):
             self._hand_over()
+            if not ran:
+                self.release()
             return ran
         host.begins(int(state["now"]), int(state["time"]), int(state["begun"]))
         self._complete(worker.tick, why, host)

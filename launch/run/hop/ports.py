@@ -8,7 +8,8 @@ from palpate.engine.segment import CompiledSegment, Entrance
 from palpate.engine.slot import RemoteStream
 from palpate.engine.wire_plan import wire_plan
 from palpate.launch.run.hop.table import PORT, WIRE
-from palpate.launch.run.wire.zmtp import frame
+from palpate.launch.run.wire.inlet import LONGEST_FRAME
+from palpate.launch.run.wire.zmtp import Decoder, frame
 from palpate.messages import pack
 from palpate.messages.record import blank
 
@@ -63,7 +64,11 @@ class Wire:
     def release(self) -> list[bytes]:
         """Return the unread bytes to the inlet; the payloads that they contain."""
         begin = min(int(port.line["begin"][0]) for port in self.ports)
-        return self.feed.inlet.resume(self._buffer[begin : int(self.line["end"][0])].tobytes())
+        data = self._buffer[begin : int(self.line["end"][0])].tobytes()
+        if self.line["fd"][0] >= 0:
+            return self.feed.inlet.resume(data)
+        # Only whole frames of messages that had waited in the ports: the inlet has its bytes.
+        return [body[len(self.topic) :] for _, body in Decoder(LONGEST_FRAME).feed(data)]
 
 
 class Port:

@@ -124,7 +124,13 @@ class Inlet:
         if not data:  # the writer has closed the connection; everything before was read
             self._drop()
             return []
-        if data[0] == 0 and len(data) == 2 + data[1] and data.startswith(self._topic, 2) and self._between:
+        if (
+            data[0] == 0
+            and len(data) > 1
+            and len(data) == 2 + data[1]
+            and data.startswith(self._topic, 2)
+            and self._between
+        ):
             return [data[2 + len(self._topic) :]]  # fast path: exactly one short message
         try:
             return self._payloads(data)

@@ -273,6 +273,8 @@ class Worker:
     def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
         """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one
         arrived. Otherwise poll all sockets."""
+        if self.hop is not None:
+            self.hop.release()
         payloads = feed.inlet.wait() if deadline is None else feed.inlet.wait_until(deadline)
         if not payloads:
             self.poll()

@@ -288,8 +288,8 @@ class CompiledSegment:
         """Deliver the messages in the journal, and empty it. Returns whether there were any."""
         block = self.block()
         if block is not None:
+            self.clear()  # first: a receiver that waits may call this again
             self._deliver(block)
-            self.clear()
         return block is not None
 
     def number(self, stream: str) -> int:

@@ -11,6 +11,7 @@ import msgspec
 import pytest
 import zmq
 
+from palpate.engine.clock import now
 from palpate.engine.job import InputJob, Job, NodeJob
 from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import NodeError
@@ -21,6 +22,7 @@ from palpate.launch.run.wire.inlet import Inlet
 from palpate.launch.run.wire.outlet import Outlet
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.launch.run.wire.zmtp import command, frame
+from palpate.launch.run.work.real import run_real
 from palpate.launch.run.work.simulated import SimulatedClock
 from palpate.launch.run.work.worker import Worker
 from palpate.messages import Torque, pack
@@ -50,17 +52,19 @@ def framed(tick: int) -> bytes:
 class Bench:
     """A worker in this process, the outlet that it reads, and an inlet for each of its streams."""
 
-    def __init__(self, compiled: bool, nodes: Sequence[NodeJob] = NODES) -> None:
+    def __init__(self, compiled: bool, nodes: Sequence[NodeJob] = NODES, real: bool = False) -> None:
         streams = [stream for node in nodes for stream in node.streams]
         external = {stream: ("sink",) for stream in streams}
         self.folder = RunFolder(RUN)
         self.watch, apart = SocketPoller(), set[Inlet]()
-        self.outlet = Outlet("src", {"pose": ("here",)}, False, self.watch)
+        self.outlet = Outlet("src", {"pose": ("here",)}, real, self.watch)
         self.outlet.bind(endpoint(RUN, "src", "force").removeprefix("ipc://"))
         self.sender = self.outlet.sender("pose", None, self.watch.poll)
         control = (endpoint(RUN, "launcher", name) for name in ("control", "reports"))
-        self.bus = Bus(RUN, "here", *control, False, external)
-        self.worker = Worker(Job("here", nodes, external=external), self.bus, lambda report: None)
+        self.bus = Bus(RUN, "here", *control, real, external)
+        clock = "real" if real else "simulated"
+        job = Job("here", nodes, external=external, clock=clock, ticks=TICKS if real else None)
+        self.worker = Worker(job, self.bus, lambda report: None)
         self.worker.start()
         force = self.bus.bind(None)["force"][0]
         self.bus.connect(endpoint(RUN, "src", "force"), ["pose"], False, False, "src")
@@ -75,7 +79,9 @@ class Bench:
                 inlet.reach()
             for inlet in (*self.bus.sweep(), *self.inlets):
                 inlet.take()
-        self.worker.begin(0)
+        self.origin = now()
+        self.worker.begin(self.origin)
+        self.worker.tick = -1
         assert isinstance(self.worker.hop, Hop)
         if not compiled:
             self.worker.hop = None
@@ -298,6 +304,47 @@ def test_an_infinite_number_is_an_error_of_the_node_after_its_last_message(bench
         assert [len(made.payloads[stream]) for stream in STREAMS] == [60, 30, 30, 60]
         made.close()
         made.close = lambda: None
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 30))])
+def test_on_the_real_clock_each_whole_message_is_a_step_or_counted_as_lost(bench, compiled, seed):
+    """At 5 kHz, with garbage, strange and half frames, losses, duplicates, old messages, and pauses."""
+    rng, made = random.Random(seed), bench(compiled, real=True)
+    lost = rng.choice((0.0, 0.1, 0.8))
+    sent: list[int] = []
+
+    def write() -> None:
+        for tick in range(TICKS):
+            if tick + 1 < TICKS and rng.random() < lost:
+                continue
+            sent.append(tick)
+            data = strange(tick, rng) if rng.random() < 0.2 else framed(tick)
+            if rng.random() < 0.2:
+                data = frame(b"pose\0" + pack(message(tick))[: rng.randint(0, 60)]) + data
+            if rng.random() < 0.1:
+                data += framed(max(0, tick - rng.randint(0, 5)))
+            cut = rng.randrange(len(data))
+            made.write(data[:cut])
+            time.sleep(rng.choice((0.0, 0.0002)))
+            made.write(data[cut:])
+            time.sleep(rng.choice((0.0002, 0.0002, 0.03 if rng.random() < 0.05 else 0.0)))
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    run_real(made.worker, made.origin)
+    writer.join()
+    made.read()
+    (tick, steps, _, missed, _), *_ = made.counts()
+    assert tick == TICKS - 1 and steps == len(made.payloads["a"])
+    assert steps + missed == len(sent)
+    received = [msgspec.msgpack.decode(payload) for payload in made.payloads["a"]]
+    assert [form["used"][0] for form in received] == [form["tick"] for form in received]
+    assert {form["tick"] for form in received} <= set(sent)
+    assert [form["tick"] for form in received] == sorted({form["tick"] for form in received})
+    # The edge of the loop has the message before, if it arrived; an older one is held, and not beyond its age.
+    for form in received[1:]:
+        assert form["used"][1] < form["tick"] and (form["used"][1] in sent or form["used"][1] == -1)
 
 
 @pytest.mark.parametrize("kind", [zmq.SUB, zmq.XSUB])
