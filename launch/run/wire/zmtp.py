@@ -5,7 +5,7 @@ byte of flags, its length in one byte or in eight, and its body. The only securi
 do not leave the machine, and only their user can enter the folder of their sockets.
 
 Why not libzmq: nine processes of a force loop in C, on one core, need 123 us a tick with libzmq, 30 with this protocol
-over the same Unix sockets; ours with nodes, codec and rules 80 on a busy machine (docs/decisions/0018-hop.md).
+over the same Unix sockets; ours with nodes, codec and rules 80 on a busy machine (docs/decisions/0019-hop.md).
 
 Subscriptions come as commands (3.1) or as messages that begin with a byte 1 or 0 (3.0, and libzmq's XSUB).
 """
