@@ -25,7 +25,7 @@ from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.touch import ROOM, SPEED  # noqa: E402
 from palpate.gym.vector import VectorTouch  # noqa: E402
 from palpate.nodes.base import SettingError  # noqa: E402
-from palpate.physics.errors import ArgumentError, PalpateError  # noqa: E402
+from palpate.physics.errors import ArgumentError, PalpateError, PalpateWarning  # noqa: E402
 
 TASKS = ("Touch", "FindNodule", "Press")
 DOWN = np.array([0.0, 0.0, -0.03], np.float32)
@@ -206,6 +206,25 @@ def test_any_graph_with_a_simulated_hand_can_be_touched(graph):
     env.reset(seed=0)
     observation, *_ = env.step(env.action_space.sample())
     assert env.observation_space.contains(observation)
+    env.close()
+
+
+def test_notes_on_validity_are_kept_and_each_kind_warns_once():
+    """A rigid body under a moving hand has forces of meganewtons; they came without any sign."""
+    env = Touch(nodes={"tissue": "deformation.Rigid"}, duration=0.6)
+    deep = np.array([0.0, 0.0, -SPEED], np.float32)
+    found = []
+    for _ in range(2):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            env.reset(seed=0)
+            while not env.step(deep)[3]:
+                pass
+        found.append([str(each.message) for each in caught if issubclass(each.category, PalpateWarning)])
+    (deep_note,) = [note for note in env.notes if "the fingertip is compressed by" in note.text]
+    assert deep_note.node == "contact" and 0.0 < deep_note.time < 0.61
+    assert found == [[f"{note.node}: {note}" for note in env.notes], []]
+    assert len({note.kind for note in env.notes}) == len(env.notes)
     env.close()
 
 
@@ -401,7 +420,7 @@ STILL = np.zeros((6, 3), np.float32)
 
 
 def test_after_ctrl_c_in_a_step_no_thread_runs_in_a_lane(presses):
-    """Former threads went on in lanes that the next reset had just replaced."""
+    """Former threads continued in lanes that the next reset had just replaced."""
     envs = presses(1_000_000)
     timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
@@ -417,8 +436,8 @@ def test_after_ctrl_c_in_a_step_no_thread_runs_in_a_lane(presses):
     assert all(again[part].tobytes() == fresh[part].tobytes() for part in again)
 
 
-def test_a_step_in_a_forked_process_has_its_own_threads(presses):
-    """The child waited for ever for threads of its parent."""
+def test_a_step_in_a_forked_process_starts_new_threads(presses):
+    """The child waited for threads of its parent."""
     envs = presses()
     envs.step(STILL)
     child = os.fork()
@@ -430,7 +449,7 @@ def test_a_step_in_a_forked_process_has_its_own_threads(presses):
 
 
 def test_a_reset_mask_begins_only_its_environments(presses):
-    """With settings beside it; the others continue bit for bit."""
+    """In addition to settings; the others continue bit for bit."""
     envs, other = presses(), presses()
     one, two = envs.step(STILL + DOWN)[0], other.step(STILL + DOWN)[0]
     mask = np.array([True, False, False, True, False, False])
