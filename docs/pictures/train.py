@@ -17,7 +17,7 @@ import palpate.gym  # noqa: F401  registers the environments
 from palpate.gym.scripted import Approach, Search, score
 
 TRAINED = Path(__file__).parents[1] / "examples" / "trained"
-EPISODES = 10
+EPISODES = 4
 
 
 def baselines(task: str, duration: float) -> dict[str, float]:
