@@ -53,7 +53,11 @@ def main(folder: Path) -> list[Path]:
             )
         for (name, value), style in zip(baselines(task, duration).items(), ("--", ":"), strict=True):
             panel.axhline(value, color="black", linestyle=style, linewidth=1, label=name)
-        panel.set(title=f"{task}-v0, episodes of {duration:g} s", xlabel="processor time of the training [s]", ylabel="return: median and best candidate")
+        panel.set(
+            title=f"{task}-v0, episodes of {duration:g} s",
+            xlabel="processor time of the training [s]",
+            ylabel="return: median and best candidate",
+        )
         panel.legend(loc="lower right", fontsize=8)
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / "train.png"

@@ -23,7 +23,9 @@ def module():
 
 def test_a_few_generations_improve_a_policy_on_other_seeds(module):
     shown = []
-    trained = module["train"]("Press", show=lambda *each, **_: shown.append(each), candidates=20, episodes=1, generations=5)
+    trained = module["train"](
+        "Press", show=lambda *each, **_: shown.append(each), candidates=20, episodes=1, generations=5
+    )
     env = gymnasium.make("palpate/Press-v0")
     period = env.unwrapped.step_time
 
