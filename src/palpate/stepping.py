@@ -21,6 +21,8 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.load.values.settings import in_si
 from palpate.launch.load.values.units import UnitError
 from palpate.launch.run.assign import jobs
+from palpate.launch.run.notes import RunNote, warn
+from palpate.launch.run.reports import Note, Report
 from palpate.launch.run.work.simulated import SimulatedClock
 from palpate.launch.run.work.worker import Worker
 from palpate.messages import Message
@@ -107,7 +109,8 @@ class Stepper:
             raise ArgumentError(f"{name}: stepping needs simulated time, but {what}; run it with palpate.run")
         ticks = max(1, round(launch.duration * graph.rate)) if launch.duration is not None else None
         (self.job,) = jobs(self.plan, fused(self.plan), ticks=ticks)  # of all nodes that run
-        self._worker = Worker(self.job, None, lambda report: None)
+        self._notes: list[RunNote] = []
+        self._worker = Worker(self.job, None, self._noted)
         self._clock = SimulatedClock(self._worker)
         self.rate, self.last = graph.rate, self._worker.last
         self._own = {slot.name: _settings(slot.node) for slot in self._worker.slots}
@@ -145,18 +148,31 @@ class Stepper:
         self._clock.run(number)
         return Tick(self._worker, number)
 
+    def notes(self) -> list[RunNote]:
+        """The new lines of the nodes for the user; each is returned once. `restart` discards those not yet returned."""
+        self._worker.pass_notes()
+        notes, self._notes = self._notes, []
+        return notes
+
     def stop(self) -> None:
         """Stop all nodes."""
         self._worker.stop()
 
+    def _noted(self, report: Report) -> None:
+        if isinstance(report, Note):
+            self._notes.append(RunNote(report.text, report.node, report.time))
+
 
 def ticks(stepper: Stepper) -> Iterator[Tick]:
-    """Run a graph in this process, one tick per iteration. NodeError: a node failed."""
+    """Run a graph in this process, one tick per iteration. At the end the first note of each kind is a PalpateWarning.
+
+    NodeError: a node failed."""
     try:
         stepper.start()
         for _ in itertools.count() if stepper.last is None else range(stepper.last + 1):
             yield stepper.tick()
     finally:
+        warn(stepper.notes())
         stepper.stop()
 
 

@@ -19,6 +19,7 @@ from typer.core import TyperGroup
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
+from palpate.cli.terminal.group import SYNONYMS
 from palpate.cli.terminal.output import table
 from palpate.cli.terminal.run_summary import ended
 from palpate.launch.load.launchfile import find as find_graph
@@ -97,6 +98,15 @@ def test_an_error_about_input_names_an_option_or_command_that_works(words, text,
 def test_a_misspelt_class_has_one_suggestion():
     printed = say("list", "nodes", "deformation.MassSprng")
     assert printed.exit_code == 2 and printed.stderr.count("Did you mean") == 1
+
+
+def test_the_word_of_another_program_suggests_the_command_with_this_meaning():
+    """By similar spelling alone, `plot` suggested `export`."""
+    for word, meant in (("plot", "picture"), *SYNONYMS.items()):
+        printed = say(word, "x")
+        assert printed.exit_code == 2 and word not in TOP.commands and meant in TOP.commands
+        assert f"Did you mean '{meant}'?" in " ".join(printed.output.replace("│", " ").split())
+    assert "Did you mean 'replay'?" in say("repaly", "x").output
 
 
 def test_the_help_fits_on_one_screen():

@@ -19,12 +19,13 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv  # noqa: E402
 
 from palpate.gym import FindNodule, Press, Touch  # noqa: E402
+from palpate.gym.find_nodule import HELD  # noqa: E402
 from palpate.gym.scripted import Approach, Search, score  # noqa: E402
 from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.touch import ROOM, SPEED  # noqa: E402
 from palpate.gym.vector import VectorTouch  # noqa: E402
 from palpate.nodes.base import SettingError  # noqa: E402
-from palpate.physics.errors import ArgumentError, PalpateError  # noqa: E402
+from palpate.physics.errors import ArgumentError, PalpateError, PalpateWarning  # noqa: E402
 
 TASKS = ("Touch", "FindNodule", "Press")
 DOWN = np.array([0.0, 0.0, -0.03], np.float32)
@@ -208,6 +209,25 @@ def test_any_graph_with_a_simulated_hand_can_be_touched(graph):
     env.close()
 
 
+def test_notes_on_validity_are_kept_and_each_kind_warns_once():
+    """A rigid body under a moving hand has forces of meganewtons; they came without any sign."""
+    env = Touch(nodes={"tissue": "deformation.Rigid"}, duration=0.6)
+    deep = np.array([0.0, 0.0, -SPEED], np.float32)
+    found = []
+    for _ in range(2):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            env.reset(seed=0)
+            while not env.step(deep)[3]:
+                pass
+        found.append([str(each.message) for each in caught if issubclass(each.category, PalpateWarning)])
+    (deep_note,) = [note for note in env.notes if "the fingertip is compressed by" in note.text]
+    assert deep_note.node == "contact" and 0.0 < deep_note.time < 0.61
+    assert found == [[f"{note.node}: {note}" for note in env.notes], []]
+    assert len({note.kind for note in env.notes}) == len(env.notes)
+    env.close()
+
+
 def test_settings_of_an_episode_do_not_affect_the_next():
     env = Touch()
     env.reset(options={"tissue": {"stiffness": 1234.0}})
@@ -230,21 +250,21 @@ def test_the_scripted_search_finds_the_nodule_from_the_force_alone():
 
 
 def test_the_reward_for_a_wrong_place_a_large_force_and_time_is_as_documented():
-    env = FindNodule(duration=0.05)
+    env = FindNodule(duration=0.5)
     env.reset(seed=2)
-    still = np.zeros(4, np.float32)
-    rewards, over = [], False
-    while not over:
-        _, reward, terminated, over, _ = env.step(still)
-        assert not terminated
-        rewards.append(reward)
-    assert rewards == pytest.approx([-0.01 / 0.05] * 5)
-    env.reset(seed=2)
-    _, reward, terminated, _, info = env.step(np.array([0, 0, 0, 1], np.float32))
     x, y, _ = env.tick.settings("tissue")["nodule_position"]
-    assert terminated
-    assert info["distance"] == pytest.approx(np.hypot(x, y), abs=1e-4)
-    assert reward == pytest.approx(-0.2 + np.exp(-((info["distance"] / 4e-3) ** 2)))
+    quality = np.exp(-((np.hypot(x, y) / 4e-3) ** 2))
+    for here, steps, cost in ((0.5, 50, 0.0), (1.0, HELD, 1.0 - HELD / 50)):
+        env.reset(seed=2)
+        rewards, over = [], False
+        while not over:
+            _, reward, over, late, info = env.step(np.array([0, 0, 0, here], np.float32))
+            rewards.append(reward)
+        assert len(rewards) == steps and not late
+        assert info["distance"] == pytest.approx(np.hypot(x, y), abs=1e-4)
+        assert rewards[:-1] == pytest.approx([-0.01 / 0.5] * (steps - 1))
+        assert rewards[-1] == pytest.approx(-0.02 + quality - (1.0 - quality) * cost, abs=1e-3)
+        assert sum(rewards) == pytest.approx(quality * (2.0 - steps / 50) - 1.0, abs=1e-3)
     env.close()
     pressed = FindNodule(duration=10.0)
     pressed.reset(seed=2)
@@ -254,6 +274,34 @@ def test_the_reward_for_a_wrong_place_a_large_force_and_time_is_as_documented():
     assert force > 2.5
     assert reward == pytest.approx(-0.001 * (force / 2.0))
     pressed.close()
+
+
+@pytest.mark.parametrize(("mean", "spread"), [(0.0, 1.0), (0.5, 0.5)])
+def test_an_untrained_gaussian_policy_survives(mean, spread):
+    """Median: all 200 steps of an episode of 2 s, where it was 2 steps when the first "here" ended the episode."""
+    envs, random = VectorTouch(FindNodule, 8, duration=2.0), np.random.default_rng(0)
+    envs.reset(seed=0)
+    steps, over = np.zeros(8, int), np.zeros(8, bool)
+    here = 0
+    while not over.all():
+        actions = spread * random.standard_normal((8, 4)) + mean * np.array([0, 0, 0, 1])
+        here += np.count_nonzero(actions[:, 3] > 0.5)
+        _, _, ended, late, _ = envs.step(actions)
+        steps, over = steps + ~over, over | ended | late
+    assert np.median(steps) == 200 == steps.min()
+    assert here > 400
+    envs.close()
+
+
+def test_an_interrupted_answer_does_not_end_the_episode():
+    env = FindNodule(duration=2.0)
+    for _ in range(2):  # the second episode begins without the steps of the first
+        env.reset(seed=2)
+        for here in (*[1] * (HELD - 1), 0, *[1] * (HELD - 1)):
+            _, _, over, _, info = env.step(np.array([0, 0, 0, here], np.float32))
+            assert not over and "distance" not in info
+    assert env.step(np.array([0, 0, 0, 1], np.float32))[2]
+    env.close()
 
 
 def test_the_scripted_press_reaches_the_target_force_for_every_stiffness():
@@ -388,8 +436,8 @@ def test_after_ctrl_c_in_a_step_no_thread_runs_in_a_lane(presses):
     assert all(again[part].tobytes() == fresh[part].tobytes() for part in again)
 
 
-def test_a_step_in_a_forked_process_starts_threads(presses):
-    """The child waited forever for threads of its parent."""
+def test_a_step_in_a_forked_process_starts_new_threads(presses):
+    """The child waited for threads of its parent."""
     envs = presses()
     envs.step(STILL)
     child = os.fork()

@@ -167,7 +167,7 @@ class Worker:
             name, node = self._started.pop()
             try:
                 node.stop()
-                self._pass_notes()
+                self.pass_notes()
             except BaseException as error:
                 fault = fault or NodeError(name, "stop", error)
         if fault:
@@ -450,7 +450,7 @@ class Worker:
         self._tell_observers(nodes)
         nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}
         self.report(Alive(nodes, self.awaits))
-        self._pass_notes()
+        self.pass_notes()
 
     def _tell_observers(self, nodes: dict[str, Counters]) -> None:
         """Send the health of the nodes to the observers here and in other workers."""
@@ -464,7 +464,8 @@ class Worker:
             if far and self.bus is not None:
                 self.bus.keep(frame(HEALTH, pack(health)))
 
-    def _pass_notes(self) -> None:
+    def pass_notes(self) -> None:
+        """Report the new notes of all nodes."""
         time = nanoseconds(self.tick, self.job.rate) * 1e-9 if self.tick > 0 else 0.0
         nodes = [*((s.name, s.node) for s in self.slots), *((s.name, s.node) for s in self.audience.begun)]
         for name, node in nodes:

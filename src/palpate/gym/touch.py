@@ -17,6 +17,7 @@ from palpate.engine.plan import Plan
 from palpate.gym.side_view import side_view
 from palpate.launch.load.files import Override
 from palpate.launch.load.values.source import YamlSource
+from palpate.launch.run.notes import RunNote, first_of_each_kind, warn
 from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.nodes.device import Simulated
 from palpate.nodes.device.steered import Steered
@@ -110,6 +111,9 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._steered = [node for node in map(self.stepper.node, devices) if isinstance(node, Steered)]
         self._begins = [node.begin for node in self._steered]
         self._started = False
+        self.notes: list[RunNote] = []
+        """What nodes report about the validity of their results, the first note of each kind; each is also a
+        PalpateWarning. Collected at the end of an episode, at `reset` and at `close`."""
         parts: dict[str, Space[Any]] = {name: Box(-most, most, self.shape, np.float32) for name, most in BOUNDS.items()}
         parts |= {name: Box(0.0, BOUNDS["force"], (1,), np.float32) for name in self.wanted}
         self.observation_space: Space[Any] = Dict(parts)
@@ -166,6 +170,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if not self._started:
             self.stepper.start()
             self._started = True
+        self._warn()
         self.stepper.restart(changes)
         for held in self._steered:
             low, high = (np.add(held.begin, corner).tolist() for corner in ROOM)
@@ -189,7 +194,10 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         tick = self.tick
         reward, over, info = self.judge(tick, action)
         info["time"] = tick.time
-        return self._observed(tick), reward, over, not over and tick.time >= self.duration, info
+        late = not over and tick.time >= self.duration
+        if over or late:
+            self._warn()
+        return self._observed(tick), reward, over, late, info
 
     def render(self) -> np.ndarray | None:
         """Picture (240,320,3) of the scene from the side, see `gym.side_view`; None without a `render_mode`.
@@ -214,8 +222,16 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def close(self) -> None:
         """Stop all nodes."""
         if self._started:
+            self._warn()
             self._started, self.tick = False, None
             self.stepper.stop()
+
+    def _warn(self) -> None:
+        """Keep the new notes whose kind is new, and warn about them."""
+        known = {note.kind for note in self.notes}
+        new = [note for note in first_of_each_kind(self.stepper.notes()) if note.kind not in known]
+        self.notes += new
+        warn(new, level=4)
 
     # -- observation -------------------------------------------------------------------------------------------------
 

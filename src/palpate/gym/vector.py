@@ -32,7 +32,7 @@ CHUNKS = 4  # groups of lanes per thread
 
 class VectorTouch(VectorEnv):
     """Environments of one task, one lane with separate settings each; results equal those of single environments bit
-    for bit. After Ctrl-C in a step no thread runs, and the next call is `reset`. A forked process has separate threads.
+    for bit. After Ctrl-C in a step no thread runs, and the next call is `reset`. A forked process starts new threads.
 
     task      class of the environments, a subclass of `Touch`
     num_envs  number of environments

@@ -18,6 +18,13 @@ from palpate.launch.run.interrupts import interrupts
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.registry import modules
 
+SYNONYMS = {
+    "plot": "picture", "draw": "picture", "image": "picture", "show": "view", "open": "view", "start": "run",
+    "launch": "run", "simulate": "run", "play": "replay", "validate": "check", "convert": "export", "diff": "compare",
+    "graphs": "list", "nodes": "list", "describe": "info", "monitor": "top", "optimise": "tune", "optimize": "tune",
+    "sweep": "study",
+}  # fmt: skip
+"""Words of other programs for a command: similar spelling alone suggests `export` for "plot"."""
 RETRY = 0.1  # [s] after which a dropped interrupt is sent again
 
 
@@ -36,6 +43,12 @@ class Verbs(TyperGroup):
             if param.name in ("install_completion", "show_completion"):
                 param.hidden = True
         return params
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command; a usage error suggests the one with this meaning, or one with a similar name."""
+        if not ctx.resilient_parsing and args[0] in SYNONYMS:
+            ctx.fail(f"No such command {args[0]!r}. Did you mean {SYNONYMS[args[0]]!r}?")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         numbers = [int(signal.SIGINT)]

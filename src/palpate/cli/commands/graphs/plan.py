@@ -40,7 +40,8 @@ def plan(
 ) -> None:
     """Show what runs, what does not and why, and after a run the cost per effect.
 
-    Times come from the newest recording of the graph below runs/, or from the one given to --ablate.
+    Times come from the newest recording of the graph below runs/, or from the one given to --ablate. Without a
+    recording the table has no times.
     """
     from palpate.launch.load.effect_costs import effect_costs
     from palpate.records.times import step_times
@@ -98,7 +99,7 @@ def _print(planned: Plan, placement: Placement, items: list[EffectCost], source:
     if not items:
         return
     # The cost of each effect.
-    timed = f"times of {source}" if source else "no times yet: run the graph first"
+    timed = f"times of {source}" if source else "no times: no recording of this graph in runs/, palpate run makes one"
     proved = PROVED if any(item.proof for item in items) else ""
     screen.print()
     screen.print(table(
