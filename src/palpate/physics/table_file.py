@@ -77,6 +77,12 @@ class Table:
         ValueError: a cell is no finite number, with its line and column.
         """
         comma = self.decimal(columns) == ","
+        for line, row in self.rows if self.separator == "," else ():
+            if any(cell.strip() for cell in row[len(self.cells) :]):
+                raise ValueError(
+                    f"row {line}: {len(row)} cells, the header in row {self.line} has {len(self.cells)}; decimal "
+                    "commas? Separate the columns by semicolons or tabs"
+                )
         numbers = [[_number(row[k], comma) if k < len(row) else None for k in columns] for _, row in self.rows]
         last = len(numbers)
         while last and numbers[last - 1][int(np.argmin(columns))] is None:
@@ -96,8 +102,6 @@ class Table:
                     if value is not None
                     else f"a number with a decimal {'comma' if comma else 'point'}"
                 )
-                if value is None and self.separator == "," and len(row) > len(self.cells):
-                    wanted += "; decimal commas? Separate the columns by semicolons or tabs"
                 raise ValueError(f"row {line}, column {self.cells[k].strip()!r}: found {found!r}, expected {wanted}")
         return np.array(numbers, float).reshape(-1, len(columns)), [line for line, _ in self.rows[: len(numbers)]]
 
@@ -209,7 +213,7 @@ def read_table(path: str | Path, score: Callable[[Sequence[str]], int], full: in
     begin = next((line for _, line in rest if re.match(r'\s*"?[+-]?[.,]?\d', line)), rest[0][1] if rest else "")
     # rows may have another separator than the header, and units may be split off by a comma in a name
     if rest:
-        others = [s for s in (separator, *SEPARATORS) if s == BLANK or s in begin or s == separator]
+        others = [s for s in (separator, *SEPARATORS) if s in (BLANK, separator) or s in begin]
         counts = {s: len(_split(rest[0][0], begin, s)) for s in others}
         parts = {s: len(_join_units(cells, text, c)) for s, c in counts.items()}
         rows_by = next((s for s in others if counts[s] == parts[s]), separator)

@@ -4,8 +4,8 @@
     anna,1,0,0
     anna,1,0.5,0.09
 
-Columns may be in any order, in any form that `physics.table_file` reads. Lengths are in m, mm or µm, forces in N, mN, gf
-or kgf. Other columns are ignored and reported.
+Columns may be in any order, in any form that `physics.table_file` reads. Lengths are in m, mm or µm, forces in N, mN,
+gf or kgf. Other columns are ignored and reported.
 """
 
 import math

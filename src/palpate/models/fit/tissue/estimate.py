@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue import relaxing
+from palpate.models.fit.tissue import noise, relaxing
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.residuals import inflation, runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
@@ -166,6 +166,16 @@ class Problem:
         out = np.concatenate(parts)
         return np.where(np.isfinite(out), np.clip(out, -1e6, 1e6), 1e6)
 
+    def rounded(self, rows: np.ndarray, forces: Sequence[np.ndarray]) -> np.ndarray:
+        """Variance (k,) of `rows` (k, n) times the weighted residuals from the steps of the converters."""
+        at, out = 0, np.zeros(len(rows))
+        for press, force, w in zip(self.presses, forces, self.weight, strict=True):
+            if press.step:
+                part = rows[:, at : at + len(force)] * w
+                out += noise.quantised(part, force, press.step, noise.dither(press.force, press.step))
+            at += len(force)
+        return out
+
     def start(self) -> np.ndarray:
         """Initial guesses, with the first parameter scaled so that the forces have the norm of the measured ones."""
         guess = [p.searched(p.guess) for p in self.parameters]
@@ -248,8 +258,10 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0.0] = 1e-12
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
-    cov = variance * tau * (turn.T / np.maximum(sizes, 1e-9 * sizes[0]) ** 2) @ turn / np.outer(scale, scale)
-    errors = np.sqrt(np.diag(cov))
+    bread = (turn.T / np.maximum(sizes, 1e-9 * sizes[0]) ** 2) @ turn / np.outer(scale, scale)
+    plain = variance * tau * bread
+    cov, effective = _coloured(problem, forces, weighted, J, bread, plain, effective)
+    errors, ratio = np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov) / np.maximum(np.diag(plain), 1e-300))
     quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
     # linear interval of each parameter, widened to its profile likelihood interval
     intervals = {}
@@ -258,7 +270,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
         ends = [min(max(value + s * reach, low[i]), high[i]) for s in (-1, 1)]
         intervals[p.name] = Interval(p.value(value), p.value(ends[0]), p.value(ends[1]))
         if profiles:
-            level = least * (1.0 + quantile**2 / (effective - size))
+            level = least * (1.0 + (quantile * ratio[i]) ** 2 / (count / tau - size))
             profile, points = _profile(problem, x, i, reach / 2.0, least, level)
             ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
             interval = intervals[p.name]
@@ -272,6 +284,32 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
         float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), converged, least / count,
         runs(weighted), x, errors,
     )  # fmt: skip
+
+
+def _coloured(
+    problem: Problem, forces: Sequence[np.ndarray], weighted: Sequence[np.ndarray], J: np.ndarray, bread: np.ndarray,
+    plain: np.ndarray, effective: float,
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """Covariance of the unknowns and number of independent residuals, with the noise that `noise` describes.
+
+    plain  covariance if all noise had the same size and correlation
+    """
+    size = len(bread)
+    # steps of the converter: their variance is added, because the residuals before contact may not show them
+    known = problem.rounded(bread @ J.T, forces)
+    grow = np.sqrt(1.0 + known / np.maximum(np.diag(plain), 1e-300))
+    cov = plain * np.outer(grow, grow)
+    # noise that grows with the force
+    gains = [noise.gain(f * w, r, size) for f, w, r in zip(forces, problem.weight, weighted, strict=True)]
+    if not known.any() and all(found is not None for found in gains) and not problem.relative:
+        found = [each for each in gains if each is not None]
+        larger = noise.sandwich(J, bread, [block for block, _ in found])
+        if np.trace(larger) > 0.0:
+            few = sum(len(r) / tau for r, (_, tau) in zip(weighted, found, strict=True))
+            effective = max(min(effective, few), LEAST_EFFECTIVE * size)
+            grow = np.sqrt(np.maximum(np.diag(larger) / np.diag(cov), 1.0))
+            cov = cov * np.outer(grow, grow)
+    return cov, effective
 
 
 def _profile(

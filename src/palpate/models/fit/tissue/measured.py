@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.noise import noise_before, step_of
 from palpate.models.fit.tissue.residuals import inflation
 from palpate.physics.table_file import Table, read_table, split_unit
 
@@ -45,6 +46,7 @@ class MeasuredPress:
     touch   [m]  indentation at first contact, estimated from the force; its uncertainty is `slack` [m]
     zero    [N]  mean force before contact, subtracted from `force`; the fit estimates the remaining offset
     drifts  whether the force changes before contact: the fit then includes the slope of the baseline
+    step    [N]  of the converter of the force; 0: no repeated values show one
     remarks  which columns were read, and which lines were not
     air     whether rows before contact show the zero of the force; else the fit searches zero and touch point widely
     """
@@ -59,6 +61,7 @@ class MeasuredPress:
     drifts: bool = False
     air: bool = True
     remarks: tuple[str, ...] = ()
+    step: float = 0.0
 
     @cached_property
     def rate(self) -> np.ndarray:
@@ -126,7 +129,7 @@ def read_presses(
         raise SessionError(f"{path}: pressed by {', '.join(sorted(pressed))}: two indenters mixed; fit each separately")
     sessions = np.array([" ".join(row[k].strip() for k in labels if k < len(row)) for row in kept])
     remarks = (f"{path.name}: {', '.join(shown)}", *(f"{path.name}: {text}" for text in table.skipped))
-    presses = []
+    presses: list[MeasuredPress] = []
     for session in dict.fromkeys(sessions.tolist()):
         name, rows = f"{path.name}{':' if session else ''}{session}", np.flatnonzero(sessions == session)
         parts = dict(zip(found, values[rows].T, strict=True))
@@ -230,12 +233,12 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
         raise SessionError(f"{name}: the indentation falls in the press; --columns indentation=-d inverts it")
     # noise from second differences (median absolute deviation); detection level of contact
     deepest = int(np.argmax(depth))
-    noise = float(np.median(np.abs(np.diff(force, 2)))) / 0.6745 / math.sqrt(6.0)
+    noise, step = noise_before(force), step_of(force)
     line = np.full(len(force), float(np.median(force[: max(deepest // 100, 5)])))
     peak = float((force - line).max())
     if not peak > max(10.0 * noise, 1e-9):
         raise SessionError(f"{name}: never touches: at most {peak:.3g} N with noise of {noise:.2g} N")
-    level = max(5.0 * noise, 1e-4 * peak)
+    level = max(5.0 * noise, 1e-4 * peak, 1.5 * step)
     when = np.arange(len(force), dtype=float) if time is None else time - time[0]
     # touch point and baseline depend on each other: iterate to a fixed point
     air, drifts, last = np.zeros(0, int), False, -1
@@ -264,7 +267,7 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
     free = len(air) >= LEAST_AIR
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
-    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts and free, free)
+    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts and free, free, step=step)
     return press if len(depth) <= MOST_ROWS else _thinned(press)
 
 
