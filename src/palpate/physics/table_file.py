@@ -211,7 +211,7 @@ def read_table(path: str | Path, score: Callable[[Sequence[str]], int], full: in
         return Table(at, cells, cells, [""] * len(cells), rows, separator, dialect)
     rest = [(n, line) for n, line in body if n > at]
     begin = next((line for _, line in rest if re.match(r'\s*"?[+-]?[.,]?\d', line)), rest[0][1] if rest else "")
-    # rows may have another separator than the header, and units may be split off by a comma in a name
+    # rows may have another separator than the header, and a comma in a name may separate its unit
     if rest:
         others = [s for s in (separator, *SEPARATORS) if s in (BLANK, separator) or s in begin]
         counts = {s: len(_split(rest[0][0], begin, s)) for s in others}

@@ -179,8 +179,8 @@ def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
     chances = lack_of_fit(weighted, jacobian, groups, EXACT)
     if any(press.step for press in problem.presses):  # rounding is no misfit
         residual, own = np.concatenate(weighted), _basis(jacobian)
-        for what, each in groups.items():
-            basis = _basis(each - own @ (own.T @ each))
+        for what, table in groups.items():
+            basis = _basis(table - own @ (own.T @ table))
             if float(np.sum((basis.T @ residual) ** 2)) < ROUNDED * float(problem.rounded(basis.T, best.fitted).sum()):
                 chances[what] = 1.0
     return chances

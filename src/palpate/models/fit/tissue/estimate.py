@@ -118,7 +118,7 @@ class Problem:
         self.baselines = []
         for i, (press, peak) in enumerate(zip(self.presses, peaks, strict=True)):
             self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
-            if press.drifts:
+            if press.drifts or press.air:  # a drift below the noise before contact may still matter at the peak
                 self.baselines.append((f"drift, {press.name}", i, 0.01 * peak * press.elapsed))
         self.names = [p.name for p in self.parameters]
         self.names += [f"touch, {p.name}" for p in presses] if free_touch else []
@@ -299,6 +299,12 @@ def _coloured(
     known = problem.rounded(bread @ J.T, forces)
     grow = np.sqrt(1.0 + known / np.maximum(np.diag(plain), 1e-300))
     cov = plain * np.outer(grow, grow)
+    # relative weights: rows before contact have white noise, which hides the correlation of those in contact
+    if problem.relative:
+        touched = [r[np.abs(f) > 0.05 * np.abs(f).max()] for f, r in zip(forces, weighted, strict=True)]
+        few = max(len(J) / noise.inflation(touched, size), LEAST_EFFECTIVE * size)
+        if few < effective:
+            cov, effective = cov * (effective - size) / (few - size), few
     # noise that grows with the force
     gains = [noise.gain(f * w, r, size) for f, w, r in zip(forces, problem.weight, weighted, strict=True)]
     if not known.any() and all(found is not None for found in gains) and not problem.relative:
