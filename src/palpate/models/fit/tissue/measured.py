@@ -126,7 +126,8 @@ def read_presses(
     kept = [row for _, row in table.rows[: len(values)]]
     pressed = {row[rig].strip() for row in kept if rig is not None and rig < len(row)}
     if len(pressed) > 1:
-        raise SessionError(f"{path}: pressed by {', '.join(sorted(pressed)[:5])}: two indenters mixed; fit each separately")
+        several = ", ".join(sorted(pressed)[:5])
+        raise SessionError(f"{path}: pressed by {several}: two indenters mixed; fit each separately")
     sessions = np.array([" ".join(row[k].strip() for k in labels if k < len(row)) for row in kept])
     remarks = (f"{path.name}: {', '.join(shown)}", *(f"{path.name}: {text}" for text in table.skipped))
     presses: list[MeasuredPress] = []
