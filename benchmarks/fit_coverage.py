@@ -1,5 +1,8 @@
 """Coverage of the 95 % intervals of `palpate fit tissue`, its false alarms, and how often it detects a flaw of a press.
 
+Noise: every law and rig, with white, correlated, quantised, drifting and gain noise; `python benchmarks/fit_coverage.py
+noise [trials]`.
+
 Coverage: a ball of 8 mm on a bonded layer of 20 mm, E = 10 kPa, noise of 1 % of the peak; the indentation in the file
 has an offset of 0.1 mm. Two cases: a press without relaxation, and a press and hold with one Prony term.
 
@@ -70,6 +73,66 @@ def covered(trials: int, kind: str, correlation: float, first: int = 0) -> dict[
     return {name: float(np.mean(each)) for name, each in held.items()}
 
 
+CYLINDER = Rig("cylinder", 25e-3, 30e-3)
+CASES: dict[str, tuple[Rig, str, dict[str, float], str, float]] = {
+    "hertz, ball": (Rig("ball", 30e-3), "hertz", {"young": 1e4}, "none", 2e-3),
+    "layer": (RIG, "layer", {"young": 1e4}, "none", 2e-3),
+    "exponential": (RIG, "exponential", {"stiffness": 100.0, "hardening": 600.0}, "none", 2e-3),
+    "power": (RIG, "power", {"stiffness": 3e3, "exponent": 1.5}, "none", 2e-3),
+    "hertz, punch": (Rig("punch", 20e-3), "hertz", {"young": 1e4}, "none", 2e-3),
+    "fingertip": (Rig("fingertip"), "power", {"stiffness": 3e3, "exponent": 1.5}, "none", 2e-3),
+    "kelvin-voigt": (RIG, "layer", {"young": 1e4, "retardation": 0.2}, "kelvin-voigt", 2e-3),
+    "prony:1": (RIG, "layer", TRUTH, "prony:1", 2e-3),
+    "neo_hooke": (CYLINDER, "neo_hooke", {"young": 2e4}, "none", 10e-3),
+    "yeoh": (CYLINDER, "yeoh", {"young": 2e4, "c2_over_c1": 0.1}, "none", 10e-3),
+    "demiray": (CYLINDER, "demiray", {"young": 2e4, "b": 1.0}, "none", 10e-3),
+}
+"""Rig, law, true values, relaxation, depth [m]."""
+NOISES = ("white", "correlated", "quantised", "drift", "bent drift", "gain")
+
+
+def noisy(case: str, what: str, seed: int, rows: int = 300) -> MeasuredPress:
+    """A press of a case: 1 s of free motion, 2 s inward, then a hold if it relaxes, with one kind of noise:
+
+    white, correlated  1 % of the peak, correlation 0 and 0.9
+    quantised          a step of 2 % of the peak, noise of 0.3 % before it, a zero anywhere in a step
+    drift, bent drift  2 % of the peak over the record, linear or quadratic in time, with white noise of 0.5 %
+    gain               2 % of the force, correlation 0.9, with white noise of 0.1 % of the peak
+    """
+    rig, law, truth, kind, reach = CASES[case]
+    rng = np.random.default_rng(seed)
+    time = np.linspace(-1.0, {"none": 2.0, "kelvin-voigt": 4.0}.get(kind, 10.0), rows)
+    depth = np.clip(time / 2.0, -0.5, 1.0) * reach
+    ideal = MeasuredPress("synthetic", time, depth, np.zeros(rows), 0.0, 1e-4, 0.0)
+    force = relaxing.force(kind, closed_form(rig, law), truth, ideal, 0.0)
+    peak, share = float(force.max()), (time - time[0]) / np.ptp(time)
+    if what == "gain":
+        force = force * (1.0 + 0.02 * noise(rows, 0.9, rng)) + 0.001 * peak * noise(rows, 0.0, rng)
+    elif what == "quantised":
+        step = 0.02 * peak
+        force = step * np.round((force + 0.003 * peak * noise(rows, 0.0, rng)) / step + rng.uniform())
+    elif "drift" in what:
+        curved = share**2 if "bent" in what else share
+        force = force + peak * (0.005 * noise(rows, 0.0, rng) + rng.choice((-1.0, 1.0)) * 0.02 * curved)
+    else:
+        force = force + 0.01 * peak * noise(rows, 0.9 if what == "correlated" else 0.0, rng)
+    return prepared("synthetic", time, depth + OFFSET, force)
+
+
+def by_noise(case: str, what: str, trials: int, first: int = 0) -> dict[str, float]:
+    """Share of the intervals given that contain the true value, of those withheld, and of misses without a note."""
+    rig, law, truth, kind, _ = CASES[case]
+    held: dict[str, list[bool]] = {"withheld": [], "silent miss": []}
+    for seed in range(first, first + trials):
+        fit = fit_tissue([noisy(case, what, seed)], rig, law, kind)
+        inside = {name: i.low <= truth[name] <= i.high for name, i in fit.estimate.intervals.items()}
+        held["withheld"].append(fit.estimate.withheld)
+        held["silent miss"].append(not all(inside.values()) and not fit.notes)
+        for name, each in inside.items() if not fit.estimate.withheld else ():
+            held.setdefault(name, []).append(each)
+    return {name: float(np.mean(each)) for name, each in held.items()}
+
+
 def flawed(flaw: str, correlation: float, seed: int) -> tuple[TissueFit, float, bool]:
     """Fit of Hertz's law to a press with a flaw, the true modulus [Pa], and whether the flaw exceeds the noise.
 
@@ -132,6 +195,11 @@ def detected(flaw: str, correlation: float, trials: int, first: int = 0) -> dict
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["noise"]:
+        for case in CASES:
+            for what in NOISES:
+                _print(case, what, by_noise(case, what, int((sys.argv[2:] or ["200"])[0])))
+        return
     trials, first = (int(text) for text in (sys.argv[1:] + ["200", "0"][len(sys.argv) - 1 :]))
     for kind in ("none", "prony:1"):
         for correlation in (0.0, 0.9):
@@ -141,9 +209,10 @@ def main() -> None:
             _print(flaw, correlation, detected(flaw, correlation, trials, first))
 
 
-def _print(title: str, correlation: float, shares: dict[str, float]) -> None:
+def _print(title: str, correlation: float | str, shares: dict[str, float]) -> None:
     text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
-    print(f"{title}, correlation {correlation:g}: {text}", flush=True)
+    noise_of = correlation if isinstance(correlation, str) else f"correlation {correlation:g}"
+    print(f"{title}, {noise_of}: {text}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,15 @@
 """A table of a motion: time, and position or joint angles."""
 
-import csv
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.messages import DeviceState
 from palpate.nodes.base import SettingError
-from palpate.physics.readable import MOST_TEXT, check_readable
+from palpate.physics.table_file import Table, read_table, split_unit
 
 PLACE = ("x", "y", "z")
 UNITS = {
@@ -49,62 +48,60 @@ class Motion(NamedTuple):
 
 
 def read_motion(path: str) -> Motion:
-    """The motion in a CSV. SettingError: the file is invalid; the message names the line."""
+    """The motion in a table of any form that `physics.table_file` reads. SettingError: the file is invalid."""
 
     def wrong(text: str) -> SettingError:
         return SettingError(f"setting 'path': {path}: {text}")
 
+    def score(cells: Sequence[str]) -> int:
+        names = {split_unit(cell)[0].lower() for cell in cells}
+        return ("t" in names) + ("joint1" in names or set(PLACE) <= names)
+
     try:
-        check_readable(path, MOST_TEXT)
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
+        found = read_table(path, score, 2)
     except OSError as error:
         raise wrong(f"{error.strerror}") from None
-    except UnicodeDecodeError:
-        raise wrong("not a text in UTF-8; expected a CSV") from None
-    if not rows:
-        raise wrong("empty; expected a header such as t,x,y,z and rows of numbers")
-    head, scales, named = _columns([name.strip().lower() for name in rows[0][1]], wrong)
+    except ValueError as error:
+        if str(error) == "empty":
+            raise wrong("empty; expected a header such as t,x,y,z and rows of numbers") from None
+        raise wrong(f"{error}; expected a CSV") from None
+    head, scales, named = _columns(found, wrong)
     angles = sorted((n for n in head if re.fullmatch(r"joint\d+", n)), key=lambda n: int(n[5:]))
     names = list(PLACE) if set(PLACE) <= set(head) else angles
     if "t" not in head or not names:
         raise wrong(f"its header is {', '.join(head)}; expected t and x, y, z [m], or t and joint1, joint2, ... [rad]")
-    numbers = []
-    for line, row in rows[1:]:
-        try:
-            numbers.append([float(cell) for cell in row] + [np.nan] * (len(head) - len(row)))
-        except ValueError:
-            raise wrong(f"line {line}: found {', '.join(row)!r}, expected numbers") from None
-        if len(numbers[-1]) != len(head) or not np.all(np.isfinite(numbers[-1])):
-            raise wrong(f"line {line}: found {len(row)} numbers, expected {len(head)} finite ones")
-    if not numbers:
-        raise wrong("a head without rows")
-    table = np.array(numbers) * scales
-    times = table[:, head.index("t")]
+    if not found.rows:
+        raise wrong("a header without rows")
+    used = ["t", *names, *(["buttons"] if "buttons" in head else [])]
+    try:
+        read, lines = found.values([head.index(name) for name in used])
+    except ValueError as error:
+        raise wrong(f"{error}") from None
+    table = dict(zip(used, (read * [scales[name] for name in used]).T, strict=True))
+    times = table["t"]
     if np.any(np.diff(times) <= 0.0):
         bad = int(np.argmax(np.diff(times) <= 0.0)) + 1
-        raise wrong(f"line {rows[1 + bad][0]}: the time {times[bad]} does not increase")
-    values = table[:, [head.index(name) for name in names]]
+        raise wrong(f"row {lines[bad]}: the time {times[bad]} s does not increase")
+    values = np.stack([table[name] for name in names], axis=1)
     _check_units(times, values, names, named, wrong)
-    buttons = table[:, head.index("buttons")] if "buttons" in head else np.zeros(len(times))
+    buttons = table.get("buttons", np.zeros(len(times)))
     return Motion(times, values, names is angles, buttons.astype(np.int64))
 
 
-def _columns(head: list[str], wrong: Callable[[str], SettingError]) -> tuple[list[str], np.ndarray, set[str]]:
+def _columns(table: Table, wrong: Callable[[str], SettingError]) -> tuple[list[str], dict[str, float], set[str]]:
     """Names of columns, their factors to SI units, and the names with a unit. SettingError: unknown unit."""
-    names, scales, named = [], [], set()
-    for cell in head:
-        found = re.fullmatch(r"(\w+)\s*[\[(]\s*(.*?)\s*[\])]", cell)
-        name, unit = (found[1], found[2]) if found else (cell, "")
+    scales, named = {}, set()
+    names = [name.lower() for name in table.names]
+    for name, unit, cell in zip(names, table.units, table.cells, strict=True):
         quantity = "place" if name in PLACE else "joint" if re.fullmatch(r"joint\d+", name) else name
         known = UNITS.get(quantity, {})
         if unit and known and unit not in known:
-            raise wrong(f"column {cell!r}: found the unit {unit!r}, expected {' or '.join(known)}")
-        names.append(name)
-        scales.append(known.get(unit, 1.0))
+            raise wrong(f"column {cell.strip()!r}: found the unit {unit!r}, expected {' or '.join(known)}")
+        if name in scales and known:
+            raise wrong(f"row {table.line}: two columns {name!r}; expected one")
+        scales[name] = known.get(unit, 1.0)
         named |= {name} if unit else set()
-    return names, np.array(scales), named
+    return names, scales, named
 
 
 def _check_units(

@@ -9,6 +9,7 @@ from palpate.launch.load.values.units import UnitError, convert, split
 from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import MeasuredPress, prepared, read_presses
+from palpate.physics.table_file import DIALECTS
 from palpate.records.reader import Recording
 
 APART = 0.02  # [1] Share of the greatest force below which the probe counts as free
@@ -19,12 +20,16 @@ class PressReader:
 
     columns  "force=F": names of the columns of a table
     units    "F=mN": units of columns whose header has none
+    dialect  of the numbers of a table, if it cannot be detected
     bone     whether the depth of a recording is the displacement of the finger bone, not the tissue indentation
 
     SessionError: a text has another form.
     """
 
-    def __init__(self, columns: Iterable[str], units: Iterable[str], bone: bool) -> None:
+    def __init__(self, columns: Iterable[str], units: Iterable[str], bone: bool, dialect: str = "") -> None:
+        if dialect and dialect not in DIALECTS:
+            raise SessionError(f"--dialect: found {dialect!r}, expected {' or '.join(DIALECTS)}")
+        self.dialect = dialect
         self.names, self.units, self.bone = _pairs("--columns", columns), _pairs("--unit", units), bone
         for key in set(self.names) - {"time", "force", "indentation"}:
             raise SessionError(f"--columns: found {key!r}, expected time, force, indentation")
@@ -33,7 +38,7 @@ class PressReader:
         """All presses of a file. SessionError, RecordingError: the file is faulty."""
         if file.suffix == ".mcap":
             return [self._recorded(file)]
-        return read_presses(file, self.names, self.units, convert)
+        return read_presses(file, self.names, self.units, convert, self.dialect)
 
     def _recorded(self, file: Path) -> MeasuredPress:
         recording = Recording(file)

@@ -87,7 +87,7 @@ def test_the_table_names_speeds_intervals_and_the_error(recording, tmp_path):
     ("rows", "options", "fault_text"),
     [
         ("t,speed,normal\n0,1,1\n", (), "expected lateral too"),
-        ("t,speed,normal,lateral\n0,1,1,x\n", (), "line 2"),
+        ("t,speed,normal,lateral\n0,1,1,x\n", (), "row 2"),
         ("t,speed,normal,lateral\n" + "".join(f"{i * i},1,1,{i}\n" for i in range(9)), (), "equal steps"),
         ("t,speed,normal,lateral\n" + "".join(f"{i},1,1,{i}\n" for i in range(9)), (), "rows at 1 Hz"),
         ("t,speed,normal,lateral\n" + "".join(f"{i / 1e3},{1 + i % 2},1,{i % 3}\n" for i in range(900)), (), "steady"),

@@ -188,18 +188,20 @@ ROWS = "".join(f"{0.1 * k:g},{0.1 * k:g},{0.01 * k**1.5:g}\n" for k in range(30)
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("t,d,F\n" + ROWS, "column 'd': no unit; give it with --unit indentation=mm"),
-        ("t,d [furlong],F\n" + ROWS, "unit 'furlong'"),
-        ("t,d [s],F\n" + ROWS, "unit 's'.*expected a length"),
-        ("t,d [m],F\n" + ROWS, r"found 0.6, too large for the indentation of a press; is the unit right\?"),
+        ("t,d,F [N]\n" + ROWS, "column 'd': no unit; give it with --unit indentation=mm"),
+        ("t,d [furlong],F [N]\n" + ROWS, "unit 'furlong'"),
+        ("t,d [s],F [N]\n" + ROWS, "unit 's'.*expected a length"),
+        ("t,d [m],F [N]\n" + ROWS, r"found 0.6, too large for the indentation of a press; is the unit right\?"),
         ("t,x [mm],F\n" + ROWS, "no header with a column for indentation"),
-        ("t,d [mm],F\n" + ROWS.replace("1.5,1.5", "1.5,nan"), r"row 17, column 'd \[mm\]': found 'nan', expected a"),
-        ("t,d [mm],F\n" + ROWS.replace("1.5,1.5,", "1.4,1.5,"), "time does not increase: 1.4 s is followed by 1.4 s"),
-        ("t,d [mm],F\n" + "".join(f"{k},{k},0\n" for k in range(30)), "never touches"),
-        ("t,d [mm],F\n" + "".join(f"{k},{k},{-k}\n" for k in range(30)), "the force is negative in the press"),
-        ("t,d [mm],F\n0,0,0\n", "1 rows, expected at least 10"),
-        ("t,d [mm],F\n" + "1,1,a\n", "found 'a', expected a number"),
-        ("t,d [mm],F,radius\n" + ROWS.replace("\n", ",4\n") + "9,9,2,8\n",
+        ("t,d [mm],F [N]\n" + ROWS.replace("1.5,1.5", "1.5,nan"),
+         r"row 17, column 'd \[mm\]': found 'nan', expected a"),
+        ("t,d [mm],F [N]\n" + ROWS.replace("1.5,1.5,", "1.3,1.5,"),
+         "row 17: time does not increase: 1.4 s is followed by 1.3 s"),
+        ("t,d [mm],F [N]\n" + "".join(f"{k},{k},0\n" for k in range(30)), "never touches"),
+        ("t,d [mm],F [N]\n" + "".join(f"{k},{k},{-k}\n" for k in range(30)), "the force is negative in the press"),
+        ("t,d [mm],F [N]\n0,0,0\n", "1 rows, expected at least 10"),
+        ("t,d [mm],F [N]\n" + "1,1,a\n", "found 'a', expected a number"),
+        ("t,d [mm],F [N],radius\n" + ROWS.replace("\n", ",4\n") + "9,9,2,8\n",
          "two indenters mixed"),
     ],
 )  # fmt: skip
@@ -211,7 +213,19 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, expec
 
 def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
     path, out = saved(tmp_path, "t,d,F\n" + ROWS), tmp_path / "out"
-    words = ["fit", "tissue", str(path), "--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--rig", "ball"]
+    words = [
+        "fit",
+        "tissue",
+        str(path),
+        "--columns",
+        "time=t,force=F,indentation=d",
+        "--unit",
+        "d=mm",
+        "--unit",
+        "F=N",
+        "--rig",
+        "ball",
+    ]
     result = CliRunner().invoke(app, [*words, "--radius", "30 mm", "--law", "hertz", "-o", str(out)])
     assert result.exit_code == 0, result.output
     printed = json.loads((out / "report.json").read_text())
@@ -244,7 +258,7 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
     ],
 )
 def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, expected):
-    path = saved(tmp_path, "t,d [mm],F\n" + ROWS)
+    path = saved(tmp_path, "t,d [mm],F [N]\n" + ROWS)
     for file in (path, tmp_path / "nowhere.csv"):  # options are checked before the file is read
         if "--columns" in words and file != path:
             continue  # needs the header of the file
@@ -256,7 +270,18 @@ def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, ex
 def test_a_folder_that_cannot_be_written_is_refused_before_the_fit(tmp_path, monkeypatch):
     path = saved(tmp_path, "t,d,F\n" + ROWS)
     monkeypatch.setattr("palpate.models.fit.tissue.fit.fit_tissue", lambda *given, **more: pytest.fail("it fits first"))
-    words = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--rig", "ball", "--radius", "30 mm"]
+    words = [
+        "--columns",
+        "time=t,force=F,indentation=d",
+        "--unit",
+        "d=mm",
+        "--unit",
+        "F=N",
+        "--rig",
+        "ball",
+        "--radius",
+        "30 mm",
+    ]
     words += ["--law", "hertz", "-o", str(path / "out")]
     result = CliRunner().invoke(app, ["fit", "tissue", str(path), *words])
     assert result.exit_code == 2 and "Not a directory" in " ".join(result.output.split())

@@ -39,11 +39,11 @@ def test_joint_angles_are_sent(tmp_path):
     [
         ("", "empty; expected a head"),
         ("t,x,y\n0,0,0\n", r"its header is t, x, y; expected t and x, y, z \[m\]"),
-        ("t,x,y,z\n", "a head without rows"),
-        ("t,x,y,z\n0,0,0,0\n0.1,a,0,0\n", "line 3: found '0.1, a, 0, 0', expected numbers"),
-        ("t,x,y,z\n0,0,0\n", "line 2: found 3 numbers, expected 4"),
-        ("t,x,y,z\n0,0,0,0\n0,0,0,1\n", "line 3: the time 0.0 does not increase"),
-        ("t,x,y,z\n0,0,0,nan\n", "line 2"),
+        ("t,x,y,z\n", "a header without rows"),
+        ("t,x,y,z\n0,0,0,0\n0.1,a,0,0\n", "row 3, column 'x': found 'a', expected a number"),
+        ("t,x,y,z\n0,0,0\n", "row 2, column 'z': found '', expected a number"),
+        ("t,x,y,z\n0,0,0,0\n0,0,0,1\n", "row 3: the time 0.0 s does not increase"),
+        ("t,x,y,z\n0,0,0,nan\n", "row 2, column 'z': found 'nan', expected a finite number"),
     ],
 )
 def test_an_invalid_table_is_an_error(tmp_path, text, reported):

@@ -4,11 +4,10 @@
     anna,1,0,0
     anna,1,0.5,0.09
 
-Columns may be in any order, separated by comma, semicolon or tab; lines that begin with # are comments. Lengths are in
-m, mm or µm, forces in N or mN. Other columns are ignored and reported.
+Columns may be in any order, in any form that `physics.table_file` reads. Lengths are in m, mm or µm, forces in N, mN,
+gf or kgf. Other columns are ignored and reported.
 """
 
-import csv
 import math
 import re
 from dataclasses import dataclass
@@ -18,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.readable import MOST_TEXT, check_readable
+from palpate.physics.table_file import Table, number, read_table, split_unit
 
 UNITS = {
     "depth": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "μm": 1e-6, "um": 1e-6},
-    "force": {"N": 1.0, "mN": 1e-3},
+    "force": {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "kgf": 9.80665},
 }
 MOST = {"depth": 1.0, "force": 1e4}  # Upper bounds in SI units; a larger value means a wrong unit in the header
 NOISE = 0.05  # [1] largest negative force that counts as noise, as a fraction of the subject's largest force
@@ -31,7 +30,6 @@ STIFFNESS = (5.0, 1e5)
 LABELS = ("subject", "session")
 NEEDED = (*LABELS, "depth", "force")
 SHOWN = 20
-HEAD = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*")
 
 
 class SessionError(PalpateError, ValueError):
@@ -106,31 +104,37 @@ def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subje
 
     SessionError: a missing file, column or unit, or invalid rows.
     """
-    numbered = numbered_lines(path)
-    if not numbered:
-        raise SessionError(f"{path}: empty; expected the columns subject, session, depth [mm], force [N]")
-    head, body = numbered[0], numbered[1:]
-    separator = separator_of(head[1])
-    header = cells_of(path, *head, separator)
-    columns, factors, ignored = _header(path, header)
-    if not body:
-        raise SessionError(f"{path}: no rows after the header in row {head[0]}")
+    try:
+        table = read_table(
+            path, lambda cells: len({split_unit(c)[0].lower() for c in cells} & set(NEEDED)), len(NEEDED)
+        )
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        if reason == "empty":
+            raise SessionError(f"{path}: empty; expected the columns subject, session, depth [mm], force [N]") from None
+        raise SessionError(f"{path}: cannot be read: {reason}") from None
+    columns, factors, ignored = _header(path, table)
+    if not table.rows:
+        raise SessionError(f"{path}: no rows after the header in row {table.line}")
+    try:
+        decimal = table.decimal([columns["depth"], columns["force"]])
+    except ValueError as error:
+        raise SessionError(f"{path}, {error}") from None
     faults: list[str] = []
     rows = []
-    for number, line in body:
-        cells = cells_of(path, number, line, separator)
-        if len(cells) > len(header):
-            faults.append(_too_many(path, number, cells, len(header), separator))
+    for line, cells in table.rows:
+        if len(cells) > len(table.cells):
+            faults.append(_too_many(path, line, cells, len(table.cells), table.separator))
             continue
-        measurement = _row(path, number, cells, columns, factors, faults)
+        measurement = _row(path, line, cells, columns, factors, decimal, faults)
         if measurement is not None and measurement["depth"] <= depth_limit * (1.0 + 1e-9):
-            rows.append((number, measurement))
+            rows.append((line, measurement))
     names = list(dict.fromkeys(row["subject"] for _, row in rows))
     largest = {name: max(row["force"] for _, row in rows if row["subject"] == name) for name in names}
-    for number, row in rows:
+    for line, row in rows:
         if row["force"] < -NOISE * max(largest[row["subject"]], 0.0):
             faults.append(
-                f"{path}, row {number}, column 'force': found {row['force'] / factors['force']:g}, expected a force"
+                f"{path}, row {line}, column 'force': found {row['force'] / factors['force']:g}, expected a force"
                 f" that is not negative, except for noise of at most {100 * NOISE:g} % of the subject's largest one"
             )
     _refuse(faults)
@@ -138,40 +142,15 @@ def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subje
         raise SessionError(f"{path}: no row is left up to the depth limit of {depth_limit * 1e3:g} mm")
     subjects = []
     for name in names:
-        numbers, part = zip(*((n, row) for n, row in rows if row["subject"] == name), strict=True)
+        lines, part = zip(*((n, row) for n, row in rows if row["subject"] == name), strict=True)
         session, depth, force = (np.array([row[key] for row in part]) for key in ("session", "depth", "force"))
-        subjects.append(Subject(name, str(path), np.array(numbers), session, depth, force, factors))
+        subjects.append(Subject(name, str(path), np.array(lines), session, depth, force, factors))
     return subjects, ignored
 
 
-def numbered_lines(path: Path) -> list[tuple[int, str]]:
-    """The lines of a CSV file with their numbers, without empty ones and comments. SessionError: it cannot be read."""
-    try:
-        check_readable(path, MOST_TEXT)
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file in UTF-8"
-        raise SessionError(f"{path}: cannot be read: {reason}") from None
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    return [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
-
-
-def separator_of(header: str) -> str:
-    """Separator of a file with this header."""
-    return next((s for s in "\t;" if s in header), ",")
-
-
-def cells_of(path: Path, number: int, line: str, separator: str) -> list[str]:
-    """The cells of a line. SessionError: not valid CSV."""
-    try:
-        return next(csv.reader([line], delimiter=separator))
-    except csv.Error as error:
-        raise SessionError(f"{path}, row {number}: not a row of a CSV file: {error}") from None
-
-
-def _too_many(path: Path, number: int, cells: list[str], count: int, separator: str) -> str:
+def _too_many(path: Path, line: int, cells: list[str], count: int, separator: str) -> str:
     """Message for a row with more cells than the header."""
-    where = f"{path}, row {number}: {len(cells)} cells, the header has {count}"
+    where = f"{path}, row {line}: {len(cells)} cells, the header has {count}"
     if separator == "," and any(re.fullmatch(r"\s*[+-]?\d+\s*", a) and re.fullmatch(r"\d+([eE][+-]?\d+)?\s*", b)
                                 for a, b in pairwise(cells)):  # fmt: skip
         return f"{where}; decimal commas? Write numbers with a point, such as 0.5"
@@ -193,7 +172,7 @@ def check_stiffness(subjects: list[Subject]) -> None:
             factor: f"'{name} [{unit}]'"
             for name, power in (("force", 1), ("depth", -1))
             for unit, factor in UNITS[name].items()
-            if low <= force / depth * (factor / subject.units[name]) ** power <= high
+            if not unit.endswith("gf") and low <= force / depth * (factor / subject.units[name]) ** power <= high
         }
         faults.append(
             f"{subject.file}, from row {subject.rows[0]}, column 'force': subject {subject.name!r} has {force:.3g} N at"
@@ -204,20 +183,19 @@ def check_stiffness(subjects: list[Subject]) -> None:
     _refuse(faults)
 
 
-def _header(path: Path, cells: list[str]) -> tuple[dict[str, int], dict[str, float], list[str]]:
+def _header(path: Path, table: Table) -> tuple[dict[str, int], dict[str, float], list[str]]:
     columns: dict[str, int] = {}
     factors: dict[str, float] = {}
     faults, ignored = [], []
-    for place, cell in enumerate(cells):
-        match = HEAD.fullmatch(cell)
-        name = match["name"].lower() if match else cell
+    cells = table.cells
+    for place, (cell, name, unit) in enumerate(zip(cells, table.names, table.units, strict=True)):
+        name = name.lower()
         if name in columns:
             faults.append(f"{path}, header: column {name!r} twice")
         elif name in LABELS:
             columns[name] = place
         elif name in UNITS:
             columns[name] = place
-            unit = match["unit"] if match else None
             known = ", ".join(UNITS[name])
             if not unit:
                 faults.append(
@@ -241,22 +219,22 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[str, int], dict[str, flo
 
 
 def _row(
-    path: Path, number: int, cells: list[str], columns: dict[str, int], factors: dict[str, float], faults: list[str]
-) -> dict | None:
+    path: Path, line: int, cells: list[str], columns: dict[str, int], factors: dict[str, float], decimal: str,
+    faults: list[str],
+) -> dict | None:  # fmt: skip
     """The values of one row in SI units; None, with entries in `faults`, for an invalid row."""
     before = len(faults)
     measurement: dict = {}
     for name, place in columns.items():
-        where = f"{path}, row {number}, column {name!r}"
+        where = f"{path}, row {line}, column {name!r}"
         text = cells[place].strip() if place < len(cells) else ""
         if not text:
             faults.append(f"{where}: empty, expected {'a label' if name in LABELS else 'a number'}")
         elif name in LABELS:
             measurement[name] = text
         else:
-            try:
-                value = float(text)
-            except ValueError:
+            value = number(text, decimal)
+            if value is None:
                 faults.append(f"{where}: found {text!r}, expected a number with a decimal point")
                 continue
             if not math.isfinite(value):

@@ -6,6 +6,7 @@ of BIC, so that line spectral frequencies can be interpolated (H. Culbertson, J.
 Haptics 7 (2014) 381-393, who segment by the signal instead). A speed in the middle is predicted from the others.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,9 +15,9 @@ from scipy.signal import butter, sosfiltfilt
 
 from palpate.models.fit.sessions import SessionError
 from palpate.nodes.base.texture_file import Model, Texture, tabulated
-from palpate.physics.readable import check_readable
+from palpate.physics.table_file import read_table, split_unit
 from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule_walker
-from palpate.physics.texture.surface import read_table, third_octaves
+from palpate.physics.texture.surface import third_octaves
 
 WINDOW = 0.1  # [s]
 STEADY = 0.2  # [1] largest relative change of speed and force in a window that is used
@@ -25,6 +26,17 @@ LEAST = 8  # smallest number of windows of a model
 ORDERS = range(4, 41)
 LOWEST = 20.0  # [Hz] high-pass limit; the motion of the hand is below
 DRAWS = 400  # number of bootstrap samples
+FORCES = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
+UNITS = {
+    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
+    "normal": FORCES, "lateral": FORCES,
+    "acceleration": {"m/s^2": 1.0, "m/s²": 1.0, "m/s2": 1.0, "mm/s^2": 1e-3},
+}  # fmt: skip
+"""Units that a header may name, with their SI values; the first one is the default."""
+LARGEST = {"speed": 5.0, "normal": 100.0, "lateral": 100.0}
+"""[m/s], [N] Limits of a stroke by a hand; a larger value means a wrong unit."""
+NEEDED, MEASURED = {"t", "speed", "normal"}, {"lateral", "acceleration"}
 
 
 class RecordedCell(NamedTuple):
@@ -36,7 +48,7 @@ class RecordedCell(NamedTuple):
 
 
 def fit_texture(path: Path, held_out: float | None = None) -> Texture:
-    """The models of a CSV with the columns t [s], speed [m/s], normal [N], and lateral [N] or acceleration [m/s^2].
+    """The models of a table with the columns t, speed, normal, and lateral or acceleration, in SI units or with units.
 
     held_out  speed [m/s] that is predicted from the others; None: one in the middle
 
@@ -46,8 +58,6 @@ def fit_texture(path: Path, held_out: float | None = None) -> Texture:
         sampling, quantity, cells = _cells(path)
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SessionError(f"{path}: cannot be read: not a text file in UTF-8") from None
     except ValueError as error:
         raise SessionError(f"{path}: {error}") from None
     models = _models(cells, sampling)
@@ -73,17 +83,39 @@ def fit_texture(path: Path, held_out: float | None = None) -> Texture:
     )
 
 
+def _names(cells: Sequence[str]) -> set[str]:
+    return {split_unit(cell)[0].lower() for cell in cells}
+
+
 def _list(numbers: np.ndarray) -> str:
     return ", ".join(f"{number:.3g}" for number in numbers)
 
 
 def _cells(path: Path) -> tuple[float, str, list[RecordedCell]]:
     """Sampling [Hz], quantity, and the windows by speed and force."""
-    check_readable(path)
-    with open(path, encoding="utf-8-sig") as file:
-        head = [name.strip() for name in file.readline().split(",")]
-    measured = next((name for name in ("acceleration", "lateral") if name in head), "lateral")
-    table = read_table(path, "t", "speed", "normal", measured)
+    found = read_table(path, lambda cells: len(NEEDED & _names(cells)) + bool(MEASURED & _names(cells)), 4)
+    names = [name.lower() for name in found.names]
+    measured = next((name for name in ("acceleration", "lateral") if name in names), "lateral")
+    wanted = ("t", "speed", "normal", measured)
+    if missing := [name for name in wanted if name not in names]:
+        raise ValueError(f"found the columns {', '.join(names)}; expected {', '.join(missing)} too")
+    if twice := [name for name in wanted if names.count(name) > 1]:
+        raise ValueError(f"row {found.line}: two columns {twice[0]!r}; expected one")
+    places = [names.index(name) for name in wanted]
+    table, lines = found.values(places)
+    for name, place, column in zip(wanted, places, table.T, strict=True):
+        unit, known = found.units[place], UNITS[name]
+        if unit and unit not in known:
+            expected = " or ".join(known)
+            raise ValueError(f"row {found.line}, column {name!r}: found the unit {unit!r}, expected {expected}")
+        column *= known.get(unit, 1.0)
+        worst = int(np.argmax(np.abs(column))) if len(column) else 0
+        if len(column) and name in LARGEST and abs(column[worst]) > LARGEST[name]:
+            si = next(iter(known))
+            raise ValueError(
+                f"row {lines[worst]}, column {name!r}: found {column[worst]:.4g} {si}, expected at most "
+                f"{LARGEST[name]:g} {si}; name the unit in the header, such as `{name} [{list(known)[1]}]`"
+            )
     step = np.diff(table[:, 0])
     if len(step) < 2 or not np.all(np.abs(step / np.median(step) - 1.0) < 0.05):
         raise ValueError("expected rows at equal steps of t")

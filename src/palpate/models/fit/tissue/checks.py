@@ -25,6 +25,7 @@ WIDE = 0.005  # [1] smallest range of indentation of these rows, over the larges
 SURE = 3.3  # standard errors above which a drift is significant
 HARMLESS = 0.02  # [1] largest relative shift of an interval's end by a misfit that is not reported
 EXACT = 3e-4  # [1] RMS over the peak below which a misfit is ignored, since no law and no sensor is more accurate
+ROUNDED = 4.0  # [1] Squares that a misfit explains, over those expected from the steps of the converter
 BLOCKS_MOST = 8  # largest number of blocks of rows in contact whose means are compared with the noise
 DRIFT, BENT, RATE = "a baseline that drifts", "a smooth factor over the depth", "a factor that rises with the rate"
 BLOCKS = "blocks"
@@ -174,4 +175,19 @@ def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
     shared = {BENT: np.concatenate, RATE: np.concatenate}
     groups = {what: shared.get(what, lambda each: block_diag(*each))(each) for what, each in columns.items()}
     weighted = [r * w for r, w in zip(best.residuals, problem.weight, strict=True)]
-    return lack_of_fit(weighted, problem.jacobian(best.at), groups, EXACT)
+    jacobian = problem.jacobian(best.at)
+    chances = lack_of_fit(weighted, jacobian, groups, EXACT)
+    if any(press.step for press in problem.presses):  # rounding is no misfit
+        residual, own = np.concatenate(weighted), _basis(jacobian)
+        for what, table in groups.items():
+            basis = _basis(table - own @ (own.T @ table))
+            if float(np.sum((basis.T @ residual) ** 2)) < ROUNDED * float(problem.rounded(basis.T, best.fitted).sum()):
+                chances[what] = 1.0
+    return chances
+
+
+def _basis(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis (n, k) of the space of columns."""
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
+    return basis[:, sizes > 1e-9 * sizes[0]]

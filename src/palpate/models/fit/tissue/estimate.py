@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue import relaxing
+from palpate.models.fit.tissue import noise, relaxing
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.residuals import inflation, runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
@@ -118,7 +118,7 @@ class Problem:
         self.baselines = []
         for i, (press, peak) in enumerate(zip(self.presses, peaks, strict=True)):
             self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
-            if press.drifts:
+            if press.drifts or press.air:  # a drift below the noise before contact may still matter at the peak
                 self.baselines.append((f"drift, {press.name}", i, 0.01 * peak * press.elapsed))
         self.names = [p.name for p in self.parameters]
         self.names += [f"touch, {p.name}" for p in presses] if free_touch else []
@@ -165,6 +165,16 @@ class Problem:
         parts = [(f - p.force) * w for f, p, w in zip(self.forces(x), self.presses, self.weight, strict=True)]
         out = np.concatenate(parts)
         return np.where(np.isfinite(out), np.clip(out, -1e6, 1e6), 1e6)
+
+    def rounded(self, rows: np.ndarray, forces: Sequence[np.ndarray]) -> np.ndarray:
+        """Variance (k,) of `rows` (k, n) times the weighted residuals from the steps of the converters."""
+        at, out = 0, np.zeros(len(rows))
+        for press, force, w in zip(self.presses, forces, self.weight, strict=True):
+            if press.step:
+                part = rows[:, at : at + len(force)] * w
+                out += noise.quantised(part, force, press.step, noise.dither(press.force, press.step))
+            at += len(force)
+        return out
 
     def start(self) -> np.ndarray:
         """Initial guesses, with the first parameter scaled so that the forces have the norm of the measured ones."""
@@ -248,8 +258,10 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0.0] = 1e-12
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
-    cov = variance * tau * (turn.T / np.maximum(sizes, 1e-9 * sizes[0]) ** 2) @ turn / np.outer(scale, scale)
-    errors = np.sqrt(np.diag(cov))
+    bread = (turn.T / np.maximum(sizes, 1e-9 * sizes[0]) ** 2) @ turn / np.outer(scale, scale)
+    plain = variance * tau * bread
+    cov, effective = _coloured(problem, forces, weighted, J, bread, plain, effective)
+    errors, ratio = np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov) / np.maximum(np.diag(plain), 1e-300))
     quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
     # linear interval of each parameter, widened to its profile likelihood interval
     intervals = {}
@@ -258,7 +270,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
         ends = [min(max(value + s * reach, low[i]), high[i]) for s in (-1, 1)]
         intervals[p.name] = Interval(p.value(value), p.value(ends[0]), p.value(ends[1]))
         if profiles:
-            level = least * (1.0 + quantile**2 / (effective - size))
+            level = least * (1.0 + (quantile * ratio[i]) ** 2 / (count / tau - size))
             profile, points = _profile(problem, x, i, reach / 2.0, least, level)
             ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
             interval = intervals[p.name]
@@ -272,6 +284,38 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
         float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), converged, least / count,
         runs(weighted), x, errors,
     )  # fmt: skip
+
+
+def _coloured(
+    problem: Problem, forces: Sequence[np.ndarray], weighted: Sequence[np.ndarray], J: np.ndarray, bread: np.ndarray,
+    plain: np.ndarray, effective: float,
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """Covariance of the unknowns and number of independent residuals, with the noise that `noise` describes.
+
+    plain  covariance if all noise had the same size and correlation
+    """
+    size = len(bread)
+    # steps of the converter: their variance is added, because the residuals before contact may not show them
+    known = problem.rounded(bread @ J.T, forces)
+    grow = np.sqrt(1.0 + known / np.maximum(np.diag(plain), 1e-300))
+    cov = plain * np.outer(grow, grow)
+    # relative weights: rows before contact have white noise, which hides the correlation of those in contact
+    if problem.relative:
+        touched = [r[np.abs(f) > 0.05 * np.abs(f).max()] for f, r in zip(forces, weighted, strict=True)]
+        few = max(len(J) / noise.inflation(touched, size), LEAST_EFFECTIVE * size)
+        if few < effective:
+            cov, effective = cov * (effective - size) / (few - size), few
+    # noise that grows with the force
+    gains = [noise.gain(f * w, r, size) for f, w, r in zip(forces, problem.weight, weighted, strict=True)]
+    if not known.any() and all(found is not None for found in gains) and not problem.relative:
+        found = [each for each in gains if each is not None]
+        larger = noise.sandwich(J, bread, [block for block, _ in found])
+        if np.trace(larger) > 0.0:
+            few = sum(len(r) / tau for r, (_, tau) in zip(weighted, found, strict=True))
+            effective = max(min(effective, few), LEAST_EFFECTIVE * size)
+            grow = np.sqrt(np.maximum(np.diag(larger) / np.diag(cov), 1.0))
+            cov = cov * np.outer(grow, grow)
+    return cov, effective
 
 
 def _profile(

@@ -19,6 +19,7 @@ from palpate.physics.contact.layer import thickness_factor
 
 MIXED = 2.0
 """Ratio of the highest to the lowest stiffness of presses above which two indenters or specimens may be mixed."""
+UNLOADED = 0.1  # [1] Indentation after unloading, over the largest one, up to which a press counts as unloaded
 FINE = 14  # Elements across the contact in the finer mesh that checks the table
 
 
@@ -38,6 +39,11 @@ class TissueFit:
     compared: list[dict[str, Any]] = field(default_factory=list)
     given: list[MeasuredPress] = field(default_factory=list)
     """The presses with all rows, including the excluded ones."""
+
+    @property
+    def read(self) -> list[str]:
+        """Which columns were read, and which lines were not."""
+        return [text for p in self.given for text in p.remarks]
 
     @property
     def young(self) -> tuple[float, float, float] | None:
@@ -113,7 +119,7 @@ def fit_tissue(
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
     kept = [_kept(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
     fitted = TissueFit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses))
-    fitted.held_out = [_predicted(problem, best, press) for press in kept]
+    fitted.held_out = [_predicted(problem, best, press, fitted.deepest) for press in kept]
     fitted.sensitivity = _sensitivity(fitted, problem)
     fitted.open_ = hidden + _open(fitted)
     if "finite elements" in law.remark:
@@ -170,12 +176,8 @@ def _kept(press: MeasuredPress, relaxation: str, deepest: float) -> tuple[Measur
         after = np.arange(len(press.depth)) > top
         lost = int((keep & after).sum())
         if lost > 2:
-            up, s = press.depth[: top + 1], press.force[: top + 1]
-            work = float(np.trapezoid(s, up))
-            loop = work + float(np.trapezoid(press.force[top:], press.depth[top:]))
             notes.append(
-                f"{press.name}: {lost} rows after the deepest are excluded; hysteresis dissipates "
-                f"{100 * loop / work:.0f} % of the work, so the parameters are valid at this rate only; --relaxation "
+                f"{press.name}: {lost} rows after the deepest are excluded; {_hysteresis(press, top)}; --relaxation "
                 "fits all rows"
             )
         keep &= ~after
@@ -183,6 +185,17 @@ def _kept(press: MeasuredPress, relaxation: str, deepest: float) -> tuple[Measur
     if len(part.depth) < LEAST_ROWS or not (part.depth > part.touch).any():
         raise SessionError(f"{press.name}: fewer than {LEAST_ROWS} rows remain to fit")
     return part, notes
+
+
+def _hysteresis(press: MeasuredPress, top: int) -> str:
+    """Dissipated share of the work of loading; it exists only if the press unloads to the depth of first contact."""
+    reach, back = float(press.depth[top]) - press.touch, press.depth[top:]
+    work = float(np.trapezoid(press.force[: top + 1], press.depth[: top + 1]))
+    if float(back.min()) - press.touch > UNLOADED * reach or work <= 0.0:
+        return "they do not unload to the touch point, so the hysteresis is unknown"
+    loop = work + float(np.trapezoid(press.force[top:], back))
+    return (f"hysteresis dissipates {100 * loop / work:.0f} % of the work, so the parameters are valid at this rate "
+            "only")  # fmt: skip
 
 
 def check_laws(rig: Rig, names: Sequence[str], relaxation: str) -> None:
@@ -219,26 +232,45 @@ def _law(
     return tabulated(rig, name, reach, count=6, report=report), []
 
 
-def _errors(presses: Sequence[MeasuredPress], forces: Sequence[np.ndarray]) -> dict[str, float]:
+def _errors(
+    presses: Sequence[MeasuredPress], forces: Sequence[np.ndarray], peak: float | None = None
+) -> dict[str, float]:
+    """Errors of forces, relative to a peak [N]; by default the largest force of the presses."""
     off = np.concatenate([f - p.force for f, p in zip(forces, presses, strict=True)])
-    peak = max(float(p.force.max()) for p in presses)
+    peak = _peak(presses) if peak is None else peak
     force = np.concatenate([p.force for p in presses])
     large = force > 0.05 * peak
     rms = float(np.sqrt(np.mean(off**2)))
-    return {"rms": rms, "rms_of_peak": rms / peak, "worst_of_force": float(np.abs(off[large] / force[large]).max())}
+    return {
+        "rms": rms,
+        "rms_of_peak": rms / peak,
+        "worst_of_force": float(np.abs(off[large] / force[large]).max(initial=0.0)),
+    }
 
 
-def _predicted(problem: Problem, best: Estimate, press: MeasuredPress) -> dict[str, Any]:
-    """The force on a held-out press: the parameters stay, its touch point and baseline are fitted."""
+def _peak(presses: Sequence[MeasuredPress]) -> float:
+    return max(float(p.force.max()) for p in presses)
+
+
+def _predicted(problem: Problem, best: Estimate, press: MeasuredPress, deepest: float) -> dict[str, Any]:
+    """The force on a held-out press: the parameters stay, its touch point and baseline are fitted.
+
+    Errors are those within the fitted indentation [m], over the peak of the fitted presses, so that they compare with
+    those of the fit; `beyond` has those of deeper rows, which are extrapolated.
+    """
     alone = problem.changed([press])
     x, count = alone.start(), len(problem.parameters)
     x[:count] = [p.searched(best.values[p.name]) for p in problem.parameters]
     if len(x) > count:
         ends = [side[count:] for side in alone.bounds()]
         x[count:] = least_squares(lambda rest: alone.residuals(np.r_[x[:count], rest]), x[count:], bounds=ends).x
-    forces = alone.forces(x)
-    return {"press": press.name, **_errors([press], forces), "depth": float(press.depth.max()),
-            "curve": (press.depth, press.force, forces[0])}  # fmt: skip
+    (forces,), touch, peak = alone.forces(x), alone.touches(x)[0], _peak(problem.presses)
+    inside = press.depth - touch <= deepest * (1.0 + 1e-9)
+    beyond = None if inside.all() else _errors([press.part(~inside)], [forces[~inside]], peak)
+    if beyond is not None:
+        beyond["rows"] = int((~inside).sum())
+    return {"press": press.name, **_errors([press.part(inside)], [forces[inside]], peak), "beyond": beyond,
+            "depth": float(press.depth.max()), "curve": (press.depth - touch, press.force, forces)}  # fmt: skip
 
 
 def _sensitivity(fit: TissueFit, problem: Problem) -> dict[str, float]:

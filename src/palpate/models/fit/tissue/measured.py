@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,16 +11,23 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t as student
 
-from palpate.models.fit.sessions import HEAD, SessionError, cells_of, numbered_lines, separator_of
+from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.noise import noise_before, step_of
 from palpate.models.fit.tissue.residuals import inflation
+from palpate.physics.table_file import Table, read_table, split_unit
 
-NAMES = {"time": ("time", "t"), "force": ("force", "load", "f"), "indentation": ("indentation", "depth", "compression",
-         "approach", "d")}  # fmt: skip
+NAMES = {
+    "time": ("time", "t"), "force": ("force", "load", "f", "fz", "fn", "normal force"),
+    "indentation": ("indentation", "depth", "compression", "approach", "d", "penetration depth", "pd"),
+}  # fmt: skip
 """Quantity -> default names of its column."""
 SI = {"time": "s", "force": "N", "indentation": "m"}
 LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}  # Upper bounds in SI units; a larger value means a wrong unit
 RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
 """Columns that identify the indenter; a file with several values mixes several indenters."""
+LABELS = ("subject", "session", "press")
+"""Columns whose values separate the presses of a file."""
+MOST_REPEATED = 0.01  # [1] Largest share of rows that repeat the time stamp of the row before
 LEAST_ROWS = 10
 LEAST_AIR = 8  # Least number of rows before contact from which the zero of the force is estimated
 STEEPEST = 0.3  # [1] Rise of the baseline up to the deepest row, over the peak, above which the press begins in contact
@@ -39,6 +46,8 @@ class MeasuredPress:
     touch   [m]  indentation at first contact, estimated from the force; its uncertainty is `slack` [m]
     zero    [N]  mean force before contact, subtracted from `force`; the fit estimates the remaining offset
     drifts  whether the force changes before contact: the fit then includes the slope of the baseline
+    step    [N]  of the converter of the force; 0: no repeated values show one
+    remarks  which columns were read, and which lines were not
     air     whether rows before contact show the zero of the force; else the fit searches zero and touch point widely
     """
 
@@ -51,6 +60,8 @@ class MeasuredPress:
     zero: float
     drifts: bool = False
     air: bool = True
+    remarks: tuple[str, ...] = ()
+    step: float = 0.0
 
     @cached_property
     def rate(self) -> np.ndarray:
@@ -70,95 +81,140 @@ class MeasuredPress:
 
 
 def read_presses(
-    path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert
+    path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert, dialect: str = ""
 ) -> list[MeasuredPress]:
-    """The presses of a file, one for each value of its columns `subject` and `session` if it has them.
+    """The presses of a file, one for each value of its columns `subject`, `session` and `press` if it has them.
 
-    columns  quantity -> its column in the file, with a minus sign to invert its direction
+    columns  quantity -> its column in the file, by name or number from 1, with a minus sign to invert its direction
     units    column or quantity -> unit, for a header without units
+    dialect  of the numbers, if it cannot be detected: one of `table_file.DIALECTS`
 
     SessionError: a fault, with file, row and column.
     """
-    lines = numbered_lines(path)
-    at, separator, found = _header(path, lines, columns)
-    factors = {key: _factor(path, key, cell, columns, units, convert) for key, (_, cell, _) in found.items()}
-    rows: dict[str, list[list[float]]] = {}
-    pressed: set[str] = set()
-    header = cells_of(path, *lines[at], separator)
-    heads = {m["name"].lower(): i for i, cell in enumerate(header) if (m := HEAD.fullmatch(cell))}
-    labels = [heads[name] for name in ("subject", "session") if name in heads]
+
+    def score(cells: Sequence[str]) -> int:
+        return sum(bool(_places(cells, key, columns)) for key in {"force", "indentation", *columns})
+
+    try:
+        table = read_table(path, score, len({"force", "indentation", *columns}), dialect)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise SessionError(f"{path}: cannot be read: {reason}") from None
+    found = _columns(path, table, columns)
+    factors = [_factor(path, key, table, k, columns, units, convert) for key, (k, _) in found.items()]
+    try:
+        values, lines = table.values([k for k, _ in found.values()])
+    except ValueError as error:
+        raise SessionError(f"{path}, {error}") from None
+    if not len(values):
+        raise SessionError(f"{path}: no rows after the header in row {table.line}")
+    shown = []
+    for (key, (k, sign)), factor, column in zip(found.items(), factors, values.T, strict=True):
+        large = np.flatnonzero(np.abs(column * factor) > LARGEST[key])
+        if len(large):
+            where = f"{path}, row {lines[large[0]]}, column {table.cells[k].strip()!r}"
+            raise SessionError(
+                f"{where}: found {column[large[0]]:g}, too large for the {key} of a press; is the unit right?"
+            )
+        column *= sign * factor
+        inverted = ", inverted" if sign < 0.0 else ""
+        shown.append(f"{key} from {table.cells[k].strip()!r} times {factor:.6g} {SI[key]}{inverted}")
+    # one press per label; files of several indenters are refused
+    heads = {name.lower(): k for k, name in reversed(list(enumerate(table.names)))}
+    labels = [heads[name] for name in LABELS if name in heads]
     rig = next((heads[name] for name in RIG_COLUMNS if name in heads), None)
-    for number, line in lines[at + 1 :]:
-        cells = cells_of(path, number, line, separator)
-        values = []
-        for key, (place, cell, sign) in found.items():
-            where = f"{path}, row {number}, column {cell.strip()!r}"
-            try:
-                value = float(cells[place])
-            except (IndexError, ValueError):
-                shown = cells[place] if place < len(cells) else ""
-                raise SessionError(f"{where}: found {shown!r}, expected a number with a decimal point") from None
-            if not math.isfinite(value):
-                raise SessionError(f"{where}: found {cells[place].strip()!r}, expected a finite number")
-            if abs(value * factors[key]) > LARGEST[key]:
-                raise SessionError(f"{where}: found {value:g}, too large for the {key} of a press; is the unit right?")
-            values.append(sign * value * factors[key])
-        rows.setdefault(" ".join(cells[at] for at in labels if at < len(cells)), []).append(values)
-        if rig is not None and rig < len(cells):
-            pressed.add(cells[rig].strip())
+    kept = [row for _, row in table.rows[: len(values)]]
+    pressed = {row[rig].strip() for row in kept if rig is not None and rig < len(row)}
     if len(pressed) > 1:
-        raise SessionError(f"{path}: pressed by {', '.join(sorted(pressed))}: two indenters mixed; fit each separately")
-    presses = []
-    for session, measured in rows.items():
-        name = f"{path.name}{':' if session else ''}{session}"
-        table = dict(zip(found, np.array(measured).T, strict=True))
-        presses.append(prepared(name, table.get("time"), table["indentation"], table["force"]))
+        several = ", ".join(sorted(pressed)[:5])
+        raise SessionError(f"{path}: pressed by {several}: two indenters mixed; fit each separately")
+    sessions = np.array([" ".join(row[k].strip() for k in labels if k < len(row)) for row in kept])
+    remarks = (f"{path.name}: {', '.join(shown)}", *(f"{path.name}: {text}" for text in table.skipped))
+    presses: list[MeasuredPress] = []
+    for session in dict.fromkeys(sessions.tolist()):
+        name, rows = f"{path.name}{':' if session else ''}{session}", np.flatnonzero(sessions == session)
+        parts = dict(zip(found, values[rows].T, strict=True))
+        time, repeated = _one_per_stamp(name, parts.get("time"), [lines[k] for k in rows])
+        notes = remarks if not presses else ()
+        if len(repeated):
+            stamps = ", ".join(str(lines[rows[k]]) for k in repeated)
+            notes = (*notes, f"{name}: row {stamps} repeats the time of the row before, and is left out")
+        depth, force = (np.delete(parts[key], repeated) for key in ("indentation", "force"))
+        presses.append(replace(prepared(name, time, depth, force), remarks=notes))
     return presses
 
 
-def _header(
-    path: Path, lines: list[tuple[int, str]], columns: Mapping[str, str]
-) -> tuple[int, str, dict[str, tuple[int, str, float]]]:
-    """Index of the header line, separator, and quantity -> (column, cell, sign)."""
-    best: tuple[str, list[str]] = ("", [])
-    for at, (number, line) in enumerate(lines[:60]):
-        separator = separator_of(line)
-        cells = cells_of(path, number, line, separator)
-        found: dict[str, tuple[int, str, float]] = {}
-        for key, names in NAMES.items():
-            wanted = columns.get(key, "")
-            sign = -1.0 if wanted.startswith("-") else 1.0
-            wanted = wanted.removeprefix("-").strip()
-            for place, cell in enumerate(cells):
-                match = HEAD.fullmatch(cell)
-                name = match["name"] if match else cell
-                if (wanted and wanted in (cell.strip(), name)) or (not wanted and name.lower() in names):
-                    found.setdefault(key, (place, cell, sign))
-        if {"force", "indentation", *columns} <= found.keys():
-            return at, separator, found
-        if len(found) > len(best[1]) or not best[0]:
-            best = (line, sorted({"force", "indentation", *columns} - found.keys()))
-    raise SessionError(
-        f"{path}: no header with a column for {' and '.join(best[1]) or 'force and indentation'}; found "
-        f"{best[0].strip()[:120]!r}. Name them: --columns time=t,force=F,indentation=d"
-    )
+def _one_per_stamp(name: str, time: np.ndarray | None, lines: list[int]) -> tuple[np.ndarray | None, np.ndarray]:
+    """Time without single repeated stamps, and their rows. SessionError: time falls, or its clock is too coarse."""
+    if time is None:
+        return None, np.zeros(0, int)
+    step = np.diff(time)
+    repeated = np.flatnonzero(step == 0.0) + 1
+    few = len(repeated) <= max(1, int(MOST_REPEATED * len(time)))
+    wrong = np.flatnonzero(step < 0.0) if few else repeated - 1
+    if len(wrong):
+        at = int(wrong[0])
+        more = "" if few else f" ({len(repeated)} of {len(time)} rows repeat a time: the resolution is too low)"
+        raise SessionError(
+            f"{name}, row {lines[at + 1]}: time does not increase: {time[at]:.6g} s is followed by "
+            f"{time[at + 1]:.6g} s{more}"
+        )
+    return np.delete(time, repeated), repeated
+
+
+def _places(cells: Sequence[str], key: str, columns: Mapping[str, str]) -> list[int]:
+    """The columns of a quantity: those with the name or number that the user gave, else with a default name."""
+    wanted = columns.get(key, "").removeprefix("-").strip()
+    names = [split_unit(cell)[0] for cell in cells]
+    if not wanted:
+        return [k for k, name in enumerate(names) if name.lower() in NAMES[key]]
+    places = [k for k, (name, cell) in enumerate(zip(names, cells, strict=True)) if wanted in (name, cell.strip())]
+    if not places and wanted.isdigit() and 0 < int(wanted) <= len(cells):
+        return [int(wanted) - 1]
+    return places
+
+
+def _columns(path: Path, table: Table, columns: Mapping[str, str]) -> dict[str, tuple[int, float]]:
+    """Quantity -> (column, sign). SessionError: a column is missing, or several match."""
+    found, missing = {}, []
+    for key in NAMES:
+        places = _places(table.cells, key, columns)
+        if len(places) > 1:
+            cells = [f"{table.cells[k].strip()!r} (column {k + 1})" for k in places]
+            raise SessionError(
+                f"{path}, row {table.line}: {' and '.join(cells)} both name the {key}; choose one by name or number: "
+                f"--columns {key}={table.names[places[0]]} or {key}={places[0] + 1}"
+            )
+        if places:
+            found[key] = (places[0], -1.0 if columns.get(key, "").startswith("-") else 1.0)
+        elif key != "time" or key in columns:
+            missing.append(key)
+    if missing:
+        shown = table.separator.join(table.cells).strip()[:120]
+        raise SessionError(
+            f"{path}: no header with a column for {' and '.join(missing)}; found {shown!r} in row {table.line}. Name "
+            "them: --columns time=t,force=F,indentation=d"
+        )
+    return found
 
 
 def _factor(
-    path: Path, key: str, cell: str, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert
-) -> float:
+    path: Path, key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str],
+    convert: Convert,
+) -> float:  # fmt: skip
     """Factor from the unit of a column to the SI unit."""
-    match = HEAD.fullmatch(cell)
-    named = columns.get(key, "").removeprefix("-").strip()
-    unit = units.get(key) or units.get(named) or units.get(cell.strip()) or (match["unit"] if match else None)
+    cell, named = table.cells[place].strip(), columns.get(key, "").removeprefix("-").strip()
+    unit = units.get(key) or units.get(named) or units.get(cell) or units.get(table.names[place]) or table.units[place]
+    where = f"{path}, row {table.line}, column {cell!r}"
     if not unit:
-        if key == "indentation":
-            raise SessionError(f"{path}, column {cell.strip()!r}: no unit; give it with --unit {named or key}=mm")
+        if key != "time":
+            example = "mm" if key == "indentation" else "N"
+            raise SessionError(f"{where}: no unit; give it with --unit {named or key}={example}")
         return 1.0
     try:
         return convert(f"1 {unit}", SI[key])
     except ValueError as error:
-        raise SessionError(f"{path}, column {cell.strip()!r}, unit {unit!r}: {error}") from None
+        raise SessionError(f"{where}, unit {unit!r}: {error}") from None
 
 
 def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray) -> MeasuredPress:
@@ -178,12 +234,12 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
         raise SessionError(f"{name}: the indentation falls in the press; --columns indentation=-d inverts it")
     # noise from second differences (median absolute deviation); detection level of contact
     deepest = int(np.argmax(depth))
-    noise = float(np.median(np.abs(np.diff(force, 2)))) / 0.6745 / math.sqrt(6.0)
+    noise, step = noise_before(force), step_of(force)
     line = np.full(len(force), float(np.median(force[: max(deepest // 100, 5)])))
     peak = float((force - line).max())
     if not peak > max(10.0 * noise, 1e-9):
         raise SessionError(f"{name}: never touches: at most {peak:.3g} N with noise of {noise:.2g} N")
-    level = max(5.0 * noise, 1e-4 * peak)
+    level = max(5.0 * noise, 1e-4 * peak, 1.5 * step)
     when = np.arange(len(force), dtype=float) if time is None else time - time[0]
     # touch point and baseline depend on each other: iterate to a fixed point
     air, drifts, last = np.zeros(0, int), False, -1
@@ -212,7 +268,7 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
     free = len(air) >= LEAST_AIR
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
-    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts and free, free)
+    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts and free, free, step=step)
     return press if len(depth) <= MOST_ROWS else _thinned(press)
 
 

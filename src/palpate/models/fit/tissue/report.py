@@ -41,6 +41,7 @@ def data(fit: TissueFit) -> dict[str, Any]:
         "range": {"depth": fit.deepest, "rate": max(float(abs(p.rate).max()) for p in fit.presses)},
         "held_out": [{k: v for k, v in each.items() if k != "curve"} for each in fit.held_out],
         "notes": fit.notes,
+        "read": fit.read,
     }  # fmt: skip
 
 
@@ -65,6 +66,7 @@ def markdown(fit: TissueFit, pictures: list[Path]) -> str:
         lines += ["", f"Shear modulus at rest: {shear['value']:.4g} Pa ({ends}).", "", *scene_young(fit)]
     # Warnings, and parameters that the data do not determine.
     lines += ["", *(f"* {note}" for note in fit.notes)]
+    lines += ["", "## Columns read", "", *(f"* {text}" for text in fit.read)] if fit.read else []
     lines += ["", "## What the data do not determine", "", *(f"* {text}" for text in fit.open_ or ["nothing found"])]
     # Residuals of the fit and of the held-out presses, and the comparison with other laws.
     errors = result["residuals"]
@@ -77,8 +79,7 @@ def markdown(fit: TissueFit, pictures: list[Path]) -> str:
         f"{100 * best.starts:.0f} % of the starts converged to this minimum.",
     ]  # fmt: skip
     for tried in fit.held_out:
-        lines.append(f"Held out, {tried['press']}: RMS {tried['rms']:.3g} N, {100 * tried['rms_of_peak']:.2g} % of "
-                     f"its peak, at most {100 * tried['worst_of_force']:.2g} % of the force.")  # fmt: skip
+        lines.append(held_out(tried) + ".")
     if fit.compared:
         lines += ["", "| law | unknowns | RMS, of the peak | AICc above the lowest |", "|---|---|---|---|"]
         lines += [f"| {row['law']} | {row['numbers']} | {100 * row['rms_of_peak']:.2g} % | {row['aicc']:.3g} |"
@@ -96,6 +97,16 @@ def markdown(fit: TissueFit, pictures: list[Path]) -> str:
     lines += [f"| {name} | " + " | ".join(f"{v:.2f}" for v in row) + " |"
               for name, row in zip(best.names, best.correlation, strict=True)]  # fmt: skip
     return "\n".join([*lines, ""])
+
+
+def held_out(tried: dict[str, Any]) -> str:
+    """Error on a held-out press, on the scale of that of the fit."""
+    text = (f"held out, {tried['press']}: RMS {tried['rms']:.3g} N, {100 * tried['rms_of_peak']:.2g} % of the peak of "
+            f"the fitted presses, at most {100 * tried['worst_of_force']:.2g} % of the force")  # fmt: skip
+    if beyond := tried["beyond"]:
+        text += (f"; {beyond['rows']} rows are deeper than the fitted ones, extrapolated with RMS {beyond['rms']:.3g} "
+                 f"N, {100 * beyond['rms_of_peak']:.2g} % of that peak")  # fmt: skip
+    return text
 
 
 def _poisson(fit: TissueFit) -> float:

@@ -43,9 +43,15 @@ def forces(fit: TissueFit) -> Figure:
             axes[2].plot(press.time, off, ".-", ms=3, lw=0.5, color=colour)
     for each in fit.held_out:
         depth, force, made = each["curve"]
-        depth = 1e3 * (depth - float(np.mean(fit.estimate.touches)))
-        axes[0].plot(depth, force, "x", ms=4, color="0.5", label=f"{each['press']}, not fitted")
-        axes[1].plot(depth, made - force, "x", ms=3, color="0.5")
+        inside = depth <= fit.deepest * (1.0 + 1e-9)
+        for rows, mark, label in ((inside, "x", "held out"), (~inside, "^", "held out, beyond the fitted range")):
+            if rows.any():
+                at = 1e3 * depth[rows]
+                axes[0].plot(at, force[rows], mark, ms=4, mfc="none", color="0.5", label=f"{each['press']}, {label}")
+                axes[1].plot(at, (made - force)[rows], mark, ms=3, mfc="none", color="0.5")
+    if any(each["beyond"] for each in fit.held_out):
+        for axis in axes[:2]:
+            axis.axvline(1e3 * fit.deepest, color="k", lw=0.7, ls="--", label="end of the fitted range")
     axes[0].set(xlabel="indentation [mm]", ylabel="force [N]")
     axes[0].legend(fontsize=8)
     for axis, label in zip(axes[1:], ("indentation [mm]", "time [s]"), strict=False):

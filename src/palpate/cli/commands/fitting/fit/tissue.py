@@ -25,9 +25,12 @@ def tissue(
         str, typer.Option(help="hertz, layer, exponential, power; ogden, demiray, yeoh, yeoh3, neo_hooke, ...")
     ],
     columns: Annotated[
-        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F inverts the sign.")
+        str, typer.Option(help="Names or numbers of columns: time=t,force=F,indentation=3; force=-F inverts the sign.")
     ] = "",
     unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
+    dialect: Annotated[
+        str, typer.Option(help="decimal-comma or decimal-point, if the file leaves it open (1,234).")
+    ] = "",
     radius: Annotated[str | None, typer.Option(help="Radius of the ball or punch: '8 mm'.")] = None,
     diameter: Annotated[str | None, typer.Option(help="Diameter of the ball, punch or cylinder.")] = None,
     height: Annotated[str | None, typer.Option(help="Height of the cylinder or of the layer.")] = None,
@@ -56,7 +59,7 @@ def tissue(
     from palpate.launch.run.progress import steps
     from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.tissue import fit as fits
-    from palpate.models.fit.tissue.report import WRITTEN, data, markdown, scene, scene_young
+    from palpate.models.fit.tissue.report import WRITTEN, data, held_out, markdown, scene, scene_young
     from palpate.models.fit.tissue.rigs import Rig
     from palpate.studies.presses import PressReader, length
     from palpate.views.pictures.models.fit_tissue import draw_fit
@@ -74,7 +77,7 @@ def tissue(
     fits.check_laws(made, (law, *(compare or ())), relaxation)
     check_new([out / name for name in WRITTEN], force)
     # Read the presses and fit the law.
-    read = PressReader(columns.split(","), unit or [], rig == "fingertip")
+    read = PressReader(columns.split(","), unit or [], rig == "fingertip", dialect)
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
     with steps(f"fit tissue: {law}", 1, silent=as_json, timed=False) as done:
@@ -96,10 +99,12 @@ def tissue(
     ends = "withheld" if fit.estimate.withheld else "{low:.4g} to {high:.4g}"
     rows = [(name, f"{p['value']:.5g}", ends.format(**p), str(p["unit"])) for name, p in result["parameters"].items()]
     console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
+    for text in fit.read:
+        say(text, "dim", wrap=True)
     for text in [*(f"not determined: {text}" for text in fit.open_), *fit.notes, *scene_young(fit)]:
         say(text, wrap=True)
     for row in fit.compared:
         say(f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} above best")
     for tried in fit.held_out:
-        say(f"held out, {tried['press']}: RMS {100 * tried['rms_of_peak']:.2g} % of the peak")
+        say(held_out(tried), wrap=True)
     say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
