@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.messages import HEADER, Contact, DeviceState, Force, Friction, Pose, Proximity, Surface, pack
+from palpate.messages import Contact, DeviceState, Force, Friction, Pose, Proximity, Surface, pack
+from palpate.messages.base import HEADER
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.physics.geometry.mesh import plane

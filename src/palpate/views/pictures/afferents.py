@@ -16,6 +16,7 @@ ORDER, OF_A_FINGER = 120, False
 COLOURS = (style.SPEED, style.NORMAL, style.FINGER)
 WINDOW = 0.05  # [s] over which rates are counted
 INSTANTS = 4
+PERIOD = 0.2  # [s] of a map: several spikes of a unit that fires at 5 to 20 per second
 DOTS = (32, 18, 55)  # [pt²] size of a unit's dot, by type
 
 
@@ -54,29 +55,28 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def _maps(part: Any, made: Population, unit: np.ndarray, moment: np.ndarray, edges: np.ndarray) -> None:
-    """Rates over the patch, at the instant with most spikes in each quarter of the time: a row and a scale per type."""
-    every = np.histogram(moment, edges)[0]
-    quarters = np.array_split(np.arange(len(every)), min(INSTANTS, len(every)))
-    begins = [edges[quarter[np.argmax(every[quarter])]] for quarter in quarters]
-    counts = [np.bincount(unit[(moment >= t) & (moment < t + WINDOW)], minlength=len(made.kind)) for t in begins]
-    rates = np.array(counts) / WINDOW
+    """Rates over the patch, when most spikes of a type fall in each quarter of the time: a row and a scale per type."""
     kinds = [kind for kind in range(len(TYPES)) if (made.kind == kind).any()]
-    part.suptitle("Rate of each unit over the patch, with a scale per type; grey: silent", x=0.01, ha="left", size=12)
-    grid = part.subplots(len(kinds), len(begins), sharex=True, sharey=True, squeeze=False)
+    quarters = np.array_split(edges, min(INSTANTS, len(edges)))
+    title = f"Rate of each unit over the patch in {1e3 * PERIOD:.0f} ms, with a scale per type; grey: silent"
+    part.suptitle(title, x=0.01, ha="left", size=12)
+    grid = part.subplots(len(kinds), len(quarters), sharex=True, sharey=True, squeeze=False)
     for row, kind in zip(grid, kinds, strict=True):
         mine = made.kind == kind
+        times = np.sort(moment[mine[unit]])
+        begins = [max(quarter, key=lambda t: np.ptp(np.searchsorted(times, (t, t + PERIOD)))) for quarter in quarters]
+        counts = [np.bincount(unit[(moment >= t) & (moment < t + PERIOD)], minlength=len(mine)) for t in begins]
+        rates = np.array(counts) / PERIOD
         most = max(float(rates[:, mine].max()), 1.0)
-        for axes, rate in zip(row, rates, strict=True):
+        for axes, begin, rate in zip(row, begins, rates, strict=True):
             axes.scatter(*(1e3 * made.at[mine & (rate == 0.0), :2].T), s=4, c=style.FAINT, linewidths=0)
             fires = mine & (rate > 0.0)
             axes.scatter(*(1e3 * made.at[fires, :2].T), s=DOTS[kind], c=rate[fires], vmin=0.0, vmax=most,
                          cmap=style.deformation_colours(), linewidths=0)  # fmt: skip
-            axes.set_aspect("equal")
+            axes.set(aspect="equal", title=f"{begin:.2f} to {begin + PERIOD:.2f} s")
             axes.grid(False)
         row[0].set_ylabel(f"{TYPES[kind]}: y [mm]", color=COLOURS[kind])
         style.deformation_bar(part, most, f"{TYPES[kind]} [1/s]", ax=list(row), shrink=0.9, aspect=14, pad=0.01)
-    for axes, begin in zip(grid[0], begins, strict=True):
-        axes.set_title(f"{begin:.2f} to {begin + WINDOW:.2f} s")
     for axes in grid[-1]:
         axes.set_xlabel("x [mm]")
 

@@ -1,7 +1,7 @@
 """The pins of a display at several moments, and over time with the force, the actuator and the stop of the pins.
 
 The second row of a display that shows the surface is the change that a nodule makes: heights less their median while
-the finger slides at a distance from it. Without a nodule, or such times, it is the part that is not axisymmetric.
+the finger slides at a distance from it. Without a nodule, or if the finger never slides far from it, it is the part that is not axisymmetric.
 """
 
 from typing import Any
@@ -156,5 +156,5 @@ def _over_time(
                            linewidth=0, label="a pin at its stop: it shows less than the surface")  # fmt: skip
     touch.over_time(lower, time)
     most = max(float(pins["actuator"].max()) * 1e3, float(heights.max()), 1e-3)
-    lower.set(ylabel="height, travel [mm]", ylim=(0.0, 1.3 * most))
+    lower.set(ylabel="height, travel [mm]", ylim=(0.0, (1.6 if stopped.any() else 1.3) * most))
     lower.legend(loc="upper left", ncols=3, fontsize=9)
