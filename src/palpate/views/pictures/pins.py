@@ -1,7 +1,7 @@
 """The pins of a display at several moments, and over time with the force, the actuator and the stop of the pins.
 
 The second row of a display that shows the surface is the change that a nodule makes: heights less their median while
-the finger slides at a distance from it. Without a nodule, or if the finger never slides far from it, it is the part that is not axisymmetric.
+the finger slides far from it. Without a nodule or a slide far from it, it is the part that is not axisymmetric.
 """
 
 from typing import Any
