@@ -109,7 +109,7 @@ def best(points: Sequence[ParetoPoint]) -> list[int]:
 
 def best_within(points: Sequence[ParetoPoint], share: float) -> ParetoPoint | None:
     """Of the settings that compute the largest number of test cases, and whose p99 times rate is at most this share [1]
-    of a core, the one with the smallest error on its worst test case; None if there is none."""
+    of a core, the one with the smallest error on its worst test case; None without any setting."""
     most = max((s.computed for s in points), default=0)
     able = [s for s in points if s.computed == most and s.p99 * s.rate <= share]
     return min(able, key=lambda s: (s.worst, s.error, s.p99), default=None)

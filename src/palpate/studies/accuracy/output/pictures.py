@@ -89,7 +89,7 @@ def cost(point: ParetoPoint) -> float:
 
 def lines_of(points: Sequence[ParetoPoint]) -> list[list[ParetoPoint]]:
     """The settings of one method that differ in one number, by this number; the longest line first. A setting at the
-    default, without such a number, is a line of one point."""
+    default, without a number, is a line of one point."""
     families: dict[str, list[tuple[float, ParetoPoint]]] = {}
     for point in points:
         found = re.search(r"\d+(\.\d+)?", point.fidelity)
