@@ -47,11 +47,11 @@ class Views:
         for i, instant in enumerate(self.instants):
             axes = grid[i // columns][i % columns]
             axes.imshow(pixels["wide"][i])
-            _scales(axes, pixels["wide_pixel"][i], pixels["newton"])
+            _scales(axes, pixels["wide_pixel"][i], float(pixels["newton"]))
             axes.set_title(instant.title(), fontsize=11, loc="center")
         for axes, i, picture, size in zip(grid[rows], self.near, pixels["close"], pixels["close_pixel"], strict=True):
             axes.imshow(picture)
-            _scales(axes, size, pixels["newton"])
+            _scales(axes, size, float(pixels["newton"]))
             axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
         label = COLOURS["displacement"].label
         deformation_bar(out, self.deepest * 1e3, label, ax=grid, shrink=0.6, aspect=32, pad=0.015)
