@@ -84,3 +84,29 @@ def test_the_page_shows_a_pause_and_names_its_screenshot(address):
         assert download.value.suggested_filename == "pinch-1-1.250s.png"
         data = download.value.path().read_bytes()
         assert int.from_bytes(data[20:24], "big") > below + 40  # the lines and the colour bar below the picture
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+def test_checkboxes_fit_a_finger_and_one_usage_line_is_shown(address, size):
+    with opened(address, "window.palpate && palpate.newest") as page:
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        boxes = page.evaluate(
+            "[...document.querySelectorAll('input[type=checkbox]')].map((e) => e.getBoundingClientRect())"
+            ".map((b) => [b.width, b.height])"
+        )
+        assert len(boxes) == 3 and min(min(box) for box in boxes) >= 24
+        shown = page.evaluate(
+            "[...document.querySelectorAll('footer .mouse, footer .phone')]"
+            ".filter((e) => e.getBoundingClientRect().height).map((e) => e.className)"
+        )
+        assert shown == (["mouse"] if size[0] > 700 else ["phone"])
+        assert page.locator("footer").bounding_box()["y"] < size[1] - 10
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "count", "ticks"),
+    [(0, 2.6, 3, [0, 1, 2]), (0, 8.3, 3, [0, 5]), (-6, 0, 4, [-6, -4, -2, 0]), (-0.2, 0.9, 3, [0, 0.5])],
+)
+def test_ticks_of_histories_are_round(address, low, high, count, ticks):
+    with opened(address, "window.palpate && palpate.newest") as page:
+        assert page.evaluate(f"import('/charts.js').then((m) => m.round({low}, {high}, {count}))") == ticks

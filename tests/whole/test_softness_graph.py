@@ -30,8 +30,13 @@ def test_the_launch_file_is_the_whole_press():
     assert list(launch.load().nodes) == ["sensor", "display"]
 
 
+def test_the_shipped_press_stays_inside_the_theory(tmp_path):
+    sent = [unpack(m, Pins) for m in run(tmp_path, 5.0, place="fused")["display"]]
+    assert len(sent) == 5000 and all(pins.valid for pins in sent) and max(pins.heights.max() for pins in sent) > 0.9e-3
+
+
 def test_pins_and_actuator_follow_a_press_of_4_newton(tmp_path):
-    streams = run(tmp_path, 2.5, place="fused")
+    streams = run(tmp_path, 2.5, place="fused", overrides=("scene.press.forces=[0, 4, 4, 0]",))
     forces = np.array([unpack(m, Contact).force for m in streams["sensor"]])
     pins = [unpack(m, Pins) for m in streams["display"]]
     assert forces.max() == 4.0

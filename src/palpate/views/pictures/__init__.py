@@ -1,23 +1,34 @@
 """Pictures of a recording. Its message types determine which are drawn, independent of the graph.
 
 draw(Path("runs/kidney.mcap"), Path("runs"))
+
+A picture is a file of this folder with three names; no list names it:
+
+draw         (TouchStreams) -> Figure, or None if the recording lacks what the picture shows
+ORDER        [1] position among the pictures
+OF_A_FINGER  whether each finger has its picture; otherwise the first finger, or all together
 """
 
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from palpate.messages import Contact, Slip, Surface
 from palpate.physics.extras import missing
 from palpate.records.reader import Recording
+from palpate.registry import modules
 from palpate.views.errors import PictureError
 from palpate.views.pictures.style import decimate, entitle, look
 
-OF_A_FINGER = ("force", "compression", "friction", "device")  # one picture per finger
-PICTURES = ("grip", *OF_A_FINGER, "texture", "energy", "slip", "pad", "pins", "softness", "afferents")
+
+def pictures() -> dict[str, ModuleType]:
+    """The files of this folder that are pictures, by name, in their order. It imports matplotlib."""
+    found = {name: file for name, file in modules(sys.modules[__name__]).items() if hasattr(file, "ORDER")}
+    return dict(sorted(found.items(), key=lambda one: (one[1].ORDER, one[0])))
 
 
 def _ignore(*_: object) -> None:
@@ -48,7 +59,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
     touch = TouchStreams(recording)
     fingers = touch.fingers
     folder.mkdir(parents=True, exist_ok=True)
-    made = []
+    made, known = [], pictures()
     views = None
     done(0.0, "reading")
     # Start the 3-D picture of the surface.
@@ -64,10 +75,9 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
             warn(f"no picture of the surface: {error}")
     # Draw the other pictures, once per finger where they show one finger.
     try:
-        for number, name in enumerate(PICTURES, 1):
-            done(number / (len(PICTURES) + 2), name)
-            picture = import_module(f"{__name__}.{name}")
-            several = name in OF_A_FINGER and len(fingers) > 1
+        for number, (name, picture) in enumerate(known.items(), 1):
+            done(number / (len(known) + 2), name)
+            several = picture.OF_A_FINGER and len(fingers) > 1
             for finger in fingers if several else fingers[:1]:
                 drawing = picture.draw(finger)
                 if drawing is None:
@@ -79,7 +89,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
                 decimate(drawing)
                 drawing.savefig(made[-1])
         # Collect the 3-D picture.
-        done(1.0 - 1.0 / (len(PICTURES) + 2), "deformation")
+        done(1.0 - 1.0 / (len(known) + 2), "deformation")
         if views is not None:
             try:
                 drawing = views.draw()
@@ -92,7 +102,8 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
         if views is not None:
             views.close()
     # Warn about pictures of an earlier run.
-    names = [*(f"{name}.png" for name in ("deformation", *PICTURES)), *(f"{name}-*.png" for name in OF_A_FINGER)]
+    names = [f"{name}.png" for name in ("deformation", *known)]
+    names += [f"{name}-*.png" for name, picture in known.items() if picture.OF_A_FINGER]
     if older := sorted({file.name for name in names for file in folder.glob(name)} - {file.name for file in made}):
         warn(f"older pictures in {folder}, not redrawn: {', '.join(older)}")
     return made

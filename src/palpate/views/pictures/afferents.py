@@ -11,9 +11,13 @@ from palpate.physics.afferents.published import TYPES
 from palpate.views.pictures import style
 from palpate.views.pictures.touch import TouchStreams
 
+ORDER, OF_A_FINGER = 120, False
+
 COLOURS = (style.SPEED, style.NORMAL, style.FINGER)
 WINDOW = 0.05  # [s] over which rates are counted
 INSTANTS = 4
+PERIOD = 0.2  # [s] of a map: several spikes of a unit that fires at 5 to 20 per second
+DOTS = (32, 18, 55)  # [pt²] size of a unit's dot, by type
 
 
 def draw(touch: TouchStreams) -> Figure | None:
@@ -24,8 +28,8 @@ def draw(touch: TouchStreams) -> Figure | None:
     unit, moment, time = spikes(touch, stream)
     if len(time) < 2:
         return None
-    out = style.figure(12.0, 12.0, f"Spikes of {len(made.kind)} tactile afferents")
-    top, bottom = out.subfigures(2, 1, height_ratios=(7.8, 4.2))  # type: ignore[misc]
+    out = style.figure(12.0, 15.6, f"Spikes of {len(made.kind)} tactile afferents")
+    top, bottom = out.subfigures(2, 1, height_ratios=(7.4, 8.2))  # type: ignore[misc]
     raster, *rates, force = top.subplots(5, 1, sharex=True, height_ratios=(4, 1, 1, 1, 1))
     edges = np.arange(time[0], max(time[-1], time[0] + 2 * WINDOW), WINDOW)
     for kind, name in enumerate(TYPES):
@@ -51,30 +55,30 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def _maps(part: Any, made: Population, unit: np.ndarray, moment: np.ndarray, edges: np.ndarray) -> None:
-    """Rates over the patch, at the instant with most spikes in each quarter of the time."""
-    every = np.histogram(moment, edges)[0]
-    quarters = np.array_split(np.arange(len(every)), min(INSTANTS, len(every)))
-    begins = [edges[quarter[np.argmax(every[quarter])]] for quarter in quarters]
-    counts = [np.bincount(unit[(moment >= t) & (moment < t + WINDOW)], minlength=len(made.kind)) for t in begins]
-    rates = [count / WINDOW for count in counts]
-    most = max(max(float(rate.max(initial=0.0)) for rate in rates), 1.0)
-    part.suptitle(
-        "Rate of each unit over the patch: large dots SA1, small dots RA1, rings PC; grey: silent",
-        x=0.01,
-        ha="left",
-        size=12,
-    )
-    for axes, begin, rate in zip(np.atleast_1d(part.subplots(1, len(begins), sharey=True)), begins, rates, strict=True):
-        axes.scatter(*(1e3 * made.at[rate == 0.0, :2].T), s=5, c=style.FAINT, linewidths=0)
-        for kind, size in enumerate((40, 18, 70)):
-            mine = (made.kind == kind) & (rate > 0.0)
-            colours = style.deformation_colours()(rate[mine] / most)
-            look = {"facecolors": "none", "edgecolors": colours} if kind == 2 else {"c": colours, "linewidths": 0}
-            axes.scatter(*(1e3 * made.at[mine, :2].T), s=size, **look)
-        axes.set(title=f"{begin:.2f} to {begin + WINDOW:.2f} s", xlabel="x [mm]", aspect="equal")
-        axes.grid(False)
-    part.axes[0].set_ylabel("y [mm]")
-    style.deformation_bar(part, most, "spikes per second", ax=part.axes, shrink=0.8)
+    """Rates over the patch, when most spikes of a type fall in each quarter of the time: a row and a scale per type."""
+    kinds = [kind for kind in range(len(TYPES)) if (made.kind == kind).any()]
+    quarters = np.array_split(edges, min(INSTANTS, len(edges)))
+    title = f"Rate of each unit over the patch in {1e3 * PERIOD:.0f} ms, with a scale per type; grey: silent"
+    part.suptitle(title, x=0.01, ha="left", size=12)
+    grid = part.subplots(len(kinds), len(quarters), sharex=True, sharey=True, squeeze=False)
+    for row, kind in zip(grid, kinds, strict=True):
+        mine = made.kind == kind
+        times = np.sort(moment[mine[unit]])
+        begins = [max(quarter, key=lambda t: np.ptp(np.searchsorted(times, (t, t + PERIOD)))) for quarter in quarters]
+        counts = [np.bincount(unit[(moment >= t) & (moment < t + PERIOD)], minlength=len(mine)) for t in begins]
+        rates = np.array(counts) / PERIOD
+        most = max(float(rates[:, mine].max()), 1.0)
+        for axes, begin, rate in zip(row, begins, rates, strict=True):
+            axes.scatter(*(1e3 * made.at[mine & (rate == 0.0), :2].T), s=4, c=style.FAINT, linewidths=0)
+            fires = mine & (rate > 0.0)
+            axes.scatter(*(1e3 * made.at[fires, :2].T), s=DOTS[kind], c=rate[fires], vmin=0.0, vmax=most,
+                         cmap=style.deformation_colours(), linewidths=0)  # fmt: skip
+            axes.set(aspect="equal", title=f"{begin:.2f} to {begin + PERIOD:.2f} s")
+            axes.grid(False)
+        row[0].set_ylabel(f"{TYPES[kind]}: y [mm]", color=COLOURS[kind])
+        style.deformation_bar(part, most, f"{TYPES[kind]} [1/s]", ax=list(row), shrink=0.9, aspect=14, pad=0.01)
+    for axes in grid[-1]:
+        axes.set_xlabel("x [mm]")
 
 
 def population_of(touch: TouchStreams, stream: str) -> Population | None:

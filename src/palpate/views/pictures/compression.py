@@ -5,6 +5,8 @@ from matplotlib.figure import Figure
 from palpate.views.pictures.style import ENERGY, FINGER, TISSUE, figure
 from palpate.views.pictures.touch import TouchStreams, touches
 
+ORDER, OF_A_FINGER = 30, True
+
 
 def draw(touch: TouchStreams) -> Figure | None:
     """None without a contact, or if only one of the two deforms."""

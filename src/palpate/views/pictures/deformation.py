@@ -1,8 +1,11 @@
 """The deformed surface at several instants, coloured by displacement."""
 
+import math
+
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.views.pictures.style import deformation_bar, figure
+from palpate.views.pictures.style import INK, deformation_bar, figure
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, painted, round_up
 from palpate.views.surface.moments import Instant, bodies_of, instants
@@ -10,6 +13,8 @@ from palpate.views.surface.off_screen import Rendering
 
 TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand"
 COUNT, COLUMNS = 6, 3
+LONGEST = 0.16  # [1] largest length of a scale, as a fraction of the picture's width
+ARROW = "#1f3b57"  # of the arrows in the pictures
 
 
 class Views:
@@ -42,10 +47,36 @@ class Views:
         for i, instant in enumerate(self.instants):
             axes = grid[i // columns][i % columns]
             axes.imshow(pixels["wide"][i])
+            _scales(axes, pixels["wide_pixel"][i], float(pixels["newton"]))
             axes.set_title(instant.title(), fontsize=11, loc="center")
-        for axes, i, picture in zip(grid[rows], self.near, pixels["close"], strict=True):
+        for axes, i, picture, size in zip(grid[rows], self.near, pixels["close"], pixels["close_pixel"], strict=True):
             axes.imshow(picture)
+            _scales(axes, size, float(pixels["newton"]))
             axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
         label = COLOURS["displacement"].label
         deformation_bar(out, self.deepest * 1e3, label, ax=grid, shrink=0.6, aspect=32, pad=0.015)
         return out
+
+
+def _scales(axes: Axes, pixel: float, newton: float) -> None:
+    """Draw a bar of a round length, and an arrow of a round force, in the lower left corner of a picture.
+
+    pixel  [m] size of a pixel across the view;  newton  [m/N] length of an arrow of 1 N
+    """
+    height, width = axes.get_images()[0].get_size()
+    x, low = 0.03 * width, 0.93 * height
+    length, force = (round_down(LONGEST * width * pixel / unit) for unit in (1e-3, newton))
+    bars = (
+        (low, length * 1e-3 / pixel, f"{length:g} mm", INK, "-"),
+        (low - 0.1 * height, force * newton / pixel, f"{force:g} N", ARROW, "-|>"),
+    )
+    for y, long, text, colour, style in bars:
+        look = {"arrowstyle": style, "color": colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", (x + long, y), (x, y), arrowprops=look)
+        axes.text(x + long + 0.015 * width, y, text, fontsize=9, va="center")
+
+
+def round_down(value: float) -> float:
+    """The largest of 1, 2, 5 times a power of 10 that does not exceed the value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return power * max(digit for digit in (1.0, 2.0, 5.0) if digit * power <= value * (1.0 + 1e-9))

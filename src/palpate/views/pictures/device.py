@@ -7,6 +7,8 @@ from palpate.messages import Force, Pose
 from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean
 from palpate.views.pictures.touch import Columns, TouchStreams
 
+ORDER, OF_A_FINGER = 50, True
+
 
 def draw(touch: TouchStreams) -> Figure | None:
     """None without a recorded force."""

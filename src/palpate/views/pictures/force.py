@@ -1,12 +1,15 @@
-"""Normal force over approach and indentation: hysteresis of loading and unloading, and the force band of a subject."""
+"""Normal force over approach and indentation: hysteresis of loading, hold and unloading, the steps of a
+bundle of beams, and the force band of a subject."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.messages import ForceBand, Pose
+from palpate.messages import ForceBand, Pose, Slip
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
 from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
+
+ORDER, OF_A_FINGER = 20, True
 
 NOTHING = 1e-4  # [1] indentation over approach below which a tissue counts as rigid
 SPAN = 0.012  # [s] running mean of noisy samples: short compared with a press, long compared with the noise
@@ -14,6 +17,8 @@ RATE_SPAN = 0.04  # [s] of the running mean for rates
 QUIET = 2e-3  # [1] noise over range below which samples are not smoothed
 STILL = 4e-3  # [m/s] largest rate of a hold, in a noisy approach
 SLOW = 0.2  # [1] the same as a fraction of the fastest rate; in a quiet approach as a fraction of the mean rate
+LEAST_HOLD = 0.02  # [s] shorter holds are not marked
+LEAST_STEP = 0.01  # [1] of the largest force; smaller steps of a bundle of beams are not reported
 
 
 def draw(touch: TouchStreams) -> Figure | None:
@@ -59,6 +64,9 @@ def draw(touch: TouchStreams) -> Figure | None:
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     left.legend(unique.values(), unique.keys(), loc="upper left")
+    if step := largest_step(touch, contact["force"].max()):
+        text = f"steps of up to {1e3 * step:.0f} mN: a beam that comes into contact\nadds its viscous force at once"
+        left.text(0.03, 0.66, text, transform=left.transAxes, fontsize=9)
     # Last panel: the force band of the measured subject.
     if band:
         _band(every[-1], band, touch.settings(touch.stream_of(ForceBand)).get("depth", "compression"))
@@ -112,8 +120,46 @@ def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> N
         axes.plot(x, smooth, color=colour, linewidth=2.4, label=label)
         if label != "hold":
             _arrow(axes, way * 1e3, smooth, np.flatnonzero(part))
+    _hold(axes, way, smooth, time, moves)
     if len(smooth):
         axes.fill(way * 1e3, smooth, color=INK, alpha=0.05, linewidth=0)
+
+
+def _hold(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray, moves: np.ndarray) -> None:
+    """Mark begin (ring) and end (dot) of the longest hold; the legend has its duration and the change of the force."""
+    if (at := longest(moves == 0)) is None:
+        return
+    begin, end = max(at[0] - 1, 0), at[1]
+    if time[end] - time[begin] < LEAST_HOLD or force[begin] < 0.1 * force.max():
+        return
+    axes.plot(way[begin] * 1e3, force[begin], "o", color=FINGER, markerfacecolor="white", markersize=10, zorder=5)
+    axes.plot(way[end] * 1e3, force[end], "o", color=FINGER, markersize=5, zorder=6,
+              label=f"hold of {time[end] - time[begin]:.2f} s: {force[end] - force[begin]:+.2g} N")  # fmt: skip
+
+
+def longest(which: np.ndarray) -> tuple[int, int] | None:
+    """First and last row of the longest run of true values (n); None if no value is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]).astype(int)))
+    if not len(edges):
+        return None
+    run = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * run]), int(edges[2 * run + 1]) - 1
+
+
+def largest_step(touch: TouchStreams, most: float) -> float:
+    """The largest rise of the force [N] in a tick in which a beam of the fingertip comes into contact; 0 if it is small
+    compared with the largest force `most` [N], or the fingertip is no bundle of beams.
+
+    The force of a beam begins with that of its damper, c times the rate, so these steps belong to the model. They
+    shrink with the rate and with the distance between the beams.
+    """
+    slip, contact = touch[Slip], touch.contact
+    if slip is None or contact is None or "contacts" not in slip:
+        return 0.0
+    slip, contact = together(slip, contact)
+    more = np.diff(slip["contacts"].astype(int)) > 0
+    step = float(np.diff(contact["force"])[more].max(initial=0.0))
+    return step if step > LEAST_STEP * most else 0.0
 
 
 def smoothed(force: np.ndarray, time: np.ndarray) -> np.ndarray:

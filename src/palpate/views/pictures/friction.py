@@ -15,6 +15,8 @@ from palpate.messages import Friction, Proximity
 from palpate.views.pictures import style
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 
+ORDER, OF_A_FINGER = 40, True
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure

@@ -7,6 +7,8 @@ from palpate.messages.grip import Grip
 from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure
 from palpate.views.pictures.touch import TouchStreams
 
+ORDER, OF_A_FINGER = 10, False
+
 COLOURS = (FINGER, NORMAL, SPEED, FRICTION, TISSUE)
 
 

@@ -11,6 +11,8 @@ from palpate.views.pictures.slip import Phases, slides
 from palpate.views.pictures.style import figure
 from palpate.views.pictures.touch import TouchStreams
 
+ORDER, OF_A_FINGER = 90, False
+
 COLUMNS = 5
 APART, STUCK = "#f2f2f5", "#8d8d99"
 

@@ -1,4 +1,8 @@
-"""The pins of a display at several moments, and over time with the force and the actuator."""
+"""The pins of a display at several moments, and over time with the force, the actuator and the stop of the pins.
+
+The second row of a display that shows the surface is the change that a nodule makes: heights less their median while
+the finger slides far from it. Without a nodule or a slide far from it, it is the part that is not axisymmetric.
+"""
 
 from typing import Any
 
@@ -12,7 +16,12 @@ from palpate.physics.display.pins import pin_grid
 from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
+ORDER, OF_A_FINGER = 100, False
+
 COLUMNS = 5
+FAR = 3.0  # [1] distance to the nodule over its radius from which the pins count as those without a nodule
+STEADY = 0.8  # [1] smallest force of these times, as a fraction of the largest
+STOPPED = 0.999  # [1] share of the stroke from which a pin counts as at its stop
 
 
 def draw(touch: TouchStreams) -> Figure | None:
@@ -36,17 +45,24 @@ def draw(touch: TouchStreams) -> Figure | None:
     pitch = float(settings.get("pitch", 2e-3)) * 1e3
     places = pin_grid(heights.shape[1], heights.shape[2], pitch)  # [mm]
     most = max(float(heights[rows].max()), 1e-6)
-    uneven = [heights[row] - ring_mean(heights[row], places) for row in rows]
-    rest = max(max(float(np.abs(u).max()) for u in uneven), 1e-6)
     body = touch.settings(touch.stream_of(Surface))
     radius, position = body.get("nodule_radius", 0.0), body.get("nodule_position")
     nodule = (radius, np.asarray(position)) if below and radius and position is not None else None
+    plain = None if nodule is None else without_nodule(heights, contact, *nodule)
+    uneven = [heights[row] - (ring_mean(heights[row], places) if plain is None else plain) for row in rows]
+    rest = max(max(float(np.abs(u).max()) for u in uneven), 1e-6)
+    title = "part that is not axisymmetric" if plain is None else "change by the nodule"
+    less = (
+        "height less the mean\nat that distance [mm]"
+        if plain is None
+        else "height less that of the\nslide far from it [mm]"
+    )
     for column, row in enumerate(rows):
         shown = _map(grid[0][column], heights[row], places, pitch, "viridis", 0.0, most)
         grid[0][column].set_title(f"{contact['time'][row]:.2f} s:  {contact['force'][row]:.2f} N", loc="center")
         if below:
             lumps = _map(grid[1][column], uneven[column], places, pitch, "RdBu_r", -rest, rest)
-            grid[1][column].set_title("part that is not axisymmetric", loc="center")
+            grid[1][column].set_title(title, loc="center")
         if nodule is not None:
             for axes in grid[:, column]:
                 _circle(axes, *nodule, contact["foot"][row], contact["normal"][row], places, pitch)
@@ -56,8 +72,8 @@ def draw(touch: TouchStreams) -> Figure | None:
         axes.set_ylabel("rows, y [mm]")
     top.colorbar(shown, ax=grid[0], label="height [mm]", pad=0.01)
     if below:
-        top.colorbar(lumps, ax=grid[1], label="height less the mean\nat that distance [mm]", pad=0.01)
-    _over_time(bottom, touch, pins, contact, heights, nodule)
+        top.colorbar(lumps, ax=grid[1], label=less, pad=0.01)
+    _over_time(bottom, touch, pins, contact, heights, nodule, 1e3 * float(settings.get("stroke", np.inf)))
     return out
 
 
@@ -75,6 +91,20 @@ def ring_mean(heights: np.ndarray, places: np.ndarray) -> np.ndarray:
     _, ring = np.unique(distance.ravel(), return_inverse=True)
     mean = np.bincount(ring.ravel(), heights.ravel()) / np.bincount(ring.ravel())
     return mean[ring.ravel()].reshape(heights.shape)
+
+
+def without_nodule(heights: np.ndarray, contact: Columns, radius: float, position: np.ndarray) -> np.ndarray | None:
+    """Median heights (rows,columns) while the pressed finger slides far from the nodule; None if it never does.
+
+    heights  (n,rows,columns) at the times of the contact;  radius, position [m] of the nodule
+    """
+    foot = contact["foot"]
+    away = np.linalg.norm(foot - position, axis=1) >= FAR * radius
+    slides = np.append(0.0, np.linalg.norm(np.diff(foot, axis=0), axis=1)) > 0.0
+    # The finger slides towards the nodule, so the skin that it drags is that of the times over the nodule.
+    ahead = np.arange(len(foot)) < np.argmin(np.linalg.norm(foot - position, axis=1))
+    at = away & slides & ahead & (contact["force"] >= STEADY * contact["force"].max())
+    return np.median(heights[at][at.sum() // 2 :], axis=0) if at.any() else None
 
 
 def _map(
@@ -99,7 +129,7 @@ def _circle(
 
 def _over_time(
     panel: Any, touch: TouchStreams, pins: Columns, contact: Columns, heights: np.ndarray,
-    nodule: tuple[float, np.ndarray] | None,
+    nodule: tuple[float, np.ndarray] | None, stroke: float,
 ) -> None:  # fmt: skip
     time, touching = pins["time"], contact["force"] > 0.0
     upper, lower = panel.subplots(2, 1, sharex=True)
@@ -116,10 +146,15 @@ def _over_time(
     upper.plot(whole["time"], whole["force"], color=NORMAL, label="normal force")
     upper.set(ylabel="normal force [N]", ylim=(0.0, 1.3 * float(whole["force"].max())))
     upper.legend(loc="upper left", ncols=3)
-    lower.plot(time, heights.max(axis=(1, 2)), color=TISSUE, label="highest pin")
+    highest = heights.max(axis=(1, 2))
+    lower.plot(time, highest, color=TISSUE, label="highest pin")
     lower.plot(time, heights.mean(axis=(1, 2)), color=FINGER, label="mean of the pins")
     lower.plot(time, pins["actuator"] * 1e3, color=NORMAL, linestyle=(0, (4, 2)), label="actuator")
+    if (stopped := highest >= STOPPED * stroke).any():
+        lower.axhline(stroke, color=TISSUE, linewidth=0.9, linestyle=":", label=f"stop of the pins, {stroke:g} mm")
+        lower.fill_between(time, 0, 1, where=stopped, transform=lower.get_xaxis_transform(), color=TISSUE, alpha=0.12,
+                           linewidth=0, label="a pin at its stop: it shows less than the surface")  # fmt: skip
     touch.over_time(lower, time)
     most = max(float(pins["actuator"].max()) * 1e3, float(heights.max()), 1e-3)
-    lower.set(ylabel="height, travel [mm]", ylim=(0.0, 1.3 * most))
-    lower.legend(loc="upper left", ncols=3)
+    lower.set(ylabel="height, travel [mm]", ylim=(0.0, (1.6 if stopped.any() else 1.3) * most))
+    lower.legend(loc="upper left", ncols=3, fontsize=9)

@@ -10,6 +10,8 @@ from palpate.messages import Friction, Slip
 from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, INK, NORMAL, REGION_A, REGION_B, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
+ORDER, OF_A_FINGER = 80, False
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure

@@ -11,6 +11,8 @@ from palpate.physics.display.shape_display import pad_displacement
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
+ORDER, OF_A_FINGER = 110, False
+
 OTHERS = {5e3: "5 kPa", 15e3: "15 kPa", 60e3: "60 kPa", np.inf: "rigid"}
 LINES = dict(zip(OTHERS, ("#a4243b", "#d97706", "#4c8c4a", "#2b2b33"), strict=True))
 SHOWN = 3.0  # [N] force of the profile, as in the source's figure, but at most the largest force of the run

@@ -12,6 +12,8 @@ from palpate.records.stored import RecordingError
 from palpate.views.pictures.style import FRICTION, SPEED, figure
 from palpate.views.pictures.touch import TouchStreams
 
+ORDER, OF_A_FINGER = 60, False
+
 _spectrogram: Any = specgram  # its type hints lack arrays
 WINDOW = 0.05  # [s]
 RANGE = 50.0  # [dB]

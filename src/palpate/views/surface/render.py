@@ -24,7 +24,9 @@ RIGHT = np.cross((0.0, 0.0, 1.0), VIEW) / np.hypot(*VIEW[:2])  # direction to th
 
 
 def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Pictures of all instants, wide (k, h, w, 3), and close-ups of some, close (n, h, w, 3), as RGB bytes.
+    """Pictures of all instants, wide (k, h, w, 3), and close-ups of some, close (n, h, w, 3), as RGB bytes; wide_pixel
+    (k) and close_pixel (n) [m], the size of their pixels on a plane across the view; and newton [m/N], the length of an
+    arrow of 1 N.
 
     vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), values (k,V): colour values of the vertices, most:
     end of the colour scale, tips [m] (k,f,3; not finite: no finger), normals [1] (k,f,3), forces [N] (k,f,3), near (n):
@@ -39,6 +41,7 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     most = float(views["most"])
     wide: list[np.ndarray] = []
     close: list[np.ndarray] = []
+    pixel: dict[str, list[float]] = {"wide_pixel": [], "close_pixel": []}
     scale = _longest(views["vertices"]) / max(float(views["greatest"]), LEAST_FORCE)
     arrows, balls = views["forces"] * scale, views["balls"]
     heads = balls + views["pulls"] * scale
@@ -52,8 +55,11 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             _camera(plotter, views["vertices"], balls, heads, shot, near=out is close)
             plotter.render()
             out.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
+            size = 2.0 * plotter.camera.parallel_scale / shape[1]
+            pixel["close_pixel" if out is close else "wide_pixel"].append(size)
         plotter.close()
-    return {"wide": np.array(wide), "close": np.array(close)}
+    sizes = {name: np.array(values) for name, values in pixel.items()}
+    return {"wide": np.array(wide), "close": np.array(close), "newton": np.array(scale), **sizes}
 
 
 def ball_centres(tips: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -134,7 +140,7 @@ def main() -> None:
     source, target = sys.argv[1:3]
     with np.load(source) as views:
         pixels = render(dict(views))
-    np.savez(target, wide=pixels["wide"], close=pixels["close"])
+    np.savez(target, **pixels)  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ class ParetoPoint:
     """A method at one setting over the test cases that it computed.
 
     error     [1] median of the RMS force errors;  worst [1] the largest of them, on the test case `hardest`
-    p50, p99  [s] median step time
+    p50, p99  [s] median step time;  rate [Hz] of the steps
     computed  number of test cases;  charged: number of unsupported or failed ones, excluded from errors and times
     """
 
@@ -47,6 +47,7 @@ class ParetoPoint:
     p99: float
     computed: int
     charged: int
+    rate: float = 1000.0
 
 
 def duration(seconds: float) -> str:
@@ -71,7 +72,7 @@ def summaries(cells: Sequence[Cell]) -> list[ParetoPoint]:
             p50, p99 = np.median([(c.p50, c.p99) for c in good], axis=0)
             found.append(ParetoPoint(
                 method, good[0].title, fidelity, float(np.median(errors)), errors[worst], good[worst].touch,
-                float(p50), float(p99), len(good), len(touches) - len(good),
+                float(p50), float(p99), len(good), len(touches) - len(good), good[0].rate,
             ))  # fmt: skip
     return found
 
@@ -104,6 +105,14 @@ def best(points: Sequence[ParetoPoint]) -> list[int]:
     most = max((s.computed for s in points), default=0)
     able = [k for k, s in enumerate(points) if s.computed == most]
     return [able[k] for k in front([(points[k].p99, points[k].error) for k in able])]
+
+
+def best_within(points: Sequence[ParetoPoint], share: float) -> ParetoPoint | None:
+    """Of the settings that compute the largest number of test cases, and whose p99 times rate is at most this share [1]
+    of a core, the one with the smallest error on its worst test case; None without any setting."""
+    most = max((s.computed for s in points), default=0)
+    able = [s for s in points if s.computed == most and s.p99 * s.rate <= share]
+    return min(able, key=lambda s: (s.worst, s.error, s.p99), default=None)
 
 
 def advice(points: Sequence[ParetoPoint]) -> str:

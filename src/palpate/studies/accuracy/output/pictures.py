@@ -1,74 +1,158 @@
-"""The chart of error over step time: bodies on the test cases on tissue."""
+"""The chart of error over cost: a line per method over its settings, the budgets of a loop, and random touches."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
-from palpate.studies.accuracy.output.pareto import ParetoPoint, best, percent
-from palpate.views.pictures.style import FAINT, INK, figure, look
+from palpate.studies.accuracy.output.pareto import ParetoPoint, best_within, of_bodies, percent
+from palpate.views.pictures.style import FAINT, INK, REGION_A, figure, look
 
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
 MARKS = "osD^vPX<>hdp8H"
-LOOPS = ((1e-3, "a loop at 1 kHz"), (1e-4, "at 10 kHz"))
+STYLES = ("-", "--", ":", "-.")
+BUDGETS = (0.01, 0.1, 1.0)
+"""[1] Processor time of a method per time of the touch: shares of one core. 1 is the limit of a loop in real time."""
 GOOD = 0.02  # [1] The goal for the force error, drawn as a line
 LEAST = 1e-4  # [1] Smaller errors are drawn at this value
+RANDOM = {"MassSpring": "MassSpring, one K", "MassSpring, map": "MassSpring, calibrated", "BeamBundle": "BeamBundle"}
+"""Names of `benchmarks/every_place.py` and the titles of their methods; MassSpring with one K is in no other panel."""
 
 
 @look()
-def overview(summary: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
-    """Draw median error over median step time of bodies on tissue, with a line to the worst test case.
+def overview(
+    summary: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path, places: Mapping[str, Any] | None = None
+) -> None:
+    """Draw the median error of bodies on tissue over their cost: p99 of a step times the rate of the steps.
 
-    Open marks: settings that compute fewer test cases than others.
+    A line joins the settings of a method that differ in one number (rate, vertices, cells). Shading: the budgets of a
+    loop. Stars: the most accurate setting within each, of those that compute the largest number of test cases; their
+    lines lead to the worst test case.
+
+    places  the JSON of `benchmarks/every_place.py`, for a second panel: the errors of single touches at random places
     """
-    drawn = figure(10.5, 6.2, "Bodies on tissue: force error over step time")
-    axes = drawn.subplots()
+    drawn = figure(15.0 if places else 11.0, 7.0, "Price of accuracy: bodies on tissue")
+    axes, *aside = drawn.subplots(1, 2 if places else 1, width_ratios=(3, 1) if places else None, sharey=True,
+                                  squeeze=False)[0]  # fmt: skip
     axes.set(xscale="log", yscale="log")
     order = dict.fromkeys([*(known.name for known in standard()), *sorted(c.method for c in cells)])
     looks = {m: (COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]) for k, m in enumerate(order)}
-    # Points of each method, with lines to p50 and to the worst test case.
-    points = [(s.p99, max(s.error, LEAST)) for s in summary]
     most = max(s.computed for s in summary)
+    # A line for each method and number that its settings vary.
     for method in dict.fromkeys(s.method for s in summary):
-        colour, mark = looks[method]
-        mine = [k for k, s in enumerate(summary) if s.method == method]
-        for k in mine:
-            (x, y), one = points[k], summary[k]
-            axes.plot([one.p50, x], [y, y], color=colour, alpha=0.35, linewidth=1)
-            axes.plot([x, x], [y, max(one.worst, LEAST)], color=colour, alpha=0.35, linewidth=1)
-            axes.plot(x, max(one.worst, LEAST), "_", color=colour, markersize=7)
-        first = summary[mine[0]]
-        axes.plot(*np.array([points[k] for k in mine]).T, mark, color=colour, markersize=6, alpha=0.8, linestyle="none",
-                  markerfacecolor=colour if first.computed == most else "white",
-                  label=f"{first.title}: {first.computed} of {first.computed + first.charged}")  # fmt: skip
-    # Pareto front, the goal for the error, and the periods of loops.
-    axes.step(*np.array([points[k] for k in best(summary)]).T, where="post", color=INK, linewidth=1.2, linestyle=":",
-              label=f"Pareto front of those with {most}", zorder=1)  # fmt: skip
-    axes.axhline(GOOD, color=FAINT, linewidth=1, linestyle="--", zorder=0)
-    axes.annotate(f"{100 * GOOD:g} %", (0.995, GOOD), xycoords=("axes fraction", "data"), xytext=(0, 3), fontsize=8,
-                  color="#77777f", textcoords="offset points", ha="right")  # fmt: skip
-    for period, name in LOOPS:
-        axes.axvline(period, color=FAINT, linewidth=1, zorder=0)
-        axes.annotate(name, (period, 0.01), xycoords=("data", "axes fraction"), xytext=(3, 0), color="#77777f",
-                      textcoords="offset points", fontsize=8)  # fmt: skip
+        mine = [s for s in summary if s.method == method]
+        for k, line in enumerate(lines_of(mine)):
+            colour, mark = looks[method]
+            label = f"{mine[0].title}: {mine[0].computed} of {mine[0].computed + mine[0].charged}" if k == 0 else None
+            points = np.array([(cost(s), max(s.error, LEAST)) for s in line])
+            face = colour if line[0].computed == most else "white"
+            axes.plot(*points.T, marker=mark, color=colour, markersize=5, linewidth=1.2, markerfacecolor=face,
+                      linestyle=STYLES[k % len(STYLES)], label=label)  # fmt: skip
+            for at in {0, len(line) - 1} if len(line) > 1 else {0}:
+                axes.annotate(short(line[at].fidelity), points[at], (0, 6 + 8 * (k % 2)), textcoords="offset points",
+                              color=colour, fontsize=6.5, ha="center")  # fmt: skip
+    # Budgets with the best setting in each, the goal, and the band of the references.
+    limits = (min(cost(s) for s in summary) / 2.5, max(max(cost(s) for s in summary) * 3, 3.0))
+    _budgets(axes, summary, limits[0])
+    for each in (axes, *aside):
+        each.axhline(GOOD, color=FAINT, linewidth=1, linestyle="--", zorder=0)
+    band = float(np.median([c.errors["force"]["band"] for c in of_bodies(cells) if c.status == "ok"] or [0.0]))
+    low = min([max(s.error, LEAST) for s in summary] + [band or 1.0]) / 2.5
+    if band:
+        axes.axhspan(low, band, color=FAINT, alpha=0.25, linewidth=0, zorder=0,
+                     label=f"below {percent(band)}: uncertainty of the reference")  # fmt: skip
     # Axes and legend.
-    ends = [(time, max(s.worst, LEAST)) for s in summary for time in (s.p50, s.p99)]
-    times, errors = np.array(points + ends).T
-    axes.set_xlim(min(times.min() / 1.5, 5e-6), max(times.max() * 3, 3e-3))
-    axes.set_ylim(errors.min() / 3, max(2.0, errors.max() * 1.6))
-    axes.set_xlabel("processor time of a compiled step [s]: the point is p99, its line begins at p50")
-    below = f"; smaller errors at {percent(LEAST)}" if any(s.error < LEAST for s in summary) else ""
-    axes.set_ylabel(f"force error, RMS over the peak:\nmedian, and worst test case{below}")
-    axes.yaxis.set_major_formatter(lambda value, _: f"{100 * value:g} %")
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
-                title="test cases computed")  # fmt: skip
+    axes.set(xlim=limits, ylim=(low, max(1.0, 1.6 * max(s.worst for s in summary))))
+    axes.set_xlabel("cost [% of a core]: p99 of the processor time of a step, times the rate of the steps")
+    below = f";\nsmaller errors at {percent(LEAST)}" if any(s.error < LEAST for s in summary) else ""
+    axes.set_ylabel(f"force error, RMS over the peak: median of {most} test cases{below}")
+    for scale in (axes.yaxis, axes.xaxis):
+        scale.set_major_formatter(lambda value, _: f"{100 * value:.15g} %")
+    top = axes.secondary_xaxis("top", functions=(lambda share: share / 1e3, lambda step: step * 1e3))
+    top.set_xlabel("the same as the time of a step at 1 kHz [s]")
+    axes.legend(fontsize=8, loc="upper right", frameon=True, framealpha=0.9, title="method: test cases computed")
+    for panel in aside:
+        _random(panel, places or {}, {s.title: looks[s.method][0] for s in summary})
     _save(drawn, path)
+
+
+def cost(point: ParetoPoint) -> float:
+    """p99 of a step times the rate [1]: the share of one core that the method takes in real time."""
+    return point.p99 * point.rate
+
+
+def lines_of(points: Sequence[ParetoPoint]) -> list[list[ParetoPoint]]:
+    """The settings of one method that differ in one number, by this number; the longest line first. A setting at the
+    default, without a number, is a line of one point."""
+    families: dict[str, list[tuple[float, ParetoPoint]]] = {}
+    for point in points:
+        found = re.search(r"\d+(\.\d+)?", point.fidelity)
+        kind = re.sub(r"\d+(\.\d+)?|cells?", "#", point.fidelity)
+        families.setdefault(kind, []).append((float(found[0]) if found else 0.0, point))
+    ordered = [[p for _, p in sorted(line, key=lambda one: one[0])] for line in families.values()]
+    return sorted(ordered, key=lambda line: -len(line))
+
+
+def short(fidelity: str) -> str:
+    """The setting as a label in the chart."""
+    text = re.sub(r"(\d+)000 Hz", r"\1 kHz", fidelity)
+    for long, brief in (
+        (" a radius", ""),
+        ("condensed to ", ""),
+        ("second order", "2nd order"),
+        (" vertices", " vert."),
+    ):
+        text = text.replace(long, brief)
+    return text
+
+
+def _budgets(axes: Axes, summary: Sequence[ParetoPoint], left: float) -> None:
+    for k, budget in enumerate(BUDGETS):
+        axes.axvspan(left, budget, color=REGION_A, alpha=0.35, linewidth=0, zorder=0)
+        text = f"{100 * budget:g} % of a core" + (": limit of real time" if k == len(BUDGETS) - 1 else "")
+        axes.annotate(text, (budget, 0.01), xycoords=("data", "axes fraction"), xytext=(-3, 0), color="#55606b",
+                      textcoords="offset points", fontsize=8, rotation=90, ha="right", va="bottom")  # fmt: skip
+    found: dict[ParetoPoint, list[str]] = {}
+    for budget in BUDGETS:
+        if (one := best_within(summary, budget)) is not None:
+            found.setdefault(one, []).append(f"{100 * budget:g} %")
+    for one, budgets in found.items():
+        x, y = cost(one), max(one.error, LEAST)
+        axes.plot([x, x], [y, max(one.worst, LEAST)], color=INK, linewidth=0.8, alpha=0.6)
+        axes.plot(x, max(one.worst, LEAST), "_", color=INK, markersize=8)
+        axes.plot(x, y, "*", color="#ffd166", markeredgecolor=INK, markersize=14, linestyle="none", zorder=6,
+                  label=f"best within {' and '.join(budgets)}: {one.title},\n{one.fidelity}: {percent(one.error)}, "
+                  f"{percent(one.worst)} in {one.hardest}")  # fmt: skip
+
+
+def _random(axes: Axes, places: Mapping[str, Any], colours: Mapping[str, str]) -> None:
+    """Error of single touches at random places: all touches, median, and 5 to 95 %."""
+    count = 0
+    for k, (name, rows) in enumerate(places["errors"].items()):
+        errors = np.sort([row["rms"] for row in rows])
+        count = len(errors)
+        colour = colours.get(RANDOM.get(name, name), "#5f6b73")
+        spread = np.modf(np.arange(count) * 0.618034)[0] - 0.5  # evenly over the width, without random numbers
+        axes.plot(k + 0.55 * spread, errors, ".", color=colour, markersize=3, alpha=0.5)
+        low, middle, high = np.percentile(errors, (5, 50, 95))
+        axes.plot([k, k], [low, high], color=INK, linewidth=1.4)
+        axes.plot([k - 0.3, k + 0.3], [middle, middle], color=INK, linewidth=1.8)
+        axes.annotate(percent(float(middle)), (k + 0.32, middle), fontsize=8, va="center")
+    names = [RANDOM.get(name, name).replace(", ", "\n") for name in places["errors"]]
+    axes.set_xticks(range(len(names)), names, fontsize=9)
+    axes.set_xlim(-0.6, len(names) - 0.2)
+    axes.tick_params(labelleft=True)
+    axes.set_title(f"{count} random touches of the kidney,\nagainst {places['reference'].rpartition('.')[2]}: "
+                   "median, 5 to 95 %", fontsize=10)  # fmt: skip
 
 
 def _save(figure: Figure, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120, bbox_inches="tight")
+    figure.savefig(path, dpi=120)

@@ -20,6 +20,34 @@ function caption(paint, w, left, right) {
   if (paint.measureText(`${left}  ${right}`).width < w) paint.fillText(right, w, 10);
 }
 
+const BASE = 14; // [px] room for the labels of the time axis
+
+// Ticks with labels: at most 3 round values between low and high on the left, and round times [s] at the bottom.
+function ticks(paint, w, h, x, y, [low, high], [begin, end], origin = 0) {
+  paint.fillStyle = style("--faint"); paint.strokeStyle = style("--line"); paint.lineWidth = 1; paint.setLineDash([]);
+  paint.beginPath();
+  for (const value of round(low, high, 3)) {
+    paint.moveTo(0, y(value)); paint.lineTo(w, y(value));
+    if (y(value) > 20 && value !== 0) paint.fillText(String(value), 1, y(value) - 2);
+  }
+  for (const time of round(begin - origin, end - origin, Math.max(4, Math.floor(w / 50)))) {
+    const at = x(time + origin);
+    paint.moveTo(at, h - BASE); paint.lineTo(at, h - BASE + 4);
+    paint.textAlign = at < 14 ? "left" : at > w - 14 ? "right" : "center";
+    paint.fillText(`${time}${time === 0 || at > w - 14 ? " s" : ""}`, at, h - 1);
+  }
+  paint.textAlign = "left"; paint.stroke();
+}
+
+// Multiples of 1, 2 or 5 times a power of ten from low to high: the finest step with at most `count` of them.
+export function round(low, high, count) {
+  const span = Math.max(high - low, 1e-12), power = 10 ** Math.floor(Math.log10(span / count));
+  const step = [1, 2, 5, 10].map((k) => k * power).find((s) => Math.floor(high / s + 1e-9) - Math.ceil(low / s - 1e-9) < count) ?? 20 * power;
+  const out = [], digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  for (let k = Math.ceil(low / step - 1e-9); k <= high / step + 1e-9; k++) out.push(Number((k * step).toFixed(digits)) + 0);
+  return out;
+}
+
 // The curve of the first finger is solid, those of the others are dashed.
 const stroke = (paint, colour, finger) => { paint.strokeStyle = colour; paint.setLineDash(finger ? [4 / finger, 2] : []); paint.beginPath(); };
 
@@ -41,8 +69,8 @@ export class Strip {
     let high = this.least;
     for (const { values } of this.lines) for (const v of values) if (v > high) high = v;
     if (band) high = Math.max(high, band[1]);
-    const x = (t) => w - ((now - t) / SPAN) * w, y = (v) => h - 3 - (v / high) * (h - 18);
-    paint.strokeStyle = style("--line"); paint.beginPath(); paint.moveTo(0, y(0)); paint.lineTo(w, y(0)); paint.stroke();
+    const x = (t) => w - ((now - t) / SPAN) * w, y = (v) => h - BASE - (v / high) * (h - 15 - BASE);
+    ticks(paint, w, h, x, y, [0, high], [now - SPAN, now], now);
     if (band) { paint.fillStyle = this.colour + "33"; paint.fillRect(0, y(band[1]), w, y(band[0]) - y(band[1])); }
     paint.lineWidth = 1.8; paint.lineJoin = "round";
     this.lines.forEach(({ times, values }, finger) => {
@@ -67,8 +95,8 @@ export class Record {
     const { paint, w, h } = fresh(this.canvas), { times } = this.lines[0], [begin, end] = [times[0], times.at(-1)];
     let low = 0, high = 1e-9;
     for (const { values } of this.lines) for (const v of values) { if (v > high) high = v; if (v < low) low = v; }
-    const x = (t) => ((t - begin) / Math.max(end - begin, 1e-9)) * w, y = (v) => h - 3 - ((v - low) / (high - low)) * (h - 18);
-    paint.strokeStyle = style("--line"); paint.beginPath(); paint.moveTo(0, y(0)); paint.lineTo(w, y(0)); paint.stroke();
+    const x = (t) => ((t - begin) / Math.max(end - begin, 1e-9)) * w, y = (v) => h - BASE - ((v - low) / (high - low)) * (h - 15 - BASE);
+    ticks(paint, w, h, x, y, [low, high], [begin, end]);
     paint.lineWidth = 1.4; paint.lineJoin = "round";
     this.lines.forEach((line, finger) => {
       stroke(paint, this.colour, finger);
@@ -77,7 +105,7 @@ export class Record {
     });
     paint.setLineDash([]);
     if (band) { paint.fillStyle = this.colour + "33"; paint.fillRect(x(now) - 6, y(band[1]), 12, y(band[0]) - y(band[1])); }
-    paint.strokeStyle = style("--ink"); paint.lineWidth = 1; paint.beginPath(); paint.moveTo(x(now), 12); paint.lineTo(x(now), h); paint.stroke();
+    paint.strokeStyle = style("--ink"); paint.lineWidth = 1; paint.beginPath(); paint.moveTo(x(now), 12); paint.lineTo(x(now), h - BASE); paint.stroke();
     caption(paint, w, `${this.name} to ${high.toPrecision(2)} ${this.unit}`, `${begin.toFixed(1)} to ${end.toFixed(1)} s`);
   }
 }
