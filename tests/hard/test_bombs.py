@@ -116,7 +116,7 @@ def test_a_sparse_file_is_not_read_into_memory(tmp_path, kind):
     output, more = grown(
         "from palpate.records.reader import Recording", "Recording(path)", path
     )  # fmt: skip
-    assert "not a recording of palpate" in output and more < 50
+    assert "an MCAP file of another program" in output and more < 50
 
 
 def complete(path: Path, records: list, summary: list) -> Path:

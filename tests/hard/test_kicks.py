@@ -227,7 +227,7 @@ def test_an_organ_that_does_not_fit_the_patch_is_reported(tmp_path):
     spread = Kernel(**given)
     spread.start()
     assert any("wider than the organ, 10 mm across" in note for note in spread.notes())
-    coarse = Kernel(**(given | {"surface": str(sphere_file(tmp_path / "coarse.ply", 642))}))
+    coarse = Kernel(**(given | {"surface": str(sphere_file(tmp_path / "coarse.ply", 642)), "refine": 0.0}))
     coarse.start()
     assert any("the vertices are 5.6 mm apart" in note for note in coarse.notes())
     body = MassSpring(**given, stiffness=257.0, exponent=1.0, damping=0.0)

@@ -215,7 +215,9 @@ def test_invalid_uses_of_a_step_are_errors():
 
 def test_a_run_accepts_a_placement_and_is_fused_on_simulated_time(tmp_path, monkeypatch):
     placed = []
-    monkeypatch.setattr(calling, "execute", lambda launch, **how: placed.append(launch.place) or execute(launch, **how))
+    monkeypatch.setattr(
+        calling, "execute", lambda launch, *more, **how: placed.append(launch.place) or execute(launch, *more, **how)
+    )
     one = palpate.run("kidney", record=tmp_path / "a.mcap", duration=0.02, sets=QUICK)
     two = palpate.run("kidney", record=tmp_path / "b.mcap", duration=0.02, sets=QUICK, place="two")
     assert placed[0] == "fused" and placed[1].name == "two.yaml"

@@ -507,7 +507,7 @@ def test_a_file_that_is_not_a_recording_is_an_error_of_one_line(tmp_path):
         tmp_path / "text.mcap": "not an MCAP file",
         tmp_path / "empty.mcap": "an empty file",
         tmp_path: "a folder, expected a recording",
-        foreign(tmp_path / "other.mcap", profile=False): "not a recording of palpate",
+        foreign(tmp_path / "other.mcap", profile=False): "an MCAP file of another program",
         foreign(tmp_path / "new.mcap", version="99"): "schema version '99', this palpate reads '1'",
     }
     for path, words in cases.items():

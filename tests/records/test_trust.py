@@ -89,7 +89,6 @@ COMMANDS = [
     ["export", "run.mcap", "--to", "csv", "--out", "tables"],
     ["picture", "run.mcap", "grip.force"],
     ["view", "run.mcap", "--no-open"],
-    ["picture", "run.mcap", "--at", "0.03"],
 ]
 
 
@@ -100,6 +99,11 @@ def test_no_command_imports_what_a_recording_names(here, command):
     assert "'innocent': not part of palpate" in printed and "--trust innocent" in printed
     assert not (here / "was imported").exists()
     assert str(here) not in sys.path
+
+
+def test_a_picture_of_a_custom_body_shows_the_organ_of_the_collision_node_without_importing_the_body(here):
+    code, _, _ = say("picture", "run.mcap", "--at", "0.03")
+    assert code == 0 and not (here / "was imported").exists()
 
 
 def test_commands_that_need_no_foreign_class_do_not_import_it(here):

@@ -381,7 +381,7 @@ def test_stored_results_open_with_other_tools(ball, pool, tmp_path):
         table["key"].to_pylist()
     )
     (tmp_path / "points.parquet").write_bytes(b"PAR1 and no more")
-    with pytest.raises(RunError, match="this is no study, or a damaged one"):
+    with pytest.raises(RunError, match="is not of a study, or damaged"):
         palpate.Study(ball, OVER, KEEP).run(tmp_path, pool)
 
 

@@ -70,7 +70,7 @@ class Spread(Node):
     def step(self, force: Force, friction: Friction | None) -> Load:
         total = force.force[0] + (friction.force[0] if friction else 0.0)
         forces = np.zeros((self.count, 3))
-        forces[:, 0] = total * np.arange(self.count)
+        forces[:50, 0] = total * np.arange(min(self.count, 50))  # below what a plausible force may be
         return Load(nodes=np.arange(self.count), forces=forces, foot=(0, 0, 0), normal=(0, 0, 1))
 
 

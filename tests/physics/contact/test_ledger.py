@@ -126,7 +126,9 @@ def test_a_part_without_reported_energy_must_not_return_more_than_it_received():
     assert balance.tissue_stored == 0.0 and balance.tissue_dissipated > 0.0 and balance.generated("tissue") == 0.0
 
 
-@pytest.mark.parametrize("law", [Coulomb(), LuGre(stribeck=1.0, mu_static=0.5, viscous=0.0)])
+@pytest.mark.parametrize(
+    "law", [Coulomb(stiffness=1500.0, damping=0.0), LuGre(stribeck=1.0, mu_static=0.5, viscous=0.0)]
+)
 def test_friction_dissipates_the_work_minus_the_energy_of_the_bristles(law):
     speed, dt, load = 0.05, 1e-3, 2.0
     force, z, _ = bristle_path(law, np.tile((speed, 0.0, 0.0), (400, 1)), load, dt)

@@ -40,8 +40,7 @@ def plan(
 ) -> None:
     """Show what runs, what does not and why, and after a run the cost per effect.
 
-    Times come from the newest recording of the graph below runs/, or from the one given to --ablate. Without a
-    recording the table has no times.
+    Times come from the newest recording of the graph below runs/, or from that of --ablate; without one there are none.
     """
     from palpate.launch.load.effect_costs import effect_costs
     from palpate.records.times import step_times
