@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import stat
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,8 +35,9 @@ def claimed(file: Path, force: bool = False) -> Iterator[bool]:
     """
     if not force:
         _check_content(file)
-    if file.exists() and not file.is_file():
-        raise ArgumentError(f"recording {file}: found a device, a pipe or a folder, expected the name of a file")
+    with contextlib.suppress(FileNotFoundError):  # one look: another run may remove the file between two
+        if not stat.S_ISREG(file.stat().st_mode):
+            raise ArgumentError(f"recording {file}: found a device, a pipe or a folder, expected the name of a file")
     file.parent.mkdir(parents=True, exist_ok=True)
     fresh = not file.exists()
     opened = _locked(file)
