@@ -74,7 +74,7 @@ def test_the_recipe_has_the_requirements_of_the_project():
 def test_the_backend_builds_kernels_only_for_the_wheel_and_if_wanted(monkeypatch):
     """An editable installation needs setuptools alone, a wheel with kernels all dependencies."""
     for name in [name for name in sys.modules if name.partition(".")[0] == "distutils"]:
-        monkeypatch.delitem(sys.modules, name)  # setuptools brings its own
+        monkeypatch.delitem(sys.modules, name)  # setuptools brings another one
     spec = spec_from_file_location("backend", ROOT / "docs" / "release" / "backend.py")
     backend = module_from_spec(spec)
     spec.loader.exec_module(backend)
