@@ -40,7 +40,7 @@ def plan(
 ) -> None:
     """Show what runs, what does not and why, and after a run the cost per effect.
 
-    Times come from the newest recording of the graph below runs/, or from that of --ablate. Without one, times are missing.
+    Times come from the newest recording of the graph below runs/, or that of --ablate. Without one, times are missing.
     """
     from palpate.launch.load.effect_costs import effect_costs
     from palpate.records.times import step_times
