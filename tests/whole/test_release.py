@@ -1,6 +1,7 @@
 """docs/release/release.py: rejected input, and a dry run of a whole release."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -71,21 +72,25 @@ def test_the_recipe_has_the_requirements_of_the_project():
     assert recipe["context"]["version"] == project["version"]
 
 
-def test_the_backend_builds_kernels_only_for_the_wheel_and_if_wanted(monkeypatch):
-    """An editable installation needs setuptools alone, a wheel with kernels all dependencies."""
-    for name in [name for name in sys.modules if name.partition(".")[0] == "distutils"]:
-        monkeypatch.delitem(sys.modules, name)  # setuptools brings another one
-    spec = spec_from_file_location("backend", ROOT / "docs" / "release" / "backend.py")
-    backend = module_from_spec(spec)
-    spec.loader.exec_module(backend)
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setattr(backend.build_meta, "get_requires_for_build_wheel", lambda settings: ["setuptools>=77"])
-    assert backend.get_requires_for_build_wheel({"kernels": "no"}) == ["setuptools>=77"]
-    if backend._with_kernels(None):
-        assert any(one.startswith("numba") for one in backend.get_requires_for_build_wheel())
-    monkeypatch.setattr(backend.platform, "machine", lambda: "aarch64")
-    assert backend.get_requires_for_build_wheel() == ["setuptools>=77"]
-    assert backend.get_requires_for_build_editable is backend.build_meta.get_requires_for_build_editable
+BACKEND = """
+import backend
+backend.build_meta.get_requires_for_build_wheel = lambda settings: ["setuptools>=77"]
+assert backend.get_requires_for_build_wheel({"kernels": "no"}) == ["setuptools>=77"]
+if backend._with_kernels(None):
+    assert any(one.startswith("numba") for one in backend.get_requires_for_build_wheel())
+backend.platform.machine = lambda: "aarch64"
+assert backend.get_requires_for_build_wheel() == ["setuptools>=77"]
+assert backend.get_requires_for_build_editable is backend.build_meta.get_requires_for_build_editable
+"""
+
+
+def test_the_backend_builds_kernels_only_for_the_wheel_and_if_wanted():
+    """An editable installation needs setuptools alone, a wheel with kernels all dependencies. A separate process, since
+    setuptools refuses to be imported where the standard library's distutils is loaded."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "docs" / "release")}
+    command = [sys.executable, "-c", BACKEND]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 RENDER = """
