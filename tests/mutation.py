@@ -2,8 +2,8 @@
 
     python tests/mutation.py [--minutes 20] [--seed 0] [--tests TEST_FILE]... FILE...
 
-    python tests/mutation.py engine/slot.py launch/run/work/real.py
-    python tests/mutation.py drivers/guard.py --tests tests/drivers/test_guard.py
+    python tests/mutation.py src/palpate/engine/slot.py launch/run/work/real.py
+    python tests/mutation.py src/palpate/drivers/guard.py --tests tests/drivers/test_guard.py
 
 Works on a copy of the tree. Each mutant is run against the tests that import its module (for `engine` and `launch/run`:
 those of runs and replays) or those that `--tests` names, and ends at the first that fails. Survivors are printed with

@@ -24,15 +24,15 @@ def read_stl(file: Path) -> tuple[np.ndarray, list[str]]:
         return _text(data)
     if len(data) < HEAD + EACH:
         raise ValueError(f"it has {len(data)} bytes; the shortest STL file, of one triangle, has {HEAD + EACH}")
-    told, room = int.from_bytes(data[80:84], "little"), (len(data) - HEAD) // EACH
-    rest = len(data) - HEAD - EACH * told
-    if told > room:
+    announced, room = int.from_bytes(data[80:84], "little"), (len(data) - HEAD) // EACH
+    rest = len(data) - HEAD - EACH * announced
+    if announced > room:
         raise ValueError(
-            f"its header announces {told} triangles, but its {len(data)} bytes have room for {room}: it is cut off or "
+            f"its header announces {announced} triangles, but its {len(data)} bytes have room for {room}: it is cut off or "
             "damaged. Export it again"
         )
-    count, notes = told, []
-    if told == 0:
+    count, notes = announced, []
+    if announced == 0:
         if (len(data) - HEAD) % EACH:
             raise ValueError(
                 f"its header announces 0 triangles, and its other {len(data) - HEAD} bytes are no triangles"
@@ -40,7 +40,7 @@ def read_stl(file: Path) -> tuple[np.ndarray, list[str]]:
         count = room
         notes.append(f"its header announces 0 triangles; all {count} in the file are read")
     elif rest:
-        notes.append(f"{rest} bytes after the {told} triangles that its header announces are ignored")
+        notes.append(f"{rest} bytes after the {announced} triangles that its header announces are ignored")
     corners = np.frombuffer(data, _FACET, count, HEAD)["corners"].astype(float)
     return corners, notes
 

@@ -118,10 +118,10 @@ def test_a_flaw_is_an_error_of_one_line_and_repair_removes_it(tmp_path, make, te
     *pieces, line = flaws(str(file))
     assert ["2 separate pieces" in each for each in pieces] == [True] * (make is crossing)
     assert text in line and str(file) in line and "\n" not in line
-    mended, done = repaired(file, "mm")
-    assert done and mended != file
-    assert flaws(str(mended)) == []
-    volume = 1e9 * trimesh.load(mended).volume
+    fixed, done = repaired(file, "mm")
+    assert done and fixed != file
+    assert flaws(str(fixed)) == []
+    volume = 1e9 * trimesh.load(fixed).volume
     # the intersection of the two balls counts once
     assert 0.8 * abs(make().volume) < volume < 1.1 * abs(liver().volume if make is not crossing else make().volume)
 
@@ -140,8 +140,8 @@ def test_edges_with_three_triangles_are_repaired(tmp_path):
     file = saved(
         tmp_path, trimesh.Trimesh(vertices, np.concatenate([mesh.faces, [[a, b, len(vertices) - 1]]]), process=False)
     )
-    mended, _ = repaired(file, "mm")
-    assert flaws(str(mended)) == []
+    fixed, _ = repaired(file, "mm")
+    assert flaws(str(fixed)) == []
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, "mm"), (1e-3, "m")])

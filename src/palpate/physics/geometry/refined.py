@@ -34,8 +34,8 @@ def refined(mesh: Mesh, longest: float, most: int) -> Mesh:
         bent = np.zeros(len(points), bool)
         bent[sharp] = True
         # the normal at each end: of the vertex, or of the two triangles where the vertex is on a crease
-        along, beside = ends[long], _unit(facing[two[long, 0]] + facing[two[long, 1]])
-        at_low, at_high = (np.where(bent[end][:, None], beside, normals[end]) for end in along.T)
+        along, between = ends[long], _unit(facing[two[long, 0]] + facing[two[long, 1]])
+        at_low, at_high = (np.where(bent[end][:, None], between, normals[end]) for end in along.T)
         middle, facing = _halfway(points[along[:, 0]], points[along[:, 1]], at_low, at_high, straight[long])
         number = np.full(len(ends), -1)
         number[long] = len(points) + np.arange(len(along))
