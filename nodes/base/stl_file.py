@@ -28,7 +28,7 @@ def read_stl(file: Path) -> tuple[np.ndarray, list[str]]:
     rest = len(data) - HEAD - EACH * announced
     if announced > room:
         raise ValueError(
-            f"its header announces {announced} triangles, but its {len(data)} bytes have room for {room}: it is cut off or "
+            f"its header announces {announced} triangles, its {len(data)} bytes have room for {room}: it is cut off or "
             "damaged. Export it again"
         )
     count, notes = announced, []
