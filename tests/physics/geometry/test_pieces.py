@@ -116,7 +116,7 @@ def test_dialects_of_stl_are_read(tmp_path, content, note):
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        (BINARY[:-777], "announces 320 triangles, but its .* room for 304: it is cut off"),
+        (BINARY[:-777], "announces 320 triangles, its .* bytes have room for 304: it is cut off"),
         (TEXT[: len(TEXT) // 2], "cut off or damaged|expected `vertex` and three numbers"),
         (TEXT.replace(b".", b","), "not three numbers with a decimal point"),
         (BINARY[:100], "the shortest STL file"),
