@@ -5,14 +5,16 @@ but is not vectorised. Here `LANES` partial sums in vector registers are added a
 processor.
 """
 
+from functools import partial
 from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
+from palpate.compiler import interpreted
 from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import intrinsic
 
 LANES = 16  # Parallel partial sums: four vector registers of doubles, to hide the latency of the addition
 
@@ -58,7 +60,9 @@ def _inner(typingctx, a, b):  # type: ignore[no-untyped-def]
     return a.dtype(a, b), build
 
 
-inner: Any = intrinsic(_inner)  # a.b of contiguous vectors (n,) of one precision, in a kernel
+inner: Any = intrinsic(partial(interpreted.inner, lanes=LANES))(
+    _inner
+)  # a.b of contiguous vectors (n,) of one precision, in a kernel
 
 
 @kernel

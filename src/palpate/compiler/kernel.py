@@ -41,7 +41,7 @@ from numba.core.target_extension import (
 from numba.core.typing import Context
 from numba.core.utils import threadsafe_cached_property
 
-from palpate.compiler import kernel_cache, kernel_files
+from palpate.compiler import interpreted, kernel_cache, kernel_files
 from palpate.compiler.arithmetic import LEVEL, pinnable
 from palpate.compiler.code_library import Codegen
 
@@ -371,7 +371,8 @@ def kernel(
     """
     if function is None:
         return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil)
-    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if interpreted.ENABLED:
+        function.py_func = function  # type: ignore[attr-defined]  # as in a compiled one
         return function
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
     return CompiledKernel(function, options | ({"nogil": True} if nogil else {}))

@@ -1,6 +1,7 @@
 """Memory in kernels: reads and writes by address, for tables and bytes, and small arrays on the stack."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,16 @@ from numba import extending, from_dtype, types
 from numba.core import cgutils
 from numba.np.arrayobj import make_array, populate_array
 
-intrinsic: Any = extending.intrinsic  # callers omit the first argument, the typing context
+from palpate.compiler import interpreted
+
+
+def intrinsic(plain: Callable[..., Any], **options: Any) -> Any:
+    """Decorator of a function that generates the code of an intrinsic; `plain` is the same in Python. Callers omit the
+    first argument, the typing context."""
+    if interpreted.ENABLED:
+        return lambda _: plain
+    return extending.intrinsic(**options) if options else extending.intrinsic
+
 
 BYTE = ir.IntType(8).as_pointer()
 INTEGER = ir.IntType(64)
@@ -19,7 +29,7 @@ def pointer(dtype: np.dtype) -> Any:
     """An intrinsic for kernels that returns the record of this dtype at an address."""
     form = from_dtype(dtype)
 
-    @intrinsic
+    @intrinsic(interpreted.record_at(dtype))
     def at(typing: Any, address: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
@@ -29,8 +39,8 @@ def pointer(dtype: np.dtype) -> Any:
     return at
 
 
-def _reader(form: Any, cell: ir.Type) -> Any:
-    @intrinsic
+def _reader(form: Any, cell: ir.Type, plain: Callable[[int], Any]) -> Any:
+    @intrinsic(plain)
     def read(typing: Any, address: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return builder.load(builder.inttoptr(arguments[0], cell.as_pointer()))
@@ -40,11 +50,11 @@ def _reader(form: Any, cell: ir.Type) -> Any:
     return read
 
 
-word = _reader(types.int64, INTEGER)  # the 64-bit integer at an address
-number = _reader(types.float64, ir.DoubleType())  # the double at an address
+word = _reader(types.int64, INTEGER, interpreted.word)  # the 64-bit integer at an address
+number = _reader(types.float64, ir.DoubleType(), interpreted.number)  # the double at an address
 
 
-@intrinsic(prefer_literal=True)
+@intrinsic(np.zeros, prefer_literal=True)
 def stack_zeros(typing: Any, shape: Any) -> Any:
     """An array of zeros of a constant shape on the stack of the calling kernel, which must not return it. `np.zeros`
     would allocate memory at each call."""
@@ -64,7 +74,7 @@ def stack_zeros(typing: Any, shape: Any) -> Any:
     return kind(shape), generate
 
 
-@intrinsic
+@intrinsic(interpreted.set_word)
 def set_word(typing: Any, address: Any, value: Any) -> Any:
     """Write a 64-bit integer to an address."""
 
@@ -75,7 +85,7 @@ def set_word(typing: Any, address: Any, value: Any) -> Any:
     return types.void(types.int64, types.int64), generate
 
 
-@intrinsic
+@intrinsic(interpreted.copy)
 def copy(typing: Any, to: Any, source: Any, count: Any) -> Any:
     """Copy `count` bytes from one address to another; returns the address after the copy."""
 
@@ -87,7 +97,7 @@ def copy(typing: Any, to: Any, source: Any, count: Any) -> Any:
     return types.int64(types.int64, types.int64, types.int64), generate
 
 
-@intrinsic
+@intrinsic(interpreted.set_big)
 def set_big(typing: Any, to: Any, value: Any) -> Any:
     """Write a 64-bit integer to an address in big-endian order; returns the address after it."""
 
@@ -99,7 +109,7 @@ def set_big(typing: Any, to: Any, value: Any) -> Any:
     return types.int64(types.int64, types.int64), generate
 
 
-@intrinsic
+@intrinsic(interpreted.big)
 def big(typing: Any, address: Any) -> Any:
     """The 64-bit integer in big-endian order at an address, which need not be aligned."""
 

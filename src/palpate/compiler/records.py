@@ -13,6 +13,7 @@ from numba import from_dtype, types
 from numba.core import cgutils
 from numba.np.arrayobj import make_array, populate_array
 
+from palpate.compiler import interpreted
 from palpate.compiler.kernel import CompiledKernel, kernel
 from palpate.compiler.memory import BYTE, INTEGER, intrinsic
 
@@ -24,6 +25,8 @@ NUMBERS = {float: ("<f8", types.float64), int: ("<i8", types.int64), bool: ("?",
 def address(function: CompiledKernel, *dtypes: np.dtype) -> int:
     """Address of the machine code of a kernel for these records and dt [s], for `call`; compiled or loaded if
     necessary. TypeError: numba cannot compile it for these types."""
+    if interpreted.ENABLED:
+        return interpreted.address(function, *dtypes)
     given = (*map(from_dtype, dtypes), types.float64)
     entry: Any = function.entry
     if given not in entry.overloads:
@@ -32,7 +35,7 @@ def address(function: CompiledKernel, *dtypes: np.dtype) -> int:
     return code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
 
 
-@intrinsic
+@intrinsic(interpreted.invoke)
 def _invoke(typing: Any, function: Any, records: Any, count: Any, dt: Any) -> Any:
     """Call machine code at an address with `count` addresses of records and dt: (status, returned boolean).
 
@@ -74,7 +77,7 @@ def call(function, records, count, dt):
     return status != 0, result != 0
 
 
-ELEMENTS = {
+ELEMENTS: dict[str, Any] = {
     "<f8": types.float64, "<f4": types.float32, "<i8": types.int64, "<i4": types.int32, "|u1": types.uint8,
     "|b1": types.boolean,
 }  # fmt: skip
@@ -96,18 +99,18 @@ def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
     return array._getvalue()
 
 
-def _array_of(dtype: Any) -> Any:
+def _array_of(element: str) -> Any:
     """An intrinsic for the array (n,) or (n,m) that a field of a record refers to."""
 
-    @intrinsic
+    @intrinsic(interpreted.array_of(element))
     def array(typing: Any, handle: Any) -> Any:
-        form = types.Array(dtype, handle.typeof("shape").nitems, "C")
+        form = types.Array(ELEMENTS[element], handle.typeof("shape").nitems, "C")
         return form(handle), lambda context, builder, _, given: _array(context, builder, form, given[0])
 
     return array
 
 
-floats, integers, longs = map(_array_of, (types.float64, types.int32, types.int64))
+floats, integers, longs = map(_array_of, ("<f8", "<i4", "<i8"))
 
 
 def form(kind: type) -> np.dtype:
@@ -131,7 +134,7 @@ def _member(hint: Any) -> tuple[Any, ...]:
 def unpacking(kind: type) -> Any:
     """An intrinsic for kernels that converts a record to its NamedTuple; arrays are those that the record refers to."""
 
-    @intrinsic
+    @intrinsic(interpreted.unpacking(kind))
     def unpack(typing: Any, record: Any) -> Any:
         return _type(kind)(record), lambda context, builder, _, given: _unpacked(context, builder, kind, given[0])
 
@@ -169,7 +172,7 @@ def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
     return context.make_tuple(builder, _type(hint), values)
 
 
-@intrinsic
+@intrinsic(interpreted.nth)
 def nth(typing: Any, several: Any, place: Any) -> Any:
     """The message with this index of an input that takes several."""
 

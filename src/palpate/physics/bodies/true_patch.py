@@ -197,7 +197,8 @@ def narrow_load(model, patch, pull, normal, total, order, touched, measure, radi
         p = patch[k]
         d0, d1, d2 = model.fine[p, 0] - x[0], model.fine[p, 1] - x[1], model.fine[p, 2] - x[2]
         inside = max(1.0 - (d0 * d0 + d1 * d1 + d2 * d2) / (radius * radius), 0.0)
-        share = abs(share_of(k, pull, normal, total)) * inside**8
+        square = inside * inside
+        share = abs(share_of(k, pull, normal, total)) * (square * square * (square * square))
         whole += share
         for a in range(3):
             measure[model.corners[p, a], 1] += share * model.weights[p, a]

@@ -105,7 +105,8 @@ def _fill(forces, radii, compliance, rho, table):
     """Fill the table [m/N^(2/3)] (2,N) of `approach`, by Simpson's rule over t = f^(1/3)."""
     total = before = middle = 0.0
     for k in range(1, 2 * table.shape[1] - 1):
-        t, force = 0.5 * k * STEP, (0.5 * k * STEP) ** 3
+        t = 0.5 * k * STEP
+        force = t * t * t
         a = radius_at(forces, radii, force)
         c, wide = compliance / a, WIDTH * a
         share = wide * wide / c * stored_energy(large_depth(c * force / wide, rho)[0], rho) / force  # V/f
@@ -126,7 +127,7 @@ def approach(table, force):
     rise = table[0, k + 1] - table[0, k]
     d = table[0, k] + q * rise
     slope = (2.0 * d + (t * rise / STEP if q < 1.0 else 0.0)) / (3.0 * t)
-    return t * t * d, slope, t**5 * (table[1, k] + q * (table[1, k + 1] - table[1, k]))
+    return t * t * d, slope, t * (t * t * (t * t)) * (table[1, k] + q * (table[1, k + 1] - table[1, k]))
 
 
 @kernel(error_model="numpy")

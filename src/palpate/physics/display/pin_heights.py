@@ -106,5 +106,5 @@ def _spread(x, y, places, forces, radii):
     for j in range(places.shape[0]):
         if forces[j] > 0.0:
             r = math.hypot(x - places[j, 0], y - places[j, 1])
-            total += 0.75 * forces[j] * bulge(r, radii[j]) / radii[j] ** 3
+            total += 0.75 * forces[j] * bulge(r, radii[j]) / (radii[j] * radii[j] * radii[j])
     return total

@@ -182,7 +182,7 @@ def bulge(r: float, a: float) -> float:
         total = 0.0
         for k in range(_TAIL.size - 1, -1, -1):
             total = total * q * q + _TAIL[k]
-        g = total * q**3
+        g = total * (q * q * q)
     else:
         g = (2.0 * q * q - 1.0) * math.asin(q) + q * math.sqrt(1.0 - q * q)
     return r * r * g / math.pi

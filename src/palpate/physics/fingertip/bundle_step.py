@@ -100,7 +100,8 @@ def _press(beams, nodes, scratch, motion):
         )
         nodes.normal[i] = pressure * beams.cell
         scratch.limit[i] = motion.friction * nodes.normal[i]
-        scratch.weight[i] = min(pressure / beams.fade, 1.0) ** 3
+        share = min(pressure / beams.fade, 1.0)
+        scratch.weight[i] = share * share * share
         if pressure > 0.0:
             contacts += 1
         else:

@@ -1,0 +1,163 @@
+"""Kernels as plain Python functions, for a debugger: `NUMBA_DISABLE_JIT=1`.
+
+The intrinsics of this package, for which numba generates code, have a Python function of the same meaning here. A run
+is slower by a factor of about 1000; a breakpoint in `compute` stops in each step. Records are read and written in
+place, by their address, as in compiled code.
+"""
+
+import ctypes
+import struct
+from collections.abc import Callable
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numba
+import numpy as np
+
+ENABLED: bool = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+"""Whether kernels are plain functions in this process."""
+
+
+class Record:
+    """A record in memory: fields are read and written as attributes. An entry for an array has the fields `address` and
+    `shape`; a group is a `Record`, several groups are `Records`."""
+
+    __slots__ = ("_memory",)
+
+    def __init__(self, memory: np.ndarray) -> None:
+        object.__setattr__(self, "_memory", memory)
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            value = self._memory[name]
+        except (ValueError, IndexError):
+            raise AttributeError(f"the record has no field {name!r}: {self._memory.dtype.names}") from None
+        if value.dtype.names:
+            return Records(value) if value.ndim else Record(value)
+        if value.ndim:
+            return value
+        return value[()] if value.dtype.kind == "f" else value.item()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self._memory[name] = value
+
+
+class Records:
+    """Several groups of a record, by index."""
+
+    __slots__ = ("_memory",)
+
+    def __init__(self, memory: np.ndarray) -> None:
+        self._memory = memory
+
+    def __len__(self) -> int:
+        return len(self._memory)
+
+    def __getitem__(self, place: Any) -> Any:
+        value = self._memory[place, ...]
+        return Records(value) if value.ndim else Record(value)
+
+
+def array(address: int, shape: Any, dtype: Any) -> np.ndarray:
+    """The array of this shape at an address, without a copy."""
+    kind, lengths = np.dtype(dtype), tuple(int(length) for length in shape)
+    size = kind.itemsize * int(np.prod(lengths))
+    if not size:
+        return np.zeros(lengths, kind)
+    memory: Any = (ctypes.c_char * size).from_address(int(address))
+    return np.frombuffer(memory, kind).reshape(lengths)
+
+
+def record_at(dtype: np.dtype) -> Callable[[int], Record]:
+    """As `memory.pointer`."""
+    return lambda address: Record(array(address, (), dtype))
+
+
+def word(address: int) -> int:
+    """As `memory.word`."""
+    return ctypes.c_int64.from_address(int(address)).value
+
+
+def set_word(address: int, value: int) -> None:
+    """As `memory.set_word`."""
+    ctypes.c_int64.from_address(int(address)).value = int(value)
+
+
+def number(address: int) -> np.float64:
+    """As `memory.number`."""
+    return np.float64(ctypes.c_double.from_address(int(address)).value)
+
+
+def copy(to: int, source: int, count: int) -> int:
+    """As `memory.copy`."""
+    ctypes.memmove(int(to), int(source), int(count))
+    return to + count
+
+
+def set_big(to: int, value: int) -> int:
+    """As `memory.set_big`."""
+    ctypes.memmove(int(to), struct.pack(">q", value), 8)
+    return to + 8
+
+
+def big(address: int) -> int:
+    """As `memory.big`."""
+    return struct.unpack(">q", ctypes.string_at(int(address), 8))[0]
+
+
+def array_of(dtype: str) -> Callable[[Record], np.ndarray]:
+    """As `records.floats`, for elements of this type."""
+    return lambda handle: array(handle.address, handle.shape, dtype)
+
+
+def nth(several: Record, place: int) -> Record:
+    """As `records.nth`."""
+    return Record(array(several.at[place], (), several._memory.dtype["like"]))
+
+
+def unpacking(kind: type) -> Callable[[Record], Any]:
+    """As `records.unpacking`."""
+    hints = get_type_hints(kind, include_extras=True)
+
+    def member(hint: Any, value: Any) -> Any:
+        if hasattr(hint, "__metadata__"):
+            return array(value.address, value.shape, hint.__metadata__[0])
+        if get_origin(hint) is tuple:
+            return tuple(value[: len(get_args(hint))])
+        return unpacking(hint)(value) if isinstance(value, Record) else value
+
+    return lambda record: kind(*(member(hint, getattr(record, name)) for name, hint in hints.items()))
+
+
+def inner(a: np.ndarray, b: np.ndarray, lanes: int) -> Any:
+    """As `dot.inner`, with the same partial sums."""
+    whole = len(a) // lanes * lanes
+    sums = np.zeros(lanes, a.dtype)
+    for start in range(0, whole, lanes):
+        sums += a[start : start + lanes] * b[start : start + lanes]
+    while len(sums) > 1:
+        sums = sums[: len(sums) // 2] + sums[len(sums) // 2 :]
+    total = sums[0]
+    for k in range(whole, len(a)):
+        total += a[k] * b[k]
+    return total
+
+
+_FUNCTIONS: list[tuple[Callable[..., Any], tuple[np.dtype, ...]]] = []
+
+
+def address(function: Callable[..., Any], *dtypes: np.dtype) -> int:
+    """A number for a function on these records, for `invoke`; never 0."""
+    _FUNCTIONS.append((function, dtypes))
+    return len(_FUNCTIONS)
+
+
+def invoke(function: int, records: int, count: int, dt: float) -> tuple[int, int]:
+    """As `records._invoke`: (whether it raised, what it returned)."""
+    code, dtypes = _FUNCTIONS[function - 1]
+    places = array(records, (count,), np.int64).tolist()
+    given = [record_at(dtype)(place) for dtype, place in zip(dtypes, places, strict=True)]
+    try:
+        with np.errstate(all="ignore"):
+            return 0, int(bool(code(*given, np.float64(dt))))
+    except ArithmeticError:
+        return 1, 0
