@@ -96,6 +96,13 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
     return MethodOutcome(times, values, shapes, np.concatenate(seconds), held_bytes(chain.nodes), offline)
 
 
+def sent(touch: BenchCase, body: type[Node], rate: float, settings: dict[str, Any]) -> list[Sent]:
+    """The messages of each tick of a test case with this class of body and its settings, steps at `rate` [Hz]."""
+    times = np.arange(round(touch.duration * rate) + 1) / rate
+    fidelity = Fidelity("", rate, {"body": settings})
+    return _Chain(body, fidelity, {}, touch, times).through(len(times), keep=True)[0]
+
+
 def _motion(touch: BenchCase, times: np.ndarray) -> np.ndarray:
     """Gap [m], foot point [m], normal and slip [m/s] (T,10) on the plane or along the top of the kidney."""
     approach, _, place, slip = touch.at(times)

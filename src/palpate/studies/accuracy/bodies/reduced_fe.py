@@ -30,7 +30,7 @@ def methods() -> list[Method]:
     ]
 
 
-def _slab(touch: BenchCase) -> dict[str, Any]:
+def slab(touch: BenchCase) -> dict[str, Any]:
     material = {"young": YOUNG, "poisson": POISSON, "bed": BED, "retardation": touch.retardation}
     area = BALL if touch.finger == "ball" else {}
     return material | {"sticks": touch.sticks} | area | (NODULE if touch.nodule else {})
@@ -38,7 +38,7 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
 
 def _reducing(model: str) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
-        body = _slab(touch) | {"model": model} | fidelity.settings.get("body", {})
+        body = slab(touch) | {"model": model} | fidelity.settings.get("body", {})
         node = ReducedFE(**chain.surface_of(touch), **body)
         offline = ready(node)
         outcome = of_body(ReducedFE, lambda touch: body)(touch, fidelity, repeats)

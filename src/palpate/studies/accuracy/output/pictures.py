@@ -17,12 +17,23 @@ from palpate.views.pictures.style import FAINT, INK, REGION_A, figure, look
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
 MARKS = "osD^vPX<>hdp8H"
-STYLES = ("-", "--", ":", "-.")
+STYLES = {
+    "# vertices": ("--", "of the mesh"),
+    "condensed to # vertices": (":", "of the reduced body"),
+    "# Hz": ("-", ""),
+}
+"""Line and meaning of the numbers that a line joins; others, such as cells, are solid with labelled ends."""
+OTHER_PATCH = "kernel of"  # Settings of a patch of another radius: another problem, not a price; in the table only
 BUDGETS = (0.01, 0.1, 1.0)
 """[1] Processor time of a method per time of the touch: shares of one core. 1 is the limit of a loop in real time."""
+BEST = "within"  # Start of the labels of stars
 GOOD = 0.02  # [1] The goal for the force error, drawn as a line
 LEAST = 1e-4  # [1] Smaller errors are drawn at this value
-RANDOM = {"MassSpring": "MassSpring, one K", "MassSpring, map": "MassSpring, calibrated", "BeamBundle": "BeamBundle"}
+RANDOM = {
+    "MassSpring": "MassSpring, one K",
+    "MassSpring, map": "MassSpring, calibrated",
+    "BeamBundle": "BeamBundle, calibrated",
+}
 """Names of `benchmarks/every_place.py` and the titles of their methods; MassSpring with one K is in no other panel."""
 
 
@@ -32,9 +43,9 @@ def overview(
 ) -> None:
     """Draw the median error of bodies on tissue over their cost: p99 of a step times the rate of the steps.
 
-    A line joins the settings of a method that differ in one number (rate, vertices, cells). Shading: the budgets of a
-    loop. Stars: the most accurate setting within each, of those that compute the largest number of test cases; their
-    lines lead to the worst test case.
+    A line joins the settings of a method that differ in one number (`STYLES`). Shading: the budgets of a loop. Stars:
+    the most accurate setting within each, of those that compute the largest number of test cases; their lines lead to
+    the worst test case.
 
     places  the JSON of `benchmarks/every_place.py`, for a second panel: the errors of single touches at random places
     """
@@ -47,17 +58,23 @@ def overview(
     most = max(s.computed for s in summary)
     # A line for each method and number that its settings vary.
     for method in dict.fromkeys(s.method for s in summary):
-        mine = [s for s in summary if s.method == method]
+        mine = [s for s in summary if s.method == method and not s.fidelity.startswith(OTHER_PATCH)]
         for k, line in enumerate(lines_of(mine)):
             colour, mark = looks[method]
+            kind = kind_of(line[0].fidelity)
             label = f"{mine[0].title}: {mine[0].computed} of {mine[0].computed + mine[0].charged}" if k == 0 else None
             points = np.array([(cost(s), max(s.error, LEAST)) for s in line])
             face = colour if line[0].computed == most else "white"
             axes.plot(*points.T, marker=mark, color=colour, markersize=5, linewidth=1.2, markerfacecolor=face,
-                      linestyle=STYLES[k % len(STYLES)], label=label)  # fmt: skip
-            for at in {0, len(line) - 1} if len(line) > 1 else {0}:
-                axes.annotate(short(line[at].fidelity), points[at], (0, 6 + 8 * (k % 2)), textcoords="offset points",
-                              color=colour, fontsize=6.5, ha="center")  # fmt: skip
+                      linestyle=STYLES.get(kind, ("-", ""))[0], label=label)  # fmt: skip
+            for at in {0, len(line) - 1} if len(line) > 1 and kind not in STYLES else ():
+                axes.annotate(short(line[at].fidelity), points[at], (6, 4), textcoords="offset points", color=colour,
+                              fontsize=8)  # fmt: skip
+    for kind, (style, what) in STYLES.items():
+        known = sorted({number_of(s.fidelity) for s in summary if kind_of(s.fidelity) == kind})
+        if len(known) > 1:
+            text = kind.rpartition("to ")[2].replace("#", f"{known[0]:g} to {known[-1]:g}")
+            axes.plot([], [], color=FAINT, linestyle=style, label=f"{text} {what}".rstrip())
     # Budgets with the best setting in each, the goal, and the band of the references.
     limits = (min(cost(s) for s in summary) / 2.5, max(max(cost(s) for s in summary) * 3, 3.0))
     _budgets(axes, summary, limits[0])
@@ -77,7 +94,16 @@ def overview(
         scale.set_major_formatter(lambda value, _: f"{100 * value:.15g} %")
     top = axes.secondary_xaxis("top", functions=(lambda share: share / 1e3, lambda step: step * 1e3))
     top.set_xlabel("the same as the time of a step at 1 kHz [s]")
-    axes.legend(fontsize=8, loc="upper right", frameon=True, framealpha=0.9, title="method: test cases computed")
+    marks, names = axes.get_legend_handles_labels()
+    best = [k for k, name in enumerate(names) if name.startswith(BEST)]
+    others = [k for k in range(len(names)) if k not in best]
+    given: dict[str, Any] = {"fontsize": 8, "frameon": True, "framealpha": 0.9}
+    above = axes.legend([marks[k] for k in others], [names[k] for k in others], loc="upper right",
+                        title="method: test cases computed", **given)  # fmt: skip
+    if best:
+        axes.add_artist(above)
+        axes.legend([marks[k] for k in best], [names[k] for k in best], loc="lower center", bbox_to_anchor=(0.62, 0.0),
+                    title="most accurate setting", **given)  # fmt: skip
     for panel in aside:
         _random(panel, places or {}, {s.title: looks[s.method][0] for s in summary})
     _save(drawn, path)
@@ -93,11 +119,20 @@ def lines_of(points: Sequence[ParetoPoint]) -> list[list[ParetoPoint]]:
     default, without a number, is a line of one point."""
     families: dict[str, list[tuple[float, ParetoPoint]]] = {}
     for point in points:
-        found = re.search(r"\d+(\.\d+)?", point.fidelity)
-        kind = re.sub(r"\d+(\.\d+)?|cells?", "#", point.fidelity)
-        families.setdefault(kind, []).append((float(found[0]) if found else 0.0, point))
+        families.setdefault(kind_of(point.fidelity), []).append((number_of(point.fidelity), point))
     ordered = [[p for _, p in sorted(line, key=lambda one: one[0])] for line in families.values()]
     return sorted(ordered, key=lambda line: -len(line))
+
+
+def kind_of(fidelity: str) -> str:
+    """The setting without its number."""
+    return re.sub(r"\d+(\.\d+)?|cells?", "#", fidelity)
+
+
+def number_of(fidelity: str) -> float:
+    """The number of the setting; 0: it has none."""
+    found = re.search(r"\d+(\.\d+)?", fidelity)
+    return float(found[0]) if found else 0.0
 
 
 def short(fidelity: str) -> str:
@@ -128,7 +163,7 @@ def _budgets(axes: Axes, summary: Sequence[ParetoPoint], left: float) -> None:
         axes.plot([x, x], [y, max(one.worst, LEAST)], color=INK, linewidth=0.8, alpha=0.6)
         axes.plot(x, max(one.worst, LEAST), "_", color=INK, markersize=8)
         axes.plot(x, y, "*", color="#ffd166", markeredgecolor=INK, markersize=14, linestyle="none", zorder=6,
-                  label=f"best within {' and '.join(budgets)}: {one.title},\n{one.fidelity}: {percent(one.error)}, "
+                  label=f"{BEST} {' and '.join(budgets)}: {one.title},\n{one.fidelity}: {percent(one.error)}, "
                   f"{percent(one.worst)} in {one.hardest}")  # fmt: skip
 
 
