@@ -181,15 +181,14 @@ def _thinned(
 def refinement(
     surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, piece: int, refine: float
 ) -> tuple[float, int]:
-    """Largest distance [m] of the vertices that `refine` added from the triangles of the file, and the number of
+    """Largest distance [m] of the vertices of the refined surface from the triangles of the file, and the number of
     vertices of the file."""
     coarse = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, 0.0)
     fine = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, refine)
-    added = fine.vertices[len(coarse.vertices) :]
-    if not len(added):
+    if np.array_equal(fine.vertices, coarse.vertices):
         return 0.0, len(coarse.vertices)
-    foot, *_ = MeshClosestPoint(coarse).find(added)
-    return float(np.linalg.norm(added - foot, axis=1).max()), len(coarse.vertices)
+    foot, *_ = MeshClosestPoint(coarse).find(fine.vertices)
+    return float(np.linalg.norm(fine.vertices - foot, axis=1).max()), len(coarse.vertices)
 
 
 @lru_cache(maxsize=4)
