@@ -19,7 +19,8 @@ contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
 rubbing  friction <= (mu_s + sigma_2 v + 0.05) f + 0.02 N.
-still    the normal turns within 20 ms by at most w/R + 0.02, w the extent of the finger's motion in that time.
+still    the normal turns within 20 ms by at most w/R + 0.02, w the extent of the finger's motion in the first 10 ms
+         plus that in the other 10 ms: a finger that turns round and goes back has moved.
 energy   work of the force on the hand over a closed path <= 0.5 mJ + 2 % of the work that went to and fro.
 side     while the nearest point of the surface has moved continuously since the finger touched (at most twice as far
          as the finger, its direction by less than 60 degrees), the normal is within 0.35 rad of the direction from it,
@@ -231,7 +232,8 @@ def still(trace: Trace) -> Score:
     f = trace["contact.force"]
     pressed = -greatest(-f, n) > LEAST_FORCE
     turn = extent(trace["contact.normal"], n)
-    bounds = extent(trace["finger.position"], n) / LEAST_CURVATURE + 0.02
+    half = extent(trace["finger.position"], n // 2 + 1)
+    bounds = (half + half[np.maximum(np.arange(len(f)) - n // 2, 0)]) / LEAST_CURVATURE + 0.02
     return worst(trace, np.where(pressed, turn, 0.0), bounds)
 
 
@@ -285,7 +287,7 @@ UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "
 
 def traced(traces: Traces, rest: AtRest) -> list[Trace | None]:
     """Each touch of a batch; None: its lane stopped, or a value is not finite."""
-    closest, listed = traces.setting.closest().find, list[Trace | None]()
+    closest, listed = traces.setting.smooth().find, list[Trace | None]()
     for lane, ticks in enumerate(traces.ticks):
         values = {name: column[lane, :ticks] for name, column in traces.values.items()}
         good = lane not in traces.failed and all(np.isfinite(v).all() for v in values.values())
