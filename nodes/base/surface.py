@@ -30,7 +30,6 @@ from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import capsule, plane_patch, sphere
-from palpate.physics.geometry.pieces import pieces
 from palpate.physics.geometry.refined import refined
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.physics.geometry.thinned import thinned
@@ -182,34 +181,17 @@ def _thinned(
 def refinement(
     surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, piece: int, refine: float
 ) -> tuple[float, int]:
-    """Largest distance [m] of the vertices that `refine` added from the triangles of the file, and the number of
+    """Largest distance [m] of the vertices of the refined surface from the triangles of the file, and the number of
     vertices of the file."""
     coarse = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, 0.0)
     fine = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, refine)
-    added = fine.vertices[len(coarse.vertices) :]
-    if not len(added):
+    if np.array_equal(fine.vertices, coarse.vertices):
         return 0.0, len(coarse.vertices)
-    foot, *_ = MeshClosestPoint(coarse).find(added)
-    return float(np.linalg.norm(added - foot, axis=1).max()), len(coarse.vertices)
+    foot, *_ = MeshClosestPoint(coarse).find(fine.vertices)
+    return float(np.linalg.norm(fine.vertices - foot, axis=1).max()), len(coarse.vertices)
 
 
 @lru_cache(maxsize=4)
-def thickness(surface: str, file_unit: str, piece: int) -> float:
-    """Mean thickness [m] of the thinnest separate piece of a mesh file, twice its volume over its area: that of a
-    plate, a third of the diameter of a ball; inf for an open piece."""
-    mesh = surface_mesh(surface, 0, LEVEL, LEVEL, file_unit, piece, 0.0)
-    label = pieces(mesh.triangles, len(mesh.vertices))
-    area = np.bincount(label, 0.5 * np.linalg.norm(mesh.face_vectors, axis=1))
-    middle = mesh.vertices - mesh.vertices.mean(axis=0)
-    volume = np.bincount(label, np.einsum("ij,ij->i", mesh.face_vectors, middle[mesh.triangles[:, 0]])) / 6.0
-    ends, count = mesh.edges
-    open_ = np.zeros(len(area), bool)
-    holder = np.zeros(len(mesh.vertices), np.int64)
-    holder[mesh.triangles] = label[:, None]
-    open_[holder[ends[count == 1]]] = True
-    return float(np.where(open_, np.inf, 2.0 * np.abs(volume) / area).min())
-
-
 def complete(surface: Surface, points: np.ndarray) -> Surface:
     """The message with all vertices [m] (V,3) of its mesh. If the sent ones are a sample of the whole surface
     (`spread_over`), the displacement of the others is interpolated, and their pressure and slip are 0. Otherwise it is

@@ -15,7 +15,6 @@ from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
-from palpate.nodes.base.surface import SURFACES, thickness
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
 from palpate.physics.bodies import spring_range
@@ -23,12 +22,11 @@ from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
+from palpate.physics.geometry.pieces import thicknesses
 
 NotNegative = msgspec.Meta(ge=0)
 
 _body_of = unpacking(springs.NodalBody)
-
-THIN = 4e-3  # [m] mean thickness of a body below which a note says that the law has none; half of a patch's radius
 
 
 class MassSpring(CompiledNode, WithNodule):
@@ -72,14 +70,16 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
-        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": (), "excess": (), "deepest": (),
+        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": ARRAY, "excess": (),
+        "deepest": (2,),
     }  # fmt: skip
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, the course of
-    its indentation (`physics.contact.end_rate`), and the last feet. Flags of exceeded limits (`spring_range`); smallest
-    width of a closed surface [m], else inf; excess of the indentation over it [1], now and at most."""
+    its indentation (`physics.contact.end_rate`), and the last feet. Flags of exceeded limits (`spring_range`);
+    thickness of the organ at each vertex [m] (`pieces.thicknesses`); excess of the indentation over it [1], now, and at
+    most with the thickness there."""
 
-    shared = "hard", "ground", "body.law", "body.nodal", "body.edges"
+    shared = "hard", "ground", "thick", "body.law", "body.nodal", "body.edges"
 
     _count = 1  # of contacts; kept over a start, so that their arrays exist before the first step
 
@@ -87,12 +87,6 @@ class MassSpring(CompiledNode, WithNodule):
         super().start()
         if self.area != "fixed":
             self._notes.append("MassSpring: its force law K s^n stays; scene.surface.area changes only its surface")
-        if self.surface not in SURFACES and (thin := thickness(self.surface, self.file_unit, self.piece)) < THIN:
-            self._notes.append(
-                f"MassSpring: {self.surface} is on average {1e3 * thin:.2g} mm thick (2 x volume / area), less than "
-                f"{1e3 * THIN:g} mm, half the radius of a fingertip's patch. The law K s^n of MassSpring has no "
-                "thickness, so the finger can sink deeper than the organ. Take deformation.ReducedFE"
-            )
         mapped = self.stiffness_map == "basis"
         self._hardness = self.hardness() if self.nodule_radius > 0.0 or mapped else None
         if self._hardness is not None:
@@ -102,8 +96,7 @@ class MassSpring(CompiledNode, WithNodule):
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
             sideways = self._field()[1]
             self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning, sideways]))
-        surface = self.mesh()
-        self.own["thick"] = np.ptp(surface.vertices, axis=0).min() if surface.closed else np.inf
+        self.hold("thick", thicknesses(self.mesh()))
         self._make(self._count)
 
     def check(self) -> None:
@@ -138,10 +131,11 @@ class MassSpring(CompiledNode, WithNodule):
             self._note_once(f"{type(self).__name__}: {spring_range.deep_note(self.radius)}")
         if beyond & spring_range.FAST_NOTE:
             self._note_once(f"{type(self).__name__}: {spring_range.fast_note(self.retardation, self.radius)}")
-        if hasattr(self, "own") and self.own["deepest"] > 0.0:
+        if hasattr(self, "own") and self.own["deepest"][0] > 0.0:
             self._note_once(
-                f"MassSpring: the organ is indented by more than its thickness, {1e3 * self.own['thick']:.3g} mm. Its "
-                "springs have no end: the force is meaningless there"
+                f"MassSpring: the organ is indented by more than its thickness, {1e3 * self.own['deepest'][1]:.3g} mm "
+                "on average (2 x volume / area). The law K s^n has no thickness, so the finger sinks deeper than the "
+                "organ: the force is meaningless there. Take deformation.ReducedFE"
             )
         return super().notes()
 
@@ -239,7 +233,11 @@ class MassSpring(CompiledNode, WithNodule):
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
             laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s + shift, s
-            own.excess = max(own.excess, s / own.thick - 1.0)
+            if each.nodes.shape[0] > 0:
+                thick = floats(own.thick)[integers(each.nodes)[0]]
+                own.excess = max(own.excess, s / thick - 1.0)
+                if own.excess > own.deepest[0]:
+                    own.deepest[0], own.deepest[1] = own.excess, thick
             if own.energy or mapped:
                 grown = own.exponent + 1.0
                 stored += share * (stiffness * max(s, 0.0) ** grown / grown)
@@ -253,7 +251,6 @@ class MassSpring(CompiledNode, WithNodule):
             put(out.tangential_gradient, vector(slopes[0, :3]))
             for k in range(9):
                 out.shape_operator.values[k] = slopes[0, 3 + k]
-        own.deepest = max(own.deepest, own.excess)
         out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.excess
         out.delayed = oldest(load)
         if not own.shape:

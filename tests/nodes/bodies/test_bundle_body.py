@@ -7,9 +7,11 @@ from pytest import approx
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
-from palpate.messages import Contact, Load, Surface
+from palpate.messages import Contact, Friction, Load, Proximity, Surface
+from palpate.nodes.base.contacts import press
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.surface import surface_mesh
+from palpate.nodes.contact import Series
 from palpate.nodes.deformation import BeamBundle, MassSpring
 from palpate.nodes.display import PinArray
 from palpate.nodes.spread import Kernel
@@ -123,3 +125,49 @@ def test_its_pressures_carry_the_contact_force_at_each_tick(kidney):
         assert carried == approx(
             force[tick], rel=0.1, abs=1e-9
         )  # the normals of the vertices scatter around that of the contact
+
+
+HILUM = {"surface": "kidney", "vertices": 10000, "position": (0.0, 0.0, 0.0), "rotation": (2 * np.pi / 3 / 3**0.5,) * 3}
+FOOT, NORMAL = (1.84e-3, 8.95e-3, -20.56e-3), np.array([-0.075, -0.52, -0.851]) / np.linalg.norm([0.075, 0.52, 0.851])
+ALONG = np.cross(NORMAL, (1.0, 0.0, 0.0)) / np.linalg.norm(np.cross(NORMAL, (1.0, 0.0, 0.0)))
+KIDNEY_BEAMS = {"layers": (3e-3, 27e-3), "moduli": (257600.0, 64400.0), "relaxations": (0.63e-3, 12.6e-3)}
+
+
+def hollow_load(spread, force, friction):
+    given = Contact(foot=FOOT, normal=tuple(NORMAL), force=force, compression=2e-3, indentation=1e-3,
+                    compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
+    return spread.step(
+        given, Friction(force=tuple(friction * force * ALONG), bristle=(0.0, 0.0, 0.0), stick=False), dt=2e-4
+    )
+
+
+@pytest.mark.parametrize("friction", [0.5, -0.5])
+def test_the_law_is_that_of_forces_that_grow_with_their_friction(friction):
+    """In a hollow friction indents inclined beams, or lifts them. From 1.5 to 1.95 N of normal force, and as much more
+    friction, the law of the step gives the indentation exactly, or is stiffer where friction lifts."""
+    spread, body = Kernel(**HILUM), BeamBundle(**HILUM, **KIDNEY_BEAMS)
+    spread.start()
+    body.start()
+    for _ in range(40):
+        law = press(body, hollow_load(spread, 1.5, friction), dt=2e-4)
+    one, two = (law.rest_indentation + (f / law.stiffness) ** (1.0 / law.exponent) for f in (1.5, 1.95))
+    reached = press(body, hollow_load(spread, 1.95, friction), dt=2e-4).previous_indentation
+    assert two == approx(reached, rel=1e-6) if friction < 0.0 else two > one > reached
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_friction_in_a_hollow_does_not_make_contact_and_body_oscillate(sense):
+    """5 kHz, 2.1 N, friction 0.5: the force alternated between 1.1 and 4.1 N while the finger was still."""
+    spread, body, contact = Kernel(**HILUM), BeamBundle(**HILUM, **KIDNEY_BEAMS), Series()
+    for node in (spread, body, contact):
+        node.start()
+    surface, forces = press(body, hollow_load(spread, 0.0, 0.0), dt=2e-4), []
+    for k in range(1500):
+        depth = 11.36e-3 * min(k / 1000, 1.0)
+        given = Proximity(foot=FOOT, normal=tuple(NORMAL), slip=(0.0, 0.0, 0.0), gap=4e-3 - depth, approach=depth,
+                          separation=0.0, coordinates=(0.0, 0.0), element=0, time=k * 200_000)  # fmt: skip
+        force = contact.step(given, surface, dt=2e-4).force
+        forces.append(force)
+        surface = press(body, hollow_load(spread, force, 0.5 * sense), dt=2e-4)
+    assert max(forces) > 1.0
+    assert np.abs(np.diff(forces)[1010:]).max() < 0.02

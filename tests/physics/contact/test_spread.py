@@ -14,9 +14,10 @@ from scipy.integrate import quad
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction
 from palpate.nodes.spread import Kernel
-from palpate.physics.contact.spread import KERNELS, kernel_values, nearest_triangle
+from palpate.physics.contact.spread import FACES, KERNELS, kernel_values, nearest_triangle
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, nearest_weights
+from palpate.studies.organs.shapes import boxes
 
 UP = (0.0, 0.0, 1.0)
 kernels = pytest.mark.parametrize("name", KERNELS)
@@ -66,7 +67,8 @@ def test_the_weights_equal_those_of_a_brute_force_sum(name):
     for at in range(0, 800, 90):
         foot, normal = mesh.vertices[at] + 1e-4, mesh.normals[at]
         d = np.linalg.norm(mesh.vertices - foot, axis=1)
-        w = mesh.areas * kernel_values(name, d / 7e-3) * (mesh.normals @ normal > 0)
+        faces = np.clip(mesh.normals @ normal / FACES, 0.0, 1.0)
+        w = mesh.areas * kernel_values(name, d / 7e-3) * faces**2 * (3.0 - 2.0 * faces)
         dense = np.zeros(800)
         nodes, weights, _ = spread(spreader, foot, normal=tuple(normal))
         dense[nodes] = weights
@@ -98,6 +100,21 @@ def test_the_forces_move_continuously_with_the_foot(name):
         step = 1e-6 / 6e-3
         allowed = math.sqrt(2.0 * step) if name == "hertz" else 2.5 * step
         assert before is None or np.abs(dense - before).max() < allowed * weights.max()
+        before = dense
+
+
+def test_the_forces_move_continuously_with_a_normal_that_turns_at_the_edge_of_a_box():
+    """A rounding error in the normal loaded the side of the box fully."""
+    box = boxes((-0.02, 0.02), (-0.02, 0.02), (-0.02, 0.02), np.ones((1, 1, 1), bool), 4000)
+    spreader, before = Spreader(box, 8e-3), None
+    side, top = (np.abs(box.vertices[:, axis] - 0.02) < 1e-9 for axis in (0, 2))
+    for angle in np.linspace(-0.2, np.pi / 2 + 0.2, 1801):
+        dense = np.zeros(len(box.vertices))
+        nodes, weights, _ = spread(spreader, (0.02, 0.0, 0.02), normal=(np.sin(angle), 0.0, np.cos(angle)))
+        dense[nodes] = weights
+        assert dense[side & ~top].sum() == 0.0 or angle > 0.0
+        assert dense[side].sum() == approx(dense[top].sum()) or abs(angle - np.pi / 4) > 1e-9
+        assert before is None or np.abs(dense - before).sum() < 4.0 * (np.pi / 2 + 0.4) / 1800
         before = dense
 
 

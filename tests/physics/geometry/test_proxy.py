@@ -12,8 +12,9 @@ from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
 from palpate.physics.geometry.nurbs_fit import sphere
-from palpate.physics.geometry.proxy import JUMP, TURNED, follow, follow_mesh, memory
+from palpate.physics.geometry.proxy import FASTEST, JUMP, TURNED, follow, follow_mesh, memory
 from palpate.physics.geometry.tessellate import tessellate
+from palpate.studies.organs.shapes import boxes
 
 
 def box(width, thickness, cells=20):
@@ -209,3 +210,21 @@ def test_a_finger_near_a_sharp_rim_slides_off_and_meets_the_underside_only_from_
     assert (gap[down] > -1e-4).all() and (z[down] < -thickness / 2).all()
     if aside < 1e-3:  # it slides off, passes the plate, and ends under it
         assert z[-1] < -thickness and normal[-1] < -0.5
+
+
+def test_a_foot_that_trails_a_leap_catches_up_slowly():
+    """In a groove of 8 mm the nearest point leaps to the other wall. The foot followed a finger of 0.3 m/s at twice its
+    speed; apart from the motion of the nearest point it now catches up with at most 0.1 m/s."""
+    full = np.array([[[True, True]], [[True, False]], [[True, True]]])
+    mesh = boxes((-0.03, -0.004, 0.004, 0.03), (-0.03, 0.03), (-0.025, -0.005, 0.01), full, 4000)
+    path = line((0.02, 0.0, 0.014), (0.008, 0.0, 0.003), (-0.008, 0.012, 0.003), step=3e-4)
+    feet, moved = mesh_run(mesh, path), np.linalg.norm(np.diff(path, axis=0), axis=1)
+    nearest = MeshClosestPoint(mesh).find(path)[0]
+    behind = np.linalg.norm(feet[:, :3] - nearest, axis=1)
+    target, foot = (np.linalg.norm(np.diff(p, axis=0), axis=1) for p in (nearest, feet[:, :3]))
+    inside = feet[:, 8] < -1e-4
+    trails = (behind[1:-1] > 5e-4) & (behind[:-2] > 5e-4) & inside[:-2] & inside[1:-1] & inside[2:]
+    steady = trails & (target[1:] < 3e-4) & (target[:-1] < 3e-4)
+    assert steady.sum() > 5 and behind.max() > 2e-3
+    assert (foot[1:][steady] <= target[1:][steady] + FASTEST * 1e-3 + 1e-6).all()
+    assert moved.max() > 2.9e-4 and behind[-1] < 2e-3

@@ -8,7 +8,7 @@ from pytest import approx
 from scipy.optimize import brentq
 
 from palpate.studies.organs.invariants import ABOVE, INVARIANTS, scores
-from palpate.studies.organs.reference import at_rest
+from palpate.studies.organs.reference import at_rest, lag_of_beams
 from palpate.studies.organs.runs import run
 from palpate.studies.organs.touches import Finger, Setting, Touch, drawn
 
@@ -52,6 +52,20 @@ def test_a_held_press_on_a_ball_has_the_force_of_the_closed_form(presses):
     held = round(1.05 / presses.step)
     for force, approach in zip(presses["contact.force"], presses["collision.approach"], strict=True):
         assert force[held] == approx(series(approach[held]), rel=5e-3)
+
+
+def test_a_slide_over_beams_takes_more_force_than_a_press():
+    """The steady slide of a strip of independent Kelvin-Voigt beams under a moving patch, integrated along it."""
+    speeds, missing = lag_of_beams()
+    radius, tau, grid = 8e-3, 12.6e-3, np.linspace(-3 * 8e-3, 3 * 8e-3, 481)
+    square = (grid[:, None] ** 2 + grid**2) / radius**2
+    patch = np.where(square < 1.0, (1.0 - square) ** 2, 0.0)  # along the first axis the patch moves to the left
+    for q in (0.25, 0.5, 1.0):
+        yielded, step = np.zeros_like(patch), (grid[1] - grid[0]) / (q * radius / tau)
+        for k in range(1, len(grid)):
+            yielded[k] = (yielded[k - 1] + step / tau * patch[k]) / (1.0 + step / tau)
+        share = (patch * yielded).sum() / (patch * patch).sum()
+        assert 1.0 - float(np.interp(q, speeds, missing)) == approx(share, rel=0.02)
 
 
 def test_good_presses_break_nothing_and_reach_the_reference(presses):

@@ -202,13 +202,18 @@ def _chain_compliance(strains, beams, dt):
 @kernel
 def _response(i, dt, beams, moving, contacts):
     """Fit the law of the next step, of the same length, at the current forces (K, n, free and current indentation), and
-    fill the coupling to the other contacts."""
+    fill the coupling to the other contacts.
+
+    Friction indents beams that are inclined to the contact, and it grows with the normal force. So the slope of the law
+    is that for forces that grow in proportion, where this is the softer one, `whole`. Without it a contact that solves
+    with the law overshoots, and above twice the compliance each step makes the next one worse.
+    """
     normal, which, total = contacts.normals[i], contacts.which[i], contacts.forces[i]
     others = 0.0
     for j in range(len(contacts.forces)):
         others += contacts.cross[i, j] * contacts.forces[j]
     loaded = total > 0.0 or others > 0.0
-    free = deep = previous = compliance = 0.0
+    free = deep = previous = compliance = whole = 0.0
     length, shares, moduli, viscosities = beams.length, beams.shares, beams.moduli, beams.viscosities
     chain = moving.chain
     for k in range(contacts.counts[i]):
@@ -229,21 +234,25 @@ def _response(i, dt, beams, moving, contacts):
         factor = _shear_factor(force, along, beams.softness / area, length)
         side = factor * w * beams.softness / area * (1.0 - face * face)
         if loaded:
-            deep -= factor * w * beams.softness / area * (dot(force, normal) - along * face)
+            sheared = factor * w * beams.softness / area * (dot(force, normal) - along * face)
+            deep -= sheared
+            whole -= sheared
         else:
             deep += w * LEAST_FORCE * side
         compliance += w * side
         for a in range(moduli.shape[0]):
             if shares[a] > 0.0 and chain[a] < STRAIN_LIMIT:
                 rate = viscosities[a] / dt
-                compliance += w * w * face * max(face, 0.0) * length * shares[a] / (moduli[a] + rate) / area
+                soft = w * length * shares[a] / (moduli[a] + rate) / area
+                compliance += w * soft * face * max(face, 0.0)
+                whole += face * soft * push
     # the law at the effective force; below the least force the response is extrapolated linearly to it
     compliance = max(compliance, LEAST_COMPLIANCE)
     acting = total + others / compliance
     least = max(acting, LEAST_FORCE)
     if loaded and acting < least:
         deep = free + (deep - free) * least / acting
-    slope = 1.0 / compliance
+    slope = 1.0 / max(compliance, whole / acting) if loaded else 1.0 / compliance
     law = contacts.laws[i]
     law[0], law[1] = fit_terminal(free, max(deep, free + least / slope), slope, least)
     law[3], law[4] = free, previous

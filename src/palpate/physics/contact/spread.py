@@ -4,8 +4,9 @@
 
 A_j [m²] nodal area, d_j [m] distance of node j to the foot point, R [m] radius of influence, k a kernel that is zero at
 R, so that the weights change continuously while the foot point moves. The weights sum to one, so the force is conserved
-on any mesh. Nodes whose normal points away from the contact's normal are excluded, as they are on the back of a thin or
-folded body.
+on any mesh. Nodes whose normal points away from the contact's normal, as on the back of a thin or folded body, are
+excluded: w_j is multiplied by x² (3 - 2x), where x = n_j.n / `FACES` < 1, so that a contact that turns at an edge adds
+and removes the side of the body continuously.
 """
 
 import math
@@ -19,6 +20,7 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 
 KERNELS = ("biweight", "wendland", "cosine", "hertz")
+FACES = 0.5  # [1] cosine to the contact's normal below which a node bears less
 
 
 @kernel(error_model="numpy")
@@ -161,9 +163,13 @@ def spread(spreader, foot, normal, force, radius=0.0):
             for at in range(first[row + lo[2]], first[row + hi[2] + 1]):
                 x, y, z = near[at, 0] - foot[0], near[at, 1] - foot[1], near[at, 2] - foot[2]
                 square = x * x + y * y + z * z
-                if square >= reach or near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2] <= 0:
+                faces = near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]
+                if square >= reach or faces <= 0.0:
                     continue
                 weight = near[at, 6] * kernel_value(kind, math.sqrt(square) / r)
+                if faces < FACES:
+                    share = faces / FACES
+                    weight *= share * share * (3.0 - 2.0 * share)
                 if weight > 0.0:
                     nodes[count] = order[at]
                     weights[count] = weight

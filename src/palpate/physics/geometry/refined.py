@@ -8,19 +8,26 @@ with 162 vertices falls from 0.8 to 0.05 mm, with 642 vertices from 0.2 to 0.008
 
 Edges at which the surface bends by more than 40 degrees and borders stay straight, and at their ends an edge takes the
 normal of its two triangles, so a box stays a box.
+
+The short edges of thin triangles, below 0.2 of the wanted length, are contracted to their first end before. Their
+ends have different normals, which would bend the long sides apart, and the triangle between them would be inclined
+by up to 88 degrees to the surface.
 """
 
 import numpy as np
+import scipy  # loads its submodules when they are used
 
 from palpate.physics.geometry.mesh import Mesh
 
 CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
 ROUNDS = 12  # largest number of halvings
+SHORTEST, THIN = 0.2, 0.1  # [1] length of an edge that is contracted, over the wanted one and the triangles' longest
 
 
 def refined(mesh: Mesh, longest: float, most: int) -> Mesh:
     """The mesh with edges of at most `longest` [m], or longer if it would have more than about `most` vertices; the
-    same object if no edge is longer."""
+    same object if no edge is longer, and no thin triangle has a shorter side than `SHORTEST` of it."""
+    mesh = contracted(mesh, SHORTEST * longest)
     longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * 3.0**0.5 * most))))
     points, triangles, normals = mesh.vertices, mesh.triangles.astype(np.int64), mesh.normals
     sharp = _creases(points, triangles)
@@ -46,6 +53,36 @@ def refined(mesh: Mesh, longest: float, most: int) -> Mesh:
     if len(points) == len(mesh.vertices):
         return mesh
     return Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
+
+
+def contracted(mesh: Mesh, shortest: float) -> Mesh:
+    """The mesh with both ends of each edge at one of them that is below `shortest` [m] and, in its triangles, below
+    `THIN` of the longest side; the same object if no edge is, or if edges of more than two triangles would
+    result. Chains of them that are longer remain, as on a cylinder of long strips."""
+    count = len(mesh.vertices)
+    ends, of, _ = _edges(mesh.triangles.astype(np.int64), count)
+    length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
+    least = np.full(len(ends), np.inf)
+    np.minimum.at(least, of.ravel(), np.repeat(length[of].max(axis=1), 3))
+    short = ends[(length < shortest) & (length < THIN * least)]
+    if not len(short):
+        return mesh
+    graph = scipy.sparse.coo_array((np.ones(len(short), bool), tuple(short.T)), shape=(count, count))
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    first = np.unique(label, return_index=True)[1][label]
+    far = np.zeros(count, bool)
+    far[label[np.linalg.norm(mesh.vertices - mesh.vertices[first], axis=1) > 2.0 * shortest]] = True
+    corners = np.where(far[label], np.arange(count), first)[mesh.triangles]
+    if np.array_equal(corners, mesh.triangles):
+        return mesh
+    whole = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+    if not len(whole) or len(np.unique(np.sort(whole, axis=1), axis=0)) < len(whole):
+        return mesh
+    kept, triangles = np.unique(whole, return_inverse=True)
+    joined = Mesh(
+        np.ascontiguousarray(mesh.vertices[kept]), np.ascontiguousarray(triangles.reshape(-1, 3), dtype=np.int32)
+    )
+    return mesh if (joined.edges[1] > 2).any() else joined
 
 
 def _edges(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -2,8 +2,9 @@
 
 A score is a value over its bound: above 1 the invariant is broken.
 
-force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e and approach rate v of
-         the last 60 ms (`reference`). At rest it is the quasi-static force of the depth.
+force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e, approach rate v and
+         speed of the finger along the surface u of the last 60 ms (`reference`). At rest it is the quasi-static force
+         of the depth.
 hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv + v w/R + v at the first contact)
          + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + (f - f_0) W/2 ms + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
@@ -18,10 +19,12 @@ contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
 rubbing  friction <= (mu_s + sigma_2 v + 0.05) f + 0.02 N.
-still    the normal turns within 20 ms by at most w/R + 0.02, w the extent of the finger's motion in that time.
+still    the normal turns within 20 ms by at most w/R + 0.02, w the extent of the finger's motion in the first 10 ms
+         plus that in the other 10 ms: a finger that turns round and goes back has moved.
 energy   work of the force on the hand over a closed path <= 0.5 mJ + 2 % of the work that went to and fro.
 side     while the nearest point of the surface has moved continuously since the finger touched (at most twice as far
-         as the finger), the normal is within 0.35 rad of the direction from it, and the approach within 0.3 mm + 5 %.
+         as the finger, its direction by less than 60 degrees), the normal is within 0.35 rad of the direction from it,
+         and the approach within 0.3 mm + 5 %.
 finite   no lane stops, and every value is finite.
 """
 
@@ -56,6 +59,7 @@ CREDIT, SHARE = 0.5e-3, 0.02  # [J], [1] of a closed path
 STEEPEST = 0.35  # [rad]
 BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
+ON = 2e-4  # [m] from the surface within which the direction from the nearest point is not known
 MOVES = 2.0  # [1] motion of the nearest point over that of the finger
 EVERY = 4e-3  # [s] between comparisons with the nearest point
 
@@ -107,17 +111,27 @@ class Trace:
         return greatest(np.maximum((e - before) / (n * self.step), 0.0), self.ticks(PAST))
 
     @cached_property
+    def slides(self) -> np.ndarray:
+        """The greatest speed [m/s] along the surface of the last `PAST` (T)."""
+        v, n = self["finger.velocity"], self["contact.normal"]
+        aside = length(v - np.einsum("ti,ti->t", v, n)[:, None] * n)
+        return greatest(np.where(self["contact.force"] > 0.0, aside, 0.0), self.ticks(PAST))
+
+    @cached_property
     def static(self) -> np.ndarray:
         """Force [N] (T) that the depth explains at rest: `ABOVE` x that of the series law at the deepest place."""
         return ABOVE * self.place(int(np.argmax(self.deep))).force(self.deep)
 
     @cached_property
     def explained(self) -> np.ndarray:
-        """Force [N] (T) that depth and rate explain; the rate is rounded up to one of four."""
+        """Force [N] (T) that depth, rate and slide explain; rate and slide are rounded up to one of four."""
         place, total = self.place(int(np.argmax(self.deep))), self.static
-        grid = float(self.fast.max()) * np.array([0.0, 0.25, 0.5, 0.75])
-        for lower, upper in zip(grid, [*grid[1:], float(self.fast.max())], strict=True):
-            total = np.where(self.fast > lower, ABOVE * place.force(self.deep, upper), total)
+        rates, slides = (float(each.max()) * np.array([0.0, 0.25, 0.5, 0.75, 1.0]) for each in (self.fast, self.slides))
+        for k in range(5):
+            for i in range(5):
+                moves = (self.fast > rates[k - 1] if k else True) & (self.slides > slides[i - 1] if i else True)
+                if k + i and np.any(moves):
+                    total = np.where(moves, ABOVE * place.force(self.deep, rates[k], float(slides[i])), total)
         return total
 
     def ticks(self, seconds: float) -> int:
@@ -153,14 +167,14 @@ def extent(vectors: np.ndarray, ticks: int) -> np.ndarray:
 
 
 def force(trace: Trace) -> Score:
-    f, deep, fast = trace["contact.force"], trace.deep, trace.fast
+    f, deep, fast, slides = trace["contact.force"], trace.deep, trace.fast, trace.slides
     # candidates: the largest force, and the largest for its depth, at any speed and of a slow finger
     found = Score(0.0, 0.0, 0.0, 0.0)
     share = np.where(f > LEAST_FORCE, f / (trace.explained + 1e-3), 0.0)
     slow = np.where(f > LEAST_FORCE, f / (trace.static + 1e-3), 0.0)
     for k in {int(np.argmax(f)), int(np.argmax(share)), int(np.argmax(np.where(fast < SLOW, slow, 0.0)))}:
         if f[k] > LEAST_FORCE:
-            bound = ABOVE * float(trace.place(k).force(deep[k], fast[k])) + ROUNDED
+            bound = ABOVE * float(trace.place(k).force(deep[k], fast[k], float(slides[k]))) + ROUNDED
             if f[k] / bound > found.score:
                 found = Score(float(f[k] / bound), k * trace.step, float(f[k]), bound)
     return found
@@ -218,7 +232,8 @@ def still(trace: Trace) -> Score:
     f = trace["contact.force"]
     pressed = -greatest(-f, n) > LEAST_FORCE
     turn = extent(trace["contact.normal"], n)
-    bounds = extent(trace["finger.position"], n) / LEAST_CURVATURE + 0.02
+    half = extent(trace["finger.position"], n // 2 + 1)
+    bounds = (half + half[np.maximum(np.arange(len(f)) - n // 2, 0)]) / LEAST_CURVATURE + 0.02
     return worst(trace, np.where(pressed, turn, 0.0), bounds)
 
 
@@ -237,13 +252,16 @@ def side(trace: Trace) -> Score:
     ticks = np.arange(0, len(p), every)
     foot, normal, _, gap = trace.closest(p[ticks])
     motion, jump = length(np.diff(p[ticks], axis=0)), length(np.diff(foot, axis=0))
+    away = (p[ticks] - foot) / np.where(np.abs(gap) > ON, gap, np.inf)[:, None]
     touching = (gap < THICKNESS) | (trace["collision.approach"][ticks] > 0.0)
     found, regular = Score(0.0, 0.0, 0.0, 0.0), True
     for i, k in enumerate(ticks):
         if not touching[i]:
             regular = True
             continue
-        if i and (jump[i - 1] > MOVES * motion[i - 1] + 2e-4 or normal[i] @ normal[i - 1] < 0.5):
+        inside = i > 0 and max(gap[i], gap[i - 1]) < -ON
+        turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
+        if i and (jump[i - 1] > MOVES * motion[i - 1] + 2e-4 or turned):
             regular = False
         if not regular or trace["contact.force"][k] < LEAST_FORCE:
             continue
@@ -269,7 +287,7 @@ UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "
 
 def traced(traces: Traces, rest: AtRest) -> list[Trace | None]:
     """Each touch of a batch; None: its lane stopped, or a value is not finite."""
-    closest, listed = traces.setting.closest().find, list[Trace | None]()
+    closest, listed = traces.setting.smooth().find, list[Trace | None]()
     for lane, ticks in enumerate(traces.ticks):
         values = {name: column[lane, :ticks] for name, column in traces.values.items()}
         good = lane not in traces.failed and all(np.isfinite(v).all() for v in values.values())

@@ -1,8 +1,8 @@
 """Nothing silent: a touch that is outside the range of a model must print a note.
 
 Whether it is outside is decided by geometry alone: the tissue is indented by more than its thickness, the patch is
-wider than the body, the triangles are coarser than half of the patch's radius, or the nearest point of the surface
-jumps while the finger presses (both sides of a thin part, two walls of a groove, a focal point).
+wider than the body, or the nearest point of the surface jumps while the finger presses (both sides of a thin part, two
+walls of a groove, a focal point). Coarse triangles are refined when they are loaded, which a note of the start reports.
 """
 
 from __future__ import annotations
@@ -39,8 +39,6 @@ def reasons(trace: Trace, mesh: Mesh) -> list[str]:
         found.append("thickness")
     if 0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1]) < PATCH:
         found.append("patch")
-    if _edge(mesh, trace["contact.foot"][k]) > 0.5 * PATCH:
-        found.append("coarse")
     pressed = np.flatnonzero(f > LEAST_FORCE)[:: trace.ticks(EVERY)]
     foot = trace.closest(trace["finger.position"][pressed])[0]
     motion, jump = (length(np.diff(points, axis=0)) for points in (trace["finger.position"][pressed], foot))
@@ -54,14 +52,6 @@ def _thickness(foot: np.ndarray, normal: np.ndarray, closest: Callable[..., tupl
     deep = np.arange(2e-4, DEEP, 2e-4)
     outside = closest(foot - normal * deep[:, None])[3] > 0.0
     return float(deep[int(np.argmax(outside))]) if outside.any() else DEEP
-
-
-def _edge(mesh: Mesh, foot: np.ndarray) -> float:
-    """Median length [m] of the edges of the triangles under the patch, or of the nearest ones."""
-    corners = mesh.vertices[mesh.triangles]
-    away = length(corners.mean(axis=1) - foot)
-    near = corners[away <= max(PATCH, float(np.partition(away, 3)[3]))]
-    return float(np.median(length(near - np.roll(near, 1, axis=1))))
 
 
 def noted(touch: Touch, folder: Path) -> list[str]:

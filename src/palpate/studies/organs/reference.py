@@ -6,6 +6,15 @@ force of an approach e is the root of s1(f) + s2(f) = e. s2 is that of the node 
 At an approach rate up to v a viscous fingertip, f = g(s1) <1 + c s1'>, and a body with the retardation tau, whose law
 is that of s2 + tau s2', carry at most the root of s1(f/(1 + c v)) + s2(f) = e + tau v, because the force rises with
 each rate and neither exceeds v while the finger approaches.
+
+A patch that slides at the speed u over a body with a memory of the place meets material that has not yielded. In a
+steady slide it indents by s2 times
+
+    L(q) = integral_0^inf exp(-a) r(q a) da,   q = u tau/R,
+
+r(x/R) being the displacement under a patch by the same load at the distance x, over that at 0: its autocorrelation for
+independent beams, that of a half-space for ReducedFE (`physics.bodies.spring_range`); 1 for springs and a rigid body.
+u is the speed of the finger along the surface.
 """
 
 from __future__ import annotations
@@ -19,6 +28,7 @@ from palpate.messages import Contact
 from palpate.nodes.base.contacts import press
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
+from palpate.physics.bodies.spring_range import LAG
 from palpate.physics.contact.series import elastic
 from palpate.studies.organs.runs import Traces
 
@@ -26,6 +36,7 @@ LONG = 1e6  # [s] a step after which a body is at rest
 FORCES = np.geomspace(0.03, 60.0, 13)  # [N] at which the indentation of a body is computed; between them it is a power
 LONGEST = 50e-3  # [m] approach up to which forces are known
 MOST = 1e30  # [N]
+RADIUS = 8e-3  # [m] of the patch
 
 
 class AtRest:
@@ -42,6 +53,7 @@ class AtRest:
             node.start()
         kind, first, second, radius, self.damping = map(float, self.contact.own["law"])
         self.retardation = _retardation(nodes["tissue"])
+        self._lags = {"BeamBundle": lag_of_beams(), "ReducedFE": np.array([(0.0, 0.0), *LAG]).T}.get(body)
         self.compressions = np.linspace(0.0, LONGEST, 4001)
         rows = [elastic(s, int(kind), first, second, radius) for s in self.compressions]
         self.forces, self.tangents = np.minimum(np.array(rows).T, MOST)
@@ -52,6 +64,12 @@ class AtRest:
                         indentation=1e-3, compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
         load = self.spread.step(given, None, dt=LONG)
         return float(press(self.body, load, dt=LONG).previous_indentation)
+
+    def yields(self, slide: float) -> float:
+        """L [1] at a speed [m/s] along the surface."""
+        if self._lags is None:
+            return 1.0
+        return 1.0 - float(np.interp(slide * self.retardation / RADIUS, *self._lags))
 
     def place(self, foot: np.ndarray, normal: np.ndarray) -> Place:
         """The body at a point of the surface [m] (3) along its normal [1] (3)."""
@@ -73,17 +91,31 @@ class Place:
         between = np.where(at < logs[0], deep[0] + first * (at - logs[0]), between)
         self._body = np.exp(np.where(at > logs[-1], deep[-1] + last * (at - logs[-1]), between))
 
-    def force(self, approach: np.ndarray | float, rate: np.ndarray | float = 0.0) -> np.ndarray:
-        """Largest force [N] at approaches [m] (n) and a rate of approach [m/s]; at no rate that at rest."""
+    def force(self, approach: np.ndarray | float, rate: np.ndarray | float = 0.0, slide: float = 0.0) -> np.ndarray:
+        """Largest force [N] at approaches [m] (n), a rate of approach and a speed along the surface [m/s]; at none
+        of both that at rest."""
         faster = 1.0 + self.rest.damping * float(np.max(rate))
         reach = np.asarray(approach) + self.rest.retardation * float(np.max(rate))
         # s1(f/(1 + c v)) + s2(f) at the forces of the table
-        grown = np.interp(self._force / faster, self._force, self.rest.compressions) + self._body
+        body = self._body * self.rest.yields(slide)
+        grown = np.interp(self._force / faster, self._force, self.rest.compressions) + body
         return np.where(reach > 0.0, np.interp(reach, grown, self._force), 0.0)
 
     def stiffness(self, force: float) -> float:
         """Secant stiffness [N/m] of the body under a force [N]."""
         return force / max(float(np.interp(force, self._force, self._body)), 1e-12)
+
+
+def lag_of_beams() -> np.ndarray:
+    """q and 1 - L(q) (2,n) of independent beams under a biweight patch."""
+    grid = np.linspace(-3.0, 3.0, 241)
+    square = grid**2 + grid[:, None] ** 2
+    patch = np.where(square < 1.0, (1.0 - square) ** 2, 0.0)
+    moved = np.fft.irfft2(np.abs(np.fft.rfft2(patch)) ** 2, patch.shape)[0, :120]
+    ages, places = np.linspace(0.0, 12.0, 1201), np.arange(120) * (grid[1] - grid[0])
+    speeds = np.linspace(0.0, 2.0, 41)
+    shares = [np.trapezoid(np.exp(-ages) * np.interp(q * ages, places, moved / moved[0]), ages) for q in speeds]
+    return np.array([speeds, 1.0 - np.array(shares)])
 
 
 def _retardation(tissue: dict[str, Any]) -> float:
