@@ -8,8 +8,8 @@ import numpy as np
 from palpate.models.fe.element.elements import EDGES
 from palpate.models.fe.element.jacobian import inverted
 from palpate.physics.errors import MeshError
+from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.topology import crossing
 
 FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
 """The local nodes of each face, counter-clockwise seen from outside: three corners, then the nodes between them."""
