@@ -24,8 +24,8 @@ def tree(tmp_path):
     compiler, physics = (tmp_path / "palpate" / name for name in ("compiler", "physics"))
     compiler.mkdir(parents=True)
     physics.mkdir()
-    for name in ("__init__.py", "arithmetic.py", "code_library.py", "kernel.py", "kernel_cache.py", "kernel_files.py"):
-        shutil.copy(Path(palpate.compiler.__path__[0]) / name, compiler)
+    for name in ("__init__", "arithmetic", "code_library", "kernel", "kernel_cache", "kernel_files", "trust"):
+        shutil.copy(Path(palpate.compiler.__path__[0]) / f"{name}.py", compiler)
     (physics / "__init__.py").touch()
     (physics / "inner.py").write_text(INNER.format("3.0"))
     (physics / "outer.py").write_text(OUTER)
