@@ -24,6 +24,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from palpate.compiler import kernel_cache
+from palpate.compiler.trust import make_folder, may_read
 from palpate.engine.provenance import machine
 from palpate.physics.archive import replacing
 from palpate.studies.accuracy import kidney, sites
@@ -43,12 +44,13 @@ def kept(block: Place, solver: str) -> ContinuumCurve:
     """The curve of a solver, computed or loaded from the cache; the key includes the sources and FElupe's version."""
     key = f"{solver} {block} {felupe.version()} {_sources()}"
     path = sites.cache() / "curves" / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npz"
-    if path.is_file():
+    if may_read(path):
         with np.load(path) as file:
             stored = {f.name: file[f.name] for f in fields(ContinuumCurve)}
         return ContinuumCurve(**{**stored, "unknowns": int(stored["unknowns"])})
     curve = sites.computed(block, solver)
-    with replacing(path) as part:
+    make_folder(path.parent)
+    with replacing(path, cached=True) as part:
         np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
     return curve
 

@@ -13,9 +13,10 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.base.stl_file import read_stl
 from palpate.physics.extras import missing
 from palpate.physics.geometry.bvh import weld
+from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pieces import pieces
-from palpate.physics.geometry.topology import FLAT, crossing, edge_counts, outward
+from palpate.physics.geometry.topology import FLAT, edge_counts, outward
 
 LEAST_AREA = 1e-9  # [1] least total area over the square of the longest side
 FORMATS = (".stl", ".ply", ".obj")
@@ -25,7 +26,6 @@ UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SMALLEST, LARGEST = 2e-3, 1.0
 """[m] Limits of the longest side of a touched object; outside them the unit is assumed to be wrong."""
 LARGEST_FILE = 1 << 28  # [bytes] 5 million triangles of a binary STL; reading takes ten times as much memory
-MOST_CHECKED = 50_000  # number of triangles up to which intersections are searched, which takes 2 s
 ISLAND = 0.01
 """[1] Area of a separate piece over that of the largest one below which it is an island, such as a speck of a
 segmentation, and left out; a vessel of 6 mm next to a liver has 5 %."""
@@ -229,11 +229,12 @@ def _flaws(path: str, piece: int, *stamp: object) -> list[str]:
             f"{path} is partly inside out: {turned} of its {len(triangles)} triangles face the other way than the rest."
             " They are turned for this run."
         )
-    if len(triangles) > MOST_CHECKED:
-        lines.append(
-            f"{path} has {len(triangles)} triangles: above {MOST_CHECKED} it is not checked whether they intersect."
-        )
-    elif through := crossing(vertices, triangles):
+    try:
+        through = crossing(vertices, triangles)
+    except UncheckedError as error:
+        through = None
+        lines.append(f"{path}: it is not checked completely whether it intersects itself: it has {error}.")
+    if through:
         x, y, z = through[2]
         lines.append(
             f"{path} intersects itself, first seen at ({x:.4g}, {y:.4g}, {z:.4g}) in the file's unit. The finger may "

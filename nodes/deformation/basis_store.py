@@ -8,12 +8,12 @@ command of the build, and the error of the basis.
 import functools
 import hashlib
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from palpate.compiler.trust import may_read, user_cache
 from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.bodies.condensed_body import Start
 from palpate.physics.geometry.mesh import Mesh
@@ -53,11 +53,12 @@ def shipped() -> dict[str, dict[str, Any]]:
 
 
 def find(folder: Path, wanted: str) -> Path | None:
-    """Path of the basis with this key in a folder; None if it is missing."""
+    """Path of the basis with this key in a folder; None if it is missing, or another user can have written it."""
     if folder == SHIPPED:
         names = [name for name, about in shipped().items() if about["key"] == wanted]
         return folder / names[0] if names else None
-    return next(iter(sorted(folder.glob(f"*-{wanted}.npz"))), None)
+    found = sorted(folder.glob(f"*-{wanted}.npz"))
+    return next((path for path in found if folder != cache() or may_read(path)), None)
 
 
 def about(path: Path) -> dict[str, Any] | None:
@@ -116,8 +117,7 @@ def off(vertices: np.ndarray, surface: Mesh) -> float:
 
 def cache() -> Path:
     """Folder of the bases that were built on this machine."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "palpate" / "bases"
+    return user_cache() / "bases"
 
 
 def touches() -> Path:

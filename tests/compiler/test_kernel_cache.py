@@ -24,7 +24,8 @@ def tree(tmp_path):
     compiler, physics = (tmp_path / "palpate" / name for name in ("compiler", "physics"))
     compiler.mkdir(parents=True)
     physics.mkdir()
-    for name in ("__init__", "arithmetic", "code_library", "interpreted", "kernel", "kernel_cache", "kernel_files"):
+    names = "__init__", "arithmetic", "code_library", "interpreted", "kernel", "kernel_cache", "kernel_files", "trust"
+    for name in names:
         shutil.copy(Path(palpate.compiler.__path__[0]) / f"{name}.py", compiler)
     (physics / "__init__.py").touch()
     (physics / "inner.py").write_text(INNER.format("3.0"))

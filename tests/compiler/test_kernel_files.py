@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from numba.core.caching import UserProvidedCacheLocator
 
-from palpate.compiler import kernel_files
+from palpate.compiler import kernel_files, trust
 from palpate.compiler.kernel_cache import PREFIX
 
 SOURCE = """
@@ -228,8 +228,8 @@ def test_only_this_user_and_root_are_trusted(monkeypatch):
     def check(mode, owner, user, **options):
         monkeypatch.setattr(os, "geteuid", lambda: user, raising=False)
         try:
-            kernel_files.check_trust(os.stat_result((mode, 0, 0, 1, owner, 0, 0, 0, 0, 0)), **options)
-        except kernel_files.UntrustedError as error:
+            trust.check_trust(os.stat_result((mode, 0, 0, 1, owner, 0, 0, 0, 0, 0)), **options)
+        except trust.UntrustedError as error:
             return str(error)
         return "trusted"
 

@@ -41,7 +41,7 @@ from numba.core.target_extension import (
 from numba.core.typing import Context
 from numba.core.utils import threadsafe_cached_property
 
-from palpate.compiler import interpreted, kernel_cache, kernel_files
+from palpate.compiler import interpreted, kernel_cache, kernel_files, trust
 from palpate.compiler.arithmetic import LEVEL, pinnable
 from palpate.compiler.code_library import Codegen
 
@@ -212,8 +212,8 @@ class _Cache:
             source = os.stat(__file__) if folder is not self.cache_path else None
             try:
                 content = kernel_files.read(folder, self._name(sig), source)
-            except kernel_files.UntrustedError as error:
-                kernel_cache.warn(f"{folder}: a file {error}; it is compiled again")
+            except trust.UntrustedError as error:
+                trust.warn(f"{folder}: a file {error}; it is compiled again")
                 continue
             if content is None:
                 continue

@@ -2,7 +2,7 @@
 
 A cached kernel depends on the kernels that it calls and on the layout of its arguments, which may be defined in other
 files. So the name of a folder is a hash of all sources that contain kernels. Each edit of these creates a new folder;
-the oldest ones are removed. Folders that another user can have written are not used (`kernel_files`).
+the oldest ones are removed. Folders that another user can have written are not used (`trust`).
 """
 
 import atexit
@@ -13,11 +13,10 @@ import os
 import shutil
 import sys
 import tempfile
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from palpate.compiler.kernel_files import check_folder, check_trust
+from palpate.compiler.trust import check_folder, check_trust, user_cache, warn
 
 KEPT = 12  # Folders that are kept, 15 MB each, so that several versions and branches recompile nothing
 PREFIX = "kernels-"
@@ -53,8 +52,7 @@ def _folder(given: str) -> Path:
     """The first usable location of `given`, the user's cache, which copies of the same sources share, and a folder next
     to the sources; else a temporary folder. A warning reports that `given` or an existing folder is not used."""
     name = f"{PREFIX}{key()}-{versions()}"
-    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    places = [Path(caches) / "palpate", Path(__file__).parent / "__pycache__"]
+    places = [user_cache(), Path(__file__).parent / "__pycache__"]
     refused = ""
     for place in [Path(given), *places] if given else places:
         try:
@@ -72,12 +70,6 @@ def _folder(given: str) -> Path:
         remedy = f"name a folder of yours with NUMBA_CACHE_DIR{', or unset it' if given else ''}"
         warn(f"{refused}; kernels are cached in {path}. Remedy: {remedy}")
     return path
-
-
-@functools.cache
-def warn(text: str) -> None:
-    """Warn once, in one line: a source line would follow the name of a file."""
-    warnings.warn_explicit(text, RuntimeWarning, "<kernels>", 1)
 
 
 def _made(place: Path, name: str) -> Path:

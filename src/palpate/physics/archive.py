@@ -30,11 +30,16 @@ class ArchiveError(PalpateError, ValueError):
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A temporary file to write, which replaces `path` on success. On failure it is removed and `path` is unchanged."""
+def replacing(path: Path, cached: bool = False) -> Iterator[Path]:
+    """A temporary file to write, which replaces `path` on success. On failure it is removed and `path` is unchanged.
+
+    cached  a file of a cache: others may not write to it for any umask, as `trust` expects
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part{path.suffix}")
     try:
+        if cached:
+            os.close(os.open(part, os.O_WRONLY | os.O_CREAT, 0o644))
         yield part
         part.replace(path)
     finally:

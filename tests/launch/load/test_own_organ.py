@@ -126,6 +126,13 @@ def test_a_flaw_is_an_error_of_one_line_and_repair_removes_it(tmp_path, make, te
     assert 0.8 * abs(make().volume) < volume < 1.1 * abs(liver().volume if make is not crossing else make().volume)
 
 
+def test_an_unfinished_check_for_intersections_is_reported(tmp_path, monkeypatch):
+    file = saved(tmp_path, ball(41.0))
+    monkeypatch.setattr("palpate.physics.geometry.crossing.MOST", 10)
+    (line,) = flaws(str(file))
+    assert "it is not checked completely whether it intersects itself: it has 1280 triangles" in line
+
+
 def test_a_sound_mesh_is_not_changed(tmp_path):
     file = saved(tmp_path, liver())
     assert flaws(str(file)) == []

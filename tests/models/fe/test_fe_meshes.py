@@ -13,8 +13,8 @@ from palpate.models.fe.element.jacobian import inverted
 from palpate.models.fe.element.mesh import EDGES, check_surface
 from palpate.models.fe.meshing.organ import fill
 from palpate.nodes.base.surface import surface_mesh
+from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.topology import crossing
 
 
 def element(corners, **moved):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.compiler.trust import UntrustedError, make_folder, user_cache
 from palpate.models.fe.element.mesh import MeshError
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ, edge_for
@@ -66,6 +67,11 @@ def make(node: ReducedFE, path: Path, begin: Begin = silent, commit: str | None 
         )
     try:
         check_folder(path.parent)
+        for folder in (path.parent, kept(node))[: 2 if node.model == "sampled" else 1]:
+            if user_cache() in folder.parents:
+                make_folder(folder)
+    except UntrustedError as error:
+        raise SettingError(f"folder {error.filename}: {error.strerror}") from None
     except OSError as error:
         raise SettingError(
             f"folder {path.parent}: {error.strerror}; expected a writable folder, such as -o bases"

@@ -8,8 +8,9 @@ from scipy.sparse.csgraph import connected_components
 
 from palpate.nodes.base.mesh_file import UNITS, flaws, read_triangles
 from palpate.physics.errors import MeshError
+from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh, write_ply
-from palpate.physics.geometry.topology import crossing, edge_counts, outward
+from palpate.physics.geometry.topology import edge_counts, outward
 
 
 def repaired(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
@@ -35,7 +36,7 @@ def repaired(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
             done.append(f"{holes} hole{'s' * (holes > 1)} closed by fans")
             triangles = outward(vertices, triangles)
             shared = edge_counts(triangles, len(vertices))[1]
-    if shared or crossing(vertices, triangles):
+    if shared or _crosses(vertices, triangles):
         from palpate.models.fe.meshing.organ import solid  # its package is an extra
 
         surface = solid(Mesh(vertices, triangles))[1]
@@ -53,6 +54,14 @@ def repaired(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
     except OSError as error:
         raise MeshError(f"--repair: {out} cannot be written: {error.strerror}") from None
     return out, done or ["triangles turned outwards"]
+
+
+def _crosses(vertices: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether the surface intersects itself, also if not all pairs of triangles could be tested."""
+    try:
+        return crossing(vertices, triangles) is not None
+    except UncheckedError:
+        return True
 
 
 def _closed(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:

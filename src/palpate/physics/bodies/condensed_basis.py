@@ -23,7 +23,7 @@ class Basis:
         for compression; `about` describes the origin."""
         step = float(np.abs(self.compliance).max()) / 32767
         lower = np.rint(self.compliance[np.tril_indices(len(self.compliance))] / step).astype("<i2")
-        with replacing(path) as part, part.open("wb") as file:
+        with replacing(path, cached=True) as part, part.open("wb") as file:
             np.savez_compressed(
                 file, vertices=self.vertices, triangles=self.triangles, step=np.float64(step),
                 lower=np.ascontiguousarray(lower.view(np.uint8).reshape(-1, 2).T), about=np.array(about),

@@ -57,7 +57,7 @@ class SampledBasis:
             arrays |= {name: (value / scale).astype(np.float16), f"{name}_scale": np.float64(scale)}
         arrays |= {name: value for name, value in self.points._asdict().items() if name != "modes"}
         arrays["laws"] = np.array([name_at(place) for place in self.points.laws])
-        with replacing(path) as part, part.open("wb") as file:
+        with replacing(path, cached=True) as part, part.open("wb") as file:
             np.savez_compressed(
                 file, vertices=self.vertices, triangles=self.triangles, kept=kept, bend=np.array(self.bend),
                 about=np.array(about), **arrays,

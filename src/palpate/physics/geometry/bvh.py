@@ -57,7 +57,7 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
     triangles = triangles[keep]
     corners = vertices[triangles]
     centre = (corners.min(axis=1) + corners.max(axis=1)) / 2
-    order = np.argsort(_morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
+    order = np.argsort(morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
     triangles = np.ascontiguousarray(triangles[order])
     star_at, star = stars(triangles, len(vertices))
     cells = np.empty((len(triangles), COLUMNS), dtype=np.int32)
@@ -118,7 +118,7 @@ def _superfluous(triangles, at, star):
     return superfluous
 
 
-def _morton(centre: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
+def morton(centre: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
     """Morton codes: interleaved bits of the coordinates, 21 of each."""
     places = (np.minimum((centre - low) / size, 1.0) * 2097151.0).astype(np.int64)
     codes = np.zeros(len(centre), np.int64)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.compiler.trust import make_folder, may_read
 from palpate.physics.archive import replacing
 from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.cases import BenchCase
@@ -80,7 +81,8 @@ def compute(
         cell = None if fresh else _read(path)
         if cell is None:
             cell = one(touch, method, fidelity, repeats)
-            with replacing(path) as part:
+            make_folder(path.parent)
+            with replacing(path, cached=True) as part:
                 part.write_text(json.dumps(asdict(cell)), encoding="utf-8")
         computed.append(cell)
         show(f"{touch.name}: {method.title}, {fidelity.name}")
@@ -115,6 +117,8 @@ def _key(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int, mac
 
 
 def _read(path: Path) -> Cell | None:
+    if not may_read(path):
+        return None
     try:
         return Cell(**json.loads(path.read_text(encoding="utf-8")) | {"kept": True})
     except (OSError, ValueError, TypeError):

@@ -8,8 +8,8 @@ import numpy as np
 from palpate.models.fe.element.elements import EDGES
 from palpate.models.fe.element.jacobian import inverted
 from palpate.physics.errors import MeshError
+from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.topology import crossing
 
 FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
 """The local nodes of each face, counter-clockwise seen from outside: three corners, then the nodes between them."""
@@ -179,7 +179,10 @@ def check_surface(surface: Mesh) -> None:
             f"surface: {len(open_)} edges without two triangles, the first at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) "
             "mm: not closed. Close its holes or merge its duplicate vertices"
         )
-    intersection = crossing(surface.vertices, surface.triangles)
+    try:
+        intersection = crossing(surface.vertices, surface.triangles)
+    except UncheckedError as error:
+        raise MeshError(f"surface: {error}, so that it may intersect itself. Remesh it") from None
     if intersection is not None:
         first, other, place = intersection
         raise MeshError(

@@ -1,0 +1,142 @@
+"""Self-intersection of a triangle mesh: edges of a triangle through the interior of another one."""
+
+import numpy as np
+
+from palpate.compiler.kernel import kernel
+from palpate.physics.errors import MeshError
+from palpate.physics.geometry.bvh import LEAF, morton
+
+MOST = 1_500_000_000
+"""Largest number of tests of bounding boxes, about 10 s. A surface takes 100 to 200 per triangle; more only if many of
+its triangles are at one place, such as those of a fan of a million slivers."""
+UNFINISHED = -2
+
+
+class UncheckedError(MeshError):
+    """Too many triangles lie at the same place to test all pairs of them."""
+
+
+def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.ndarray] | None:
+    """Two triangles of which one has an edge through the interior of the other, and where [m] (3,); None: not found.
+
+    Triangles that only touch, are coplanar or share a corner do not cross. Pairs are found by a complete tree of
+    bounding boxes over the triangles along a Morton curve, in O(T log T). UncheckedError: more than `MOST` tests.
+    """
+    points, triangles = np.array(points, dtype=np.float64), np.ascontiguousarray(triangles, dtype=np.int64)
+    middle = points[triangles].mean(axis=(0, 1))
+    points -= middle  # far from the origin, rounding of the coordinates would exceed the tolerance of `_side`
+    corner = points[triangles]
+    low, high = corner.min(axis=1), corner.max(axis=1)
+    centre = 0.5 * (low + high)
+    order = np.argsort(morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
+    boxes = np.ascontiguousarray(np.concatenate([low, -high], axis=1)[order])
+    leaves = 1 << max(0, int(np.ceil(np.log2(len(triangles) / LEAF))))
+    at = np.zeros(3)
+    first, other = _crossing(points, triangles[order], boxes, _tree(boxes, leaves), MOST, at)
+    if first == UNFINISHED:
+        raise UncheckedError(f"{len(triangles)} triangles, of which too many lie at the same place to test all pairs")
+    return None if first < 0 else (int(order[first]), int(order[other]), at + middle)
+
+
+@kernel
+def _tree(boxes, leaves):
+    """Bounding box (2 leaves,6) of each node: lower corner, negative upper corner. Node k has the children 2k, 2k+1."""
+    tree, count = np.full((2 * leaves, 6), np.inf), len(boxes)
+    for node in range(2 * leaves - 1, 0, -1):
+        if node >= leaves:
+            for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
+                for i in range(6):
+                    tree[node, i] = min(tree[node, i], boxes[t, i])
+        else:
+            for i in range(6):
+                tree[node, i] = min(tree[2 * node, i], tree[2 * node + 1, i])
+    return tree
+
+
+@kernel
+def _meet(a, b):
+    """Whether two boxes share a point."""
+    return a[0] <= -b[3] and b[0] <= -a[3] and a[1] <= -b[4] and b[1] <= -a[4] and a[2] <= -b[5] and b[2] <= -a[5]
+
+
+@kernel
+def _crossing(points, triangles, boxes, tree, most, at):
+    """The first pair; -1, -1: none; UNFINISHED: more than `most` tests. `at` (3) gets the place.
+
+    The tests of a triangle begin at its leaf and continue at the right-hand neighbours of the nodes above it, so that
+    each pair is tested once.
+    """
+    count, leaves, tests = len(triangles), len(tree) // 2, 0
+    stack = np.empty(128, np.int64)
+    for leaf in range(leaves, 2 * leaves):
+        for i in range((leaf - leaves) * count // leaves, (leaf - leaves + 1) * count // leaves):
+            stack[0], size = leaf, 1
+            above = leaf
+            while above > 1:
+                if above % 2 == 0 and _meet(tree[above + 1], boxes[i]):
+                    stack[size] = above + 1
+                    size += 1
+                above //= 2
+                tests += 1
+            while size > 0:
+                size -= 1
+                node = stack[size]
+                if node < leaves:
+                    for child in range(2 * node, 2 * node + 2):
+                        tests += 1
+                        if _meet(tree[child], boxes[i]):
+                            stack[size] = child
+                            size += 1
+                    continue
+                first = (node - leaves) * count // leaves
+                for j in range(max(first, i + 1), (node - leaves + 1) * count // leaves):
+                    tests += 1
+                    if _meet(boxes[j], boxes[i]) and (
+                        _through(points, triangles[i], triangles[j], at)
+                        or _through(points, triangles[j], triangles[i], at)
+                    ):
+                        return i, j
+            if tests > most:
+                return UNFINISHED, UNFINISHED
+    return -1, -1
+
+
+@kernel
+def _side(a, b, c, p):
+    """Six times the volume of the tetrahedron a, b, c, p, or 0 if rounding may have changed its sign: the filter of
+    J. R. Shewchuk, Discrete Comput. Geom. 18 (1997) 305, with a larger tolerance because the vertices are rounded."""
+    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    w0, w1, w2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+    volume = (u1 * v2 - u2 * v1) * w0 + (u2 * v0 - u0 * v2) * w1 + (u0 * v1 - u1 * v0) * w2
+    terms = (
+        (abs(u1 * v2) + abs(u2 * v1)) * abs(w0)
+        + (abs(u2 * v0) + abs(u0 * v2)) * abs(w1)
+        + (abs(u0 * v1) + abs(u1 * v0)) * abs(w2)
+    )
+    return volume if abs(volume) > 1e-12 * terms else 0.0
+
+
+@kernel
+def _through(points, one, other, at):
+    """Whether an edge of one triangle passes through the interior of another one; `at` (3) gets the place."""
+    a, b, c = points[other[0]], points[other[1]], points[other[2]]
+    for k in range(3):
+        m, n = one[k], one[(k + 1) % 3]
+        shared = False
+        for l in range(3):
+            if other[l] == m or other[l] == n:
+                shared = True
+        if shared:
+            continue
+        p, q = points[m], points[n]
+        above, below = _side(a, b, c, p), _side(a, b, c, q)
+        if not above * below < 0.0:
+            continue
+        x, y, z = _side(p, q, a, b), _side(p, q, b, c), _side(p, q, c, a)
+        if (x > 0.0 and y > 0.0 and z > 0.0) or (x < 0.0 and y < 0.0 and z < 0.0):
+            share = above / (above - below)
+            for l in range(3):
+                at[l] = p[l] + share * (q[l] - p[l])
+            return True
+    return False
