@@ -28,7 +28,7 @@ def jobs(
     ticks  number of ticks, None: until stopped
     pace   see `Job`
 
-    Groups on the force path without a `core:` share one core; all other groups without one use the other cores.
+    Groups without a `core:` get those of `_cores`.
     """
     path = force_path(plan)
     links = _links(plan, path)
@@ -37,7 +37,8 @@ def jobs(
     for phase, group in enumerate(placement.groups):
         names = [name for name in plan.order if name in group.nodes]
         on_path = any(name in path for name in names)
-        leads = any(plan.graph.nodes[name].cls.paced for name in names)
+        paced = [name for name in names if plan.graph.nodes[name].cls.paced]
+        leads, apart = bool(paced), clock == "real" and len(paced) == len(group.nodes)
         assignments.append(
             Job(
                 group=group.name,
@@ -48,7 +49,7 @@ def jobs(
                 ticks=ticks,
                 pace=pace,
                 links=links,
-                core=group.core or _cores(on_path, len(placement.groups)),
+                core=group.core or _cores(on_path, apart, len(placement.groups)),
                 priority=group.priority or (PRIORITY + leads if on_path else None),
                 host=group.host,
                 phase=phase,
@@ -90,8 +91,15 @@ def _external(plan: Plan, place: dict[str, str], group: ProcessGroup) -> dict[st
     return {stream: tuple(groups) for stream, groups in readers.items()}
 
 
-def _cores(on_path: bool, groups: int) -> tuple[int, ...] | None:
-    """The force path gets one core: a wake-up on another core costs more than a context switch."""
+def _cores(on_path: bool, apart: bool, groups: int) -> tuple[int, ...] | None:
+    """The force path gets one core, since a wake-up on another core costs more than a context switch; all other groups
+    use the other cores.
+
+    apart  paced nodes without others, on the real clock. They get another core: if processes of real-time priority use
+           a core completely, the kernel stops them for 50 ms of each second, in which the device would keep its torque
+    """
     if groups < 2 or len(cores := sorted(os.sched_getaffinity(0))) < 2:
         return None
-    return (cores[-1],) if on_path else tuple(cores[:-1])
+    if not on_path:
+        return tuple(cores[:-1])
+    return (cores[-2],) if apart else (cores[-1],)

@@ -162,6 +162,16 @@ def _reap(end: socket.socket, workers: dict[int, str]) -> None:
                 end.sendall(msgspec.json.encode(Exited(group, os.waitstatus_to_exitcode(status))) + b"\n")
 
 
+def _use_ordinary_priority() -> None:
+    """Drop a real-time priority of the launcher (`chrt`); workers set theirs.
+
+    Otherwise this process may spin in the kernel forever: it waits for the last thread of a dead worker, which has the
+    lowest real-time priority (`engine.clock`) and so does not run on the same core.
+    """
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 def load() -> None:
     """Import the modules of the workers once, in parallel with the launcher's loading of the graph."""
     import palpate.launch.run.work.process
@@ -178,6 +188,7 @@ def main(descriptor: int) -> NoReturn:
     workers: dict[int, str] = {}
     signal.signal(signal.SIGTERM, lambda *_: _end_all(workers))
     die_with_parent(signal.SIGTERM)
+    _use_ordinary_priority()
     load()
     _serve(socket.socket(fileno=descriptor), workers)
     _end_all(workers)

@@ -10,6 +10,7 @@ from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.records.changed import changed
+from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
 
@@ -169,6 +170,21 @@ def test_hardware_on_the_simulated_clock_is_an_error():
 def test_invalid_faults_are_errors(tmp_path, faults):
     with pytest.raises(GraphError, match="'device', setting 'faults'"):
         touch(tmp_path, f"device.faults={faults}")
+
+
+def test_a_process_for_each_node_computes_the_bytes_of_one_process(tmp_path):
+    """On the real clock two runs of a device differ, so one process recomputes each message from those that it used."""
+    given = ["device.port=emulator", "device.ramp=0.1", PRESS]
+    file = tmp_path / "touch.mcap"
+    launch = find("falcon").but(overrides=given, duration=1.0, record=file, place="apart", clock="real")
+    outcome = execute(launch, patience=30.0)
+    assert outcome.result.ok, outcome.result.deaths
+    recording = Recording(file)
+    report = verify(recording, plan_of(recording))
+    assert report.first is None
+    checked = {name: node.checked for name, node in report.nodes.items() if name != "device"}
+    assert min(checked.values()) > 50, checked
+    assert max(message.force[2] for message in recording.messages("controller")) > 0.1
 
 
 @pytest.mark.parametrize("use", ["device.RawHid", pytest.param("device.Inverse3", marks=pytest.mark.long)])

@@ -78,6 +78,9 @@ class Owner(Protocol):
     def deliver(self, feed: RemoteStream, payload: bytes) -> None:
         """Pass a received message to the ports that read it."""
 
+    def drain(self) -> None:
+        """Release the hop, and read all received messages."""
+
     def check_length(self, output: Output, tick: int, payload: bytes) -> None:
         """NodeError: the message is longer than a reader accepts."""
 
@@ -236,7 +239,10 @@ class Hop:
             state["entry"], state["reader"], state["sent"] = segment["first"], 0, 0
         if why == INPUT:
             self._hand_over()
-            self.release()
+            if self._real:
+                self._worker.drain()  # also notices that a sender has closed its connection
+            else:
+                self.release()
         else:
             unsent = self._unsent(part, at)
             self._hand_over()

@@ -1,22 +1,20 @@
 """The compiled decoder against msgspec: messages and any other bytes, directly before an unreadable page."""
 
 import ctypes
-import mmap
 import random
 from collections.abc import Iterator
 
 import msgspec
 import numpy as np
 import pytest
+from guarded import Form, Guarded
 
 import palpate.messages
 from palpate.compiler.entry_point import entry_point
-from palpate.engine.wire_plan import wire_plan
-from palpate.launch.run.hop.decode import FORM, decode
+from palpate.launch.run.hop.decode import decode
 from palpate.messages import Message, MessageError, pack, unpack
 from palpate.messages.record import blank, reader
 
-PAGE = mmap.PAGESIZE
 SOURCE = "node"
 
 
@@ -31,36 +29,12 @@ def kinds() -> Iterator[type[Message]]:
             yield kind
 
 
-class Guarded:
-    """Memory of some pages between two unreadable ones. `end`: address after it."""
-
-    def __init__(self, pages: int) -> None:
-        self._map = mmap.mmap(-1, (pages + 2) * PAGE)
-        first = ctypes.addressof(ctypes.c_char.from_buffer(self._map))
-        libc = ctypes.CDLL(None, use_errno=True)
-        for page in (first, first + (pages + 1) * PAGE):
-            assert libc.mprotect(ctypes.c_void_p(page), ctypes.c_size_t(PAGE), 0) == 0
-        self.begin, self.end = first + PAGE, first + (pages + 1) * PAGE
-
-    def put(self, data: bytes) -> int:
-        """Write data directly before the unreadable page; returns its address."""
-        ctypes.memmove(self.end - len(data), data, len(data))
-        return self.end - len(data)
-
-
 class Reader:
     """Decodes messages of one type; input, arrays and record lie directly before unreadable pages."""
 
     def __init__(self, kind: type[Message], room: int = 2000) -> None:
-        self.kind, self.plan, self.blank = kind, wire_plan(kind, SOURCE), blank(kind)
-        self.form, self.lengths = np.zeros(1, FORM), np.zeros(16, np.int64)
-        for name, value in (
-            ("steps", self.plan.steps.ctypes.data), ("count", len(self.plan.steps)),
-            ("literals", self.plan.literals.ctypes.data), ("axes", self.plan.axes.ctypes.data),
-            ("lengths", self.lengths.ctypes.data), ("letters", self.plan.letters),
-            ("blank", self.blank.ctypes.data),
-        ):  # fmt: skip
-            self.form[name] = value
+        self.kind, self._form = kind, Form(kind, SOURCE)
+        self.plan, self.blank = self._form.plan, self._form.blank
         self._given, self._arena, self._record = Guarded(4), Guarded(1), Guarded(4)
         self.size, self.room = self.blank.nbytes, room // 8 * 8
         self.place = self._record.end - self.size
@@ -70,7 +44,7 @@ class Reader:
         """The message, without its `used`; None: unusual."""
         begin, arena = self._given.put(data), self._arena.end - self.room
         ctypes.memset(self.place, 0, self.size)
-        where = self.form.ctypes.data, self.place, begin, self._given.end, arena, self.room
+        where = self._form.address, self.place, begin, self._given.end, arena, self.room
         if not self._decode(*where):
             return None
         made = reader(self.kind)(memoryview(ctypes.string_at(self.place, self.size)))

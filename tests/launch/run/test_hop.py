@@ -20,7 +20,7 @@ from palpate.launch.run.hop.hop import Hop
 from palpate.launch.run.wire.addresses import RunFolder, endpoint
 from palpate.launch.run.wire.bus import Bus
 from palpate.launch.run.wire.inlet import Inlet
-from palpate.launch.run.wire.outlet import Outlet
+from palpate.launch.run.wire.outlet import Outlet, Sender
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.launch.run.wire.zmtp import COMMAND, MORE, Decoder, command, frame
 from palpate.launch.run.work.real import run_real
@@ -39,6 +39,9 @@ NODES = (
 )
 """A segment with two nodes, and one that waits for the stream again; it is read by an edge and by a loop."""
 STREAMS = ("a", "b.Torque", "b.Force", "c")
+HOLDS = NodeJob("d", "nodes_for_placement.CompiledOne", {}, 1,
+                (FIRST, InputJob("second", "body", "far", loop=True, optional=True, rank=-1)), ("d",))  # fmt: skip
+"""A node that holds the message of another sender."""
 
 
 def message(tick: int) -> Torque:
@@ -51,16 +54,21 @@ def framed(tick: int) -> bytes:
 
 
 class Bench:
-    """A worker in this process, the outlet that it reads, and an inlet for each of its streams."""
+    """A worker in this process, the outlets that it reads, and an inlet for each of its streams."""
 
     def __init__(self, compiled: bool, nodes: Sequence[NodeJob] = NODES, real: bool = False) -> None:
         streams = [stream for node in nodes for stream in node.streams]
         external = {stream: ("sink",) for stream in streams}
         self.folder = RunFolder(RUN)
         self.watch, apart = SocketPoller(), set[Inlet]()
-        self.outlet = Outlet("src", {"pose": ("here",)}, real, self.watch)
-        self.outlet.bind(endpoint(RUN, "src", "force").removeprefix("ipc://"))
-        self.sender = self.outlet.sender("pose", None, self.watch.poll)
+        names = {node.name for node in nodes}
+        read = {given.stream: given.producer for node in nodes for given in node.inputs if given.producer not in names}
+        self.outlets: dict[str, Outlet] = {}
+        self.senders: dict[str, Sender] = {}
+        for stream, producer in read.items():
+            self.outlets[stream] = Outlet(producer, {stream: ("here",)}, real, self.watch)
+            self.outlets[stream].bind(endpoint(RUN, producer, "force").removeprefix("ipc://"))
+            self.senders[stream] = self.outlets[stream].sender(stream, None, self.watch.poll)
         control = (endpoint(RUN, "launcher", name) for name in ("control", "reports"))
         self.bus = Bus(RUN, "here", *control, real, external)
         clock = "real" if real else "simulated"
@@ -68,7 +76,8 @@ class Bench:
         self.worker = Worker(job, self.bus, lambda report: None)
         self.worker.start()
         force = self.bus.bind(None)["force"][0]
-        self.bus.connect(endpoint(RUN, "src", "force"), ["pose"], False, False, "src")
+        for stream, producer in read.items():
+            self.bus.connect(endpoint(RUN, producer, "force"), [stream], False, False, producer)
         self.inlets = [Inlet(stream, "sink", SocketPoller(), lambda inlet: None, apart) for stream in streams]
         for inlet in self.inlets:
             inlet.connect(force.removeprefix("ipc://"))
@@ -91,14 +100,13 @@ class Bench:
 
     def linked(self) -> bool:
         return bool(
-            self.outlet.linked("pose")
-            and self.bus.inlet("pose").linked
+            all(outlet.linked(stream) and self.bus.inlet(stream).linked for stream, outlet in self.outlets.items())
             and all(self.bus._outlet.linked(inlet.stream) and inlet.linked for inlet in self.inlets)
         )
 
     def write(self, data: bytes) -> None:
         """Send raw bytes to the worker."""
-        self.sender.readers[0].end.sendall(data)
+        self.senders["pose"].readers[0].end.sendall(data)
 
     def read(self) -> None:
         """Read all that has arrived."""
@@ -122,7 +130,8 @@ class Bench:
         for inlet in self.inlets:
             inlet.close()
         self.worker.stop()
-        self.outlet.close()
+        for outlet in self.outlets.values():
+            outlet.close()
         self.bus.close(False)
         self.folder.close()
 
@@ -357,6 +366,32 @@ def test_on_the_real_clock_each_whole_message_is_a_step_or_counted_as_lost(bench
     # The edge of the loop has the message before, if it arrived; an older one is held, and not beyond its age.
     for form in received[1:]:
         assert form["used"][1] < form["tick"] and (form["used"][1] in sent or form["used"][1] == -1)
+
+
+def test_a_held_sender_that_closes_its_connection_does_not_end_compiled_execution(bench, monkeypatch):
+    made = bench(True, [HOLDS], real=True)
+    in_python: list[int] = []
+    step = CompiledSegment.run
+
+    def run(part: CompiledSegment, tick: int, host: SimulatedClock) -> None:
+        in_python.append(tick)
+        step(part, tick, host)
+
+    monkeypatch.setattr(CompiledSegment, "run", run)
+
+    def write() -> None:
+        for tick in range(TICKS):
+            if tick == 100:
+                made.outlets["body"].close()
+            made.write(framed(tick))
+            time.sleep(0.0005)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    run_real(made.worker, made.origin)
+    writer.join()
+    assert made.worker.tick == TICKS - 1
+    assert sum(tick > 100 for tick in in_python) < 50  # it was each of 200
 
 
 @pytest.mark.parametrize("kind", [zmq.SUB, zmq.XSUB])
