@@ -24,9 +24,6 @@ class _Settling(dict[type, Callable[[Any], None]]):
         return written
 
 
-PLAUSIBLE = {"N": 1e4, "N m": 410.0}
-"""Largest plausible value by SI unit: 1000 times the largest limit of a device (drivers/limits.py). Positions and
-speeds have none: kinematics rejects those of a device, and a node copies them to its outputs."""
 SETTLE = _Settling()
 """By message type, the function that converts the fields of a new message to their declared form: numbers to floats,
 vectors to tuples of the declared length, arrays to read-only contiguous ones of the declared dtype and shape. Writable
@@ -102,29 +99,30 @@ def _settle_array(field: Field, known: set[str]) -> list[str]:
 
 
 def check_plausible(message: Any) -> None:
-    """MessageError: a field contains NaN, infinity, or a value beyond `PLAUSIBLE`; names the field, the index and the
-    value. For messages of nodes in Python: one wrong value would stop the hand's force without a sign."""
+    """MessageError: a field contains NaN, infinity, or a number beyond its bound (`fields.MOST`, `fields.Bound`);
+    names the field, the index and the value. For messages of nodes in Python: one wrong number would stop the hand's
+    force without a sign."""
     check_finite(message)
     kind: Any = type(message)
     for field in () if plausible_check(kind)(message) else fields(kind):
-        most, array = PLAUSIBLE.get(field.unit, math.inf), np.asarray(getattr(message, field.name))
-        if array.dtype.kind == "f" and (wrong := np.argwhere(np.abs(array) > most)).size:
+        most, array = field.most, np.asarray(getattr(message, field.name))
+        if array.dtype.kind == "f" and len(wrong := np.argwhere(np.abs(array) > most)):
             place = tuple(wrong[0].tolist())
             where = f" at index {place if len(place) > 1 else place[0]}" if place else ""
             raise MessageError(
                 f"{kind.__name__}.{field.name} [{field.unit}]: found {float(array[place]):g}{where}, expected at most "
-                f"{most:g}, 1000 times the limits of a device"
+                f"{most:g}{', ' + field.why if field.why else ''}"
             )
 
 
 @cache
 def plausible_check(kind: type) -> Callable[[Any], bool]:
-    """The fast check of a message type. True: all numbers are finite, and none is beyond `PLAUSIBLE`. False:
+    """The fast check of a message type. True: all numbers are finite, and none is beyond its bound. False:
     `check_plausible` decides."""
     tests = ["finite(m)"]
     for field in fields(kind):
-        most, name = PLAUSIBLE.get(field.unit), field.name
-        if most is None:
+        most, name = field.most, field.name
+        if most == math.inf or (field.dtype is not None and field.dtype.kind != "f"):
             continue
         if field.dtype is not None:
             tests.append(f"(not len(m.{name}) or vdot(m.{name}, m.{name}) <= {most * most!r})")

@@ -6,6 +6,9 @@ import msgspec
 import numpy as np
 
 from palpate.messages.base import Floats, Ints, Message, Vector, Vector2, Vector3
+from palpate.messages.fields import Bound
+
+UNIT_VECTOR = Bound(1.001, "a unit vector")
 
 
 class Proximity(Message):
@@ -22,7 +25,7 @@ class Proximity(Message):
     """
 
     foot: Annotated[Vector3, "m"]
-    normal: Annotated[Vector3, "1"]
+    normal: Annotated[Vector3, "1", UNIT_VECTOR]
     coordinates: Annotated[Vector2, "1"]
     element: Annotated[int, "1"]
     gap: Annotated[float, "m"]
@@ -46,7 +49,7 @@ class Contact(Message):
     """
 
     foot: Annotated[Vector3, "m"]
-    normal: Annotated[Vector3, "1"]
+    normal: Annotated[Vector3, "1", UNIT_VECTOR]
     force: Annotated[float, "N"]
     compression: Annotated[float, "m"]
     indentation: Annotated[float, "m"]
@@ -104,7 +107,7 @@ class Load(Message):
     nodes: Annotated[Ints, "1", ("k",)]
     forces: Annotated[Floats, "N", ("k", 3)]
     foot: Annotated[Vector3, "m"]
-    normal: Annotated[Vector3, "1"]
+    normal: Annotated[Vector3, "1", UNIT_VECTOR]
 
     @classmethod
     def example(cls, loaded: bool) -> Self:

@@ -3,6 +3,7 @@
 from typing import Annotated
 
 from palpate.messages.base import Floats, Ints, Message
+from palpate.messages.fields import Bound
 
 
 class Slip(Message):
@@ -24,7 +25,7 @@ class Slip(Message):
     """
 
     contacts: Annotated[int, "1"]
-    fraction: Annotated[float, "1"]
+    fraction: Annotated[float, "1", Bound(1.0, "a fraction")]
     front: Annotated[float, "m"]
     incipient: Annotated[bool, "1"]
     gross: Annotated[bool, "1"]

@@ -10,15 +10,22 @@ from palpate.compiler.kernel import CompiledKernel, kernel
 from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Friction, Proximity
 from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
+from palpate.nodes.base.samples import SLID, slid
 from palpate.physics import friction
 from palpate.physics.friction import bristle, coulomb, elastoplastic, lugre, unrest
 from palpate.registry import classes
 
+HELD = 1e-9  # [s] step without a new sample: the bristles stay, force and damping follow the load
 SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 
 
 class _Sliding(CompiledNode):
-    """State and output that all laws share."""
+    """State and output that all laws share.
+
+    A step lasts from one sample of the finger's position to the next, as in the contact. While a network repeats a
+    sample, the bristles stay and the force follows the normal force; the next sample moves them by the displacement of
+    the finger.
+    """
 
     effect = "friction"
     law: ClassVar[Any]
@@ -28,9 +35,10 @@ class _Sliding(CompiledNode):
         "stored",
         about="Energy stored in the bristles, plus what a rising load may return; 0 for a law without `stored`.",
     )
-    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": (), "rest": (unrest.ROOM,)}
+    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": (), "rest": (unrest.ROOM,), "motion": SLID}
     """Bristle deflection [m] with its normal [1] and normal force [N]; offset of the finger from the point that it
-    drags [m]; energy that a falling load took from the bristles [J]; state of `physics.friction.unrest`."""
+    drags [m]; energy that a falling load took from the bristles [J]; state of `physics.friction.unrest`; sample of the
+    position."""
 
     def __init_subclass__(cls, law: type | None = None, **given: Any) -> None:
         """The fields of the law become settings of the node.
@@ -54,7 +62,7 @@ class _Sliding(CompiledNode):
         law = self.law(**{name: getattr(self, name) for name in self.law._fields})
         caution = law.caution() if hasattr(law, "caution") else ""
         self._notes = [caution] if caution else []
-        self.own["normal"] = bristle.UP
+        self.own["normal"], self.own["motion"]["sampled"] = bristle.UP, -1
 
     def notes(self) -> list[str]:
         """Also a note, once, that the finger does not rest."""
@@ -70,7 +78,10 @@ class _Sliding(CompiledNode):
 
     @kernel
     def idle(own, contact, proximity, out, dt):
-        return not contact.force > 0.0 and not own.load > 0.0
+        if contact.force > 0.0 or own.load > 0.0:
+            return False
+        slid(own.motion, proximity, dt)
+        return True
 
 
 def _compute(law: type) -> CompiledKernel:
@@ -82,16 +93,18 @@ def _compute(law: type) -> CompiledKernel:
     def compute(
         own,
         contact: Annotated[Contact, Wants("normal", "force")],
-        proximity: Annotated[Proximity, Wants("slip")],
+        proximity: Annotated[Proximity, Wants("slip", "foot", "normal", "gap")],
         out: Out[Friction],
         dt,
     ):
+        moved, v = slid(own.motion, proximity, dt)
         z, normal, own.load, slack, own.spare, force, stick = step(
             own, vector(own.z), vector(own.normal), own.load, vector(own.slack), own.spare, vector(contact.normal),
-            vector(proximity.slip), contact.force, dt,
+            v, contact.force, moved if moved > 0.0 else HELD,
         )  # fmt: skip
         if contact.force > 0.0:
-            unrest.watch(own.rest, force, vector(proximity.slip), dt)
+            rate = moved / dt
+            unrest.watch(own.rest, force, (rate * v[0], rate * v[1], rate * v[2]), dt)
         put(own.z, z)
         put(own.normal, normal)
         put(own.slack, slack)

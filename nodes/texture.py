@@ -13,6 +13,7 @@ from palpate.messages import Contact, Friction, Proximity, Vector3
 from palpate.messages.record import array_handle
 from palpate.messages.vibration import Vibration
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError, Wants
+from palpate.nodes.base.samples import SLID, slid
 from palpate.nodes.base.texture_file import read_texture, tabulated
 from palpate.physics.device import random_numbers
 from palpate.physics.device.random_numbers import seeded
@@ -20,30 +21,33 @@ from palpate.physics.texture import surface
 from palpate.physics.texture.autoregressive import coefficients, filtered, innovation
 
 LONGEST = 0.1  # [s] longest block; a longer step is truncated
-FRICTION, PRESS, SLIP = Wants("force", "bristle", "stick", "stored"), Wants("force"), Wants("slip")
+FRICTION, PRESS = Wants("force", "bristle", "stick", "stored"), Wants("force")
+SLIP = Wants("slip", "foot", "normal", "gap")
 Positive, Share = msgspec.Meta(gt=0), msgspec.Meta(ge=0, le=1)
 
 
 @kernel(error_model="numpy")
 def slide(own, friction, contact, proximity, dt):
-    """Sliding speed [m/s], bound of the fluctuation [N], and sliding direction (3) [1] in this step.
+    """Sliding speed [m/s], bound of the fluctuation [N], sliding direction (3) [1], and time [s] since the last sample
+    of the position, 0 if it is repeated.
 
     With friction f, slip velocity v, time step T and bristle energy V, the bound is a share of the dissipative part of
     friction, (f.v T - dV)/|v T| <= |f|. Friction plus fluctuation therefore dissipates for every texture.
     """
-    v, z, f = vector(proximity.slip), vector(friction.bristle), vector(friction.force)
+    moved, v = slid(own.motion, proximity, dt)
+    z, f, dt = vector(friction.bristle), vector(friction.force), moved if moved > 0.0 else dt
     stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
     released, speed = own.stored - stored, math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     strained = v[0] * (z[0] - own.bristle[0]) + v[1] * (z[1] - own.bristle[1]) + v[2] * (z[2] - own.bristle[2])
     put(own.bristle, z)
     own.stored = stored
     if friction.stick or not contact.force > 0.0 or not speed * dt > 0.0:
-        return 0.0, 0.0, (0.0, 0.0, 0.0)
+        return 0.0, 0.0, (0.0, 0.0, 0.0), moved
     sliding = min(max(speed - strained / (speed * dt), 0.0), speed)
     lost = f[0] * v[0] + f[1] * v[1] + f[2] * v[2] + released / dt  # [W]
     size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
     bound = own.share * min(max(lost, 0.0) / speed, size) if sliding > 0.0 else 0.0
-    return sliding, bound, (v[0] / speed, v[1] / speed, v[2] / speed)
+    return sliding, bound, (v[0] / speed, v[1] / speed, v[2] / speed), moved
 
 
 @kernel(error_model="numpy")
@@ -87,17 +91,26 @@ class _TextureNode(CompiledNode):
     normal: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.0
     onset: Annotated[float, "m/s", Positive] = 2e-3
 
-    State = {"samples": ARRAY, "upright": ARRAY, "bristle": (3,), "stored": (), "begun": (), "amplitude": ()}
+    State = {"samples": ARRAY, "upright": ARRAY, "bristle": (3,), "stored": (), "begun": (), "amplitude": (),
+             "motion": SLID}  # fmt: skip
     """One block of samples, lateral and normal [N]; bristle deflection [m] and energy [J] of the last step; elapsed
-    fraction of the current sample; last amplitude [N]."""
+    fraction of the current sample; last amplitude [N]; sample of the position."""
+
+    def start(self) -> None:
+        super().start()
+        self.own["motion"]["sampled"] = -1
 
     @kernel
     def idle(own, friction, contact, proximity, out, vibration, dt):
         if contact.force > 0.0 or own.amplitude != 0.0 or own.begun != 0.0 or vibration.speed != 0.0:
             return False
         stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
-        same = own.stored == stored and out.stick == friction.stick and vector(own.bristle) == vector(friction.bristle)
-        return same and vector(out.force) == vector(friction.force)
+        if own.stored != stored or out.stick != friction.stick or vector(own.bristle) != vector(friction.bristle):
+            return False
+        if vector(out.force) != vector(friction.force):
+            return False
+        slid(own.motion, proximity, dt)
+        return True
 
     def room(self, sampling: float) -> None:
         """Allocate blocks for this sampling rate [Hz]."""
@@ -134,9 +147,10 @@ class Spectral(_TextureNode):
     sampling: Annotated[float, "Hz", msgspec.Meta(ge=100, le=1e5)] = 10e3
     seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
-    State = _TextureNode.State | {"table": ARRAY, "spacing": (), "place": (), "fastest": (), "axis": (3,), "late": bool}
+    State = _TextureNode.State | {"table": ARRAY, "spacing": (), "place": (), "fastest": (), "axis": (3,), "late": bool,
+                                   "ahead": ()}  # fmt: skip
     """One period [1] and its spacing [m]; position in it [m]; highest speed [m/s], above which the texture is silent;
-    unit direction."""
+    unit direction; path since the last sample of the position, at its speed [m]."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -204,15 +218,19 @@ class Spectral(_TextureNode):
         proximity: Annotated[Proximity, SLIP], out: Out[Friction], vibration: Out[Vibration], dt,
     ):  # fmt: skip
         dt = min(dt, LONGEST)
-        sliding, bound, d = slide(own, friction, contact, proximity, dt)
+        sliding, bound, d, moved = slide(own, friction, contact, proximity, dt)
         count, first = block(own, dt)
         samples, table = floats(own.samples), floats(own.table)
         # Speed along the profile: its component along the axis of the texture, if it has one.
         x, along = own.axis, sliding
         if x[0] != 0.0 or x[1] != 0.0 or x[2] != 0.0:
             along = sliding * (x[0] * d[0] + x[1] * d[1] + x[2] * d[2])
-        # Sample the periodic profile by linear interpolation, and advance the position in it.
+        # Sample the periodic profile by linear interpolation, and advance the position in it. While a network repeats
+        # the last position, the vibration continues at the last speed; the next position replaces this path.
         n = len(table)
+        if moved > 0.0:
+            own.place += along * (moved - dt) - own.ahead
+        own.ahead = own.ahead + along * dt if moved == 0.0 else 0.0
         for i in range(count):
             place = (own.place + along * (first + i / own.sampling)) / own.spacing
             whole = math.floor(place)
@@ -273,7 +291,7 @@ class Autoregressive(_TextureNode):
         proximity: Annotated[Proximity, SLIP], out: Out[Friction], vibration: Out[Vibration], dt,
     ):  # fmt: skip
         dt = min(dt, LONGEST)
-        sliding, bound, d = slide(own, friction, contact, proximity, dt)
+        sliding, bound, d, _ = slide(own, friction, contact, proximity, dt)
         count, first = block(own, dt)
         samples, row, amplitude = floats(own.samples), floats(own.row), 0.0
         if sliding > 0.0:

@@ -8,7 +8,6 @@ time with the lateral stiffness k of all beams in contact.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -86,6 +85,8 @@ def draw(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    target = (Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent) / "beam-bundle-angles.png"
+    from target import folder
+
+    target = folder(__doc__) / "beam-bundle-angles.png"
     draw(target)
     print(target)

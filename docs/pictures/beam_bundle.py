@@ -15,7 +15,6 @@ Every curve is a run of the graph `fingertip-slide` with some settings changed, 
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 from functools import cache
 from itertools import count
@@ -162,4 +161,6 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    from target import folder
+
+    main(folder(__doc__))

@@ -8,7 +8,6 @@ experiment-page.png       a question on the page; needs Chromium
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
@@ -73,4 +72,6 @@ def page(target: Path) -> Path:
 
 
 if __name__ == "__main__":
-    print(*main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent), sep="\n")
+    from target import folder
+
+    print(*main(folder(__doc__)), sep="\n")

@@ -7,7 +7,6 @@ fit-models.png    all five regressions of the force and of its scatter
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
@@ -32,5 +31,7 @@ def main(folder: Path) -> list[Path]:
 
 
 if __name__ == "__main__":
-    for written in main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent):
+    from target import folder
+
+    for written in main(folder(__doc__)):
         print(written)

@@ -9,7 +9,6 @@ python docs/pictures/gallery.py nodule     # one
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 
@@ -60,8 +59,8 @@ def shrink(source: Path, target: Path) -> None:
         small.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=8).save(target, optimize=True)
 
 
-def main() -> None:
-    for name in sys.argv[1:] or names():
+def main(graphs: list[str]) -> None:
+    for name in graphs or names():
         with tempfile.TemporaryDirectory() as folder:
             target = FOLDER / f"gallery-{name}.png"
             shrink(drawn(name, Path(folder)), target)
@@ -69,4 +68,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    from target import parser
+
+    given = parser(__doc__)
+    given.add_argument("graphs", nargs="*", help="launch files; all if none is given")
+    main(given.parse_args().graphs)

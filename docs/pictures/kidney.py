@@ -43,4 +43,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    from target import parser
+
+    parser(__doc__).parse_args()
     main()

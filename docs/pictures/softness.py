@@ -9,7 +9,6 @@ softness-band.png     force of the kidney and of a measured subject: `palpate ru
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
@@ -43,5 +42,7 @@ def main(folder: Path) -> list[Path]:
 
 
 if __name__ == "__main__":
-    for written in main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent):
+    from target import folder
+
+    for written in main(folder(__doc__)):
         print(written)

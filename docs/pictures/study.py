@@ -6,7 +6,6 @@ study-sensitivity.png  sensitivity of the force to the parameters: `palpate stud
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 
@@ -29,4 +28,6 @@ def main(folder: Path) -> list[Path]:
 
 
 if __name__ == "__main__":
-    print(*main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent), sep="\n")
+    from target import folder
+
+    print(*main(folder(__doc__)), sep="\n")

@@ -6,7 +6,6 @@ train.png  docs/examples/trained/*.json, which docs/examples/train.py wrote, and
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import gymnasium
@@ -66,4 +65,6 @@ def main(folder: Path) -> list[Path]:
 
 
 if __name__ == "__main__":
-    print(*main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent), sep="\n")
+    from target import folder
+
+    print(*main(folder(__doc__)), sep="\n")

@@ -22,6 +22,7 @@ from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, ORGAN, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.network import unknown_delays
 from palpate.launch.load.plan import missing_senders
+from palpate.launch.load.resting import restless
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve, uncalibrated
@@ -147,6 +148,7 @@ def load(
         check_divisors(may, connections, faults)
         notes += unlike_areas(may, connections)
         notes += unknown_delays(may, connections, contents.rate)
+        notes += restless(may, connections, contents.rate)
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:

@@ -17,12 +17,14 @@ _CONDITION = re.compile(rf"\s*(not\s+)?{_PATH}\s*(?:(>=|<=|==|!=|>|<)\s*(.+?))?\
 
 
 class Scene:
-    """The data of a scene; `used` are the paths that were read."""
+    """The data of a scene; `used` are the paths that were read, `resolved` the checked settings of its nodes by class
+    and values as written."""
 
     def __init__(self, source: YamlSource) -> None:
         self.source = source
         self.data: dict[str, Any] = source.data
         self.used: set[str] = set()
+        self.resolved: dict[tuple[type, str], dict[str, Any]] = {}
 
     def has(self, path: str) -> bool:
         return self._find(path)[0]

@@ -11,6 +11,8 @@ from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, lend, lend_first, longs
 from palpate.messages import MessageError, Spikes, Subsurface
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
+from palpate.nodes.base.samples import GAP, sample_of
+from palpate.nodes.base.samples import since as elapsed
 from palpate.physics.afferents import fibre, population
 from palpate.physics.afferents.published import DENSITIES, DEPTHS, RATE, TYPES
 
@@ -24,7 +26,9 @@ class Afferents(CompiledNode):
 
     Each is one of the 17 macaque fibres of a published model, drawn with `seed`. Their positions are random on a disc
     of radius `reach` with the densities of a human fingertip, or those of the file `units`. Vibration acts through the
-    stress, at the rate of the messages. The same seed, inputs and rate result in the same spikes.
+    stress, at the rate of the messages. The same seed, inputs and rate result in the same spikes. While a network
+    repeats the stress, no spike is sent; the next message has those of the whole time since the last one, in which
+    the stress changes linearly.
     """
 
     effect = "tactile"
@@ -43,6 +47,7 @@ class Afferents(CompiledNode):
         "rows": TABLE, "state": TABLE, "since": ARRAY, "at": TABLE, "kind": ARRAY, "keys": ARRAY, "gain": ARRAY,
         "corners": TABLE, "weights": TABLE, "basis": TABLE, "unit": ARRAY, "moment": ARRAY, "rate": ARRAY,
         "points": int, "sample": int, "rest": (), "bad": int, "counts": (3,), "mean": (3,),
+        "sampled": int,  # [ns] time of the last stress; -1: unknown
     }  # fmt: skip
 
     def start(self) -> None:
@@ -67,6 +72,7 @@ class Afferents(CompiledNode):
         }  # fmt: skip
         for name, array in held.items():
             self.hold(name, array)
+        self.own["sampled"] = -1
         self.own["counts"] = np.maximum(np.bincount(made.kind, minlength=3), 1)
 
     def made(self) -> population.Population:
@@ -94,9 +100,14 @@ class Afferents(CompiledNode):
                 return
             own.points = len(tensor)
         # samples of this step, at RATE
-        span = min(dt, LONGEST)
+        moved = elapsed(own, sample_of(stress), dt)
+        if moved == 0.0:  # repeated by a network
+            lend_first(out.unit, own.unit, 0)
+            lend_first(out.moment, own.moment, 0)
+            return
+        span = min(moved if moved > GAP * dt else dt, LONGEST)
         count = int((own.rest + span) * RATE + 1e-6)
-        unit, moment, now = integers(own.unit), floats(own.moment), stress.time * 1e-9
+        unit, moment, now = integers(own.unit), floats(own.moment), (stress.time - stress.delayed) * 1e-9
         first, stride = (1.0 / RATE - own.rest) / span, 1.0 / RATE / span
         left = own.rest + span - count / RATE
         rows, keys, gain, basis = floats(own.rows), longs(own.keys), floats(own.gain), floats(own.basis)

@@ -53,6 +53,7 @@ class Stress(CompiledNode):
 
     @compiled(error_model="numpy")
     def compute(own, load: Annotated[Load, Wants("forces", "normal")], out: Out[Subsurface], dt):
+        out.delayed = load.delayed
         force = subsurface.along_patch(floats(load.forces), load.normal)
         subsurface.stress_of(floats(own.matrix), force, floats(own.stress))
         lend(out.points, own.points)

@@ -35,6 +35,14 @@ def test_the_force_ramps_up_within_the_ramp_time():
     assert 95 <= sum(v < 1.0 for v in x) <= 105
 
 
+def test_the_first_command_begins_the_ramp_at_any_time_of_the_clock():
+    """A monotonic clock is far from zero at the start; that time is no time of the ramp."""
+    guard, begin = Guard(WIDE), 10**15
+    guard.saw(DeviceSample(begin, position=(0.0,) * 3))
+    sent = [guard.apply((1.0, 0.0, 0.0), begin + k * MS, begin + k * MS)[0] for k in range(3)]
+    assert sent == approx([0.0, 0.01, 0.02])
+
+
 @pytest.mark.parametrize(
     ("name", "spoil"),
     [

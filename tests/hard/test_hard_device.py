@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.messages import Contact, Pose
+import palpate
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Friction, Pose
 from palpate.nodes.controller import Haptic
 from palpate.physics.device.falcon import FALCON, HOME, reachable
 
@@ -127,3 +129,32 @@ def test_without_contact_or_pose_the_force_is_zero_within_4_ms(delay, lacks):
     given = (None, None, pose) if lacks == "contact" else (contact(5e-3, 60.0), None, None)
     sizes = [node.step(*given, dt=1e-3).force[2] for _ in range(5)]
     assert sizes == approx([share * held.force[2] for share in (0.75, 0.5, 0.25, 0.0, 0.0)])
+
+
+@pytest.mark.parametrize("wrong", ["contact", "friction", "position", "velocity"])
+@pytest.mark.parametrize("number", [1e5, 1e12, 1e160, 1e300])
+def test_one_wrong_number_inside_the_graph_is_limited_and_forgotten(wrong, number):
+    """Compiled nodes have no bound, since Rigid sends meganewtons: the controller bounds what they do to the hand."""
+    bus, sent = FakeBus(Haptic()), []
+    for k in range(400):
+        depth, now = min(1e-5 * k, 2e-3), number if k == 300 else None
+        place = (now, 0.0, 0.0) if now and wrong == "position" else (0.0, 0.0, -depth)
+        speed = (now if now and wrong == "velocity" else 0.0, 0.0, 0.0)
+        rub = (now if now and wrong == "friction" else 0.0, 0.0, 0.0)
+        bus.hold("pose", Pose(position=place, velocity=speed, dt=1e-3))
+        bus.hold("friction", Friction(force=rub, bristle=(0.0, 0.0, 0.0), stick=False))
+        sent.append(bus.publish(contact(depth, now / depth if now and wrong == "contact" else 200.0))[0].force)
+    change = np.linalg.norm(np.diff(sent, axis=0), axis=1)
+    assert np.isfinite(sent).all() and change.max() <= 5.0 * (1 + 1e-9), "the slew rate in a tick"
+    assert sent[302] == approx((0.0, 0.0, 0.4)) and sent[399] == approx((0.0, 0.0, 0.4))
+
+
+def test_meganewtons_of_a_rigid_organ_reach_the_hand_within_the_limit_of_the_device():
+    path = "scene.hand.path=[{to: [0, 0, 0.06], time: 0.15, shape: linear}, {hold: 0.1}]"
+    keep = ["contact.force", "controller.force", "statics.torques"]
+    run = palpate.Ensemble("kidney", 1, keep=keep, duration=0.3, sets=[path, "tissue.use=deformation.Rigid"])
+    with pytest.warns(palpate.PalpateWarning, match="meaningless"):
+        felt = run.run(quiet=True)
+    assert np.asarray(felt["contact.force"]).max() > 1e5
+    assert np.linalg.norm(np.asarray(felt["controller.force"]), axis=2).max() <= 9.0 * (1 + 1e-9)
+    assert np.abs(np.asarray(felt["statics.torques"])).max() <= FALCON.limit * (1 + 1e-9)

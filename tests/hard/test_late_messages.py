@@ -1,5 +1,5 @@
-"""Late messages do not raise the contact force: a stopped sender and a poor network in the graph `remote`, and a
-`transport.Delay` on any edge of the shipped graphs.
+"""Late messages do not raise contact force or friction: a stopped sender and a poor network in the graph `remote`, and
+a `transport.Delay` on any edge of the shipped graphs.
 
 `Delay` repeats the last pose and then jumps. A contact that took the jump for the motion of one tick had 13 times the
 force; a body with a late load, whose law seemed to be of this tick, 7 times.
@@ -32,6 +32,7 @@ LATE = [
     (0, 0, 0.3), (0, 0, 0.95), (20, 5, 0.0), (20, 20, 0.3),
 ]  # fmt: skip
 """Delay, jitter [ms] and loss."""
+SLOW = {"fingertip-slide": 4}  # [1] divisor of the number of networks: a run takes 10 s of processor time
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +72,17 @@ def test_a_stopped_finger_on_the_far_side_of_a_network_causes_no_spike(chain, le
         assert felt.contact <= OVER * undisturbed(run, felt.places), begin
 
 
-def check(graph: str, count: int, seed: int, folder, sets=()) -> None:  # type: ignore[no-untyped-def]
+def test_random_networks_on_an_edge_raise_neither_contact_force_nor_friction(tmp_path):
+    """A fast part of the search below: a press and a stroke of the kidney."""
+    sets = ("scene.surface.vertices=600", "scene.hand.begin=[-0.01, 0, 0.110]",
+            "scene.hand.path=[{to: [-0.01, 0, 0.0955], time: 0.15}, {to: [0.01, 0, 0.0955], time: 0.2},"
+            "{to: [0, 0, 0.0955], time: 0.08}]")  # fmt: skip
+    check("kidney", 8, 11, tmp_path, sets, 440)
+
+
+def check(graph: str, count: int, seed: int, folder, sets=(), ticks=0) -> None:  # type: ignore[no-untyped-def]
     launch, random_ = find(graph).but(overrides=sets), random.Random(seed)
-    ticks, found = round(1000 * (launch.duration or 1.0)), edges(launch)
+    ticks, found = ticks or round(1000 * (launch.duration or 1.0)), edges(launch)
     base = forces(graph, [], folder, sets, ticks)
     for _ in range(count):
         late = draw(found, random_)
@@ -83,9 +92,12 @@ def check(graph: str, count: int, seed: int, folder, sets=()) -> None:  # type: 
 
 @pytest.mark.long
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("graph", ["kidney", "remote", "pinch", "palpate-two", "organs", "nodule"])
-def test_random_networks_in_shipped_graphs_do_not_raise_the_contact_force(graph, tmp_path):
-    check(graph, int(os.environ.get("PALPATE_LATE", 40)), 5, tmp_path)
+@pytest.mark.parametrize("graph", [
+    "kidney", "remote", "pinch", "palpate-two", "organs", "nodule", "texture", "fingertip-slide",
+    "softness",
+])  # fmt: skip
+def test_random_networks_in_shipped_graphs_raise_neither_contact_force_nor_friction(graph, tmp_path):
+    check(graph, int(os.environ.get("PALPATE_LATE", 40)) // SLOW.get(graph, 1), 5, tmp_path)
 
 
 @pytest.mark.long
@@ -103,7 +115,8 @@ def test_one_late_finger_of_two_causes_no_spike(tmp_path):
     sets = ("scene.surface.vertices=800",)
     late = [Late("collision-thumb", "joint", "proximity", 40, 0, 0.7, 5)]
     base, felt = (forces("pinch", given, tmp_path, sets, 1200) for given in ([], late))
-    assert all(0.8 * base[s].max() < felt[s].max() <= OVER * base[s].max() for s in base)
+    assert all(felt[s].max() <= OVER * base[s].max() for s in base)
+    assert all(felt[s].max() > 0.8 * base[s].max() for s in base if s.startswith("contact"))
 
 
 # -- the age of a message ---------------------------------------------------------------------------------------------

@@ -1,6 +1,8 @@
 """Requirements for every shipped message type: docstrings agree with annotations, the wire form is plain msgpack."""
 
 import math
+import re
+from copy import copy
 
 import msgpack
 import msgspec
@@ -9,11 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import UNSET
+from pytest import approx
 
 from palpate.drivers.limits import LIMITS
 from palpate.messages import Friction, Load, Message, MessageError, check_finite, fields, pack, unpack
-from palpate.messages.checks import PLAUSIBLE, check_plausible
+from palpate.messages.checks import check_plausible, plausible_check
 from palpate.messages.docs import documented, message_types
+from palpate.messages.fields import MOST
 
 KINDS = list(message_types().values())
 ids = [kind.__name__ for kind in KINDS]
@@ -218,14 +222,41 @@ def test_arrays_with_the_same_length_symbol_have_equal_lengths():
         Load(nodes=np.zeros(3, "<i4"), forces=np.zeros((2, 3)), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
 
 
-def test_a_plausible_value_is_at_most_1000_times_the_limits_of_a_device():
+def test_forces_and_torques_are_bounded_by_1000_times_the_limits_of_a_device():
     """1e300 N from a node in Python was finite, and the hand lost its force without a sign."""
     limits = LIMITS.values()
     most = {
         "N": max(each.command for each in limits if not each.each),
         "N m": max(each.command for each in limits if each.each),
     }  # fmt: skip
-    assert pytest.approx(PLAUSIBLE, rel=0.01) == {unit: 1000 * value for unit, value in most.items()}
+    assert {unit: MOST[unit][0] for unit in most} == approx({unit: 1000 * value for unit, value in most.items()}, 0.01)
+
+
+NUMBERS = [
+    pytest.param(kind, field, id=f"{kind.__name__}.{field.name}")
+    for kind in KINDS for field in fields(kind)
+    if field.element is float or field.type is float or (field.dtype is not None and field.dtype.kind == "f")
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "field"), NUMBERS)
+def test_every_number_of_every_message_has_a_bound_with_a_reason(kind, field):
+    assert field.most < np.inf and field.why
+    value = np.asarray(getattr(kind.example(True), field.name), float)
+    if not value.size:  # of open length, and empty in the example
+        value = np.zeros(tuple(length if isinstance(length, int) else 3 for length in field.shape))
+    value = np.zeros_like(value)
+    for most, good in ((field.most, True), (1.0001 * field.most, False), (-1e300, False)):
+        value.flat[-1] = most
+        given = value.item() if not field.shape else tuple(value.tolist()) if field.dtype is None else value.copy()
+        message = copy(kind.example(True))
+        msgspec.structs.force_setattr(message, field.name, given)
+        assert plausible_check(kind)(message) or not good
+        if good:
+            check_plausible(message)
+        else:
+            with pytest.raises(MessageError, match=rf"{kind.__name__}.{field.name} .*found .*{re.escape(field.why)}"):
+                check_plausible(message)
 
 
 @pytest.mark.parametrize("value", [10001.0, -10001.0, 1e300])

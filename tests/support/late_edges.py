@@ -1,5 +1,5 @@
-"""Shipped graphs with a `transport.Delay` on some of their edges, and the contact forces of the same motion of the
-hand: the hand feels nothing, so it moves as without delays."""
+"""Shipped graphs with a `transport.Delay` on some of their edges: the forces of contact and friction, and the heights
+of pins, in the same motion of the hand. The hand feels nothing, so it moves as without delays."""
 
 import random
 from pathlib import Path
@@ -9,8 +9,11 @@ import numpy as np
 
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.plan import plan
+from palpate.messages import Message
 from palpate.nodes.controller import Haptic
 from palpate.stepping import Stepper
+
+FELT = ("Contact", "Friction", "Pins")  # messages with a force on the finger, or heights of pins
 
 
 class Late(NamedTuple):
@@ -34,15 +37,24 @@ def edges(launch: LaunchFile) -> list[tuple[str, str, str]]:
 def draw(found: list[tuple[str, str, str]], random_: random.Random) -> list[Late]:
     """Delays of one to three of these edges."""
     late = []
-    for edge in random_.sample(found, random_.choice([1, 1, 2, 3])):
+    for edge in random_.sample(found, min(random_.choice([1, 1, 2, 3]), len(found))):
         delay = random_.choice([0, 1, 3, 10, 20, 40])
         jitter = delay * random_.choice([0, 0.3, 1])
         late.append(Late(*edge, delay, jitter, random_.choice([0, 0.1, 0.3, 0.7, 0.95]), random_.randint(0, 99)))
     return late
 
 
+def node_of(stream: str) -> str:
+    return stream.partition(".")[0]
+
+
+def size(message: Message | None) -> float:
+    """Magnitude of the force [N] or of the heights [m] of a message; None: 0."""
+    return float(np.linalg.norm(getattr(message, "heights", getattr(message, "force", 0.0))))
+
+
 def forces(graph: str, late: list[Late], folder: Path, sets: tuple[str, ...], ticks: int) -> dict[str, np.ndarray]:
-    """The contact force [N] (k) of each finger, on the simulated clock, with these delays."""
+    """Magnitudes (k) of contact force and friction [N] and of pins [m], on the simulated clock, with these delays."""
     planned = plan(find(graph).but(overrides=sets).load())
     lines = [f"extends: {graph}", *(["nodes:"] if late else [])]
     ports: dict[tuple[str, str], list[str]] = {}
@@ -63,7 +75,9 @@ def forces(graph: str, late: list[Late], folder: Path, sets: tuple[str, ...], ti
     numb = [f"{name}.limit=1e-9" for name, spec in planned.graph.nodes.items() if issubclass(spec.cls, Haptic)]
     stepper = Stepper(find(str(file)).but(overrides=(*sets, *numb)))
     stepper.start()
-    felt = [s for s, kind in planned.graph.streams.items() if kind.__name__ == "Contact" and s in stepper.plan.order]
-    rows = [[getattr(tick[s], "force", 0.0) for s in felt] for tick in (stepper.tick() for _ in range(ticks))]
+    felt = [
+        s for s, kind in planned.graph.streams.items() if kind.__name__ in FELT and node_of(s) in stepper.plan.order
+    ]
+    rows = [[size(tick[s]) for s in felt] for tick in (stepper.tick() for _ in range(ticks))]
     stepper.stop()
     return dict(zip(felt, np.array(rows).T, strict=True))

@@ -56,8 +56,8 @@ def resolve(
             if key in known:
                 given[key] = (value, place)
     given |= {key: (line.data[key], line.place(key)) for key in set_keys}
-    values = {}
     count = len(faults.entries)
+    filled = {}
     for key, setting in known.items():
         about = {"node": name, "setting": key, "unit": setting.unit}
         if key in given:
@@ -65,13 +65,22 @@ def resolve(
             before = len(faults.entries)
             value = scene.fill(value, faults, place, about)
             if len(faults.entries) == before:
-                values[key] = _checked(setting, value, place, about, faults)
+                filled[key] = value
         elif setting.default is ...:
             faults.add("missing", "It has no default.", line.place(), **about)
+    # Nodes of one class with the same values, as of many fingers, are checked once.
+    alike = cls, repr(filled)
+    if len(faults.entries) == count and alike in scene.resolved:
+        return dict(scene.resolved[alike])
+    values = {}
+    for key, value in filled.items():
+        about = {"node": name, "setting": key, "unit": known[key].unit}
+        values[key] = _checked(known[key], value, given[key][1], about, faults)
     if len(faults.entries) == count:
         try:
             node = cls(**values)
             values = {key: _plain(getattr(node, key)) for key in known}
+            scene.resolved[alike] = dict(values)
         except SettingError as error:
             faults.add(str(error), "", line.place(), node=name)
         except Exception as error:  # a user's constructor may fail in any way

@@ -43,7 +43,7 @@ class PythonLuGre(Node):
     def step(
         self,
         contact: Annotated[Contact, Wants("normal", "force")],
-        proximity: Annotated[Proximity, Wants("slip")],
+        proximity: Annotated[Proximity, Wants("slip", "foot", "normal", "gap")],
         *,
         dt: float,
     ) -> Friction:

@@ -6,7 +6,6 @@ state only after a command, which may be zero. Units: m, N.
 """
 
 import json
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from palpate.drivers.transport.websocket import WebSocket
 NAME = "Haply Inverse service"
 ADDRESS = "ws://localhost:10001"
 PATIENCE = 0.005  # [s] timeout for a state
+FARTHEST = 1e3  # [m] a coordinate beyond it is a fault of the service
 CALM = 10  # [1] cycles without backlog after which a state counts as current
 GRIPS = ("wireless_verse_grip", "verse_grip")
 
@@ -51,13 +51,13 @@ def entries(message: dict[str, Any], kind: str) -> list[Any]:
 
 
 def position(device: dict[str, Any]) -> tuple[float, float, float] | None:
-    """The cursor position [m] of a device's entry; None if missing."""
+    """The cursor position [m] of a device's entry; None if missing, not finite, or farther than `FARTHEST`."""
     try:
         given = device["state"]["cursor_position"]
         coordinates = float(given["x"]), float(given["y"]), float(given["z"])
     except (KeyError, TypeError, ValueError, OverflowError):
         return None
-    return coordinates if all(map(math.isfinite, coordinates)) else None
+    return coordinates if all(abs(each) <= FARTHEST for each in coordinates) else None
 
 
 def buttons(message: dict[str, Any]) -> int:

@@ -15,6 +15,7 @@ the allowed words. Optional attributes:
     stored(law, z, load)  kernel: energy [J] stored in the bristles, from which the ledger computes dissipation
     rescale               setting. True: a rising load gives the bristles at most the energy that it took from them
                           while it fell (requires `stored`)
+    stick(law, load)      spring [N/m] and damper [N s/m] of small motions in the stick, under a normal force [N]
     caution()             a warning about settings that let the law generate energy; "" for a passive law
 """
 

@@ -42,6 +42,11 @@ def energy(law, z, load):
     return 0.5 * law.stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 
 
+def stick(law, load: float) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+    """Spring [N/m] and damper [N s/m] of the stick under a normal force [N]."""
+    return law.stiffness, law.damping
+
+
 class Coulomb(NamedTuple):
     """Coulomb friction with a viscoelastic stick: a spring and damper that slip at mu times the normal force.
 
@@ -53,4 +58,4 @@ class Coulomb(NamedTuple):
     stiffness: Annotated[float, "N/m", "> 0"] = 500.0
     damping: Annotated[float, "N s/m", ">= 0"] = 1.5
 
-    advance, stored = coulomb, energy  # type: ignore[misc]
+    advance, stored, stick = coulomb, energy, stick  # type: ignore[misc]

@@ -60,6 +60,11 @@ def energy(law, z, load):
     return 0.5 * load * law.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 
 
+def stick(law, load: float) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+    """Spring f_n sigma0 [N/m] and damper f_n (sigma1 + sigma2) [N s/m] of the stick under a normal force f_n [N]."""
+    return load * law.bristle_stiffness, load * (law.bristle_damping + law.viscous)
+
+
 def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -> float:
     """sigma1 (mu_s - mu_c)/mu_c [s/m], the least sigma2 at which LuGre friction under constant load is passive
     (Barabanov & Ortega, IEEE Trans. Autom. Control 45, 2000, 675-686)."""
@@ -95,4 +100,4 @@ class LuGre(NamedTuple):
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise generate energy
     play: Annotated[float, "m", ">= 0"] = 0.0  # smaller motion does not relax the bristles; use half an encoder count
 
-    advance, stored, caution = lugre, energy, active  # type: ignore[misc]
+    advance, stored, stick, caution = lugre, energy, stick, active  # type: ignore[misc]
