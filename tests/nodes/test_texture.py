@@ -236,12 +236,12 @@ def test_a_grating_with_the_map_relief_changes_its_share_of_friction_with_the_di
         assert x[420:780] == approx(sign * x[:400][::-1][21:381], abs=1e-9), kind
 
 
-@pytest.mark.parametrize("beside", [0.5e-3, 1.3e-3])
-def test_with_a_direction_the_surface_stays_on_the_organ_after_a_lift(beside):
-    """The finger lifts, and lands beside its first place: the grating is where it was."""
+@pytest.mark.parametrize("offset", [0.5e-3, 1.3e-3])
+def test_with_a_direction_the_surface_stays_on_the_organ_after_a_lift(offset):
+    """The finger lifts, and lands at an offset from its first place: the grating is where it was."""
     node = Spectral(wavelength=2e-3, roughness=0.1, direction=(1, 0, 0))
     bus, found = FakeBus(node, contact=press(1.0), proximity=near(0.0)), []
-    for begin in (0.0, beside):
+    for begin in (0.0, offset):
         samples = []
         for k in range(40):
             bus.hold("contact", press(1.0))
@@ -252,7 +252,7 @@ def test_with_a_direction_the_surface_stays_on_the_organ_after_a_lift(beside):
             bus.hold("contact", press(0.0))
             bus.hold("proximity", near(0.3, at=7e-3))
             bus.publish(rubbed(0.0))
-    shift = round(beside / 1e-5)
+    shift = round(offset / 1e-5)
     assert found[1][50:250] == approx(found[0][50 + shift : 250 + shift], abs=1e-9)
 
 
