@@ -34,8 +34,9 @@ class Tactile(Message):
 class Subsurface(Message):
     """Stress below the patch, at points that move with it.
 
-    points         [m]     (k,3)  x and y from the foot point, and the depth; z points into the tissue, x lies along the
-                                  world's x axis (y axis if the normal is within 37 degrees of x)
+    points         [m]     (k,3)  x and y from the foot point, and depth; z points into the tissue, x starts along the
+                                  world's x axis (y axis if the first normal is within 37 degrees of x) and turns
+                                  with the normal by the smallest rotation
     stress         [Pa]    (k,6)  xx, yy, zz, yz, xz, xy along these axes; tension is positive
     von_mises      [Pa]    (v)    equivalent stress; v = k, 0 if no node reads it
     energy_density [J/m^3] (w)    strain energy density; w = k, 0 if no node reads it

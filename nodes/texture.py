@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -23,6 +23,7 @@ from palpate.physics.texture.autoregressive import coefficients, filtered, innov
 LONGEST = 0.1  # [s] longest block; a longer step is truncated
 FRICTION, PRESS = Wants("force", "bristle", "stick", "stored"), Wants("force")
 SLIP = Wants("slip", "foot", "normal", "gap")
+LOCK = 2e-3  # [m] path on which a deviation of the integrated path from the place on the organ decays to 1/e
 Positive, Share = msgspec.Meta(gt=0), msgspec.Meta(ge=0, le=1)
 
 
@@ -79,6 +80,16 @@ def send(own, friction, count, bound, direction, amplitude, sliding, dt, first, 
     vibration.sampling, vibration.speed = own.sampling, sliding
 
 
+@kernel
+def _silent(own, friction, contact, out, vibration):
+    """Whether a step without contact would change nothing."""
+    if contact.force > 0.0 or own.amplitude != 0.0 or own.begun != 0.0 or vibration.speed != 0.0:
+        return False
+    stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
+    same = own.stored == stored and out.stick == friction.stick and vector(own.bristle) == vector(friction.bristle)
+    return same and vector(out.force) == vector(friction.force)
+
+
 class _TextureNode(CompiledNode):
     """Settings of all textures. The output is the friction plus the mean of each block.
 
@@ -102,12 +113,7 @@ class _TextureNode(CompiledNode):
 
     @kernel
     def idle(own, friction, contact, proximity, out, vibration, dt):
-        if contact.force > 0.0 or own.amplitude != 0.0 or own.begun != 0.0 or vibration.speed != 0.0:
-            return False
-        stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
-        if own.stored != stored or out.stick != friction.stick or vector(own.bristle) != vector(friction.bristle):
-            return False
-        if vector(out.force) != vector(friction.force):
+        if not _silent(own, friction, contact, out, vibration):
             return False
         slid(own.motion, proximity, dt)
         return True
@@ -122,22 +128,27 @@ class Spectral(_TextureNode):
     """A surface texture by its spatial spectrum, its wavelength or a measured profile.
 
     The fluctuation is phi(s) f_n, with the slip path s and the normal force f_n: a spatial frequency k is felt at k
-    times the sliding speed. Between the steps of the graph it is sampled at the rate `sampling`.
+    times the sliding speed. Between the steps of the graph it is sampled at the rate `sampling`. There are two kinds of
+    map. A *relief* has heights, and phi is its slope: the force of a slope does not depend on the direction of motion,
+    so a bump resists in front of its top and pushes behind it, forth and back. A *friction map* is a fluctuation of the
+    coefficient of friction: its force opposes the motion, so it changes its sign with the direction.
 
     spectrum        points of (spatial frequency [1/m], relative power density), with power laws between them
     wavelength      wavelength of a sinusoidal grating, instead of the spectrum; 0: no grating
-    profile         CSV file with s,height [m], instead of the spectrum: the fluctuation is the slope of the profile
+    profile         CSV file with s,height [m], a relief, or s,friction [m, 1], a friction map, instead of the spectrum
+    map             kind of the spectrum and the wavelength; a profile's columns determine its kind
     shortest        shortest wavelength of the profile that is resolved
     roughness       rms of the fluctuation over the normal force at 1 N and 0.1 m/s; 0 with a profile: as measured
     force_exponent, speed_exponent  exponents of the normal force and the sliding speed in the amplitude
-    direction       direction in which the path is measured, so that the way back passes the same surface; zero: the
-                    path is the accumulated slip
+    direction       direction along which the surface varies. The surface is then fixed to the organ: s is the
+                    coordinate of the contact along it, also after a lift. Zero: s is the accumulated slip
     speed           highest expected sliding speed
     """
 
     spectrum: Annotated[tuple[tuple[float, float], ...], "1/m, 1"] = ((50.0, 1.0), (200.0, 1.0), (2000.0, 0.01))
     wavelength: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
     profile: Annotated[str, "1"] = ""
+    map: Annotated[Literal["friction", "relief"], "1"] = "friction"
     shortest: Annotated[float, "m", Positive] = 0.2e-3
     roughness: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.05
     force_exponent: Annotated[float, "1", msgspec.Meta(ge=0, le=3)] = 1.0
@@ -148,9 +159,10 @@ class Spectral(_TextureNode):
     seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
     State = _TextureNode.State | {"table": ARRAY, "spacing": (), "place": (), "fastest": (), "axis": (3,), "late": bool,
-                                   "ahead": ()}  # fmt: skip
+                                   "ahead": (), "relief": bool, "pressed": bool}  # fmt: skip
     """One period [1] and its spacing [m]; position in it [m]; highest speed [m/s], above which the texture is silent;
-    unit direction; path since the last sample of the position, at its speed [m]."""
+    unit direction; path since the last sample of the position, at its speed [m]; whether it is a relief; whether the
+    finger pressed in the last step."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -182,6 +194,14 @@ class Spectral(_TextureNode):
         """Highest sliding speed [m/s] without aliasing."""
         return 0.5 * self.sampling / self.finest
 
+    @property
+    def is_relief(self) -> bool:
+        """Whether the fluctuation is the slope of heights, and not one of friction. SettingError: cannot be read."""
+        try:
+            return surface.has_heights(Path(self.profile)) if self.profile else self.map == "relief"
+        except (OSError, ValueError) as error:
+            raise SettingError(f"setting 'profile': {self.profile}: {error}") from None
+
     def period(self) -> tuple[np.ndarray, float]:
         """One period (n) [1] of the fluctuation over the normal force, and its spacing [m].
 
@@ -205,12 +225,20 @@ class Spectral(_TextureNode):
         self.own["spacing"], self.own["fastest"] = spacing, self.fit
         length = math.sqrt(sum(each * each for each in self.direction))
         self.own["axis"] = [each / length for each in self.direction] if length else 0.0
+        self.own["relief"] = self.is_relief
 
     def notes(self) -> list[str]:
         if hasattr(self, "own") and self.own["late"]:
             self._note_once(f"Spectral: the finger slid faster than {self.fit:.3g} m/s, the highest speed that fits "
                             f"{self.sampling:g} Hz; the texture was silent there")  # fmt: skip
         return super().notes()
+
+    @kernel
+    def idle(own, friction, contact, proximity, out, vibration, dt):
+        if own.pressed or not _silent(own, friction, contact, out, vibration):
+            return False
+        slid(own.motion, proximity, dt)
+        return True
 
     @kernel(error_model="numpy")
     def compute(
@@ -221,16 +249,25 @@ class Spectral(_TextureNode):
         sliding, bound, d, moved = slide(own, friction, contact, proximity, dt)
         count, first = block(own, dt)
         samples, table = floats(own.samples), floats(own.table)
-        # Speed along the profile: its component along the axis of the texture, if it has one.
-        x, along = own.axis, sliding
+        n, x, along, facing = len(table), own.axis, sliding, 1.0
         if x[0] != 0.0 or x[1] != 0.0 or x[2] != 0.0:
-            along = sliding * (x[0] * d[0] + x[1] * d[1] + x[2] * d[2])
-        # Sample the periodic profile by linear interpolation, and advance the position in it. While a network repeats
-        # the last position, the vibration continues at the last speed; the next position replaces this path.
-        n = len(table)
+            # Speed along the axis; the share of a slope's force, which lies along the axis, in the direction of slip.
+            cosine = x[0] * d[0] + x[1] * d[1] + x[2] * d[2]
+            along, facing = sliding * cosine, cosine if own.relief else 1.0
+        # While a network repeats the last position, the vibration continues at the last speed; the next position
+        # replaces this path.
         if moved > 0.0:
             own.place += along * (moved - dt) - own.ahead
         own.ahead = own.ahead + along * dt if moved == 0.0 else 0.0
+        landed = contact.force > 0.0 and not own.pressed
+        own.pressed = contact.force > 0.0
+        if (moved > 0.0 or landed) and (x[0] != 0.0 or x[1] != 0.0 or x[2] != 0.0):
+            # The skin at the contact lags the foot point by the deflection of the bristles.
+            at, z = proximity.foot, friction.bristle
+            apart = x[0] * (at[0] - z[0]) + x[1] * (at[1] - z[1]) + x[2] * (at[2] - z[2]) - along * dt - own.place
+            apart -= math.floor(apart / (n * own.spacing) + 0.5) * (n * own.spacing)
+            own.place += apart if landed else apart * min(abs(along) * dt / LOCK, 1.0)
+        # Sample the periodic profile by linear interpolation, and advance the position in it.
         for i in range(count):
             place = (own.place + along * (first + i / own.sampling)) / own.spacing
             whole = math.floor(place)
@@ -245,7 +282,7 @@ class Spectral(_TextureNode):
             amplitude *= contact.force ** (own.force_exponent - 1.0)
         if own.speed_exponent != 0.0 and amplitude > 0.0:
             amplitude *= (sliding / 0.1) ** own.speed_exponent
-        send(own, friction, count, bound, d, amplitude, sliding, dt, first, out, vibration)
+        send(own, friction, count, bound, d, amplitude * facing, sliding, dt, first, out, vibration)
 
 
 class Autoregressive(_TextureNode):

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.kernel import kernel as compiled
-from palpate.compiler.records import floats, lend
+from palpate.compiler.records import floats, lend, put, vector
 from palpate.messages import Load, Subsurface, Vector
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
 from palpate.physics.contact import subsurface
@@ -17,7 +17,8 @@ class Stress(CompiledNode):
 
     The stress of an elastic half-space under the load of spread.Kernel: a constant matrix times its force. It is that
     of the tissue or, with `young` and `poisson` of the skin, that of the finger. `radius` and `kernel` must be those of
-    spread.Kernel. `every: 10` runs the node at 10 % of the rate.
+    spread.Kernel. The axes of the patch turn with its normal by the smallest rotation, also in the air, so that the
+    receptors do not turn about the normal. `every: 10` runs the node at 10 % of the rate.
     """
 
     effect = "tactile"
@@ -32,7 +33,9 @@ class Stress(CompiledNode):
 
     mises = Part("tactile", "von_mises", about="The equivalent stress.")
     energy = Part("tactile", "energy_density", about="The strain energy density.")
-    State = {"matrix": TABLE, "points": TABLE, "stress": TABLE, "equivalent": ARRAY, "density": ARRAY}
+    State = {"matrix": TABLE, "points": TABLE, "stress": TABLE, "equivalent": ARRAY, "density": ARRAY,
+             "axis": (3,), "normal": (3,)}  # fmt: skip
+    """Matrix from force to stress; answers; x axis of the patch (0: none yet) and the normal to which it belongs."""
 
     def start(self) -> None:
         super().start()
@@ -54,7 +57,10 @@ class Stress(CompiledNode):
     @compiled(error_model="numpy")
     def compute(own, load: Annotated[Load, Wants("forces", "normal")], out: Out[Subsurface], dt):
         out.delayed = load.delayed
-        force = subsurface.along_patch(floats(load.forces), load.normal)
+        axis = subsurface.next_axis(vector(own.axis), vector(own.normal), vector(load.normal))
+        put(own.axis, axis)
+        put(own.normal, vector(load.normal))
+        force = subsurface.along_patch(floats(load.forces), load.normal, axis)
         subsurface.stress_of(floats(own.matrix), force, floats(own.stress))
         lend(out.points, own.points)
         lend(out.stress, own.stress)

@@ -23,9 +23,9 @@ def press(force):
     )  # fmt: skip
 
 
-def near(speed, across=0.0):
+def near(speed, across=0.0, at=0.0):
     return Proximity(
-        foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0, gap=0, approach=0, slip=(speed, across, 0)
+        foot=(at, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0, gap=0, approach=0, slip=(speed, across, 0)
     )
 
 
@@ -158,14 +158,114 @@ def test_blocks_are_continuous_at_any_rate_of_the_graph(sampling):
     assert np.abs(np.diff(quick)).max() < 1.01 * np.abs(quick).max() * 2 * np.pi * 20.0 / sampling
 
 
-def test_with_a_direction_a_reverse_stroke_meets_the_same_surface():
+def strokes(node, places, force=1.0, speed=0.1):
+    """Lateral samples (n) [N] of a finger at these places [m] of its foot point, one per tick of 1 ms, in contact."""
+    bus, samples = FakeBus(node, contact=press(force), proximity=near(0.0)), []
+    before = places[0]
+    for at in places:
+        v = (at - before) * 1e3
+        bus.hold("proximity", near(v, at=at))
+        samples.append(bus.publish(rubbed(force, mu=0.5 * np.sign(v)))[0][1].lateral)
+        before = at
+    return np.concatenate(samples)
+
+
+def forth_and_back(first=0.0, path=2e-3, step=1e-4):
+    there = np.arange(first, first + path + 0.5 * step, step)
+    return np.concatenate([there, there[-2::-1]])
+
+
+def test_a_friction_map_is_met_again_on_the_way_back_and_opposes_the_motion_there_too():
     node = Spectral(spectrum=SPECTRUM, direction=(2.0, 0.0, 0.0), roughness=0.05)
-    bus = FakeBus(node, contact=press(1.0), proximity=near(0.1))
-    forth = np.concatenate([v.lateral for _, v in bus.publish(*[rubbed(1.0)] * 20)])
-    bus.hold("proximity", near(-0.1))
-    back = Friction(force=(-0.5, 0, 0), bristle=(0, 0, 0), stick=False)
-    returned = np.concatenate([v.lateral for _, v in bus.publish(*[back] * 20)])
-    assert returned[:180] == approx(forth[::-1][1:181], abs=1e-9)
+    x = strokes(node, forth_and_back())[10:]
+    assert x.std() > 0.01 and x[220:380] == approx(x[:200][::-1][21:181], abs=1e-9)
+
+
+FLANKS = (4.5e-3, 5.5e-3)
+
+
+def gauss(s):
+    return np.exp(-0.5 * ((s - 5e-3) / 0.5e-3) ** 2)
+
+
+def profile_file(tmp_path, column, size):
+    """A bump of 0.5 mm standard deviation at 5 mm of a profile of 10 mm."""
+    s = np.linspace(0.0, 10e-3, 2001)
+    rows = np.column_stack([s, size * gauss(s)])
+    np.savetxt(tmp_path / "bump.csv", rows, delimiter=",", header=f"s,{column}", comments="")
+    return str(tmp_path / "bump.csv")
+
+
+def over_the_bump(profile):
+    """Mean force along x on the left and the right flank of the bump, of a stroke forth and one back."""
+    node = Spectral(profile=profile, roughness=0.0, direction=(1, 0, 0), shortest=0.5e-3)
+    places = forth_and_back(3e-3, 4e-3, 2e-5)
+    direction = np.sign(np.diff(places, prepend=places[0]))
+    along_x = strokes(node, places).reshape(len(places), -1).mean(axis=1) * direction
+    middle = places - 1e-5 * direction  # of the path in a tick
+    return [[along_x[(abs(middle - flank) < 0.2e-3) & (direction == way)].mean() for flank in FLANKS]
+            for way in (1.0, -1.0)]  # fmt: skip
+
+
+def near_flanks(values):
+    """Mean of a function of the place [m] near each flank."""
+    return [values(np.linspace(flank - 0.2e-3, flank + 0.2e-3, 401)).mean() for flank in FLANKS]
+
+
+def test_a_bump_of_a_relief_is_a_bump_forth_and_back(tmp_path):
+    """The force of the slope of h on the body is f_n h' along x for both directions of motion: a finger is pushed away
+    from the top on both flanks."""
+    forth, back = over_the_bump(profile_file(tmp_path, "height", 1e-4))
+    slope = near_flanks(lambda s: -1e-4 * (s - 5e-3) / 0.5e-3**2 * gauss(s))
+    assert slope[0] > 0.1 > -0.1 > slope[1]
+    assert forth == approx(slope, rel=0.02) and back == approx(slope, rel=0.02)
+
+
+def test_a_patch_of_higher_friction_resists_forth_and_back(tmp_path):
+    forth, back = over_the_bump(profile_file(tmp_path, "friction", 0.2))
+    mean = 0.2 * np.sqrt(2 * np.pi) * 0.5e-3 / 10e-3
+    more = near_flanks(lambda s: 0.2 * gauss(s) - mean)
+    assert forth == approx(more, rel=0.02) and back == approx([-each for each in more], rel=0.02)
+
+
+def test_a_grating_with_the_map_relief_changes_its_share_of_friction_with_the_direction():
+    """Along the slip a slope's force changes its sign, a fluctuation of friction does not."""
+    places = forth_and_back(0.0, 4e-3)
+    for kind, sign in (("friction", 1.0), ("relief", -1.0)):
+        x = strokes(Spectral(wavelength=2e-3, map=kind, direction=(1, 0, 0), roughness=0.1), places)[10:]
+        assert x[420:780] == approx(sign * x[:400][::-1][21:381], abs=1e-9), kind
+
+
+@pytest.mark.parametrize("offset", [0.5e-3, 1.3e-3])
+def test_with_a_direction_the_surface_stays_on_the_organ_after_a_lift(offset):
+    """The finger lifts, and lands at an offset from its first place: the grating is where it was."""
+    node = Spectral(wavelength=2e-3, roughness=0.1, direction=(1, 0, 0))
+    bus, found = FakeBus(node, contact=press(1.0), proximity=near(0.0)), []
+    for begin in (0.0, offset):
+        samples = []
+        for k in range(40):
+            bus.hold("contact", press(1.0))
+            bus.hold("proximity", near(0.1, at=begin + 1e-4 * k))
+            samples.append(bus.publish(rubbed(1.0))[0][1].lateral)
+        found.append(np.concatenate(samples))
+        for _ in range(10):
+            bus.hold("contact", press(0.0))
+            bus.hold("proximity", near(0.3, at=7e-3))
+            bus.publish(rubbed(0.0))
+    shift = round(offset / 1e-5)
+    assert found[1][50:250] == approx(found[0][50 + shift : 250 + shift], abs=1e-9)
+
+
+def test_a_wrong_slip_velocity_does_not_move_the_surface_over_the_organ():
+    """A velocity that is 5 % too high shifts the grating by at most 5 % of `LOCK`."""
+    node = Spectral(wavelength=2e-3, roughness=0.1, direction=(1, 0, 0))
+    bus = FakeBus(node, contact=press(1.0), proximity=near(0.0))
+    for k in range(1000):
+        bus.hold("proximity", near(0.105, at=1e-4 * k))
+        bus.publish(rubbed(1.0))
+    period = 2e-3
+    apart = (float(node.own["place"]) - 999e-4 + period / 2) % period - period / 2
+    assert abs(apart) < 1.1 * 0.05 * 2e-3
 
 
 def test_a_profile_acts_by_its_slope(tmp_path):

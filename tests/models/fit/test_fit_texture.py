@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
+from palpate.models.fit.texture import rms_interval
 from palpate.nodes.base.texture_file import read_texture
 from palpate.physics.texture.autoregressive import line_spectrum, spectrum
 
@@ -53,7 +54,7 @@ def test_the_fit_recovers_the_models_and_predicts_the_held_out_speed(recording, 
     for model in found.models:
         assert min(abs(model.speed / speed - 1) for speed in SPEEDS) < 0.02
         low, high = model.interval
-        assert low < model.rms < high and high - low < 0.1 * model.rms
+        assert low < model.rms < high and high - low < 0.3 * model.rms
     speed, errors = found.held_out
     assert speed == approx(0.06, rel=0.02)
     assert max(abs(error) for frequency, error in errors if frequency < 800) < 2.0
@@ -109,3 +110,14 @@ def test_a_recording_that_is_not_text_is_an_error(tmp_path):
     (tmp_path / "bad.csv").write_bytes(bytes(range(256)))
     result = fit(tmp_path / "bad.csv")
     assert result.exit_code == 2 and "not a text file in UTF-8" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize(("windows", "wander", "least"), [(8, 0.0, 0.92), (40, 0.0, 0.92), (40, 0.2, 0.86)])
+def test_the_interval_is_right_for_windows_that_depend_on_each_other(windows, wander, least):
+    """Levels of windows with a gain that wanders with a time constant of 3 windows; 400 recordings, true rms 1."""
+    rng, inside = np.random.default_rng(2), 0
+    for _ in range(400):
+        log_gain = wander * lfilter([0.6975], [1.0, -np.exp(-1 / 3)], rng.normal(size=windows + 50))[50:]
+        low, high = rms_interval(rng.gamma(3.0, 1 / 3.0, windows) * np.exp(2.0 * log_gain - 2.0 * wander**2))
+        inside += low < 1.0 < high
+    assert least < inside / 400 < 0.99

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads its subpackages on first use
 from scipy.signal import butter, sosfiltfilt
 
 from palpate.models.fit.sessions import SessionError
@@ -25,7 +26,7 @@ RATIO = 1.25  # [1] largest ratio of the speeds, and of the forces, of one model
 LEAST = 8  # smallest number of windows of a model
 ORDERS = range(4, 41)
 LOWEST = 20.0  # [Hz] high-pass limit; the motion of the hand is below
-DRAWS = 400  # number of bootstrap samples
+SLOWEST = 4  # fluctuations from which the interval follows
 FORCES = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
 UNITS = {
     "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
@@ -162,15 +163,32 @@ def _models(cells: list[RecordedCell], sampling: float) -> list[Model]:
         size = cell.windows.size
         bic += size * np.log(yule_walker(covariance)[1]) + np.log(size) * np.arange(most + 1)
     order = ORDERS[0] + int(np.argmin(bic[ORDERS[0] :]))
-    random, models = np.random.default_rng(0), []
+    models = []
     for cell, covariance in zip(cells, covariances, strict=True):
         power = np.mean(cell.windows**2, axis=1)
-        drawn = np.sqrt(power[random.integers(0, len(power), (DRAWS, len(power)))].mean(axis=1))
-        low, high = (float(q) for q in np.quantile(drawn, (0.025, 0.975)))
         lsf = tuple(float(x) for x in line_spectrum(yule_walker(covariance[: order + 1])[0]))
         rms = float(np.sqrt(power.mean()))
-        models.append(Model(speed=cell.speed, force=cell.force, rms=rms, lsf=lsf, interval=(low, high)))
+        models.append(Model(speed=cell.speed, force=cell.force, rms=rms, lsf=lsf, interval=rms_interval(power)))
     return models
+
+
+def rms_interval(power: np.ndarray) -> tuple[float, float]:
+    """95 % interval of the rms from the powers (n) > 0 of n >= 8 successive windows.
+
+    Neighbouring windows are not independent: the gain of a stroke wanders, and a narrow band rings over a window. The
+    variance of the mean is therefore that of the slowest fluctuations, the first B = 4 cosines of the n logarithms,
+
+        c_j = sqrt(2/n) sum_k ln(power_k) cos(pi j (k - 1/2)/n),    s^2 = mean(c_j^2)/n,    ln power = ln mean +- t_B s
+
+    with Student's t of B degrees of freedom (U. K. Mueller, J. Econometrics 141 (2007) 1331-1352). It is nominal where
+    the windows forget within n/B; a wander that outlasts the stroke cannot be seen in it.
+    """
+    n, level = len(power), np.log(power)
+    order = np.arange(1, SLOWEST + 1)[:, None]
+    cosines = np.sqrt(2.0 / n) * np.cos(np.pi * order * (np.arange(n) + 0.5) / n) @ level
+    half = float(scipy.stats.t.ppf(0.975, SLOWEST) * np.sqrt(np.mean(cosines**2) / n))
+    middle = float(np.log(power.mean()))
+    return float(np.exp(0.5 * (middle - half))), float(np.exp(0.5 * (middle + half)))
 
 
 def _covariance(windows: np.ndarray, most: int) -> np.ndarray:

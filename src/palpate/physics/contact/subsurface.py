@@ -23,6 +23,7 @@ import numpy as np
 from palpate.compiler.exact import arctan2
 from palpate.compiler.kernel import kernel
 from palpate.physics.contact.spread import kernel_values
+from palpate.physics.friction.bristle import turn
 
 SHALLOWEST = 0.01  # [1] Minimum depth over the patch's radius; at shallower points the stress is the surface load
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # Components in Voigt order: xx, yy, zz, yz, xz, xy
@@ -87,16 +88,37 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
 
 
 @kernel(error_model="numpy")
-def along_patch(forces, normal):
+def first_axis(normal):
+    """Unit x axis (3) of a patch with this outward unit normal (3): along the projection of the world's x axis (y axis
+    if the normal is within 37 degrees of x)."""
+    n0, n1, n2 = normal[0], normal[1], normal[2]
+    x0, x1, x2 = (1.0 - n0 * n0, -n0 * n1, -n0 * n2) if abs(n0) < 0.8 else (-n1 * n0, 1.0 - n1 * n1, -n1 * n2)
+    long = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+    return x0 / long, x1 / long, x2 / long
+
+
+@kernel
+def next_axis(axis, before, normal):
+    """Unit x axis (3) of a patch whose outward unit normal turns from `before` to `normal` (3): `axis` (3) under the
+    smallest rotation between them (parallel transport). A rule by the normal alone would jump somewhere, because no
+    field of tangents is continuous on a sphere. On a closed path the axis turns by the solid angle that the normals
+    enclose. axis = 0: first call."""
+    if axis[0] == 0.0 and axis[1] == 0.0 and axis[2] == 0.0:
+        return first_axis(normal)
+    if before[0] == normal[0] and before[1] == normal[1] and before[2] == normal[2]:
+        return axis
+    return turn(axis[0], axis[1], axis[2], before[0], before[1], before[2], normal[0], normal[1], normal[2])
+
+
+@kernel(error_model="numpy")
+def along_patch(forces, normal, axis):
     """The sum [N] of forces (k,3) along the axes of a patch with this outward normal (3): z into the tissue, x along
-    the projection of the world's x axis (y axis if the normal is within 37 degrees of x)."""
+    `axis` (3), a unit tangent."""
     fx = fy = fz = 0.0
     for k in range(len(forces)):
         fx, fy, fz = fx + forces[k, 0], fy + forces[k, 1], fz + forces[k, 2]
     n0, n1, n2 = -normal[0], -normal[1], -normal[2]
-    x0, x1, x2 = (1.0 - n0 * n0, -n0 * n1, -n0 * n2) if abs(n0) < 0.8 else (-n1 * n0, 1.0 - n1 * n1, -n1 * n2)
-    long = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
-    x0, x1, x2 = x0 / long, x1 / long, x2 / long
+    x0, x1, x2 = axis
     y0, y1, y2 = n1 * x2 - n2 * x1, n2 * x0 - n0 * x2, n0 * x1 - n1 * x0
     return fx * x0 + fy * x1 + fz * x2, fx * y0 + fy * y1 + fz * y2, fx * n0 + fy * n1 + fz * n2
 

@@ -1,5 +1,8 @@
 """Texture of a surface: one period of a fluctuation phi(s) [1] along the path s [m]; the force is phi f_n.
 
+A relief of heights h acts by its slope, phi = h'(s), along the axis of s for every direction of motion. A friction map
+is a deviation of the coefficient of friction, whose force opposes the motion.
+
 At the sliding speed v a spatial frequency k [1/m] becomes the frequency f = k v, and a spatial spectrum S(k) [m]
 
     S_f(f) = f_n^2 S(f/v)/v    [N^2/Hz]
@@ -54,13 +57,36 @@ def grating(wavelength: float, rms: float) -> tuple[np.ndarray, float]:
     return rms * np.sqrt(2.0) * np.sin(2.0 * np.pi * np.arange(count) / count), wavelength / count
 
 
-def profile(path: Path, rms: float, shortest: float) -> tuple[np.ndarray, float]:
-    """Slope [1] of a measured height profile, repeated periodically, and its spacing [m]. The trend and wavelengths
-    below `shortest` [m] are removed. OSError, ValueError: cannot be read; states the reason.
+def has_heights(path: Path) -> bool:
+    """Whether a profile is a relief (column `height` [m]) and not a friction map (`friction` [1]). OSError, ValueError:
+    cannot be read."""
+    check_readable(path, MOST_TEXT)
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        head = [cell.strip() for cell in next(csv.reader(file), [])]
+    return "friction" not in head or "height" in head
 
-    path  CSV with the header `s,height` [m];  rms of the slope [1], 0: as measured
+
+def profile(path: Path, rms: float, shortest: float) -> tuple[np.ndarray, float]:
+    """Slope [1] of a height profile, or deviation [1] of a coefficient of friction from its mean, repeated
+    periodically, and its spacing [m]. The trend and wavelengths below `shortest` [m] are removed. OSError, ValueError:
+    cannot be read; states the reason.
+
+    path  CSV with the header `s,height` [m] or `s,friction` [m, 1];  rms of the result [1], 0: as measured
     """
-    s, height = read_table(path, "s", "height").T
+    heights = has_heights(path)
+    even, spacing = _evenly_spaced(path, "height" if heights else "friction", shortest)
+    k = np.fft.rfftfreq(len(even), spacing)
+    lines = np.fft.rfft(even) * (k <= 1.0 / shortest) * (k > 0.0)
+    found = np.fft.irfft(2j * np.pi * k * lines if heights else lines, len(even))
+    size = np.sqrt(np.mean(found * found))
+    if not size > 1e-9:
+        raise ValueError("it is flat")
+    return found * (rms / size if rms else 1.0), spacing
+
+
+def _evenly_spaced(path: Path, column: str, shortest: float) -> tuple[np.ndarray, float]:
+    """A column of a profile (n) without its trend, at even places, and their spacing [m]."""
+    s, values = read_table(path, "s", column).T
     if len(s) < 4 or not np.all(np.diff(s) > 0.0):
         raise ValueError("expected at least 4 rows with increasing s")
     count = int(np.ceil((s[-1] - s[0]) * POINTS / shortest))
@@ -68,14 +94,8 @@ def profile(path: Path, rms: float, shortest: float) -> tuple[np.ndarray, float]
         raise ValueError(f"it is {s[-1] - s[0]:.3g} m long; expected {4 * shortest / POINTS:.3g} to "
                          f"{MOST * shortest / POINTS:.3g} m")  # fmt: skip
     spacing = (s[-1] - s[0]) / count
-    even = np.interp(s[0] + spacing * np.arange(count), s, height - (height[-1] - height[0]) * (s - s[0]) / np.ptp(s))
-    k = np.fft.rfftfreq(count, spacing)
-    lines = np.fft.rfft(even) * (k <= 1.0 / shortest)
-    slope = np.fft.irfft(2j * np.pi * k * lines, count)
-    found = np.sqrt(np.mean(slope * slope))
-    if not found > 1e-9:
-        raise ValueError("it is flat")
-    return slope * (rms / found if rms else 1.0), spacing
+    level = values - (values[-1] - values[0]) * (s - s[0]) / np.ptp(s)
+    return np.interp(s[0] + spacing * np.arange(count), s, level), spacing
 
 
 def third_octaves(lowest: float, highest: float) -> np.ndarray:
@@ -91,7 +111,8 @@ def read_table(path: Path, *names: str) -> np.ndarray:
         rows = [(reader.line_num, row) for reader in [csv.reader(file)] for row in reader if row]
     head = [cell.strip() for cell in rows[0][1]] if rows else []
     if missing := [name for name in names if name not in head]:
-        raise ValueError(f"found the columns {', '.join(head) or 'none'}; expected {', '.join(missing)} too")
+        more = ", or friction" if "height" in missing else ""
+        raise ValueError(f"found the columns {', '.join(head) or 'none'}; expected {', '.join(missing)} too{more}")
     places, numbers = [head.index(name) for name in names], []
     for line, row in rows[1:]:
         try:
