@@ -1,17 +1,22 @@
 """Pictures label what a reader would misread: hold, steps of beams, stop of pins, scales, names of variants."""
 
+import itertools
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
+from msgspec import structs
 from pytest import approx
-from test_pictures import press, record
+from test_pictures import near, press, record
 
-from palpate.messages import Ledger, Pins, Slip, fields
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.messages import Friction, Ledger, Pins, Slip, fields
 from palpate.records.reader import Recording
 from palpate.views import pictures
-from palpate.views.pictures import compare, deformation, energy, force, pins
+from palpate.views.pictures import compare, compression, deformation, energy, force, grip, pins, style
 from palpate.views.pictures.touch import TouchStreams
 
 
@@ -40,8 +45,8 @@ def test_a_file_with_draw_and_an_order_is_a_picture():
 
 def test_the_hold_is_marked_with_its_duration_and_change(tmp_path):
     axes = force.draw(touch(tmp_path, c=held(1.0, 0.8))).axes[0]
-    label = next(line.get_label() for line in axes.lines if line.get_label().startswith("hold of"))
-    assert label == "hold of 0.10 s: -0.2 N"
+    label = next(line.get_label() for line in axes.lines if line.get_label().startswith("hold"))
+    assert label == "hold, 0.10 s (ring to dot): −0.20 N"
     ring, dot = (line for line in axes.lines if line.get_marker() == "o")
     assert ring.get_ydata() == approx([1.0]) and dot.get_ydata() == approx([0.8], abs=3e-3)
 
@@ -127,7 +132,7 @@ def test_the_scales_have_the_length_of_the_pixels(tmp_path):
     from palpate.views.pictures.style import figure
 
     axes = figure(4, 3, "").subplots()
-    axes.imshow(np.zeros((600, 1000, 3), dtype=np.uint8))
+    axes.imshow(np.zeros((600, 1000, 3), dtype=np.uint8))  # no corner is empty
     deformation._scales(axes, 1e-4, 0.02)
     bars = {text.get_text(): text for text in axes.texts if text.get_text()}
     assert set(bars) == {"10 mm", "0.5 N"}
@@ -135,3 +140,99 @@ def test_the_scales_have_the_length_of_the_pixels(tmp_path):
         abs(each.xy[0] - each.xyann[0]) for each in axes.texts if hasattr(each, "arrow_patch") and each.arrow_patch
     )
     assert spans == approx([100.0, 100.0])
+
+
+@pytest.mark.parametrize(("body", "corner"), [(np.s_[300:], (0.0, 0.0)), (np.s_[:, :600], (0.68, 0.8))])
+def test_the_scales_are_in_the_emptiest_corner(body, corner):
+    covered = np.zeros((600, 1000), dtype=bool)
+    assert deformation.emptiest(covered, 0.32, 0.2) == (0.0, approx(0.8))
+    covered[body] = True
+    assert deformation.emptiest(covered, 0.32, 0.2) == approx(corner)
+
+
+def test_one_of_the_moments_of_the_pins_is_nearest_to_the_nodule():
+    force, x = np.r_[0.0, np.ones(100), 0.0], np.linspace(-1.0, 1.0, 102)
+    plain, near = pins.moments(force), pins.moments(force, np.abs(x - 0.1))
+    nearest = int(np.abs(x - 0.1).argmin())
+    assert len(plain) == len(near) == pins.COLUMNS and nearest in near and nearest not in plain
+    assert len(set(plain) - set(near)) == 1
+
+
+def test_a_touch_that_slides_is_not_called_a_press(tmp_path):
+    feet = [(x, 0.0, 0.105) for x in np.linspace(0.0, 0.02, 60).tolist()]
+    depth = 1e-3 * np.r_[np.linspace(0, 1, 30), np.linspace(1, 0, 30)]
+    slid = force.draw(touch(tmp_path, c=[press(d, foot=f) for d, f in zip(depth.tolist(), feet, strict=True)]))
+    assert "moved 20 mm along the surface" in slid.get_suptitle()
+
+
+def test_a_rigid_body_has_no_share_of_the_approach_and_the_limit_of_the_fingertip_is_shown(tmp_path):
+    """A plate that yields by 1 nm: 3 mm are the fingertip's, whose soft tissue is 2 mm thick."""
+    depth = 1e-3 * np.r_[np.linspace(0, 3, 50), np.linspace(3, 0, 50)]
+    c = [structs.replace(press(1e-9, 1e3 * d), compression=d) for d in depth.tolist()]
+    plan = {"nodes": [{"name": "c", "class": "nowhere.Series", "settings": {"thickness": 2e-3}}]}
+    made = TouchStreams(Recording(record(tmp_path / "r.mcap", {"c": c}, plan)))
+    assert compression.draw(made) is None
+    labels = force.draw(made).axes[0].get_legend_handles_labels()[1]
+    assert any("law not valid" in label for label in labels)
+
+
+def test_the_bars_of_a_grip_show_when_a_finger_slides(tmp_path):
+    """A finger that sticks for 0.2 s, slides at 10 mm/s for 0.2 s, and creeps without sticking for 0.2 s."""
+    speed = np.repeat([0.0, 0.01, 1e-5], 200).tolist()
+    friction = [Friction(force=(0.1, 0.0, 0.0), bristle=(0.0, 0.0, 0.0), stick=v == 0.0) for v in speed]
+    made = touch(tmp_path, f=friction, p=[near(1e-3, (v, 0.0, 0.0)) for v in speed], c=[press(1e-3)] * 600)
+    time, found = grip.slides(made)
+    assert time[found].min() == approx(0.2, abs=0.03) and time[found].max() == approx(0.4, abs=0.03)
+    assert found.sum() == approx(200, abs=20)
+
+
+def test_the_text_is_legible_at_the_width_of_two_columns(tmp_path):
+    """At 180 mm all texts of the pictures of a run have 5 points or more, and titles end in the figure."""
+    file = tmp_path / "nodule.mcap"
+    assert execute(find("nodule").but(record=file, place="fused", duration=1.0)).result.ok
+    made = TouchStreams(Recording(file))
+    with style.look():
+        figures = {name: picture.draw(made) for name, picture in pictures.pictures().items()}
+        figures = {name: figure for name, figure in figures.items() if figure is not None}
+        assert set(figures) >= {"force", "compression", "friction", "device", "pins"}
+        for name, figure in figures.items():
+            figure.draw_without_rendering()
+            texts = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+            sizes = [text.get_fontsize() * 180.0 / 25.4 / figure.get_figwidth() for text in texts]
+            assert min(sizes) >= 5.0, name
+            titles = [axes.title for axes in figure.axes] + [axes._left_title for axes in figure.axes]
+            for text in (each for each in titles if each.get_text()):
+                assert text.get_window_extent().x1 <= figure.bbox.x1, (name, text.get_text())
+
+
+MACHADO = {
+    "normal vision": np.eye(3),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "tritanopia": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+    ),
+}
+"""Machado, Oliveira and Fernandes, IEEE TVCG 15 (2009) 1291-1298, severity 1: linear RGB as others see it."""
+
+
+def lightness_and_hue(colour, seen):
+    """CIE L*a*b* of a colour #rrggbb."""
+    value = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    x, y, z = to_xyz @ np.clip(seen @ linear, 0, 1) / to_xyz.sum(axis=1)
+    x, y, z = (np.cbrt(v) if v > 0.008856 else 7.787 * v + 16 / 116 for v in (x, y, z))
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+@pytest.mark.parametrize(("sight", "least"), list(zip(MACHADO, (25, 20, 20, 13), strict=True)))
+def test_the_colours_of_lines_are_distinct_for_everyone(sight, least):
+    """CIE76 differences; 2.3 is just noticeable."""
+    lines = (style.INK, style.FINGER, style.TISSUE, style.NORMAL, style.FRICTION, style.SPEED, style.ENERGY)
+    seen = {colour: lightness_and_hue(colour, MACHADO[sight]) for colour in lines}
+    assert min(np.linalg.norm(seen[a] - seen[b]) for a, b in itertools.combinations(lines, 2)) > least

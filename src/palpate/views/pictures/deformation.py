@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from palpate.views.pictures.style import INK, deformation_bar, figure
 from palpate.views.pictures.touch import TouchStreams
@@ -13,6 +15,7 @@ from palpate.views.surface.off_screen import Rendering
 
 TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand"
 COUNT, COLUMNS = 6, 3
+BLOCK = (0.32, 0.2)  # [1] width and height of the scales, as a fraction of the picture's
 LONGEST = 0.16  # [1] largest length of a scale, as a fraction of the picture's width
 ARROW = "#1f3b57"  # of the arrows in the pictures
 
@@ -26,7 +29,7 @@ class Views:
         self.instants: list[Instant] = instants(touch, shown, COUNT)
         count = len(self.instants)
         self.columns = min(COLUMNS, count)
-        self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[: self.columns])
+        self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].loads.max())[: self.columns])
         lengths = [painted(COLOURS["displacement"], mesh, instant.surface) for instant in self.instants]
         self.deepest = round_up(max(float(length.max()) for length in lengths))
         self._rendering = Rendering(mesh, self.instants, lengths, self.near, self.deepest)
@@ -40,7 +43,7 @@ class Views:
         columns = self.columns
         rows = -(-len(self.instants) // columns)
         several = "; numbers from left to right" if len(self.instants[0].tips) > 1 else ""
-        out = figure(4.2 * columns + 1.0, 2.6 * rows + 3.3, f"{TITLE}{several})")
+        out = figure(3.8 * columns + 1.0, 2.4 * rows + 3.1, f"{TITLE}{several})")
         grid = out.subplots(rows + 1, columns, squeeze=False, height_ratios=[1.0] * rows + [1.22])
         for axes in grid.ravel():
             axes.set_axis_off()
@@ -59,12 +62,14 @@ class Views:
 
 
 def _scales(axes: Axes, pixel: float, newton: float) -> None:
-    """Draw a bar of a round length, and an arrow of a round force, in the lower left corner of a picture.
+    """Draw a bar of a round length, and an arrow of a round force, in the corner that shows the least of the body.
 
     pixel  [m] size of a pixel across the view;  newton  [m/N] length of an arrow of 1 N
     """
-    height, width = axes.get_images()[0].get_size()
-    x, low = 0.03 * width, 0.93 * height
+    image = np.asarray(axes.get_images()[0].get_array())
+    height, width = image.shape[:2]
+    left, top = emptiest(image.min(axis=2) < 250, *BLOCK)
+    x, low = (left + 0.03) * width, (top + BLOCK[1] - 0.05) * height
     length, force = (round_down(LONGEST * width * pixel / unit) for unit in (1e-3, newton))
     bars = (
         (low, length * 1e-3 / pixel, f"{length:g} mm", INK, "-"),
@@ -73,7 +78,21 @@ def _scales(axes: Axes, pixel: float, newton: float) -> None:
     for y, long, text, colour, style in bars:
         look = {"arrowstyle": style, "color": colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (x + long, y), (x, y), arrowprops=look)
-        axes.text(x + long + 0.015 * width, y, text, fontsize=9, va="center")
+        edge = [withStroke(linewidth=2.5, foreground="white")]
+        axes.text(x + long + 0.015 * width, y, text, fontsize=10, va="center", path_effects=edge)
+
+
+def emptiest(covered: np.ndarray, wide: float, high: float) -> tuple[float, float]:
+    """Left and top [1] of the corner block (wide, high) [1] of a picture (h,w) with the fewest covered pixels; the
+    lower left one if several are equal."""
+    height, width = covered.shape
+    corners = [(left, top) for top in (1.0 - high, 0.0) for left in (0.0, 1.0 - wide)]
+
+    def inside(corner: tuple[float, float]) -> int:
+        x, y = round(corner[0] * width), round(corner[1] * height)
+        return int(covered[y : y + round(high * height), x : x + round(wide * width)].sum())
+
+    return min(corners, key=inside)
 
 
 def round_down(value: float) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from palpate.messages import Force, Pose
-from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean
+from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, legend_above, mean
 from palpate.views.pictures.touch import Columns, TouchStreams
 
 ORDER, OF_A_FINGER = 50, True
@@ -33,17 +33,15 @@ def draw(touch: TouchStreams) -> Figure | None:
     limit = touch.settings(touch.stream_of(Force)).get("limit")
     limit_text = f", device limit {limit:g} N" if isinstance(limit, float | int) else ""
     upper.set_title(f"largest {size.max():.2f} N{limit_text}; shaded: in contact")
-    upper.legend(loc="upper left", ncols=4)
-    low, high = upper.get_ylim()
-    upper.set_ylim(low, high + 0.2 * (high - low))
+    legend_above(upper)
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
     energy = absorbed(force, touch[Pose])
     if energy is None:
-        energy, how = force["energy"], "since the last change of state, by the passivity observer"
+        energy, how = force["energy"], "absorbed since the last change of state, by the passivity observer"
     else:
-        how = "−∫ F·dx over the whole run, F held from tick to tick"
+        how = "absorbed energy, −∫ F·dx over the whole run, with F constant within a tick"
     lower.plot(time, energy * 1e3, color=ENERGY)
-    lower.set_title(f"{how}; least {round(energy.min() * 1e3, 2) + 0.0:.2f} mJ")
+    lower.set_title(f"{how}; smallest value {round(energy.min() * 1e3, 2) + 0.0:.2f} mJ")
     lower.set_ylabel("energy [mJ]")
     touch.over_time(lower, time)
     return out

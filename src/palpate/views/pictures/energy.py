@@ -38,8 +38,8 @@ def draw(touch: TouchStreams) -> Figure | None:
         floor = floor + layer
     upper.plot(time, ledger["hand"] * 1e3, color=INK, linewidth=1.3, label="work of the hand")
     upper.set_ylabel("energy [mJ]")
-    unexplained = float(np.abs(ledger["unexplained"]).max() * 1e3)
-    upper.set_title(f"hand {ledger['hand'][-1] * 1e3:.1f} mJ in all; largest residual {unexplained:.2g} mJ")
+    residual = millijoules(float(np.abs(ledger["unexplained"]).max()))
+    upper.set_title(f"work of the hand: {millijoules(float(ledger['hand'][-1]))}; largest residual: {residual}")
     upper.legend(loc="upper left", ncols=2, fontsize=9)
     # Middle panel: controller, sampling and residual.
     for name, label, colour in (

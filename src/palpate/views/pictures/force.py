@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.messages import ForceBand, Pose, Slip
+from palpate.messages import Contact, ForceBand, Pose, Slip
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
 from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
 
@@ -19,6 +19,7 @@ STILL = 4e-3  # [m/s] largest rate of a hold, in a noisy approach
 SLOW = 0.2  # [1] the same as a fraction of the fastest rate; in a quiet approach as a fraction of the mean rate
 LEAST_HOLD = 0.02  # [s] shorter holds are not marked
 LEAST_STEP = 0.01  # [1] of the largest force; smaller steps of a bundle of beams are not reported
+FIXED = 3e-3  # [m] largest extent of the foot points of a press; of a touch with a larger one the title reports it
 
 
 def draw(touch: TouchStreams) -> Figure | None:
@@ -43,13 +44,15 @@ def draw(touch: TouchStreams) -> Figure | None:
         depths = [("the sample", approach, "depth of the probe from where it touched  [mm]")]
     elif contact["indentation"].max() < NOTHING * approach.max():
         depths = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
-    # One panel per depth, with the hysteresis loop of the chosen touch over the other touches.
+    moved = float(np.linalg.norm(np.ptp(contact["foot"][chosen], axis=0)))
+    slid = f"  (the finger moved {1e3 * moved:.0f} mm along the surface)" if moved > FIXED else ""
+    # One panel per depth, with the loop of the chosen touch over the other touches.
     sent = touch[ForceBand]
     band = [] if sent is None else together(sent, contact)
     if band and not (band[0]["mean"] > 0.0).any():
         band = []
     count = len(depths) + bool(band)
-    out = figure(5.75 * max(count, 1.4), 5.2, "Normal force during loading and unloading")
+    out = figure((8.0, 11.5, 13.2)[count - 1], 5.2, f"Normal force during loading and unloading{slid}")
     every = out.subplots(1, count, sharey=True, squeeze=False)[0]
     left = every[0]
     for axes, (whose, depth, label) in zip(every, depths, strict=False):
@@ -58,8 +61,11 @@ def draw(touch: TouchStreams) -> Figure | None:
                 smooth = smoothed(contact["force"][other], contact["time"][other])
                 axes.plot(depth[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
         _loop(axes, depth[chosen], contact["force"][chosen], contact["time"][chosen])
-        hysteresis = millijoules(work(depth[chosen], contact["force"][chosen]))
-        axes.set(xlabel=label, title=f"{whose}: {hysteresis} of hysteresis", xlim=(0.0, None), ylim=(0.0, None))
+        loop = millijoules(work(depth[chosen], contact["force"][chosen]))
+        axes.set(xlabel=label, title=f"{whose}: {loop} dissipated", xlim=(0.0, None), ylim=(0.0, None))
+        axes.locator_params(axis="x", nbins=6)
+    if not measured and depths[0][1] is contact["compression"]:
+        _limit(left, touch, depths[0][1])
     left.set_ylabel("normal force [N]")
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
@@ -102,10 +108,19 @@ def _band(axes: Axes, both: list[Columns], depth: str) -> None:
         axes.axvspan(way[beyond].min(), way.max(), color=FAINT, alpha=0.4, linewidth=0, label="deeper than measured")
     whose = "fingertip  s1" if depth == "compression" else "tissue  s2"
     axes.set(
-        xlabel=f"{depth} of the {whose}  [mm]", title="uncertainty: compared with a subject's band", xlim=(0.0, None)
+        xlabel=f"{depth} of the {whose}  [mm]", title="with the band of a measured subject", xlim=(0.0, None)
     )
     axes.tick_params(labelleft=True)
     axes.legend(loc="upper left")
+
+
+def _limit(axes: Axes, touch: TouchStreams, compression: np.ndarray) -> None:
+    """Shade the compressions beyond the thickness of the fingertip's soft tissue, where its law is not valid."""
+    thickness = touch.settings(touch.stream_of(Contact)).get("thickness")
+    if isinstance(thickness, float | int) and 0.0 < thickness < (most := float(compression.max())):
+        axes.axvspan(1e3 * thickness, 1.05e3 * most, color=FAINT, alpha=0.45, linewidth=0, zorder=0,
+                     label="beyond the fingertip's thickness: law not valid")  # fmt: skip
+        axes.legend(loc="upper left")
 
 
 def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> None:
@@ -113,28 +128,31 @@ def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> N
     axes.plot(way * 1e3, force, ".", color=NORMAL, alpha=0.12, markersize=2.5)
     smooth = smoothed(force, time)
     moves = movement(way, time)
+    mark = _hold(axes, way, smooth, time, moves)
     for label, colour, which in (("loading", TISSUE, 1), ("hold", FINGER, 0), ("unloading", NORMAL, -1)):
         part = moves == which
         # A line ends where the next begins.
         x = np.where(part | np.append(part[1:], False), way, np.nan) * 1e3
-        axes.plot(x, smooth, color=colour, linewidth=2.4, label=label)
+        axes.plot(x, smooth, color=colour, linewidth=2.4, label=mark if label == "hold" and mark else label)
         if label != "hold":
             _arrow(axes, way * 1e3, smooth, np.flatnonzero(part))
-    _hold(axes, way, smooth, time, moves)
     if len(smooth):
         axes.fill(way * 1e3, smooth, color=INK, alpha=0.05, linewidth=0)
 
 
-def _hold(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray, moves: np.ndarray) -> None:
-    """Mark begin (ring) and end (dot) of the longest hold; the legend has its duration and the change of the force."""
+def _hold(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray, moves: np.ndarray) -> str:
+    """Mark begin (ring) and end (dot) of the longest hold. The text for the legend: its duration and the change of the
+    force; empty without a hold."""
     if (at := longest(moves == 0)) is None:
-        return
+        return ""
     begin, end = max(at[0] - 1, 0), at[1]
     if time[end] - time[begin] < LEAST_HOLD or force[begin] < 0.1 * force.max():
-        return
+        return ""
     axes.plot(way[begin] * 1e3, force[begin], "o", color=FINGER, markerfacecolor="white", markersize=10, zorder=5)
-    axes.plot(way[end] * 1e3, force[end], "o", color=FINGER, markersize=5, zorder=6,
-              label=f"hold of {time[end] - time[begin]:.2f} s: {force[end] - force[begin]:+.2g} N")  # fmt: skip
+    axes.plot(way[end] * 1e3, force[end], "o", color=FINGER, markersize=5, zorder=6)
+    change = float(force[end] - force[begin])
+    size = f"{1e3 * change:+.1f} mN" if abs(change) < 0.1 else f"{change:+.2f} N"
+    return f"hold, {time[end] - time[begin]:.2f} s (ring to dot): {size.replace('-', '−')}"
 
 
 def longest(which: np.ndarray) -> tuple[int, int] | None:

@@ -59,23 +59,14 @@ def draw(touch: TouchStreams) -> Figure | None:
         return None
     time, normal, _, speed = data
     a, b = regions(time, normal, speed, beyond_dip(touch))
-    zoomed = a is not None or b is not None
-    out = style.figure(11.5, 10.2 if zoomed else 6.0, "Friction against normal force and sliding speed")
-    if zoomed:
-        rows = out.subplot_mosaic([["force"] * 2, ["speed"] * 2, ["a", "b"]], height_ratios=(3, 2, 4))
-    else:
-        rows = out.subplot_mosaic([["force"], ["speed"]], height_ratios=(3, 2))
+    shown = [(letter, drawn, region) for letter, drawn, region in (("a", _region_a, a), ("b", _region_b, b)) if region]
+    out = style.figure(11.5, 10.2 if shown else 6.0, "Friction against normal force and sliding speed")
+    letters = [letter for letter, _, _ in shown]
+    over = [[name] * max(len(letters), 1) for name in ("force", "speed")]
+    rows = out.subplot_mosaic([*over, letters] if letters else over, height_ratios=(3, 2, 4)[: 2 + bool(letters)])
     _time(rows["force"], rows["speed"], data, a, b, touch)
-    for region, letter, draws, nothing in (
-        (a, "a", _region_a, "A: no interval with constant speed and varying normal force"),
-        (b, "b", _region_b, "B: no interval with rising speed and constant normal force"),
-    ):
-        if region is not None:
-            draws(rows[letter], data, region)
-        elif zoomed:
-            axes = rows[letter]
-            axes.set_axis_off()
-            axes.text(0.5, 0.5, nothing, ha="center", va="center", color="#77777f", wrap=True, transform=axes.transAxes)
+    for letter, drawn, region in shown:
+        drawn(rows[letter], data, region)
     return out
 
 
@@ -92,14 +83,14 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
     for force, colour, label in ((normal, style.NORMAL, "normal force"), (friction, style.FRICTION, "friction force")):
         upper.plot(time, force, color=colour, alpha=0.25, linewidth=0.6)
         upper.plot(time, style.mean(force, time), color=colour, label=label)
-    upper.legend(loc="upper left", ncols=2)
-    upper.set(ylabel="force [N]", ylim=(0.0, float(normal.max()) * 1.2), xlabel="")
+    style.legend_above(upper)
+    upper.set(ylabel="force [N]", ylim=(0.0, float(normal.max()) * 1.15), xlabel="")
     upper.tick_params(labelbottom=False)
     touching = np.where(normal > 0.0, speed, np.nan) * 1e3
     lower.plot(time, speed * 1e3, color=style.FAINT, linewidth=0.8, label="in free space")
     lower.plot(time, touching, color=style.SPEED, linewidth=1.2, label="sliding")
-    lower.set(ylabel="speed along\nthe surface [mm/s]", ylim=(0.0, None))
-    lower.legend(loc="upper left", ncols=2)
+    lower.set(ylabel="speed along\nthe surface [mm/s]", ylim=(0.0, 1.15e3 * float(speed.max()) or None))
+    style.legend_above(lower)
 
 
 def _region_a(axes: Axes, data: tuple, region: slice) -> None:

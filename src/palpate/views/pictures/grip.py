@@ -3,13 +3,17 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from palpate.messages import Contact, Friction, Load, Proximity
 from palpate.messages.grip import Grip
-from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure
-from palpate.views.pictures.touch import TouchStreams
+from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure, legend_above, mean
+from palpate.views.pictures.touch import TouchStreams, together
 
 ORDER, OF_A_FINGER = 10, False
 
 COLOURS = (FINGER, NORMAL, SPEED, FRICTION, TISSUE)
+LEAST = 0.05  # [1] grip, as a fraction of its maximum, below which the ratio is not drawn
+SPAN = 0.05  # [s] window of the mean over which a finger slides
+CREEP = 1e-3  # [m/s] slowest sliding; below it friction creeps
 
 
 def draw(touch: TouchStreams) -> Figure | None:
@@ -22,21 +26,41 @@ def draw(touch: TouchStreams) -> Figure | None:
     upper, middle, lower = out.subplots(3, 1, sharex=True, height_ratios=(3, 2, 3))
     upper.plot(time, grip["grip"], color=NORMAL, label="grip force")
     upper.plot(time, grip["load"], color=FRICTION, label="load force")
-    upper.set(ylabel="force [N]", ylim=(None, 1.25 * max(float(grip["grip"].max()), float(grip["load"].max()))))
-    upper.legend(loc="upper left", ncols=2)
+    upper.set(ylabel="force [N]", ylim=(0.0, None))
+    legend_above(upper)
     mu = touch.settings(touch.stream_of(Grip)).get("mu_static")
-    middle.plot(time, grip["ratio"], color=SPEED)
+    held = grip["grip"] > LEAST * grip["grip"].max()
+    middle.plot(time, np.where(held, grip["ratio"], np.nan), color=SPEED)
     if isinstance(mu, float | int):
         middle.axhline(mu, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
-        middle.set(title=f"dashed: static friction, {mu:g}, where two opposed fingers slip", ylim=(0.0, 1.3 * mu))
+        middle.set(title=f"dashed: the coefficient of static friction, {mu:g}", ylim=(0.0, 1.3 * mu))
     middle.set_ylabel("load over\ntwice the grip [1]")
+    senders = [edge["producer"] for edge in touch.node(touch.stream_of(Grip)).get("edges", ())]
+    every = {finger.stream_of(Load): finger for finger in touch.fingers}
+    bottom = min(float(grip["margin"].min()), 0.0) - 0.02 * float(grip["margin"].max())
     for i, margin in enumerate(grip["margin"].T):
-        name = f"finger {i + 1}, {np.max(grip['normal'][:, i]):.2f} N at most"
-        lower.plot(time, margin, color=COLOURS[i % len(COLOURS)], label=name)
+        colour, finger = COLOURS[i % len(COLOURS)], every.get(senders[i]) if i < len(senders) else None
+        name = f"finger {i + 1}" if finger is None else str(finger.stream_of(Contact)).removeprefix("contact-")
+        lower.plot(time, margin, color=colour, label=name)
+        if finger is not None and (found := slides(finger)) is not None:
+            bar = np.where(found[1], bottom * (1.0 + 1.5 * i), np.nan)
+            lower.plot(found[0], bar, color=colour, linewidth=4.0, solid_capstyle="butt")
     lower.axhline(0.0, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
-    lower.set_title("normal force of each finger less what holds its tangential force; it slips at 0")
+    lower.set_title("normal force less |tangential force| / static friction; bars: the finger slides")
     lower.set_ylabel("margin to slip [N]")
-    lower.set_ylim(top=max(1.3 * float(grip["margin"].max()), 1e-3))
-    lower.legend(loc="upper left", ncols=len(COLOURS))
+    legend_above(lower)
     touch.over_time(lower, time)
     return out
+
+
+def slides(finger: TouchStreams) -> tuple[np.ndarray, np.ndarray] | None:
+    """Times [s] (n), and whether the finger slides (n): its friction does not stick for most of SPAN, and its mean
+    speed along the surface exceeds CREEP. None if friction or speed were not recorded."""
+    friction, near = finger[Friction], finger[Proximity]
+    if friction is None or near is None:
+        return None
+    friction, near = together(friction, near)
+    time = friction["time"]
+    moves = np.linalg.norm([mean(speed, time, SPAN) for speed in near["slip"].T], axis=0) > CREEP
+    touching = np.linalg.norm(friction["force"], axis=1) > 0.0
+    return time, (mean(1.0 - friction["stick"], time, SPAN) > 0.5) & moves & touching

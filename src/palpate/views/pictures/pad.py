@@ -28,7 +28,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     slips, surfaces = touch.at(Slip, ticks), touch.at(Surface, ticks)
     if not set(ticks) <= set(slips) or not len(slips[ticks[0]].points):
         return None
-    out = figure(2.7 * len(rows) + 1.2, 6.6, "The pad of the fingertip, seen from below through the plate")
+    out = figure(2.5 * len(rows) + 1.0, 6.3, "The pad of the fingertip, seen from below through the plate")
     grid = out.subplots(2, len(rows), squeeze=False, sharex=True, sharey=True)
     pressures = [_pressure(slips[tick], surfaces.get(tick)) * 1e-3 for tick in ticks]
     most = max(float(p.max()) for p in pressures) or 1.0
@@ -90,4 +90,4 @@ def _size(points: np.ndarray) -> float:
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     columns = np.unique(np.round(points[:, 0], 7))
     pitch = float(np.diff(columns).min()) if len(columns) > 1 else extent
-    return float(np.clip((150.0 * pitch / max(extent + pitch, 1e-9)) ** 2, 2.0, 400.0))
+    return float(np.clip((137.0 * pitch / max(extent + pitch, 1e-9)) ** 2, 2.0, 400.0))

@@ -30,14 +30,18 @@ def draw(touch: TouchStreams) -> Figure | None:
     if columns is None or touch.contact is None:
         return None
     pins, contact = together(columns, touch.contact)
-    rows = moments(contact["force"])
-    if not rows:
-        return None
     sent = touch.at(Pins, pins["tick"].tolist())
     heights = np.array([sent[tick].heights for tick in pins["tick"].tolist()]) * 1e3
     settings = touch.settings(touch.stream_of(Pins))
     below = settings.get("shows", "force") != "force"
-    out = figure(2.6 * len(rows) + 1.2, 9.4 if below else 7.2, "What the pins show")
+    body = touch.settings(touch.stream_of(Surface))
+    radius, position = body.get("nodule_radius", 0.0), body.get("nodule_position")
+    nodule = (radius, np.asarray(position)) if below and radius and position is not None else None
+    rows = moments(contact["force"], None if nodule is None else np.linalg.norm(contact["foot"] - nodule[1], axis=1))
+    if not rows:
+        return None
+    circle = "" if nodule is None else "  (dashed: outline of the nodule)"
+    out = figure(2.3 * len(rows) + 1.2, 8.6 if below else 6.6, f"What the pins show{circle}")
     parts = out.subfigures(2, 1, height_ratios=(5 if below else 2.6, 4))
     assert isinstance(parts, np.ndarray)
     top, bottom = parts
@@ -45,9 +49,6 @@ def draw(touch: TouchStreams) -> Figure | None:
     pitch = float(settings.get("pitch", 2e-3)) * 1e3
     places = pin_grid(heights.shape[1], heights.shape[2], pitch)  # [mm]
     most = max(float(heights[rows].max()), 1e-6)
-    body = touch.settings(touch.stream_of(Surface))
-    radius, position = body.get("nodule_radius", 0.0), body.get("nodule_position")
-    nodule = (radius, np.asarray(position)) if below and radius and position is not None else None
     plain = None if nodule is None else without_nodule(heights, contact, *nodule)
     uneven = [heights[row] - (ring_mean(heights[row], places) if plain is None else plain) for row in rows]
     rest = max(max(float(np.abs(u).max()) for u in uneven), 1e-6)
@@ -77,12 +78,17 @@ def draw(touch: TouchStreams) -> Figure | None:
     return out
 
 
-def moments(force: np.ndarray) -> list[int]:
-    """Rows to show: equal steps from 10 % to 90 % of the contact; none without contact."""
+def moments(force: np.ndarray, distance: np.ndarray | None = None) -> list[int]:
+    """Rows to show: equal steps from 10 % to 90 % of the contact; none without contact. With the distance (n) of the
+    finger to a nodule, the one that is next to its minimum is moved there."""
     at = np.flatnonzero(force > 0.0)
     if not len(at):
         return []
-    return sorted({int(at[round(q * (len(at) - 1))]) for q in np.linspace(0.1, 0.9, COLUMNS)})
+    rows = np.array([int(at[round(q * (len(at) - 1))]) for q in np.linspace(0.1, 0.9, COLUMNS)])
+    if distance is not None:
+        nearest = int(at[distance[at].argmin()])
+        rows[np.abs(rows - nearest).argmin()] = nearest
+    return sorted(set(rows.tolist()))
 
 
 def ring_mean(heights: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -72,7 +72,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     upper.set(ylabel="normal force [N]", title=_relaxation(normal, contact["compression"], at) + _flags(slip))
     deep = upper.twinx()
     deep.plot(time, np.maximum(contact["compression"], 0.0) * 1e3, color=FINGER, linestyle=(0, (4, 2)), linewidth=1.2)
-    deep.set_ylabel("depth [mm]  (dashed)", color=FINGER)
+    deep.set_ylabel("depth [mm]  (dashed)")
     deep.grid(visible=False)
     touch.over_time(panels[-1, 0], time)
     if not slid:
@@ -87,13 +87,13 @@ def draw(touch: TouchStreams) -> Figure | None:
     middle.set_ylabel("friction force [N]")
     middle.set_title(_lead(time, size, at))
     middle.set_ylim(0.0, max(float(size.max()), 1e-6) * 1.35)
-    middle.legend(loc="center left")
-    lower.plot(time, slip["fraction"] * 100, color=ENERGY, label="part of the contact that slides [%]")
+    middle.legend(loc="center right")
+    lower.plot(time, slip["fraction"] * 100, color=ENERGY)
     front = lower.twinx()
     front.plot(time, slip["front"] * 1e3, color=INK, linestyle=(0, (4, 2)), linewidth=1.2)
-    front.set_ylabel("front radius [mm]  (dashed)")
+    front.set_ylabel("stick radius [mm]\n(dashed)")
     front.grid(visible=False)
-    lower.set(ylabel="slides [%]", ylim=(-4, 104))
+    lower.set(ylabel="sliding part of\nthe contact [%]", ylim=(-4, 104))
     return out
 
 
@@ -147,6 +147,6 @@ def _lead(time: np.ndarray, size: np.ndarray, at: Phases) -> str:
     if at.begin is None or at.warned is None or at.gross is None:
         return f"at most {size.max():.2f} N"
     return (
-        f"warning {time[at.warned] - time[at.begin]:.2f} s after sliding begins, at {size[at.warned]:.2f} N; "
+        f"incipient slip {time[at.warned] - time[at.begin]:.2f} s after sliding begins, at {size[at.warned]:.2f} N; "
         f"gross slip {time[at.gross] - time[at.warned]:.2f} s later, at {size[at.gross]:.2f} N"
     )

@@ -8,14 +8,15 @@ from palpate.messages import Pins
 from palpate.nodes.display import PinArray
 from palpate.physics.display.pins import pin_grid
 from palpate.physics.display.shape_display import pad_displacement
-from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, figure
+from palpate.views.pictures.style import FAINT, FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 ORDER, OF_A_FINGER = 110, False
 
 OTHERS = {5e3: "5 kPa", 15e3: "15 kPa", 60e3: "60 kPa", np.inf: "rigid"}
-LINES = dict(zip(OTHERS, ("#a4243b", "#d97706", "#4c8c4a", "#2b2b33"), strict=True))
+LINES = dict(zip(OTHERS, (TISSUE, FRICTION, SPEED, INK), strict=True))
 SHOWN = 3.0  # [N] force of the profile, as in the source's figure, but at most the largest force of the run
+POINTS = 40  # of the run over force
 OUTSIDE = "outside Hertz theory"
 
 
@@ -29,7 +30,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     if not isinstance(node, PinArray) or node.shows != "force" or not (contact["force"] > 0.0).any():
         return None
     limit = 0.25 * node.finger.radius**2 * (1.0 / node.finger.radius + node.curvature)  # [m] δ = a²/R at a = R_f/2
-    out = figure(14.5, 5.0, f"A fingerpad on soft tissue ({node.modulus * 1e-3:g} kPa), as the display moves it")
+    out = figure(12.5, 4.8, f"A fingerpad on soft tissue ({node.modulus * 1e-3:g} kPa), as the display moves it")
     left, middle, right = out.subplots(1, 3)
     row = int(np.argmax(contact["force"] >= min(SHOWN, float(contact["force"].max()))))
     _profile(left, touch, node, pins, contact, row)
@@ -47,16 +48,17 @@ def draw(touch: TouchStreams) -> Figure | None:
     middle.fill_between(force[last], 0.0, edge, color=FAINT, alpha=0.45, linewidth=0, zorder=0)
     middle.axvspan(force[last].max(), most, color=FAINT, alpha=0.45, linewidth=0, zorder=0, label=OUTSIDE)
     right.axhspan(limit * 1e3, 1e3, color=FAINT, alpha=0.45, linewidth=0, zorder=0, label=OUTSIDE)
-    slow = slice(None, None, max(len(pins["tick"]) // 150, 1))
-    right.plot(
-        contact["force"][slow], pins["actuator"][slow] * 1e3, ".", color=NORMAL, ms=3, label="this run, actuator"
-    )
+    slow = slice(None, None, max(len(pins["tick"]) // POINTS, 1))
+    right.plot(contact["force"][slow], pins["actuator"][slow] * 1e3, "o", color=INK, ms=4, mfc="none",
+               label="this run, actuator")  # fmt: skip
     top = float(max(node.theory(most, modulus).approach for modulus in OTHERS)) * 1e3
     middle.set(xlabel="normal force [N]", ylabel="largest deformation x [mm]", xlim=(0, most), ylim=(0, None))
     middle.set_title("deformation of the pad, by tissue")
     end = 1.05 * max(top, limit * 1e3)
     right.set(xlabel="normal force [N]", ylabel="rigid motion δ [mm]", xlim=(0, most), ylim=(0, end))
     right.set_title("rigid motion, by tissue")
+    for axes in (middle, right):
+        axes.locator_params(axis="x", nbins=5)
     middle.legend(loc="lower right")
     right.legend(loc="upper left")
     return out
@@ -83,7 +85,7 @@ def _profile(axes: Axes, touch: TouchStreams, node: PinArray, pins: Columns, con
               label="this run: actuator + pins")  # fmt: skip
     axes.axvline(float(state.radius) * 1e3, color=INK, lw=0.8, ls=":", label="edge of contact")
     axes.set(xlabel="distance from the axis [mm]", ylabel="motion [mm]", xlim=(0, wide * 1e3))
-    axes.set_ylim(0.0, 1.6e3 * float(rigid + deformation.max()))
+    axes.set_ylim(0.0, 1.9e3 * float(rigid + deformation.max()))
     holds = "" if state.valid else f", {OUTSIDE}"
     axes.set_title(f"{force:.2g} N: contact radius {float(state.radius) * 1e3:.1f} mm{holds}", fontsize=11)
-    axes.legend(loc="upper right", ncols=2, fontsize=9)
+    axes.legend(loc="upper right", fontsize=9)

@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 
 INK = "#2b2b33"
 FAINT = "#b9b9c4"
-FINGER = "#e07a5f"
-TISSUE = "#a4243b"
-NORMAL = "#1f5f8b"
-FRICTION = "#d97706"
-SPEED = "#4c8c4a"
-ENERGY = "#6d4c9f"
+FINGER = "#e27c60"
+TISSUE = "#961826"
+NORMAL = "#1f507a"
+FRICTION = "#b86c00"
+SPEED = "#0b745d"
+ENERGY = "#715bb9"
+"""These stay distinct with deuteranopia, protanopia and tritanopia; a test checks each pair."""
 REGION_A = "#cfe3f2"
 REGION_B = "#fbe3c0"
 DEFORMATION = ["#f3dcd0", "#f2b48c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"]
@@ -59,6 +60,12 @@ LOOK: Any = {
     "figure.titlesize": 15,
     "savefig.dpi": DPI,
 }
+
+
+def legend_above(axes: Axes, **more: Any) -> None:
+    """Put the legend above the right end of the axes, where it covers no data."""
+    count = len(axes.get_legend_handles_labels()[1])
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=count, borderaxespad=0.1, **more)
 
 
 @contextmanager

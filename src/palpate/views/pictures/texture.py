@@ -17,6 +17,7 @@ ORDER, OF_A_FINGER = 60, False
 _spectrogram: Any = specgram  # its type hints lack arrays
 WINDOW = 0.05  # [s]
 RANGE = 50.0  # [dB]
+LEAST = 0.02  # [1] share of the time in which a frequency must be louder than RANGE to be in the picture
 HIGHEST = 1000.0  # [Hz] highest frequency that a finger feels
 
 
@@ -38,9 +39,11 @@ def draw(touch: TouchStreams) -> Figure | None:
     out = figure(11.5, 7.0, "Vibration of the texture under the finger")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     mesh = upper.pcolormesh(begin + time, frequency, level, vmin=-RANGE, vmax=0.0, cmap="magma", rasterized=True)
-    loud = frequency[(level > -RANGE).any(axis=1) & (frequency <= HIGHEST)]
-    upper.set(ylabel="frequency [Hz]", ylim=(0.0, 1.2 * loud[-1]), title="power density of the lateral force")
-    out.colorbar(mesh, ax=upper, label="dB of its peak", location="top", fraction=0.06, aspect=60)
+    # Begin and end of a slide have all frequencies for a moment.
+    loud = frequency[((level > -RANGE).mean(axis=1) > LEAST) & (frequency <= HIGHEST)]
+    upper.set(ylabel="frequency [Hz]", ylim=(0.0, 1.2 * max(loud, default=HIGHEST)))
+    label = "power density of the lateral force [dB of its peak]"
+    out.colorbar(mesh, ax=upper, label=label, location="top", fraction=0.06, aspect=60)
     at = begin + np.arange(len(force)) / sampling
     slid = at[speed > 0.0]
     lower.set_xlim(slid[0] - WINDOW, slid[-1] + WINDOW)

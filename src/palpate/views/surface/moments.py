@@ -15,6 +15,7 @@ from palpate.views.shown import Bodies, links_of
 from palpate.views.surface.render import RIGHT
 
 SHALLOWEST = 0.35  # smallest indentation of an instant, as a fraction of the deepest
+LIGHTEST = 0.02  # the same for the force
 
 PATCH = 4e-3  # [m] radius of the patch around a foot point whose mean displacement moves the drawn fingertip
 
@@ -52,7 +53,8 @@ class Instant:
         order = np.argsort(self.tips @ RIGHT, kind="stable")
         deep = ", ".join(f"{depth * 1e3:.1f}" for depth in self.depths[order])
         loads = ", ".join(f"{load:.2f}" for load in self.loads[order])
-        return f"{self.time:.2f} s:  {deep} mm deep,  normal force {loads} N"
+        force = "force" if len(order) > 1 else "normal force"  # the titles of neighbours must not meet
+        return f"{self.time:.2f} s:  {deep} mm deep,  {force} {loads} N"
 
 
 def bodies_of(touch: TouchStreams) -> Bodies:
@@ -102,7 +104,7 @@ def choose(contact: Columns, count: int) -> list[int]:
     depth, foot = contact["indentation"], contact["foot"]
     rows = np.concatenate([np.arange(touch.start, touch.stop) for touch in slices])
     deepest = max(float(depth[rows].max()), 1e-9)
-    rows = rows[depth[rows] >= SHALLOWEST * deepest]
+    rows = rows[(depth[rows] >= SHALLOWEST * deepest) & (contact["force"][rows] >= LIGHTEST * contact["force"].max())]
     feature = np.column_stack(
         [depth / deepest, (foot - foot[rows[0]]) / max(float(np.ptp(foot[rows], axis=0).max()), 1e-2)]
     )
