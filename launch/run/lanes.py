@@ -148,31 +148,32 @@ class Preparation:
         return reached
 
 
-def prepare_all(
-    launch: LaunchFile, over: Mapping[str, Sequence[Any]], lanes: int, keep: Sequence[tuple[str, str]]
-) -> list[Prepared]:
-    """All lanes of a run.
+class LanePreparation:
+    """Prepares lanes of a run by their number.
 
-    GraphError, ArgumentError: what is wrong.
+    over  by path one value per lane
     """
 
-    def load(values: Mapping[str, Any]) -> Prepared:
-        changes = [
-            Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"lane {lane}, {path}")}))
-            for path, value in values.items()
-        ]
-        return prepare(launch.but(overrides=changes), keep)
+    def __init__(self, launch: LaunchFile, over: Mapping[str, Sequence[Any]], keep: Sequence[tuple[str, str]]) -> None:
+        self._launch, self._over, self._keep, self._lane = launch, over, keep, 0
+        self._prepare = Preparation(self._load, {path: extremes(values) for path, values in over.items()})
 
-    each = Preparation(load, {path: extremes(values) for path, values in over.items()})
-    prepared = []
-    for lane in range(lanes):  # `load` names it in faults of a value, but not in what a value does to a node
+    def __call__(self, lane: int) -> Prepared:
+        """A lane. GraphError, ArgumentError: what is wrong with it; names it."""
+        self._lane = lane  # `_load` names it in faults of a value, but not in what a value does to a node
         try:
-            prepared.append(each({path: values[lane] for path, values in over.items()}))
+            return self._prepare({path: values[lane] for path, values in self._over.items()})
         except GraphError as error:
-            if not over or all(str(fault.place).startswith("lane ") for fault in error.faults):
+            if not self._over or all(str(fault.place).startswith("lane ") for fault in error.faults):
                 raise
             raise GraphError(replace(fault, text=f"lane {lane}: {fault.text}") for fault in error.faults) from None
-    return prepared
+
+    def _load(self, values: Mapping[str, Any]) -> Prepared:
+        changes = [
+            Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"lane {self._lane}, {path}")}))
+            for path, value in values.items()
+        ]
+        return prepare(self._launch.but(overrides=changes), self._keep)
 
 
 def _follows(base: Prepared, other: Prepared, usual: float, value: float) -> set[tuple[int, str]] | None:
@@ -212,12 +213,13 @@ class LaneRun:
     rows      number of values to record of each field: the last ones of a run
     every     divisor of the ticks whose values are recorded
 
-    `failures` has the error of each lane that did not start or that stopped, by lane number. NodeError: a node of the
+    `failures` has the error of each lane that did not start or that stopped, by lane number; a lane that is in it
+    before `run` does not run, and its values are NaN. NodeError: a node of the
     first lane does not start.
     """
 
     def __init__(self, prepared: Sequence[Prepared], keep: Sequence[tuple[str, str]], rows: int, every: int = 1):
-        self.failures: dict[int, NodeError] = {}
+        self.failures: dict[int, Exception] = {}
         worker = Worker(prepared[0].job, None, lambda report: None)
         worker.start()
         (segment,) = worker.parts
@@ -297,8 +299,10 @@ class LaneRun:
         done(ran[0])
         # Results of a failed lane are NaN from the failed tick on.
         for lane in range(self.lanes.count):
-            if lane not in self.failures and (error := self.lanes.failure(lane)) is not None:
-                self.failures[lane] = error
-                for column in self.lanes.columns:
-                    if column.dtype.kind == "f":
-                        column[lane, -(-int(self.lanes.ticks[lane]) // self.lanes.every) :] = np.nan
+            reached = 0
+            if lane not in self.failures:
+                if (error := self.lanes.failure(lane)) is None:
+                    continue
+                self.failures[lane], reached = error, -(-int(self.lanes.ticks[lane]) // self.lanes.every)
+            for column in self.lanes.columns:
+                column[lane, reached:] = np.nan if column.dtype.kind == "f" else 0

@@ -1,26 +1,33 @@
 """`palpate.Ensemble`: many runs of one graph in parallel (docs/ensembles.md)."""
 
+import math
 import os
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from palpate.bases import build_missing
 from palpate.calling import Organ, described
+from palpate.compiler import kernel_cache
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
-from palpate.launch.run.lanes import LaneRun, prepare_all
+from palpate.launch.load.dependencies import digest, files_of
+from palpate.launch.run.lane_blocks import LaneBlocks
+from palpate.launch.run.lanes import LanePreparation, Prepared
 from palpate.launch.run.notes import RunNote, warn
 from palpate.launch.run.progress import StageBars
 from palpate.messages import Field, fields
 from palpate.messages.record import layout
 from palpate.nodes.base import settings
 from palpate.physics.errors import ArgumentError, RunError
+from palpate.records.lane_store import KeptField, LaneStore
 from palpate.records.samples import Samples
 
 SHOWN = 3  # number of failed lanes that a warning lists
@@ -74,28 +81,37 @@ class Ensemble:
         """Rate of ticks [Hz]."""
         self.ticks = max(1, round(launch.duration * self.rate))
         rows = -(-self.ticks // every)
-        size = lanes * rows * sum(layout(base.streams[s])[f.name].itemsize for s, f in self._keep)
-        room = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        if size > room:
-            raise ArgumentError(
-                f"keep: {lanes} lanes of {rows} rows take {size / 1e9:.3g} GB, {room / 1e9:.3g} GB are free; "
-                "expected fewer lanes or fields, a shorter duration, or every=10"
-            )
         self._names = [(stream, field.name) for stream, field in self._keep]
-        self._prepared = prepare_all(launch, self.over, lanes, self._names)
-        first = self._prepared[0]
-        for lane, one in enumerate(self._prepared):
-            if one.structure != first.structure or one.job.rate != self.rate:
-                raise ArgumentError(
-                    f"lane {lane} ({self.settings(lane)}): found other nodes, streams or rates than in lane 0 "
-                    f"({self.settings(0)}), expected lanes that differ in settings alone; make an ensemble of each kind"
-                )
+        self._fields = []
+        for stream, field in self._keep:
+            dtype = layout(base.streams[stream])[field.name]
+            shape, unit = (rows, *dtype.shape), field.unit
+            self._fields.append(KeptField(f"{stream}.{field.name}", dtype.base, shape, unit, tuple(field.words)))
+        self._row = sum(field.dtype.itemsize * math.prod(field.shape) for field in self._fields)
+        self._prepare = LanePreparation(launch, self.over, self._names)
+        self._first: Prepared | None = None
+        self._prepared: list[Prepared] = []
+        self._blocks = LaneBlocks(self._lane, lanes, self._row, self._names, rows, every)
+        self._prepared = [self._lane(lane) for lane in range(self._blocks.size)]
+
+    def _lane(self, lane: int) -> Prepared:
+        """A lane. GraphError, ArgumentError: it is refused."""
+        if lane < len(self._prepared):
+            return self._prepared[lane]
+        one = self._prepare(lane)
+        first = self._first = self._first or one
+        if one.structure != first.structure or one.job.rate != self.rate:
+            raise ArgumentError(
+                f"lane {lane} ({self.settings(lane)}): found other nodes, streams or rates than in lane 0 "
+                f"({self.settings(0)}), expected lanes that differ in settings alone; make an ensemble of each kind"
+            )
+        return one
 
     def settings(self, lane: int) -> str:
         """The settings of a lane that differ from the graph, as text."""
         return ", ".join(f"{path}={values[lane]}" for path, values in self.over.items()) or "the settings of the graph"
 
-    def run(self, *, quiet: bool = False) -> Any:
+    def run(self, *, out: str | Path | None = None, quiet: bool = False) -> Any:
         """Run all lanes from the start.
 
         Returns an xarray Dataset with the dimensions `lane` and `time` [s], and `axis` for vectors. Without xarray it
@@ -105,46 +121,106 @@ class Ensemble:
         A lane that fails is NaN from that tick on; `error` has its message, and a warning lists the failed lanes. Lines
         that `palpate run` would print about a lane are in `notes`; the first of each kind is also a PalpateWarning.
 
+        out    folder of a zarr store to write, in bounded memory for any number of lanes. Ctrl-C keeps whole blocks of
+               lanes; the same call continues an unfinished store. The Dataset reads from it
         quiet  no progress bar
 
-        RunError: all lanes failed. KeyboardInterrupt: Ctrl-C, within 0.1 s.
+        ArgumentError: the results do not fit into the memory, or `out` has something else. RunError: all lanes failed.
+        KeyboardInterrupt: Ctrl-C, within 0.1 s.
         """
-        with StageBars(quiet or not sys.stderr.isatty()) as bars:
-            done, total = bars.begin(f"{self.count} lanes of {self.name}"), self.count * self.ticks
-            lanes = LaneRun(self._prepared, self._names, -(-self.ticks // self._every), self._every)
-            try:
-                lanes.run(self.ticks, self._threads, lambda ticks: done(ticks / total))
-            finally:
-                lanes.close()
-        self.memory = lanes.lanes.memory
-        """[bytes] of the state of all lanes, and of what they share, after `run`."""
-        errors = [str(lanes.failures.get(lane, "")) for lane in range(self.count)]
-        if lanes.failures:
-            self._report(errors)
-        end = nanoseconds(self.ticks, self.rate) * 1e-9
-        self.notes = [
-            RunNote(text, node, end, lane)
-            for lane in range(self.count)
-            if lane not in lanes.failures
-            for node, text in lanes.lanes.notes(lane)
-        ]
-        """Lines about the lanes, each with `lane`, `node`, `time` [s] and `text`, after `run`."""
-        warn(self.notes)
         time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
-        found = {
-            f"{stream}.{field.name}": np.array(field.words)[column] if field.words else column
-            for (stream, field), column in zip(self._keep, lanes.lanes.columns, strict=True)
-        }
-        units = {f"{stream}.{field.name}": field.unit for stream, field in self._keep}
+        if out is None:
+            self._check_room()
+            columns, errors = self._in_memory(quiet)
+            self._report()
+            warn(self.notes)
+            return self._dataset(time, columns, errors)
+        coordinates = {path: (values, self._units.get(path, "")) for path, values in self.over.items()}
+        store = LaneStore(
+            Path(out), self._identity(), self.count, self._blocks.size, time, self._fields, coordinates, self.name
+        )
+        try:
+            self._run(store.write, quiet, store.done)
+        finally:
+            store.close()
+        self._report()
+        warn(self.notes)
+        import xarray
+
+        return xarray.open_zarr(out, consolidated=False, chunks=None)
+
+    def _in_memory(self, quiet: bool) -> tuple[list[np.ndarray], list[str]]:
+        """The kept fields of all lanes, and their errors."""
+        columns: list[np.ndarray] = []
+        errors = [""] * self.count
+
+        def take(first: int, found: Sequence[np.ndarray], failed: Mapping[int, str]) -> None:
+            if not columns:
+                alone = len(found[0]) == self.count
+                columns.extend(found if alone else [np.empty((self.count, *c.shape[1:]), c.dtype) for c in found])
+            for column, part in zip(columns, found, strict=True):
+                if column is not part:
+                    column[first : first + len(part)] = part
+            for lane, text in failed.items():
+                errors[lane] = text
+
+        self._run(take, quiet)
+        return columns, errors
+
+    def _run(
+        self, take: Callable[[int, Sequence[np.ndarray], Mapping[int, str]], None], quiet: bool, begin: int = 0
+    ) -> None:
+        """Run the lanes from `begin` on, and give each block of results away."""
+        self.memory, self.notes = (0, 0), []
+        failed: dict[int, str] = {}
+        end = nanoseconds(self.ticks, self.rate) * 1e-9
+        with StageBars(quiet or not sys.stderr.isatty()) as bars:
+            shown = bars.begin(f"{self.count} lanes of {self.name}")
+            begun, before = perf_counter(), begin / self.count
+
+            def done(share: float) -> None:
+                rate = (share - before) * self.count * self.ticks / (perf_counter() - begun)
+                shown(share, f"{rate:.3g} touch-steps/s")
+
+            for block in self._blocks.run(self.ticks, self._threads, done, begin):
+                take(block.first, block.columns, block.errors)
+                self.memory = max(self.memory, block.memory)
+                self.notes += [RunNote(text, node, end, lane) for lane, node, text in block.notes]
+                failed |= block.errors
+        self._failed, self._ran = failed, self.count - begin
+
+    def _check_room(self) -> None:
+        """ArgumentError: the results of all lanes do not fit into the free memory."""
+        size, room = self.count * self._row, os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        if size > room:
+            raise ArgumentError(
+                f"keep: {self.count} lanes of {self._row / 1e3:.3g} kB take {size / 1e9:.3g} GB, "
+                f"{room / 1e9:.3g} GB are free; expected at most {room // self._row} lanes, fewer fields, a shorter "
+                "duration, every=10, or run(out='touches.zarr'), which needs little memory"
+            )
+
+    def _identity(self) -> str:
+        """Hash of everything that determines the results."""
+        job = msgspec.to_builtins(self._prepared[0].job, enc_hook=str)
+        files = sorted(files_of(self._prepared[0].graph))
+        kept = [(field.name, field.dtype.str, field.shape) for field in self._fields]
+        return digest([kernel_cache.key(), job, files, self.over, self.count, self._every, kept, self._blocks.size])
+
+    def _dataset(self, time: np.ndarray, columns: Sequence[np.ndarray], errors: list[str]) -> Any:
+        """The results as a Dataset, or as a dictionary without xarray."""
+        found = [field.shown(column) for field, column in zip(self._fields, columns, strict=True)]
         try:
             import xarray
         except ImportError:
-            plain = {name: Samples(values, name, units[name], np.empty(0)) for name, values in found.items()}
+            plain = {
+                field.name: Samples(values, field.name, field.unit, np.empty(0))
+                for field, values in zip(self._fields, found, strict=True)
+            }
             return {**plain, "time": time, "error": np.array(errors)}
         data: dict[str, Any] = {
-            name: (("lane", "time", *(f"axis{n if n != 3 else ''}" for n in values.shape[2:])), values,
-                   {"units": units[name]}) for name, values in found.items()
-        }  # fmt: skip
+            field.name: (field.dimensions, values, {"units": field.unit})
+            for field, values in zip(self._fields, found, strict=True)
+        }
         data["error"] = ("lane", np.array(errors, dtype=object), {})
         coordinates: dict[str, Any] = {"lane": np.arange(self.count), "time": ("time", time, {"units": "s"})}
         for path, values in self.over.items():
@@ -152,14 +228,16 @@ class Ensemble:
             coordinates[path] = ("lane", shown, {"units": unit} if (unit := self._units.get(path)) else {})
         return xarray.Dataset(data, coordinates, {"graph": self.name})
 
-    def _report(self, errors: Sequence[str]) -> None:
-        """Warn about failed lanes. RunError: all lanes failed."""
-        failed = [lane for lane, error in enumerate(errors) if error]
-        lines = [f"lane {lane} ({self.settings(lane)}): {errors[lane]}" for lane in failed[:SHOWN]]
-        if len(failed) > SHOWN:
-            lines.append(f"and {len(failed) - SHOWN} more; `error` has all")
-        text = f"{len(failed)} of {self.count} lanes failed:\n" + "\n".join(lines)
-        if len(failed) == self.count:
+    def _report(self) -> None:
+        """Warn about failed lanes. RunError: all lanes that ran failed."""
+        errors, ran = self._failed, self._ran
+        if not errors:
+            return
+        lines = [f"lane {lane} ({self.settings(lane)}): {errors[lane]}" for lane in list(errors)[:SHOWN]]
+        if len(errors) > SHOWN:
+            lines.append(f"and {len(errors) - SHOWN} more; `error` has all")
+        text = f"{len(errors)} of {ran} lanes failed:\n" + "\n".join(lines)
+        if len(errors) == ran:
             raise RunError(text)
         warnings.warn(text, RuntimeWarning, stacklevel=3)
 

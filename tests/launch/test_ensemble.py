@@ -169,12 +169,16 @@ def test_a_lane_that_fails_is_reported_and_the_others_finish(spring):
         ({"keep": ["tissue.displacement"]}, "change in length"),
         ({"keep": []}, "keep: found nothing"),
         ({"lanes": 0}, "lanes: found 0"),
-        ({"lanes": 10**7, "duration": 1e3}, "GB are free"),
     ],
 )
 def test_wrong_input_is_an_error_with_a_remedy(given, printed):
     with pytest.raises(palpate.PalpateError, match=f"(?s){printed}"):
         ensemble(**given)
+
+
+def test_results_that_do_not_fit_into_the_memory_are_refused_with_the_number_that_does():
+    with pytest.raises(ArgumentError, match=r"GB are free; expected at most \d+ lanes, .*touches.zarr"):
+        ensemble(lanes=10**7, duration=1e3).run()
 
 
 def test_nodes_in_python_and_devices_are_errors_with_their_names():
@@ -272,4 +276,5 @@ def test_results_do_not_depend_on_the_number_of_graphs_in_memory(monkeypatch, kn
 
 
 def prepared(over):
-    return running.prepare_all(find("kidney").but(duration=0.1, overrides=TOUCH), over, LANES, [("contact", "force")])
+    prepare = running.LanePreparation(find("kidney").but(duration=0.1, overrides=TOUCH), over, [("contact", "force")])
+    return [prepare(lane) for lane in range(LANES)]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.compiler.zero_pages import PAGE, ZeroPages, written
 from palpate.engine.job import NodeJob
 from palpate.engine.segment import CompiledSegment, failure, view
 from palpate.engine.slot import NodeError, make
@@ -19,8 +20,8 @@ from palpate.engine.table import CLOCK, LANE, TAP
 from palpate.messages.record import address_of
 from palpate.nodes.base import Node
 
-WORD, LINE, PAGE = 8, 64, 4096
-"""[bytes] Alignment of the arrays of a table; of the parts of a block; unit in which images are copied."""
+WORD, LINE = 8, 64
+"""[bytes] Alignment of the arrays of a table, and of the parts of a block."""
 Pool = weakref.WeakValueDictionary[Any, np.ndarray]
 """Shared arrays by their content, while a node uses them."""
 
@@ -99,6 +100,7 @@ class Lanes:
         self._run = entry_point(run_lanes, 0, 0, 0)
         self._lanes, self._taps = np.zeros(count, LANE), np.zeros((count, 0), TAP)
         self._lanes["every"] = 1
+        self._memory = ZeroPages()
         self._blocks: list[np.ndarray | None] = [None] * count
         self._bases, self._nodes = np.zeros(count, np.int64), list[Sequence[NodeImage]]([()] * count)
         self._sources, self.every = np.zeros(0, np.int64), 1
@@ -149,17 +151,18 @@ class Lanes:
 
     def place(self, lane: int, nodes: Sequence[NodeImage]) -> None:
         """Reset a lane to the start of the run, with these nodes."""
-        parts = np.cumsum([len(self._image), *(_aligned(node.size) for node in nodes)])
-        block = self._blocks[lane] = np.zeros(int(parts[-1]) + LINE, np.uint8)
-        base = self._bases[lane] = -(-address_of(block) // LINE) * LINE
-        memory = block[base - address_of(block) :][: int(parts[-1])]
+        parts, size = self._parts(nodes)
+        if (former := self._blocks[lane]) is not None:
+            self._memory.give(former)
+        memory = self._blocks[lane] = self._memory.take(size)
+        base = self._bases[lane] = address_of(memory)
         words = memory.view(np.int64)
         memory[: len(self._image)] = self._image
         at, to = self._links
         words[at] = base + to
         at, number = self._owns
         words[at] = base + parts[number]
-        for part, node in zip(parts.tolist(), nodes, strict=False):
+        for part, node in zip(parts.tolist(), nodes, strict=True):
             for begin, piece in node.pieces:
                 memory[part + begin : part + begin + len(piece)] = piece
             words[(part + node.links[:, 0]) // 8] = base + part + node.links[:, 1]
@@ -169,9 +172,19 @@ class Lanes:
         given = self._lanes[lane]
         given["rows"], given["clock"], given["tick"], given["taps"] = base, base + self._clock, 0, address_of(taps)
 
+    def _parts(self, nodes: Sequence[NodeImage]) -> tuple[np.ndarray, int]:
+        """Offset of each node in a block, and the size of the block. The largest node is the last one: few pages of it
+        are written, and all others share pages."""
+        sizes = np.array([node.size for node in nodes])
+        order = np.argsort(sizes, kind="stable")
+        ends = len(self._image) + np.cumsum([_aligned(size) for size in sizes[order].tolist()])
+        parts = np.empty(len(nodes), np.int64)
+        parts[order] = [len(self._image), *ends[:-1]]
+        return parts, int(ends[-1])
+
     def own(self, lane: int, place: int) -> np.ndarray:
         """The record (1,) of the node with index `place` in the segment."""
-        part = len(self._image) + sum(_aligned(node.size) for node in self._nodes[lane][:place])
+        part = int(self._parts(self._nodes[lane])[0][place])
         return view(int(self._bases[lane]) + part, self.segment.slots[place].node._record.dtype)  # type: ignore[attr-defined]
 
     def run(self, first: int, count: int, ticks: int) -> None:
@@ -212,10 +225,9 @@ class Lanes:
 
     @property
     def memory(self) -> tuple[int, int]:
-        """Size [bytes] of all lanes without pages of zeros, and of the shared arrays."""
+        """Size [bytes] of the pages of all lanes that are not zero, and of the shared arrays."""
         images = {id(node): node for nodes in self._nodes for node in nodes}
-        table = self.count * len(self._image)
-        private = table + sum(len(piece) for nodes in self._nodes for node in nodes for _, piece in node.pieces)
+        private = sum(written(block) for block in self._blocks if block is not None)
         arrays = {address_of(array): array.nbytes for node in images.values() for array in node.shared}
         return private, sum(arrays.values())
 

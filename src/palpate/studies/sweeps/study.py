@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.bases import build_missing
+from palpate.launch.load.dependencies import content, digest, files_of
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ_file import organ_of
@@ -26,7 +27,7 @@ from palpate.launch.run.lanes import extremes
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.sweeps.axes import axis
 from palpate.studies.sweeps.checks import check, path, seconds, space, units
-from palpate.studies.sweeps.identity import changes, content, described, digest, files_of
+from palpate.studies.sweeps.identity import changes, described
 from palpate.studies.sweeps.keep import RECORDING, Kept, kept
 from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint
 from palpate.studies.sweeps.sensitivity import indices

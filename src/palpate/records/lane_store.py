@@ -1,0 +1,117 @@
+"""Results of an ensemble in a zarr store that grows block by block, so that an interrupted run can go on."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palpate.physics.errors import ArgumentError
+from palpate.physics.extras import required
+from palpate.physics.writable import locked
+
+LOCK = "palpate.lock"
+
+
+class KeptField(NamedTuple):
+    """A field of every lane: its name, the dtype and shape (rows, ...) of one lane, its unit, and its words, if any."""
+
+    name: str
+    dtype: np.dtype
+    shape: tuple[int, ...]
+    unit: str
+    words: tuple[str, ...] = ()
+
+    @property
+    def dimensions(self) -> tuple[str, ...]:
+        """Names of the dimensions, that of lanes first."""
+        return ("lane", "time", *(f"axis{n if n != 3 else ''}" for n in self.shape[1:]))
+
+    def shown(self, column: np.ndarray) -> np.ndarray:
+        """The values of lanes as results: words in place of their index."""
+        return np.array(self.words, object)[column] if self.words else column
+
+
+class LaneStore:
+    """A zarr store (format 3) that xarray reads without palpate: `xarray.open_zarr(path, consolidated=False)`.
+
+    path      its folder; it is made, or continued if it belongs to the same ensemble
+    identity  hash of everything that determines the results
+    lanes, size, time  number of lanes, of lanes in a block; times [s] of the rows
+    settings  varied settings by path: a value for each lane, and units
+
+    ArgumentError: the folder has something else, or another process writes to it; zarr is missing.
+    """
+
+    def __init__(
+        self, path: Path, identity: str, lanes: int, size: int, time: np.ndarray, fields: Sequence[KeptField],
+        settings: Mapping[str, tuple[Sequence[Any], str]], graph: str,
+    ) -> None:  # fmt: skip
+        with required("run(out=...)", "study", ArgumentError):
+            import zarr
+        self.path, self._fields, self._size = path, fields, size
+        try:
+            found = path.exists() and any(path.iterdir())
+            path.mkdir(parents=True, exist_ok=True)
+            self._lock = (path / LOCK).open("w")
+        except OSError as error:
+            raise ArgumentError(f"out: {path} cannot be written: {error.strerror}; expected a folder") from None
+        if not locked(self._lock):
+            raise ArgumentError(f"out: another run writes to {path}; expected another folder, or wait for its end")
+        if found:
+            self._group = self._opened(zarr, identity)
+        else:
+            self._group = zarr.create_group(path)
+            self._create(lanes, time, settings)
+            self._group.attrs.update({
+                "graph": graph, "coordinates": " ".join(settings), "identity": identity, "lanes_done": 0,
+            })  # fmt: skip
+
+    def _opened(self, zarr: Any, identity: str) -> Any:
+        expected = "expected an empty or missing folder, or the unfinished results of the same ensemble"
+        try:
+            group = zarr.open_group(self.path, mode="r+")
+            kept = group.attrs["identity"]
+        except Exception:  # zarr raises many types for a folder that is not its own
+            raise ArgumentError(f"out: found other files in {self.path}, {expected}") from None
+        if kept != identity:
+            raise ArgumentError(f"out: {self.path} has results of other settings, lanes, fields or sources; {expected}")
+        return group
+
+    def _create(self, lanes: int, time: np.ndarray, settings: Mapping[str, tuple[Sequence[Any], str]]) -> None:
+        make = self._group.create_array
+        for field in self._fields:
+            kind: Any = str if field.words else field.dtype
+            empty = "" if field.words else np.nan if field.dtype.kind == "f" else 0
+            make(field.name, shape=(lanes, *field.shape), chunks=(self._size, *field.shape), dtype=kind,
+                 fill_value=empty, dimension_names=field.dimensions, attributes={"units": field.unit})  # fmt: skip
+        make("error", shape=(lanes,), chunks=(self._size,), dtype=str, fill_value="", dimension_names=("lane",))
+        known: dict[str, tuple[Any, str, tuple[str, ...]]] = {
+            "lane": (np.arange(lanes), "", ("lane",)), "time": (time, "s", ("time",)),
+        }  # fmt: skip
+        for path, (values, unit) in settings.items():
+            numbers = all(isinstance(value, bool | int | float) for value in values)
+            known[path] = np.array(values) if numbers else np.array(list(map(str, values)), object), unit, ("lane",)
+        for name, (values, unit, dimensions) in known.items():
+            kind = str if values.dtype == object else values.dtype
+            array = make(name, shape=values.shape, chunks=values.shape, dtype=kind, dimension_names=dimensions,
+                         attributes={"units": unit} if unit else {})  # fmt: skip
+            array[:] = values
+
+    @property
+    def done(self) -> int:
+        """Number of lanes whose results are complete."""
+        return int(self._group.attrs["lanes_done"])
+
+    def write(self, first: int, columns: Sequence[np.ndarray], errors: Mapping[int, str]) -> None:
+        """Write the results of a block, then count its lanes as done."""
+        end = first + len(columns[0])
+        for field, column in zip(self._fields, columns, strict=True):
+            self._group[field.name][first:end] = field.shown(column)
+        self._group["error"][first:end] = np.array([errors.get(lane, "") for lane in range(first, end)], object)
+        self._group.attrs["lanes_done"] = end
+
+    def close(self) -> None:
+        """Let other processes write to the store."""
+        self._lock.close()
+        (self.path / LOCK).unlink(missing_ok=True)
