@@ -148,6 +148,14 @@ class Preparation:
         return reached
 
 
+def with_values(launch: LaunchFile, values: Mapping[str, Any], lane: int) -> LaunchFile:
+    """The run of a lane with these values by path."""
+    places = ((path, Location(f"lane {lane}, {path}")) for path in values)
+    return launch.but(
+        overrides=[Override(tuple(p.split(".")), YamlSource(values[p], {(): place})) for p, place in places]
+    )
+
+
 def prepare_all(
     launch: LaunchFile, over: Mapping[str, Sequence[Any]], lanes: int, keep: Sequence[tuple[str, str]]
 ) -> list[Prepared]:
@@ -157,11 +165,7 @@ def prepare_all(
     """
 
     def load(values: Mapping[str, Any]) -> Prepared:
-        changes = [
-            Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"lane {lane}, {path}")}))
-            for path, value in values.items()
-        ]
-        return prepare(launch.but(overrides=changes), keep)
+        return prepare(with_values(launch, values, lane), keep)
 
     each = Preparation(load, {path: extremes(values) for path, values in over.items()})
     prepared = []
