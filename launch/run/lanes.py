@@ -148,6 +148,14 @@ class Preparation:
         return reached
 
 
+def with_values(launch: LaunchFile, values: Mapping[str, Any], lane: int) -> LaunchFile:
+    """The run of a lane with these values by path."""
+    places = ((path, Location(f"lane {lane}, {path}")) for path in values)
+    return launch.but(
+        overrides=[Override(tuple(p.split(".")), YamlSource(values[p], {(): place})) for p, place in places]
+    )
+
+
 class LanePreparation:
     """Prepares lanes of a run by their number.
 
@@ -169,11 +177,7 @@ class LanePreparation:
             raise GraphError(replace(fault, text=f"lane {lane}: {fault.text}") for fault in error.faults) from None
 
     def _load(self, values: Mapping[str, Any]) -> Prepared:
-        changes = [
-            Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"lane {self._lane}, {path}")}))
-            for path, value in values.items()
-        ]
-        return prepare(self._launch.but(overrides=changes), self._keep)
+        return prepare(with_values(self._launch, values, self._lane), self._keep)
 
 
 def _follows(base: Prepared, other: Prepared, usual: float, value: float) -> set[tuple[int, str]] | None:

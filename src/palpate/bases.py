@@ -1,35 +1,92 @@
 """Builds the bases of ReducedFE that a graph lacks, before it runs from the shell or from Python."""
 
+from __future__ import annotations
+
 import contextlib
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from palpate.engine.graph import Graph
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.nodes.base import SettingError
 from palpate.physics.errors import PalpateError
 
+if TYPE_CHECKING:
+    from palpate.models.build.basis import Begin
 
-def build_missing(graph: Graph, quiet: bool = False) -> None:
+PARTS = ("surface", "organ", "nodule", "capsule")
+"""Parts of a scene that a basis depends on."""
+
+
+def build_missing(graph: Graph, quiet: bool = False, begin: Begin | None = None) -> None:
     """Build and store each condensed basis that a running node of the graph needs and that is not stored, with progress
-    on standard error. Bases of `model: sampled` and of the fingertip take minutes and remain `palpate build basis`.
+    on standard error, or with `begin`. Bases of `model: sampled` and of the fingertip take minutes and remain `palpate
+    build basis`.
 
     SettingError: a basis cannot be built.
     """
-    wanted = {}
-    for spec in graph.nodes.values():
-        made: Any = spec.cls(**spec.settings) if spec.off is None and hasattr(spec.cls, "bases") else None
-        if made is None:
-            continue
-        from palpate.nodes.deformation.basis_store import SHIPPED, cache
-
-        with contextlib.suppress(PalpateError):  # the plan reports it with its place
-            for node in made.bases():
-                short = node.model != "sampled" and node.surface != "fingertip"
-                if short and node.stored(SHIPPED, cache()) is None:
-                    wanted[node.key()] = node
+    wanted = _missing(graph)
     if not wanted:
         return
     from palpate.launch.run.progress import StageBars
     from palpate.models.build.on_demand import build
 
-    with StageBars(quiet) as bars:
-        for node in wanted.values():
-            build(node, bars.begin)
+    with StageBars(quiet or begin is not None) as bars:
+        for node in wanted:
+            build(node, begin or bars.begin)
+
+
+def build_for_each(
+    launched: Callable[[Mapping[str, Any]], LaunchFile],
+    points: Iterable[Mapping[str, Any]],
+    quiet: bool,
+    report: Callable[[str], None] | None = None,
+) -> None:
+    """`build_missing` for the graphs of many points. A point whose graph is invalid reports it when it is loaded again.
+
+    launched  the run with values by path
+    points    values of each point by path
+    report    called with the reason why a basis cannot be built; None: SettingError
+    """
+    for values in _differing(points):
+        graph = None
+        with contextlib.suppress(PalpateError):
+            graph = launched(values).load()
+        try:
+            if graph is not None:
+                build_missing(graph, quiet)
+        except SettingError as error:
+            if report is None:
+                raise
+            report(str(error))
+
+
+def _differing(points: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """The first of the points whose values agree in all that a basis depends on."""
+    from palpate.nodes.deformation.reduced_fe import BUILT_FROM, NODULE
+
+    ends, seen = {"use", *BUILT_FROM, *NODULE}, set()
+    for values in points:
+        names = ((path, path.split(".")) for path in values)
+        depends = [path for path, parts in names if parts[-1] in ends or any(part in PARTS for part in parts)]
+        key = repr([values[path] for path in depends])
+        if key not in seen:
+            seen.add(key)
+            yield values
+
+
+def _missing(graph: Graph) -> list[Any]:
+    """The bodies of a graph whose bases are not stored, one for each basis."""
+    wanted = {}
+    for spec in graph.nodes.values():
+        made: Any = spec.cls(**spec.settings) if spec.off is None and hasattr(spec.cls, "bases") else None
+        if made is None:
+            continue
+        from palpate.nodes.deformation.basis_store import SHIPPED, cache, find
+
+        with contextlib.suppress(PalpateError):  # the plan reports it with its place
+            for node in made.bases():
+                short, key = node.model != "sampled" and node.surface != "fingertip", node.key()
+                if short and not any(find(folder, key) for folder in (SHIPPED, cache())):
+                    wanted[key] = node
+    return list(wanted.values())

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.bases import build_missing
+from palpate.bases import build_for_each
 from palpate.calling import Organ, described
 from palpate.compiler import kernel_cache
 from palpate.engine.faults import choices
@@ -20,7 +20,7 @@ from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
 from palpate.launch.load.dependencies import digest, files_of
 from palpate.launch.run.lane_blocks import LaneBlocks
-from palpate.launch.run.lanes import LanePreparation, Prepared
+from palpate.launch.run.lanes import LanePreparation, Prepared, with_values
 from palpate.launch.run.notes import RunNote, warn
 from palpate.launch.run.progress import StageBars
 from palpate.messages import Field, fields
@@ -70,9 +70,10 @@ class Ensemble:
         if launch.duration is None:
             raise ArgumentError(f"{graph}: the graph has no duration; pass duration=2.0 [s]")
         base = launch.load()
-        build_missing(base, quiet=not sys.stderr.isatty())
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
         self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
+        points = ({path: values[lane] for path, values in self.over.items()} for lane in range(lanes))
+        build_for_each(lambda values: with_values(launch, values, 0), points, not sys.stderr.isatty())
         self._units = {path: unit for path in self.over if (unit := _unit(path, base))}
         self._keep = [_kept(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
         if not self._keep:

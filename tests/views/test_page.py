@@ -13,8 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.bases import build_missing
 from palpate.cli.terminal.browser import show
+from palpate.compiler import kernel_cache
 from palpate.launch.load.launchfile import find
+from palpate.launch.load.organ_file import OrganFile
 from palpate.records.changed import changed
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
@@ -37,8 +40,9 @@ PRESSED = (0.0, 0.0, 0.101)
 class Server:
     """A page and its session."""
 
-    def __init__(self, folder, graph="kidney", *sets):
-        self.session = Session(find(graph), folder, list(sets))
+    def __init__(self, folder, graph="kidney", *sets, organ=None):
+        launch = find(graph).but(organ=organ).settled()
+        self.session = Session(launch, folder, list(sets), build=lambda *given: build_missing(given[0], begin=given[1]))
         self.page = PageServer(self.session)
 
     def close(self):
@@ -161,6 +165,27 @@ def test_another_body_starts_a_new_run_and_its_recording_replays(server):
     report = verify(recording, changed(recording))
     assert report.ok
     assert report.nodes["device"].checked > 0, "the recording has only sources: the other streams are recomputed"
+
+
+@pytest.mark.long
+def test_switching_to_a_body_without_a_basis_builds_it(tmp_path, monkeypatch):
+    trimesh = pytest.importorskip("trimesh")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    trimesh.creation.icosphere(1, 60.0).export(tmp_path / "ball.stl")
+    said = []
+    monkeypatch.setattr(Session, "say", lambda self, status: said.append(status))
+    made = Server(tmp_path, organ=OrganFile(tmp_path / "ball.stl", "mm"))
+    try:
+        with made.open() as client:
+            until(client, lambda head: head["kind"] == "mesh")
+            client.send(json.dumps({"body": "deformation.ReducedFE"}))
+            until(client, lambda head: head["kind"] == "mesh" and head["body"] == "deformation.ReducedFE")
+    finally:
+        made.close()
+    assert any(text.startswith("building the basis: condensing, ") for text in said)
+    assert not any("stopped" in text for text in said)
+    assert len(list((tmp_path / "cache/palpate/bases").glob("ball-*.npz"))) == 1
 
 
 def test_a_page_for_other_machines_requires_the_token_and_its_origin(capsys):

@@ -7,10 +7,13 @@ import pytest
 from typer.testing import CliRunner
 
 import palpate
+from palpate.bases import _differing
 from palpate.cli.__main__ import app
+from palpate.compiler import kernel_cache
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ_file import OrganFile, organ_of
+from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.basis_store import about, cache
 from palpate.physics.errors import MeshError
 
@@ -22,6 +25,7 @@ def folder(tmp_path, monkeypatch):
     """A folder with a ball of 120 mm, in mm, and an empty cache of bases."""
     trimesh.creation.icosphere(2, 60.0).export(tmp_path / "ball.stl")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))  # processes compile nothing again
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path
 
@@ -105,6 +109,46 @@ def test_a_missing_basis_is_built_once_and_used(folder):
     written = basis.stat().st_mtime_ns
     np.testing.assert_array_equal(palpate.run("kidney", record="two.mcap", **given).contact.force, force)
     assert basis.stat().st_mtime_ns == written
+
+
+def test_points_that_differ_in_what_a_basis_depends_on():
+    """One point of each basis is loaded: a new modulus needs no basis, a new Poisson's ratio or nodule does."""
+    common = {"tissue.young": 1e3, "scene.tissue.poisson": 0.4, "scene.nodule.depth": 5e-3, "tissue.use": "a"}
+    changes = [
+        {},
+        {"tissue.young": 2e3},
+        {"scene.tissue.poisson": 0.3},
+        {"scene.nodule.depth": 6e-3},
+        {"tissue.use": "b"},
+    ]
+    points = [common | change for change in changes]
+    assert list(_differing(points)) == [points[0], *points[2:]]
+
+
+@pytest.mark.long
+def test_the_bases_of_all_points_and_lanes_are_built(folder):
+    trimesh.creation.icosphere(1, 60.0).export("ball.stl")
+    one = {"organ": "ball.stl", "duration": 0.6}
+    uses = ["deformation.MassSpring", "deformation.ReducedFE"]
+    rows = palpate.Study("kidney", {"tissue.use": uses}, **one).run("study", workers=1).rows()
+    assert [row["error"] for row in rows] == ["", ""]
+    lanes = palpate.Ensemble("kidney", 2, {"tissue.poisson": [0.45, 0.4]}, tissue=uses[1], **one)
+    found = lanes.run(quiet=True)["contact.force"].values[:, -1]
+    assert found[0] == rows[1]["peak contact.force"] != found[1] > 0.0
+    stored = {about(path)["inputs"]["poisson"] for path in cache().glob("ball-condensed-*.npz")}
+    assert stored == {0.45, 0.4}
+
+
+def test_a_basis_that_cannot_be_built_is_an_error_with_the_reason(folder):
+    trimesh.Trimesh(*(lambda m: (m.vertices, m.faces[:-1]))(trimesh.creation.icosphere(1, 60.0))).export("open.stl")
+    given = {"organ": "open.stl", "duration": 0.2}
+    with pytest.raises(SettingError, match="not closed"):
+        palpate.Ensemble("kidney", 2, {"tissue.young": [1e4, 2e4]}, tissue="deformation.ReducedFE", **given)
+    lines = []
+    study = palpate.Study("kidney", {"tissue.use": ["deformation.ReducedFE"]}, **given)
+    (row,) = study.run("study", workers=1, report=lines.append).rows()
+    assert "no reduced basis is stored" in row["error"]
+    assert any("not closed" in line for line in lines)
 
 
 @pytest.mark.long

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.bases import build_missing
+from palpate.bases import build_for_each
 from palpate.launch.load.dependencies import content, digest, files_of
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
@@ -147,7 +147,6 @@ class Study:
                 f"over: {len(self):,} points, {' x '.join(map(str, self.space.shape))}; at 1 s each this takes "
                 f"{len(self) / 86400.0:,.1f} days of one core. Expected up to {MANY:,}; to continue: --yes, or yes=True"
             )
-        build_missing(self.launch.load(), quiet=not sys.stderr.isatty())
         store = Store(Path(folder))
         try:
             missing = self._missing(store, retry, report)
@@ -163,6 +162,7 @@ class Study:
             if missing:
                 varied = {path: extremes(values) for path, values in self.space.columns().items()}
                 task = Task(self.launch, self.keep, self._about["versions"], self.limit, varied)
+                build_for_each(task.run, (point.values for point in missing), not sys.stderr.isatty(), report)
                 workers = min(workers or cores(), left)
                 opened = nullcontext(pool) if pool else local(workers, store.folder / "workers.log")
                 try:

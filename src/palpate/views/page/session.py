@@ -2,7 +2,9 @@
 
 import tempfile
 import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -32,6 +34,10 @@ class PageRequest(msgspec.Struct, forbid_unknown_fields=True):
     keep: bool | None = None
 
 
+class EndedError(Exception):
+    """A request of a page ended the build of a basis."""
+
+
 class Session(Live):
     """Runs a graph in a separate thread and restarts it on request. The page that sent the last sample steers.
 
@@ -39,13 +45,18 @@ class Session(Live):
     folder  folder of recordings
     sets    overrides as for `--set`
     only    what to record, of `launchfile.RECORDED`; sources take 1 % of the bytes of all messages
+    build   builds the bases that a graph lacks after a switch; takes the graph and what begins a stage of its progress
 
     PageError, GraphError: the graph cannot be steered, or its faults.
     """
 
     command = "palpate touch"
 
-    def __init__(self, launch: LaunchFile, folder: Path, sets: list[str], only: str = SOURCES) -> None:
+    def __init__(
+        self, launch: LaunchFile, folder: Path, sets: list[str], only: str = SOURCES,
+        build: Callable[[Graph, Any], None] = lambda graph, begin: None,
+    ) -> None:  # fmt: skip
+        self._build = build
         self.place = tempfile.TemporaryDirectory(prefix="palpate-touch-")
         self.launch, self.sockets = steered(launch, Path(self.place.name))
         self.launch = self.launch.but(overrides=sets, only=only)
@@ -115,6 +126,8 @@ class Session(Live):
             self.stopping.clear()
             try:
                 self._one_run()
+            except EndedError:
+                continue
             except (PalpateError, OSError) as error:
                 self.say(f"stopped: {error}")
                 self.stopping.wait()
@@ -125,6 +138,7 @@ class Session(Live):
         graph, self._graph = self._graph, None
         if graph is None:
             graph = self.launch.but(overrides=[*switched, f"{self.touched.body}.use={self._wish}"]).load()
+            self._build(graph, self._building)
             self.touched = touched(plan(graph))
         self.number += 1
         while (self.folder / f"{self.launch.graph.stem}-{self.number}.mcap").exists():  # of another program
@@ -145,6 +159,21 @@ class Session(Live):
         if not self.stopping.is_set():
             self.say(f"stopped: the run has ended. {'; '.join(map(str, outcome.result.deaths))}"[:600])
             self.stopping.wait()
+
+    def _building(self, name: str, note: str, total: float | None = 1.0) -> Callable[[float], None]:
+        """Report a stage of the build of a basis on the page. A request of a page ends the build."""
+        shown = -1
+
+        def done(share: float) -> None:
+            nonlocal shown
+            if self.stopping.is_set():
+                raise EndedError
+            if (percent := 5 * int(20 * share)) != shown:
+                shown = percent
+                self.say(f"building the basis: {name}{f', {percent} %' if total else ''}: {note}")
+
+        done(0.0)
+        return done
 
     def begun(self) -> None:
         about = {"recording": str(self.record), "bodies": self.bodies, "effects": self.effects}

@@ -50,7 +50,9 @@ def touch(
     )
     build_missing(launch.but(overrides=sets or ()).load())
     with contextlib.nullcontext(out) if out else new_folder("touch") as folder:
-        session = Session(launch, folder, list(sets or []), record_only)
+        session = Session(
+            launch, folder, list(sets or []), record_only, lambda graph, begin: build_missing(graph, begin=begin)
+        )
         session.keep = not no_record
         show(session, "touch", port, host, no_open)
     for file in session.kept:
