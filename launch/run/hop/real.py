@@ -10,9 +10,10 @@ from numba import types
 
 from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import set_word, word
+from palpate.engine import schedule
 from palpate.engine.clock import SPIN
-from palpate.engine.compiled_tick import ROW_SIZE, clock_at, needed, row_at, stands
-from palpate.engine.schedule import MISSED, OLD
+from palpate.engine.compiled_tick import ROW_SIZE, clock_at, lacks, needed, row_at, stands
+from palpate.engine.schedule import OLD
 from palpate.launch.run.hop.frames import (
     DONTWAIT,
     ODD,
@@ -36,6 +37,7 @@ ABSOLUTE, READABLE = 1, 1  # of Linux
 FAR = 1 << 62  # a tick after all others
 LONGEST_WAIT = 20_000_000  # [ns] in compiled code, since orders and Ctrl-C take effect after it
 SETTLED = 0.5  # share of the period after which the force path of a tick has usually ended
+left_out, unread, stopped = kernel(schedule.left_out), kernel(schedule.unread), kernel(schedule.stopped)
 
 
 @kernel
@@ -60,11 +62,9 @@ def paced(hop):
         left = due - moment(hop)
         while left > 0:
             left = due - moment(hop)
-    if -left > hop.exact:
-        skipped = min(np.int64(-left // hop.exact), hop.end - now)
-        hop.late += skipped if hop.last >= 0 else 0
-        now += skipped
-    return True, now, moment(hop) - hop.origin
+    skipped = left_out(-left, hop.exact, now, hop.end)
+    hop.late += skipped if hop.last >= 0 else 0
+    return True, now + skipped, moment(hop) - hop.origin
 
 
 @kernel
@@ -80,10 +80,9 @@ def followed(hop):
         count, runs = count + more, runs + found
         if count > 0 and (received or state == ODD or fill(wire, DONTWAIT) <= 0):
             head = head_at(port.record)
+            hop.lost += unread(runs, head.tick, row.due, hop.last)
             if head.tick > hop.last:
-                hop.lost += runs - (head.tick >= row.due)
                 return True, head.tick, head.time
-            hop.lost += runs if head.tick >= row.due else 0
             count = runs = zero
         elif count == 0 and (state == ODD or fill(wire, 0) <= 0):
             break
@@ -133,18 +132,10 @@ def collected(hop, port, now, waits, until):
 
 
 @kernel
-def lacking(port, now, rate):
-    """Whether a required message is missing or too old, so that its node does not step."""
+def state_of(port, now, rate):
+    """How a step takes the message of a port, see `engine.schedule`; a missing one is `OLD`."""
     line, head = input_at(port.line), head_at(port.record)
-    state = stands(row_at(port.row), line, head.tick, now, rate) if head.there else OLD
-    return state == MISSED or (state == OLD and not line.optional)
-
-
-@kernel
-def silent(port, now, rate):
-    """Whether the sender of an optional input has stopped, so that waiting for it is useless."""
-    line, head = input_at(port.line), head_at(port.record)
-    return line.optional and head.there and stands(row_at(port.row), line, head.tick, now, rate) == OLD
+    return stands(row_at(port.row), line, head.tick, now, rate) if head.there else OLD
 
 
 @kernel
@@ -159,9 +150,10 @@ def gather(hop, segment, now, rate):
             continue
         leads = word(segment.port + 8 * k) == hop.port
         waits = (port.waits != 0 or line.drives) and not leads and port.row != without
-        if collected(hop, port, now, waits and not silent(port, now, rate), until) != DONE:
+        silent = head_at(port.record).there and stopped(state_of(port, now, rate), line.optional)
+        if collected(hop, port, now, waits and not silent, until) != DONE:
             return INPUT
-        if lacking(port, now, rate):
+        if lacks(state_of(port, now, rate), line.optional):
             without = port.row
     return DONE
 

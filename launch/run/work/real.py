@@ -21,10 +21,22 @@ up from zero (nodes/base/absence.py).
 """
 
 from palpate.engine.clock import now, sleep_until
-from palpate.engine.schedule import FRESH, MISSED, OLD, needed, next_run, slept, standing
+from palpate.engine.schedule import (
+    FRESH,
+    MISSED,
+    OLD,
+    lacks,
+    left_out,
+    needed,
+    next_run,
+    slept,
+    standing,
+    stopped,
+    unread,
+)
 from palpate.engine.slot import Input, Slot
 from palpate.engine.tick import run_tick
-from palpate.launch.run.hop.hop import Hop
+from palpate.launch.run.hop.hop import FAR, Hop
 from palpate.launch.run.work.worker import EndedError, Worker, permitted
 from palpate.messages import Message
 
@@ -97,15 +109,13 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
     except the last one of the run."""
     tick = worker.tick + 1
     late = sleep_until(origin + round(tick * period))
-    if late > period:
-        skipped = int(late // period) if worker.last is None else min(int(late // period), worker.last - tick)
-        if worker.tick >= 0:  # a restarted worker begins at the current tick
-            lead.health.late += skipped
-        tick += skipped
+    skipped = left_out(late, period, tick, FAR if worker.last is None else worker.last)
+    if worker.tick >= 0:  # a restarted worker begins at the current tick
+        lead.health.late += skipped
     if worker.stopping:
         raise EndedError
     worker.drain()
-    return tick, now() - origin
+    return tick + skipped, now() - origin
 
 
 def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
@@ -124,13 +134,10 @@ def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
             raise EndedError
     worker.drain()
     newest = port.queue[-1]
-    if newest.tick <= worker.tick:  # a duplicate, or out of order
-        if newest.tick >= lead.due:
-            lead.health.lost += _runs(lead, port)
+    lead.health.lost += unread(_runs(lead, port), newest.tick, lead.due, worker.tick)
+    if newest.tick <= worker.tick:
         port.queue.clear()
         return None
-    if len(port.queue) > 1:
-        lead.health.lost += _runs(lead, port) - (newest.tick >= lead.due)
     return newest.tick, newest.time
 
 
@@ -143,24 +150,22 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
     """The inputs of a step; None if a required one did not arrive in time. For a node of a segment all messages that
     have arrived: compiled code applies the same rules to them."""
     messages: list[Message | None] = []
-    lacks = False  # a required input is missing, so waiting for others is useless
+    without = False  # a required input is missing, so waiting for others is useless
     for port in slot.inputs:
         if port.inside:
             messages.append(None)
             continue
         drives = port is slot.driver
         waits = (port.waits or drives) and not (leading and drives) and not _silent(worker, slot, port, tick)
-        message = arrived = _pick(worker, port, tick, deadline, waits and not lacks)
-        if message is not None:
-            state = _stands(worker, slot, port, message, tick)
-            if not slot.joined:
-                slot.health.held += state not in (FRESH, MISSED)
-            message = message if state not in (MISSED, OLD) else None
-            lacks = lacks or state == MISSED
-        lacks = lacks or (message is None and not port.port.optional)
-        if lacks and not slot.joined:
-            return None
-        messages.append(arrived if slot.joined else message)
+        message = _pick(worker, port, tick, deadline, waits and not without)
+        state = OLD if message is None else _stands(worker, slot, port, message, tick)
+        without = without or lacks(state, port.port.optional)
+        if not slot.joined:
+            slot.health.held += message is not None and state not in (FRESH, MISSED)
+            if without:
+                return None
+            message = message if state != OLD else None
+        messages.append(message)
     return messages
 
 
@@ -169,7 +174,7 @@ def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
     if not port.port.optional or port.dead:
         return False
     message = port.newest(tick - 1 if port.loop else tick)
-    return message is not None and _stands(worker, slot, port, message, tick) == OLD
+    return message is not None and stopped(_stands(worker, slot, port, message, tick), True)
 
 
 def _stands(worker: Worker, slot: Slot, port: Input, message: Message, tick: int) -> int:

@@ -24,7 +24,7 @@ LANE_SIZE, TAP_SIZE = LANE.itemsize, TAP.itemsize
 
 
 needed, slept = kernel(schedule.needed), kernel(schedule.slept)
-standing = kernel(schedule.standing)
+standing, lacks = kernel(schedule.standing), kernel(schedule.lacks)
 
 
 @kernel

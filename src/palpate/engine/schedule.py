@@ -39,6 +39,33 @@ def standing(sent: int, need: int, drives: bool, age: int, rate: float, permitte
     return OLD if age / rate > permitted else HELD
 
 
+def lacks(state: int, optional: bool) -> bool:
+    """Whether a step cannot run with a message in this state; a missing one is `OLD`."""
+    return state == MISSED or (state == OLD and not optional)
+
+
+def stopped(state: int, optional: bool) -> bool:
+    """Whether the sender of an optional input has stopped, so that waiting for it is useless."""
+    return optional and state == OLD
+
+
+def unread(runs: int, newest: int, due: int, last: int) -> int:
+    """Lost runs of a node that takes the newest of several driving messages.
+
+    runs    number of its runs from tick `due` on to which the messages belong
+    newest  tick of the newest message;  last  tick of the node's last run, which it must exceed
+    """
+    if newest <= last:  # duplicates, or out of order
+        return runs if newest >= due else 0
+    return runs - (newest >= due)
+
+
+def left_out(late: float, period: float, tick: int, last: int) -> int:
+    """Ticks to leave out from `tick` on, which begins `late` [ns]: those whose whole period [ns] has passed, except the
+    last one of the run."""
+    return min(int(late // period), last - tick) if late > period else 0
+
+
 def next_run(tick: int, every: int) -> int:
     """The first tick after `tick` at which a node with this divisor runs."""
     return tick - tick % every + every

@@ -56,7 +56,13 @@ def framed(tick: int) -> bytes:
 class Bench:
     """A worker in this process, the outlets that it reads, and an inlet for each of its streams."""
 
-    def __init__(self, compiled: bool, nodes: Sequence[NodeJob] = NODES, real: bool = False) -> None:
+    def __init__(
+        self,
+        compiled: bool,
+        nodes: Sequence[NodeJob] = NODES,
+        real: bool = False,
+        publisher: zmq.Socket | None = None,
+    ) -> None:
         streams = [stream for node in nodes for stream in node.streams]
         external = {stream: ("sink",) for stream in streams}
         self.folder = RunFolder(RUN)
@@ -65,7 +71,9 @@ class Bench:
         read = {given.stream: given.producer for node in nodes for given in node.inputs if given.producer not in names}
         self.outlets: dict[str, Outlet] = {}
         self.senders: dict[str, Sender] = {}
-        for stream, producer in read.items():
+        if publisher is not None:  # sends in place of the outlet
+            publisher.bind(endpoint(RUN, "src", "force"))
+        for stream, producer in read.items() if publisher is None else ():
             self.outlets[stream] = Outlet(producer, {stream: ("here",)}, real, self.watch)
             self.outlets[stream].bind(endpoint(RUN, producer, "force").removeprefix("ipc://"))
             self.senders[stream] = self.outlets[stream].sender(stream, None, self.watch.poll)
@@ -100,7 +108,8 @@ class Bench:
 
     def linked(self) -> bool:
         return bool(
-            all(outlet.linked(stream) and self.bus.inlet(stream).linked for stream, outlet in self.outlets.items())
+            all(outlet.linked(stream) for stream, outlet in self.outlets.items())
+            and all(self.bus.inlet(stream).linked for stream in self.worker.feeds)
             and all(self.bus._outlet.linked(inlet.stream) and inlet.linked for inlet in self.inlets)
         )
 
@@ -392,6 +401,23 @@ def test_a_held_sender_that_closes_its_connection_does_not_end_compiled_executio
     writer.join()
     assert made.worker.tick == TICKS - 1
     assert sum(tick > 100 for tick in in_python) < 50  # it was each of 200
+
+
+def test_compiled_code_reads_a_publisher_of_libzmq(bench, monkeypatch):
+    ordinary = bench(True)
+    ordinary.write(b"".join(map(framed, range(TICKS))))
+    ordinary.run()
+    ordinary.close()
+    with zmq.Context() as context, context.socket(zmq.XPUB) as publisher:
+        made = bench(True, publisher=publisher)
+        monkeypatch.setattr(CompiledSegment, "run", None)
+        assert publisher.poll(30_000) and publisher.recv() == b"\1pose\0"
+        for tick in range(TICKS):
+            publisher.send(b"pose\0" + pack(message(tick)))
+        made.run()
+        assert made.payloads == ordinary.payloads
+        made.close()
+    ordinary.close = made.close = lambda: None
 
 
 @pytest.mark.parametrize("kind", [zmq.SUB, zmq.XSUB])

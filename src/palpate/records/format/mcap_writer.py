@@ -225,8 +225,9 @@ def _entries(heads: np.ndarray, begin: int) -> Iterable[tuple[int, np.ndarray]]:
     entries = np.empty(len(heads), _ENTRY)
     entries["time"] = heads["time"]
     entries["place"] = np.cumsum(sizes) - sizes + np.uint64(begin)
-    for channel in np.unique(heads["channel"]):
-        yield int(channel), entries[heads["channel"] == channel]
+    channels = heads["channel"].astype(np.int64)
+    for channel in np.flatnonzero(np.bincount(channels)).tolist():
+        yield channel, entries[channels == channel]
 
 
 def _bytes(record: records.McapRecord) -> bytes:
