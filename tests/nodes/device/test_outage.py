@@ -9,7 +9,7 @@ from falcon_arrays import grip_step
 from pytest import approx
 
 from palpate.messages import Contact, DeviceState, Friction, Pose
-from palpate.nodes.controller import Haptic
+from palpate.nodes.controller import GENTLE, Haptic
 from palpate.physics.device.controller import ENERGY
 
 T = 1e-3
@@ -261,3 +261,30 @@ def test_without_a_ramp_the_force_recovers_at_once():
     forces = [node.step(given, None, POSE, dt=T).force[2] for given in [contact(8.0, 2e-3)] * 300 + [None] * 20]
     assert forces[299] == approx(8.0) and forces[-1] == 0.0
     assert [node.step(contact(8.0, 2e-3), None, POSE, dt=T).force[2] for _ in range(2)] == approx([8.0, 8.0])
+
+
+def test_a_node_that_replaces_another_in_contact_begins_without_force():
+    forces = {}
+    for replaces in (False, True):
+        node = Haptic(resolution=0.0)
+        node.start()
+        if replaces:
+            node.replaces()
+        forces[replaces] = [node.step(contact(0.8, 2e-3), None, POSE, dt=T).force[2] for _ in range(1100)]
+    assert forces[False][0] == approx(0.8), "the first node of a run"
+    assert forces[True][:4] == approx([0.8e-3 * k for k in range(1, 5)]) and forces[True][-1] == approx(0.8)
+
+
+@pytest.mark.parametrize("outage", [False, True])
+def test_the_added_damping_rises_gently_after_an_outage(outage):
+    """The display has generated 5 mJ, and the hand moves along the surface at 0.2 m/s."""
+    node = Haptic(resolution=0.0)
+    node.start()
+    for k in range(1400):  # the force has recovered
+        node.step(None if outage and 280 <= k < 300 else contact(8.0, 2e-3), None, POSE, dt=T)
+    node.state[ENERGY, 0] = -5e-3
+    moves = [msgspec.structs.replace(POSE, position=(2e-4 * k, 0.0, -2e-3)) for k in range(1, 8)]
+    brakes = [0.0, *(node.step(contact(8.0, 2e-3), None, each, dt=T).force[0] for each in moves)]
+    rises = -np.diff(brakes)
+    assert rises.max() <= GENTLE * T * (1 + 1e-9) if outage else rises.max() > 2.0 * GENTLE * T
+    assert min(brakes) < -GENTLE * T, "it dissipates"
