@@ -11,6 +11,7 @@ from pytest import approx
 from palpate.messages import Contact, DeviceState, Friction, Pose
 from palpate.nodes.controller import GENTLE, Haptic
 from palpate.physics.device.controller import ENERGY
+from palpate.physics.device.rendered import stiffest
 
 T = 1e-3
 HANDS = ((500.0, 10.0, 6e-3), (200.0, 20.0, 6e-3), (500.0, 2.0, 6e-3))
@@ -288,3 +289,28 @@ def test_the_added_damping_rises_gently_after_an_outage(outage):
     rises = -np.diff(brakes)
     assert rises.max() <= GENTLE * T * (1 + 1e-9) if outage else rises.max() > 2.0 * GENTLE * T
     assert min(brakes) < -GENTLE * T, "it dissipates"
+
+
+def test_a_force_that_is_withheld_for_half_a_second_is_reported_once():
+    node = Haptic(resolution=0.0)
+    node.start()
+    for given in [contact(8.0, 2e-3)] * 300 + [None] * 20 + [contact(8.0, 2e-3)] * 450:
+        node.step(given, None, POSE, dt=T)
+    assert not node.notes()
+    for _ in range(100):
+        node.step(contact(8.0, 2e-3), None, POSE, dt=T)
+    assert ["withheld for more than 0.5 s" in note for note in node.notes()] == [True] and not node.notes()
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_contact_that_is_too_steep_is_reported_with_the_largest_stiffness(delay):
+    most = stiffest.py_func(0.1, 0.2, 0.0, T * (delay + 0.5))
+    for factor in (0.5, 4.0):
+        node = Haptic(resolution=0.0, delay=delay)
+        node.start()
+        for k in range(1500):
+            depth = 1e-6 * min(k, 400)
+            place = msgspec.structs.replace(POSE, position=(0.0, 0.0, -depth))
+            node.step(contact(factor * most * depth, depth), None, place, dt=T)
+        notes = [note for note in node.notes() if f"is stiffer than {most:.0f} N/m" in note]
+        assert len(notes) == (factor > 1.0) and not node.notes()
