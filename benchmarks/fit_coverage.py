@@ -1,7 +1,7 @@
 """Coverage of the 95 % intervals of `palpate fit tissue`, its false alarms, and how often it detects a flaw of a press.
 
 Noise: every law and rig, with white, correlated, quantised, drifting and gain noise; `python benchmarks/fit_coverage.py
-noise [trials]`.
+noise [trials]`. `... drift [trials]`: width of the intervals with white noise, with the fitted drift over without it.
 
 Coverage: a ball of 8 mm on a bonded layer of 20 mm, E = 10 kPa, noise of 1 % of the peak; the indentation in the file
 has an offset of 0.1 mm. Two cases: a press without relaxation, and a press and hold with one Prony term.
@@ -17,11 +17,13 @@ from __future__ import annotations
 import math
 import sys
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from palpate.models.fit.tissue import relaxing
+from palpate.models.fit.tissue.estimate import Problem
 from palpate.models.fit.tissue.fit import TissueFit, fit_tissue
 from palpate.models.fit.tissue.measured import MeasuredPress, prepared
 from palpate.models.fit.tissue.rigs import Rig, closed_form
@@ -133,6 +135,28 @@ def by_noise(case: str, what: str, trials: int, first: int = 0) -> dict[str, flo
     return {name: float(np.mean(each)) for name, each in held.items()}
 
 
+def _without_drift(problem: Problem, *given: Any, make: Any = Problem.__init__) -> None:
+    make(problem, *given)
+    problem.baselines = [each for each in problem.baselines if not each[0].startswith("drift")]
+    problem.names = [name for name in problem.names if not name.startswith("drift")]
+
+
+def widened(case: str, trials: int, first: int = 0) -> str:
+    """Width of each interval with white noise, over its width if no linear drift is fitted: median and range."""
+    rig, law, truth, kind, _ = CASES[case]
+    ratios: dict[str, list[float]] = {name: [] for name in truth}
+    for seed in range(first, first + trials):
+        press = noisy(case, "white", seed)
+        fits = [fit_tissue([press], rig, law, kind).estimate.intervals]
+        with patch.object(Problem, "__init__", _without_drift):
+            fits.append(fit_tissue([press], rig, law, kind).estimate.intervals)
+        for name in truth:
+            widths = [fit[name].high - fit[name].low for fit in fits]
+            ratios[name].append(widths[0] / widths[1])
+    middle = {name: f"{np.median(each):.2g} ({min(each):.2g} to {max(each):.2g})" for name, each in ratios.items()}
+    return ", ".join(f"{name} {text}" for name, text in middle.items())
+
+
 def flawed(flaw: str, correlation: float, seed: int) -> tuple[TissueFit, float, bool]:
     """Fit of Hertz's law to a press with a flaw, the true modulus [Pa], and whether the flaw exceeds the noise.
 
@@ -199,6 +223,10 @@ def main() -> None:
         for case in CASES:
             for what in NOISES:
                 _print(case, what, by_noise(case, what, int((sys.argv[2:] or ["200"])[0])))
+        return
+    if sys.argv[1:2] == ["drift"]:
+        for case in CASES:
+            print(f"{case}: {widened(case, int((sys.argv[2:] or ['20'])[0]))}", flush=True)
         return
     trials, first = (int(text) for text in (sys.argv[1:] + ["200", "0"][len(sys.argv) - 1 :]))
     for kind in ("none", "prony:1"):

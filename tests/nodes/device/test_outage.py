@@ -9,8 +9,9 @@ from falcon_arrays import grip_step
 from pytest import approx
 
 from palpate.messages import Contact, DeviceState, Friction, Pose
-from palpate.nodes.controller import Haptic
+from palpate.nodes.controller import GENTLE, Haptic
 from palpate.physics.device.controller import ENERGY
+from palpate.physics.device.rendered import stiffest
 
 T = 1e-3
 HANDS = ((500.0, 10.0, 6e-3), (200.0, 20.0, 6e-3), (500.0, 2.0, 6e-3))
@@ -261,3 +262,55 @@ def test_without_a_ramp_the_force_recovers_at_once():
     forces = [node.step(given, None, POSE, dt=T).force[2] for given in [contact(8.0, 2e-3)] * 300 + [None] * 20]
     assert forces[299] == approx(8.0) and forces[-1] == 0.0
     assert [node.step(contact(8.0, 2e-3), None, POSE, dt=T).force[2] for _ in range(2)] == approx([8.0, 8.0])
+
+
+def test_a_node_that_replaces_another_in_contact_begins_without_force():
+    forces = {}
+    for replaces in (False, True):
+        node = Haptic(resolution=0.0)
+        node.start()
+        if replaces:
+            node.replaces()
+        forces[replaces] = [node.step(contact(0.8, 2e-3), None, POSE, dt=T).force[2] for _ in range(1100)]
+    assert forces[False][0] == approx(0.8), "the first node of a run"
+    assert forces[True][:4] == approx([0.8e-3 * k for k in range(1, 5)]) and forces[True][-1] == approx(0.8)
+
+
+@pytest.mark.parametrize("outage", [False, True])
+def test_the_added_damping_rises_gently_after_an_outage(outage):
+    """The display has generated 5 mJ, and the hand moves along the surface at 0.2 m/s."""
+    node = Haptic(resolution=0.0)
+    node.start()
+    for k in range(1400):  # the force has recovered
+        node.step(None if outage and 280 <= k < 300 else contact(8.0, 2e-3), None, POSE, dt=T)
+    node.state[ENERGY, 0] = -5e-3
+    moves = [msgspec.structs.replace(POSE, position=(2e-4 * k, 0.0, -2e-3)) for k in range(1, 8)]
+    brakes = [0.0, *(node.step(contact(8.0, 2e-3), None, each, dt=T).force[0] for each in moves)]
+    rises = -np.diff(brakes)
+    assert rises.max() <= GENTLE * T * (1 + 1e-9) if outage else rises.max() > 2.0 * GENTLE * T
+    assert min(brakes) < -GENTLE * T, "it dissipates"
+
+
+def test_a_force_that_is_withheld_for_half_a_second_is_reported_once():
+    node = Haptic(resolution=0.0)
+    node.start()
+    for given in [contact(8.0, 2e-3)] * 300 + [None] * 20 + [contact(8.0, 2e-3)] * 450:
+        node.step(given, None, POSE, dt=T)
+    assert not node.notes()
+    for _ in range(100):
+        node.step(contact(8.0, 2e-3), None, POSE, dt=T)
+    assert ["withheld for more than 0.5 s" in note for note in node.notes()] == [True] and not node.notes()
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_contact_that_is_too_steep_is_reported_with_the_largest_stiffness(delay):
+    most = stiffest.py_func(0.1, 0.2, 0.0, T * (delay + 0.5))
+    for factor in (0.5, 4.0):
+        node = Haptic(resolution=0.0, delay=delay)
+        node.start()
+        for k in range(1500):
+            depth = 1e-6 * min(k, 400)
+            place = msgspec.structs.replace(POSE, position=(0.0, 0.0, -depth))
+            node.step(contact(factor * most * depth, depth), None, place, dt=T)
+        notes = [note for note in node.notes() if f"is stiffer than {most:.0f} N/m" in note]
+        assert len(notes) == (factor > 1.0) and not node.notes()

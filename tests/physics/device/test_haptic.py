@@ -7,8 +7,20 @@ import pytest
 from pytest import approx
 from scipy.spatial.transform import Rotation
 
-from palpate.physics.device.controller import ENERGY, GAUGE, RISE, SLEW, SPEED, WAY, buffers, haptic, observe
-from palpate.physics.device.rendered import FROM, LEAP, SHARE, compensation, stiffest
+from palpate.physics.device.controller import (
+    DRAGGED,
+    ENERGY,
+    GAUGE,
+    RISE,
+    SLEW,
+    SPEED,
+    WAY,
+    buffers,
+    fresh,
+    haptic,
+    observe,
+)
+from palpate.physics.device.rendered import FROM, LEAP, SHARE, SPAN, compensation, stiffest
 
 T, MASS, DRAG, COUNT = 1e-3, 0.1, 0.2, 60e-6
 STILL, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -291,3 +303,24 @@ def test_a_slope_is_measured_over_eight_counts_because_of_rounding():
     for k in range(12):
         step(gains(COUNT), state, past, 100.0 * COUNT * k, (0.0, 0.0, -COUNT * k))
         assert state[GAUGE, FROM] == approx(COUNT * (8 if k >= 8 else 0))
+
+
+def test_a_fresh_state_is_that_of_new_buffers():
+    state, past = (np.full_like(each, 7.0) for each in buffers(2))
+    fresh(state, past)
+    assert not state.any() and not past.any()
+
+
+@pytest.mark.parametrize("push", [0.2, 5.0])
+@pytest.mark.parametrize(("way", "n"), [
+    ((0.6, 0.8, 0.0), UP), ((0.0, -0.6, 0.8), (1.0, 0.0, 0.0)), ((0.8, 0.0, 0.6), (0.0, -1.0, 0.0)),
+])  # fmt: skip
+def test_a_finger_drags_a_point_in_contact_and_carries_it_in_air(push, way, n):
+    """The point of `dragged` follows at SPAN counts along the surface, under any force."""
+    (state, past), law, begin = buffers(0), gains(COUNT), np.array([0.01, -0.02, 0.03])
+    for k in range(60):
+        place = begin + 5e-5 * k * np.array(way)
+        step(law, state, past, push, place, n=n)
+    assert state[DRAGGED, :3] == approx(place - SPAN * COUNT * np.array(way), abs=1e-12)
+    step(law, state, past, 0.0, place + 1e-3 * np.array(n), n=n)
+    assert state[DRAGGED, :3] == approx(place + 1e-3 * np.array(n), abs=1e-15)
