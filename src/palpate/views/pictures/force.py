@@ -107,9 +107,7 @@ def _band(axes: Axes, both: list[Columns], depth: str) -> None:
     if beyond.any():
         axes.axvspan(way[beyond].min(), way.max(), color=FAINT, alpha=0.4, linewidth=0, label="deeper than measured")
     whose = "fingertip  s1" if depth == "compression" else "tissue  s2"
-    axes.set(
-        xlabel=f"{depth} of the {whose}  [mm]", title="with the band of a measured subject", xlim=(0.0, None)
-    )
+    axes.set(xlabel=f"{depth} of the {whose}  [mm]", title="with the band of a measured subject", xlim=(0.0, None))
     axes.tick_params(labelleft=True)
     axes.legend(loc="upper left")
 
