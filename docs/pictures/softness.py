@@ -1,9 +1,10 @@
-"""Run softness and nodule, and copy pictures of the runs: python docs/pictures/softness.py [folder]
+"""Run softness, nodule and kidney, and copy pictures of the runs: python docs/pictures/softness.py [folder]
 
 softness.png          a fingerpad on soft tissue, inside and outside the range of Hertz's theory: `palpate run softness`
 softness-nodule.png   a finger slides over a hard nodule, force and pins: `palpate run nodule`
 afferents.png         spikes of the finger's afferents: `palpate run nodule --scene afferents`
 softness-band.png     force of the kidney and of a measured subject: `palpate run kidney --set scene.finger.band=true`
+energy.png            energy balance of the kidney: `palpate run kidney --set scene.energy.ledger=true`
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ RUNS = {
     "softness.png": ("softness", "softness", ()),
     "softness-nodule.png": ("nodule", "pins", ()),
     "softness-band.png": ("kidney", "force", ("scene.finger.band=true",)),
+    "energy.png": ("kidney", "energy", ("scene.energy.ledger=true",)),
     "afferents.png": ("nodule", "afferents", (), "afferents"),
 }
 """File -> graph, name of its picture, settings, and the scene if it is not the default."""

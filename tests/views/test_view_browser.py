@@ -52,6 +52,16 @@ def test_the_slider_moves_both_recordings_to_a_time(page):
     assert page.problems == []
 
 
+def test_two_recordings_fit_a_phone(page):
+    page.set_viewport_size({"width": 390, "height": 844})
+    out = """() => [...document.querySelectorAll('.figures > *')].filter(
+        (e) => e.getBoundingClientRect().right > e.closest('.card').getBoundingClientRect().right)"""
+    page.wait_for_function(f"({out})().length == 0")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert min(box["height"] for box in map(lambda e: e.bounding_box(), page.locator(".scene").all())) > 200
+    assert page.locator("#status").text_content() == "" and page.problems == []
+
+
 def test_it_plays_to_the_end_and_stops(page):
     page.select_option("#speed", "4")
     page.click("#play")

@@ -24,7 +24,7 @@ def test_the_pictures_are_drawn(tmp_path):
 def test_the_pictures_of_softness_are_drawn(tmp_path):
     pytest.importorskip("matplotlib")
     made = runpy.run_path(str(ROOT / "docs/pictures/softness.py"))["main"](tmp_path)
-    names = {"softness.png", "softness-nodule.png", "softness-band.png", "afferents.png"}
+    names = {"softness.png", "softness-nodule.png", "softness-band.png", "energy.png", "afferents.png"}
     assert {path.name for path in made} == names and min(path.stat().st_size for path in made) > 20_000
 
 

@@ -1,9 +1,11 @@
 """Makes the frames of a run for the page: the newest surface, and all messages of small streams since the last frame.
 
-ZeroMQ conflates surfaces: only the newest is decoded for each frame. Small streams are read in bursts. The run drops
-messages that the page does not read in time, so the page cannot slow the run.
+ZeroMQ conflates surfaces: only the newest is read for each frame. Small streams are read in bursts. All contacts are
+decoded, for the curves, and of other streams the last message before a frame. The run drops messages that the page does
+not read in time, so the page cannot slow the run.
 """
 
+import contextlib
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -34,6 +36,7 @@ from palpate.messages import (
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page.steered import Touched
 
+EVERY = (Contact, Health)  # of these all messages are decoded; of the others the last one before a frame
 KEPT = 400  # limit of buffered messages of a finger's small streams between two frames
 Last = dict[type[Message], Message]
 Curve = dict[str, list[float]]  # times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
@@ -113,32 +116,44 @@ class StreamReader:
         """The next frame; None without new messages."""
         touched = self.touched
         curves: list[Curve] = [{"t": [], "f": [], "s": []} for _ in touched.fingers]
-        count = 0
+        last: dict[str, bytes] = {}
+        news = False
         for socket in (self.small, *self.large):
-            while count < 20 * KEPT * len(curves):
+            for _ in range(20 * KEPT * len(curves)):
                 try:
                     stream, payload = split(socket.recv(zmq.NOBLOCK))
-                    message = unpack(payload, self.kinds[stream])
+                    if self.kinds[stream] in EVERY:
+                        self._take(stream, payload, curves)
+                        news = True
+                    else:
+                        last[stream] = payload
                 except zmq.Again:
                     break
                 except (MessageError, KeyError, ValueError):
                     continue
-                count += 1
-                if isinstance(message, Health):
-                    if message.source in touched.place.groups[0].nodes:
-                        self.late[message.source] = message.late + message.lost
-                    continue
-                self.newest[stream] = message
-                if isinstance(message, Contact):
-                    for finger, curve in zip(touched.fingers, curves, strict=True):
-                        if finger[Contact] == stream:
-                            curve["t"].append(message.time * 1e-9)
-                            curve["f"].append(message.force)
-                            curve["s"].append(message.indentation)
+        for stream, payload in last.items():
+            with contextlib.suppress(MessageError, ValueError):
+                self._take(stream, payload, curves)
+                news = True
         head = {"kind": "frame", "late": max(self.late.values(), default=0)}
-        if not count:
+        if not news:
             return None
         return picture(head, self.newest, touched, curves)
+
+    def _take(self, stream: str, payload: bytes, curves: Sequence[Curve]) -> None:
+        """Decode a message. MessageError, ValueError: it is damaged."""
+        message, touched = unpack(payload, self.kinds[stream]), self.touched
+        if isinstance(message, Health):
+            if message.source in touched.place.groups[0].nodes:
+                self.late[message.source] = message.late + message.lost
+            return
+        self.newest[stream] = message
+        if isinstance(message, Contact):
+            for finger, curve in zip(touched.fingers, curves, strict=True):
+                if finger[Contact] == stream:
+                    curve["t"].append(message.time * 1e-9)
+                    curve["f"].append(message.force)
+                    curve["s"].append(message.indentation)
 
 
 def picture(

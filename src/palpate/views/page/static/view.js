@@ -7,6 +7,7 @@ const $ = (id) => document.getElementById(id);
 const STEP = 0.001; // [s]
 const reels = [];
 let socket, wanted = null, waiting = 0, time = 0, begin = 0, end = 1, playing = false, before = 0;
+const READING = "reading the recordings";
 const page = { frames: 0, reels, get time() { return time; }, get playing() { return playing; } };
 window.palpate = page; // for tests and the browser's console
 
@@ -14,7 +15,7 @@ function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
   socket = new WebSocket(`${scheme}://${location.host}/socket${location.search}`);
   socket.binaryType = "arraybuffer";
-  socket.onopen = () => { $("status").textContent = ""; };
+  socket.onopen = () => { $("status").textContent = READING; };
   socket.onmessage = ({ data }) => {
     if (typeof data === "string") { $("status").textContent = JSON.parse(data).text; waiting = 0; } else take(data);
   };
@@ -28,6 +29,7 @@ function take(data) {
   if (head.kind === "mesh") return open(head, indices, first, second);
   const reel = reels[head.reel];
   reel.newest = { head, nodes: indices, displacement: first, pressure: second };
+  if ($("status").textContent === READING && reels.every(({ newest }) => newest)) $("status").textContent = "";
   waiting = Math.max(0, waiting - 1);
   if (!waiting) { show(); ask(); }
 }
