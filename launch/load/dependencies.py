@@ -1,4 +1,4 @@
-"""What a result depends on besides settings: files and sources of custom classes, with hashes of their content."""
+"""Files and sources of custom classes that a result depends on, with hashes of their content."""
 
 import hashlib
 import inspect

@@ -191,7 +191,6 @@ def refinement(
     return float(np.linalg.norm(fine.vertices - foot, axis=1).max()), len(coarse.vertices)
 
 
-@lru_cache(maxsize=4)
 def complete(surface: Surface, points: np.ndarray) -> Surface:
     """The message with all vertices [m] (V,3) of its mesh. If the sent ones are a sample of the whole surface
     (`spread_over`), the displacement of the others is interpolated, and their pressure and slip are 0. Otherwise it is

@@ -47,7 +47,7 @@ def test_a_store_is_read_by_xarray_and_has_the_same_results(tmp_path, small_bloc
         assert data["controller.force"].dims == ("lane", "time", "axis")
 
 
-def test_an_interrupted_run_keeps_whole_blocks_and_goes_on(tmp_path, small_blocks, monkeypatch):
+def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blocks, monkeypatch):
     whole, ran = touches().run(quiet=True), []
     run = lane_blocks.LaneRun.run
 

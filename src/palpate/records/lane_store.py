@@ -1,4 +1,4 @@
-"""Results of an ensemble in a zarr store that grows block by block, so that an interrupted run can go on."""
+"""Results of an ensemble in a zarr store that grows block by block, so that an interrupted run can be continued."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -72,7 +72,7 @@ class LaneStore:
         try:
             group = zarr.open_group(self.path, mode="r+")
             kept = group.attrs["identity"]
-        except Exception:  # zarr raises many types for a folder that is not its own
+        except Exception:  # zarr raises many types for a folder without a store
             raise ArgumentError(f"out: found other files in {self.path}, {expected}") from None
         if kept != identity:
             raise ArgumentError(f"out: {self.path} has results of other settings, lanes, fields or sources; {expected}")
