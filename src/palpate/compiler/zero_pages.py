@@ -1,7 +1,7 @@
 """Memory that is zero at first and takes physical memory only for the pages that are written, for lanes.
 
-`np.zeros` gives memory of this kind only where the C library maps it: a block from its heap is cleared by writing to it, which
-took 130 kB a lane. So lanes lie one after another in large mappings of the operating system.
+`np.zeros` gives memory of this kind only where the C library maps it: a block from its heap is cleared by writing to
+it, which took 130 kB a lane. So lanes lie one after another in large mappings of the operating system.
 """
 
 import mmap
