@@ -1,5 +1,6 @@
 """Spreading of the contact force over the surface (docs/equations/spread.md)."""
 
+import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -11,6 +12,7 @@ from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import ARRAY, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, faded
 from palpate.nodes.base.area import WithArea
+from palpate.nodes.base.samples import sample_of
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.area import radius_at
 from palpate.physics.contact.spread import TABLES, Spreader, spread, spreader
@@ -21,18 +23,28 @@ RIGID = 5e4
 COARSEST = 0.25
 """[1] Spacing of a thinned surface over the patch radius above which the force error reaches 1 %."""
 
+ROUGHEST = 2.0  # [1] friction over normal force, above which friction belongs to another contact force
 COARSE_TRIANGLES = 0.5  # [1] Spacing of the vertices over the patch radius above which a note is printed
 
 _spreader_of = unpacking(Spreader)
+
+
+@compiled
+def within(force, limit):
+    """A force [N] (3) of at most this length [N]."""
+    length = math.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
+    scale = limit / length if length > limit else 1.0
+    return scale * force[0], scale * force[1], scale * force[2]
 
 
 class Kernel(CompiledNode, WithArea):
     """Distributes the contact force over the vertices around the foot point with a smooth kernel.
 
     The force on the body is -f_n n + f_t, the sum of the nodal forces. Without force the load has no nodes. When the
-    sender of friction disappears, friction fades out within 20 ms. The width of the patch is independent of the depth,
-    which is wrong for a rigid tip and is then reported. With an `area` law the radius follows the force, and the
-    pressure is that of Hertz.
+    sender of friction disappears, friction fades out within 20 ms. Friction of another time than the contact force, as
+    behind a network, is limited to twice that force: a body has no law for a tangential force without a normal one.
+    The width of the patch is independent of the depth, which is wrong for a rigid tip and is then reported. With an
+    `area` law the radius follows the force, and the pressure is that of Hertz.
     """
 
     kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1"] = "biweight"
@@ -95,6 +107,8 @@ class Kernel(CompiledNode, WithArea):
     ):
         count, f, n = 0, contact.force, vector(contact.normal)
         t = faded(own.friction, friction.there, friction.force, dt)
+        if not friction.there or sample_of(friction) != sample_of(contact):
+            t = within(t, ROUGHEST * f)
         grows = own.law_forces.shape[0] > 0
         own.idles, own.rigid = not f > 0.0, not grows and f > 0.0 and f > RIGID * contact.compression
         if f > 0.0:

@@ -8,6 +8,7 @@ from pytest import approx
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction, Load, Proximity
 from palpate.nodes.friction import Coulomb, ElastoPlastic, LuGre
+from palpate.nodes.spread import ROUGHEST, Kernel
 from palpate.nodes.tactile import Afferents
 from palpate.nodes.tactile.stress import Stress
 from palpate.nodes.texture import Spectral
@@ -77,6 +78,16 @@ def test_friction_follows_the_normal_force_while_the_sample_is_repeated():
     bus.hold("proximity", near(40, 39, path))
     (half,) = bus.publish(pressed(40, 0.5))
     assert half.force[0] == approx(0.5 * full.force[0], rel=1e-3)
+
+
+@pytest.mark.parametrize(("late", "share"), [(0, 50.0), (20, ROUGHEST)])
+def test_friction_of_another_time_than_the_contact_force_loads_a_body_by_at_most_twice_that_force(late, share):
+    """The beams answered to friction of 1 N with 0.02 N of a late normal force with up to 900 N."""
+    bus = FakeBus(Kernel(surface="plane", vertices=600))
+    rub = Friction(force=(1.0, 0.0, 0.0), bristle=(0.0, 0.0, 0.0), stick=False, tick=100, time=100 * MS)
+    bus.hold("friction", rub)
+    (load,) = bus.publish(replace(pressed(100, 0.02), **({"delayed": late * MS} if late else {})))
+    assert load.forces.sum(axis=0) == approx((share * 0.02, 0.0, -0.02))
 
 
 def heard(samples, path, **settings):
