@@ -1,10 +1,11 @@
 """Leaks, slowdown, failed starts and different results in long runs, many starts and parallel runs of the kidney.
 
-    python benchmarks/soak.py [--fused 60] [--real 20] [--starts 300] [--at-once 8] [--json]
+    python benchmarks/soak.py [--fused 60] [--real 20] [--rate 1000] [--starts 300] [--at-once 8] [--json]
 
 fused    minutes of simulated time: the touch is repeated in one process. Memory, descriptors, threads and the duration
          of a tick, means over the first and the last 10 % after the first fifth, in which caches fill
-real     minutes on the real clock with one process per node: the same figures, summed over all processes
+real     minutes on the real clock with one process per node, at this rate [Hz]: the same figures, summed over all
+         processes
 starts   number of starts and stops with one process per node
 at-once  number of parallel runs on the simulated clock; each must record the bytes of a fused run
 """
@@ -19,6 +20,7 @@ import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -77,10 +79,10 @@ def command(*more: str) -> list[str]:
     return [sys.executable, "-m", "palpate.cli", "run", "kidney", "--no-pictures", "--quiet", *more]
 
 
-def real(minutes: float, tick) -> dict[str, object]:
+def real(minutes: float, tick, rate: float) -> dict[str, object]:
     """One run on the real clock, one process per node; after its touch the hand stays still."""
-    run = subprocess.Popen(command("--clock", "real", "--duration", str(60 * minutes), "--no-record", "--json"),
-                           stdout=subprocess.PIPE, text=True)  # fmt: skip
+    more = ("--clock", "real", "--place", "apart", "--set", f"rate={rate}", "--duration", str(60 * minutes))
+    run = subprocess.Popen(command(*more, "--no-record", "--json"), stdout=subprocess.PIPE, text=True)
     printed: list[str] = []
     reader = threading.Thread(target=lambda: printed.append(run.stdout.read()))
     reader.start()
@@ -89,10 +91,10 @@ def real(minutes: float, tick) -> dict[str, object]:
         if len(samples) < SAMPLES:  # later samples would show processes that end
             samples.append(usage(run.pid))
         tick((time.monotonic() - begun) / (60 * minutes))
-        time.sleep(60 * minutes / SAMPLES)
+        time.sleep(max(0.01, begun + len(samples) * 60 * minutes / SAMPLES - time.monotonic()))
     reader.join()
     assert run.returncode == 0, printed
-    return growth("processes, real clock", minutes, samples)
+    return growth(f"processes, real clock, {rate:.0f} Hz", minutes, samples)
 
 
 def starts(count: int, tick) -> dict[str, object]:
@@ -140,14 +142,19 @@ def main() -> None:
     options = parser(__doc__)
     options.add_argument("--fused", type=float, default=60.0, help="minutes")
     options.add_argument("--real", type=float, default=20.0, help="minutes")
+    options.add_argument("--rate", type=float, default=1000.0, help="[Hz] of the run on the real clock")
     options.add_argument("--starts", type=int, default=300)
     options.add_argument("--at-once", type=int, default=8)
     given = options.parse_args()
     rows = []
     with Progress(console=Console(stderr=True)) as progress:
-        for work, size in ((fused, given.fused), (real, given.real), (starts, given.starts), (at_once, given.at_once)):
+        works = {
+            "fused": (fused, given.fused), "real": (partial(real, rate=given.rate), given.real),
+            "starts": (starts, given.starts), "at once": (at_once, given.at_once),
+        }  # fmt: skip
+        for name, (work, size) in works.items():
             if size:
-                task = progress.add_task(work.__name__, total=1.0)
+                task = progress.add_task(name, total=1.0)
                 rows.append(work(size, lambda share, task=task: progress.update(task, completed=share)))
                 progress.update(task, completed=1.0)
     print_tables({"Long runs: first 10 % -> last 10 %": rows}, given.json)
