@@ -16,7 +16,7 @@ class RunNote(str):
     node  the node that it is about; "": the run
     time  [s] on the graph's clock when it was reported; 0: before the first tick
     text  the line
-    lane  number of the lane of an ensemble; None: not of an ensemble
+    lane  number of the lane of an ensemble, or of the point of a study; None: of neither
     """
 
     node: str
@@ -51,8 +51,18 @@ def first_of_each_kind(notes: Iterable[RunNote]) -> dict[RunNote, int]:
     return {note: counts[kind] for kind, note in firsts.items()}
 
 
-def warn(notes: Iterable[RunNote], level: int = 3) -> None:
-    """A PalpateWarning for the first note of each kind. `level`: of the caller to whose line it refers."""
+def lines(notes: Iterable[RunNote], what: str = "lane") -> list[str]:
+    """One line for the first note of each kind, with its node, its lane, and the number of other lanes. `what`: name
+    of a lane."""
+    found = []
     for note, count in first_of_each_kind(notes).items():
-        where = "" if note.lane is None else f"lane {note.lane}{f' and {count - 1} more' if count > 1 else ''}, "
-        warnings.warn(f"{where}{note.node}: {note}" if note.node else note.text, PalpateWarning, stacklevel=level)
+        where = "" if note.lane is None else f"{what} {note.lane}{f' and {count - 1} more' if count > 1 else ''}"
+        head = ", ".join(part for part in (where, note.node) if part)
+        found.append(f"{head}: {note}" if head else note.text)
+    return found
+
+
+def warn(notes: Iterable[RunNote], level: int = 3, what: str = "lane") -> None:
+    """A PalpateWarning for the first note of each kind. `level`: of the caller to whose line it refers."""
+    for line in lines(notes, what):
+        warnings.warn(line, PalpateWarning, stacklevel=level)

@@ -228,6 +228,31 @@ def test_notes_on_validity_are_kept_and_each_kind_warns_once():
     env.close()
 
 
+def test_parallel_environments_have_the_notes_of_single_ones():
+    given = {"nodes": {"tissue": "deformation.Rigid"}, "duration": 0.4}
+    deep = np.array([0.0, 0.0, -SPEED], np.float32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        one = Touch(**given)
+        one.reset(seed=0)
+        while not one.step(deep)[3]:
+            pass
+        one.close()
+    envs = VectorTouch(Touch, 3, **given)
+    for episode in range(2):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            envs.reset(seed=0)
+            while not envs.step(np.tile(deep, (3, 1)))[3].any():
+                pass
+            envs.reset(seed=0)
+        found = [str(each.message) for each in caught if issubclass(each.category, PalpateWarning)]
+        assert found == ([f"environment 0, {note.node}: {note}" for note in envs.notes] if episode == 0 else [])
+    assert {note.kind for note in envs.notes} == {note.kind for note in one.notes}
+    assert {note.lane for note in envs.notes} == {0}
+    envs.close()
+
+
 def test_settings_of_an_episode_do_not_affect_the_next():
     env = Touch()
     env.reset(options={"tissue": {"stiffness": 1234.0}})

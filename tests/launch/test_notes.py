@@ -53,6 +53,25 @@ def test_an_ensemble_has_the_notes_of_its_lanes():
     assert isinstance(found, xarray.Dataset) and found["controller.limit"].attrs["units"] == "N"
 
 
+def test_a_study_has_the_notes_of_its_points(tmp_path):
+    """Also of points whose results were stored before; points run as lanes, or as runs with a recording."""
+    pytest.importorskip("pyarrow")
+    sets = [*QUICK, "tissue.use=deformation.Rigid"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", palpate.PalpateWarning)
+        run = palpate.run("kidney", record=False, **GIVEN)
+    for keep in (["peak contact.force"], ["peak contact.force", "recording"]):
+        study = palpate.Study("kidney", {"controller.limit": [3.0, 4.0]}, keep, duration=0.1, sets=sets)
+        folder = tmp_path / str(len(keep))
+        for _ in range(2):
+            with pytest.warns(palpate.PalpateWarning, match="point 0 and 1 more, controller: Haptic: the contact is"):
+                study.run(folder, workers=1)
+            for point in range(2):
+                of_point = {(note.node, note.text) for note in study.notes if note.lane == point}
+                assert of_point == {(note.node, note.text) for note in first_of_each_kind(run.notes)}
+    assert all(0.0 <= note.time <= 0.1 for note in study.notes)
+
+
 @pytest.mark.filterwarnings("ignore::palpate.PalpateWarning")
 def test_a_run_without_a_file_leaves_none_and_has_its_messages(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -210,17 +210,25 @@ class Lanes:
         node._record[:] = self.own(lane, place)
         return failure(self.segment.slots[place], node, base, base + self._clock)
 
-    def notes(self, lane: int) -> list[tuple[str, str]]:
-        """Lines for the user about a lane, each with the name of its node."""
+    def notes(self, lane: int, *, start: bool = True) -> list[tuple[str, str]]:
+        """Lines for the user about a lane, each with the name of its node.
+
+        start  read them with a node that was started with the settings of the lane; otherwise with that of the segment,
+               which takes microseconds, and a line that names a setting names that of the segment
+        """
         lines = []
         for place, image in enumerate(self._nodes[lane]):
             lines += [(image.job.name, text) for text in image.notes]
-            if type(self.segment.slots[place].node).notes is Node.notes:
+            node: Any = self.segment.slots[place].node
+            if type(node).notes is Node.notes:
                 continue
-            node = self._noting.get(id(image)) or self._noting.setdefault(id(image), image.started())
+            if start:
+                node = self._noting.get(id(image)) or self._noting.setdefault(id(image), image.started())
+            before = node._record.copy()
             node._notes, node._noted = [], set()
             node._record[:] = self.own(lane, place)
             lines += [(image.job.name, text) for text in node.notes()]
+            node._record[:] = before
         return lines
 
     @property

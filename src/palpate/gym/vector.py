@@ -22,6 +22,7 @@ from palpate.gym.press import Press
 from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
 from palpate.launch.run.lane_threads import FIRST, LaneThreads, Work, adapted
 from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled
+from palpate.launch.run.notes import RunNote, first_of_each_kind, warn
 from palpate.messages.record import reader
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError, RunError
@@ -76,6 +77,8 @@ class VectorTouch(VectorEnv):
         self.observation_space = batch_space(first.observation_space, num_envs)
         self.action_space = batch_space(first.action_space, num_envs)
         self.units = first.units
+        self.notes: list[RunNote] = []
+        """As of `Touch.notes`, each with `lane`, the number of the environment."""
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -157,6 +160,8 @@ class VectorTouch(VectorEnv):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Stop all nodes."""
+        for lane in range(self.num_envs):
+            self._note(lane)
         self._threads.close()
         self._runs.close()
 
@@ -164,6 +169,7 @@ class VectorTouch(VectorEnv):
 
     def _begin(self, lane: int, seed: int | None, options: Mapping[str, Any] | None) -> None:
         """Begin an episode in an environment, with one tick."""
+        self._note(lane)
         task = self.tasks[lane]
         changes, images, pool = task.begin(seed, options), list(self._base), Pool()
         there: Changes = {}
@@ -187,6 +193,17 @@ class VectorTouch(VectorEnv):
         self._goals[lane], self._views[lane] = goals, self._view(lane)
         self._lanes.run(lane, 1, 1)
         self._check([lane] if self._lanes.ticks[lane] != 1 else [])
+
+    def _note(self, lane: int) -> None:
+        """Keep the new notes of an environment whose kind is new, and warn about them."""
+        if self._views[lane] is None:  # before its first episode
+            return
+        known = {note.kind for note in self.notes}
+        time = float(self._times()[lane])
+        found = [RunNote(text, node, time, lane) for node, text in self._lanes.notes(lane, start=False)]
+        new = [note for note in first_of_each_kind(found) if note.kind not in known]
+        self.notes += new
+        warn(new, level=5, what="environment")
 
     def _view(self, lane: int) -> Any:
         """The attributes of a worker that a `Tick` of a lane reads."""

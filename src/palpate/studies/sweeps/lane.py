@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.lanes import LaneRun, Preparation, Prepared, prepare
+from palpate.launch.run.notes import RunNote
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages.fields import fields
 from palpate.messages.record import layout
@@ -53,8 +55,11 @@ def preparation(
     return Preparation(load, extremes)
 
 
-def run(one: Prepared, ticks: int, keep: Sequence[Kept], begins: Callable[[], None]) -> Streams | None:
-    """Run a lane; None if it fails. `begins` is called when the lane is ready, and while kernels are compiled."""
+def run(
+    one: Prepared, ticks: int, keep: Sequence[Kept], begins: Callable[[], None]
+) -> tuple[Streams, list[RunNote]] | None:
+    """Run a lane and return its streams and notes; None if it fails. `begins` is called when the lane is ready, and
+    while kernels are compiled."""
     names = _names(keep)
     heads = [(stream, name) for stream in dict.fromkeys(stream for stream, _ in names) for name in HEAD]
     try:
@@ -73,7 +78,9 @@ def run(one: Prepared, ticks: int, keep: Sequence[Kept], begins: Callable[[], No
         time = columns[stream, "time"][sent].astype(float) / 1e9
         unit = next(field.unit for field in fields(one.graph.streams[stream]) if field.name == name)
         streams.setdefault(stream, {})[name] = Samples(columns[stream, name][sent], f"{stream}.{name}", unit, time)
-    return streams
+    end = nanoseconds(ticks, one.job.rate) * 1e-9
+    notes = [note if isinstance(note, RunNote) else RunNote(note) for note in one.graph.notes]
+    return streams, notes + [RunNote(text, node, end) for node, text in lane.lanes.notes(0)]
 
 
 def _names(keep: Sequence[Kept]) -> list[tuple[str, str]]:

@@ -12,7 +12,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from multiprocessing.connection import Connection
@@ -34,6 +34,7 @@ from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.execute import execute
 from palpate.launch.run.lanes import Preparation
+from palpate.launch.run.notes import RunNote, first_of_each_kind
 from palpate.launch.run.work.compiling import compiling
 from palpate.nodes.logger import Mcap
 from palpate.physics.errors import ArgumentError, PalpateError
@@ -98,6 +99,7 @@ class Computed:
 
     numbers  numbers by the text of the kept result
     curves   times [s] and values by the text of the kept result
+    notes    lines for the user, the first of each kind
     error    why the point has no results; "" if it has
     seconds  duration [s], without compilation
     lost     why the study must stop, such as a full disk; "" if it can continue
@@ -105,6 +107,7 @@ class Computed:
 
     numbers: dict[str, float] = field(default_factory=dict)
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    notes: list[RunNote] = field(default_factory=list)
     error: str = ""
     seconds: float = 0.0
     lost: str = ""
@@ -159,8 +162,8 @@ def _as_lane(task: Task, point: Point, ready: Callable[[], None]) -> Computed | 
     except ArgumentError:
         return None
     _warm(task.run(point.values), lane.graph, ready)
-    streams = lanes.run(lane, max(1, round(task.launch.duration * lane.job.rate)), task.keep, ready)
-    return None if streams is None else _kept(task, streams)
+    ran = lanes.run(lane, max(1, round(task.launch.duration * lane.job.rate)), task.keep, ready)
+    return None if ran is None else _kept(task, *ran)
 
 
 def _recorded(task: Task, point: Point, ready: Callable[[], None]) -> Computed:
@@ -183,7 +186,7 @@ def _recorded(task: Task, point: Point, ready: Callable[[], None]) -> Computed:
             return Computed(lost=died[loggers.pop()])
         if not outcome.ok:
             return Computed(lost="; ".join(outcome.result.notes) or f"{file}: the recording is not whole")
-        done = _kept(task, Run(file))
+        done = _kept(task, Run(file), outcome.notes)
         if point.recording is not None:
             file.replace(point.recording)
         return done
@@ -198,8 +201,8 @@ def _only(graph: Graph, file: Path, streams: set[str]) -> None:
             spec.listen = graph.wanted
 
 
-def _kept(task: Task, run: Run | Streams) -> Computed:
-    done = Computed()
+def _kept(task: Task, run: Run | Streams, notes: Sequence[RunNote]) -> Computed:
+    done = Computed(notes=list(first_of_each_kind(notes)))
     for one in task.keep:
         if one.how == "curve":
             done.curves[one.text] = one.values(run)

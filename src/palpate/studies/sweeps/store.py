@@ -1,6 +1,6 @@
 """The folder with the results of a study, for one writer at a time.
 
-    points.parquet    one row per point, in order: key, varied settings, numbers, error
+    points.parquet    one row per point, in order: key, varied settings, numbers, notes (JSON), error
     curves.zarr       one array (points, samples) per curve and one for its times [s]; NaN after the end of a curve
     recordings/       kept recordings
     study.json        graph, scene, versions and arithmetic of the stored points, by the `base` of the rows
@@ -119,7 +119,9 @@ class Store:
                 log.write(json.dumps(entry) + "\n")
         self.rows[point.key] = {
             "key": point.key, "base": base, "slot": point.slot, **point.labels, **done.numbers,
-            **({"recording": point.recording.name} if point.recording and not done.error else {}), "error": done.error,
+            **({"recording": point.recording.name} if point.recording and not done.error else {}),
+            **({"notes": json.dumps([[n.text, n.node, n.time] for n in done.notes])} if done.notes else {}),
+            "error": done.error,
         }  # fmt: skip
         self._changed = True
         if time.monotonic() - self._written > max(AT_LEAST, SHARE * self._took):

@@ -24,6 +24,7 @@ from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ_file import organ_of
 from palpate.launch.run.lanes import extremes
+from palpate.launch.run.notes import RunNote, warn
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.sweeps.axes import axis
 from palpate.studies.sweeps.checks import check, path, seconds, space, units
@@ -172,7 +173,18 @@ class Study:
                     store.flush()
         finally:
             store.close()
+        warn(self.notes, what="point")
         return self
+
+    @property
+    def notes(self) -> list[RunNote]:
+        """Lines that `palpate run` would print about the points, each with `lane` (the number of the point), `node`,
+        `time` [s] and `text`, after `run`; the first of each kind is also a PalpateWarning."""
+        found = []
+        for number, row in enumerate(self.rows()):
+            for text, node, time in json.loads(row.get("notes", "[]")):
+                found.append(RunNote(text, node, time, number))
+        return found
 
     def _missing(self, store: Any, retry: bool, report: Callable[[str], None]) -> list[Point]:
         """The points that a folder lacks, with the slots of their rows; reports changes since the last run."""

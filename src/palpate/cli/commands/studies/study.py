@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,8 +10,9 @@ import typer
 
 from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.launch.run.notes import lines
 from palpate.launch.run.progress import steps
-from palpate.physics.errors import TROUBLE
+from palpate.physics.errors import TROUBLE, PalpateWarning
 
 if TYPE_CHECKING:
     from palpate.studies.sweeps.local import Pool
@@ -64,7 +66,8 @@ def _run(found: Study, name: str, folder: Path, pool: Pool, as_json: bool, **giv
             left = remain
 
         try:
-            found.run(folder, pool, report=report, done=each, **given)
+            with warnings.catch_warnings(action="ignore", category=PalpateWarning):  # `_print` prints the notes
+                found.run(folder, pool, report=report, done=each, **given)
         except KeyboardInterrupt as error:
             error.add_note(
                 f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command resumes"
@@ -79,8 +82,9 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
     failed = [row for row in rows if row["error"]]
     indices = None if found.sensitivity is None or failed else found.indices()
     if as_json:
-        shown = [{k: v for k, v in row.items() if k not in ("base", "slot")} for row in rows]
+        shown = [{k: v for k, v in row.items() if k not in ("base", "slot", "notes")} for row in rows]
         data = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown}
+        data["notes"] = lines(found.notes, "point")
         print_json(data | ({} if indices is None else {"indices": indices.to_dict("records")}))
         return
     if indices is None:
@@ -91,6 +95,8 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
             _list(found, indices[indices["of"] == one.text].drop(columns="of"), {}, f"{one.text} [{one.unit}]")
         if found.sensitivity == "sobol" and not indices[["S1", "ST"]].stack().between(-0.05, 1.05).all():
             say("Shares below 0 or above 1 are noise of too few samples: take more, --samples 256.", "yellow")
+    for line in lines(found.notes, "point"):
+        say(line, "yellow")
     if failed:
         say(f"{len(failed)} of {len(rows)} points failed; --retry computes them again", "yellow")
         if found.sensitivity:
