@@ -43,17 +43,9 @@ def test_on_the_whole_zoo_forces_are_finite_and_passive(touched, folder):
         assert all(results.worst[surface, body, "force"][0].score.value > 0.1 for surface, body in results.touches)
 
 
-def test_on_the_whole_zoo_forces_are_bounded_and_smooth(touched, folder):
-    whole, patches = touched
-    assert not broken(whole, set(NAMES) - {"side"}, folder)
-    assert not broken(patches, set(NAMES), folder)
-
-
-@pytest.mark.xfail(
-    strict=True, reason="in a tube of 10 mm on a coarse mesh the normal of one touch is 24 degrees off, 1.22 x"
-)
-def test_on_the_whole_zoo_no_finger_is_on_the_wrong_side(touched, folder):
-    assert not broken(touched[0], {"side"}, folder)
+def test_on_the_whole_zoo_no_invariant_is_broken(touched, folder):
+    for results in touched:
+        assert not broken(results, set(NAMES), folder)
 
 
 @pytest.mark.parametrize("body", ["MassSpring", "Rigid"])

@@ -22,8 +22,8 @@ rubbing  friction <= (mu_s + sigma_2 v + 0.05) f + 0.02 N.
 still    the normal turns within 20 ms by at most w/R + 0.02, w the sum of the extents of the finger's motion in four
          parts of 5 ms: a finger that turns round and goes back has moved.
 energy   work of the force on the hand over a closed path <= 0.5 mJ + 2 % of the work that went to and fro.
-side     while the nearest point of the surface has moved continuously since the finger touched (within 20 ms at most
-         2 mm, or twice as far as the finger along the surface; its direction by less than 60 degrees), the normal is
+side     while the nearest point of the surface has moved continuously since the finger touched (in 4 and 20 ms at
+         0.1 m/s, or twice as far as the finger along the surface; its direction by less than 60 degrees), the normal is
          within 0.35 rad of the direction from it, and the approach within 0.3 mm + 5 %. At an edge the interpolated
          normal differs from this direction; the approach may be smaller there, so that the hand gains no energy
          (`geometry.proxy`).
@@ -182,8 +182,10 @@ def side(trace: Trace) -> Score:
             continue
         inside = i > 0 and max(gap[i], gap[i - 1]) < -ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
-        recent = slice(max(0, i - round(STILL / EVERY)), i)
-        if turned or jump[recent].sum() > max(MOVES * motion[recent].sum(), FASTEST * STILL) + 2e-4:
+        recent = [slice(max(0, i - n), i) for n in (1, round(STILL / EVERY))]
+        if turned or any(
+            jump[r].sum() > max(MOVES * motion[r].sum(), FASTEST * EVERY * (i - r.start)) + 2e-4 for r in recent
+        ):
             regular = False
         if not regular or trace["contact.force"][k] < LEAST_FORCE:
             continue
