@@ -70,14 +70,14 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
-        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": ARRAY, "excess": (),
-        "deepest": (2,),
+        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": ARRAY,
+        "thinnest": (), "excess": (), "deepest": (2,),
     }  # fmt: skip
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, the course of
     its indentation (`physics.contact.end_rate`), and the last feet. Flags of exceeded limits (`spring_range`);
-    thickness of the organ at each vertex [m] (`pieces.thicknesses`); excess of the indentation over it [1], now, and at
-    most with the thickness there."""
+    thickness of the organ at each vertex [m] (`pieces.thicknesses`), and the least; excess of the indentation
+    over it [1], now, and at most with the thickness there."""
 
     shared = "hard", "ground", "thick", "body.law", "body.nodal", "body.edges"
 
@@ -96,7 +96,9 @@ class MassSpring(CompiledNode, WithNodule):
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
             sideways = self._field()[1]
             self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning, sideways]))
-        self.hold("thick", thicknesses(self.mesh()))
+        thick = thicknesses(self.mesh())
+        self.hold("thick", thick)
+        self.own["thinnest"] = thick.min()
         self._make(self._count)
 
     def check(self) -> None:
@@ -233,7 +235,7 @@ class MassSpring(CompiledNode, WithNodule):
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
             laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s + shift, s
-            if each.nodes.shape[0] > 0:
+            if s > own.thinnest and each.nodes.shape[0] > 0:
                 thick = floats(own.thick)[integers(each.nodes)[0]]
                 own.excess = max(own.excess, s / thick - 1.0)
                 if own.excess > own.deepest[0]:

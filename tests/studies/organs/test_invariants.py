@@ -7,10 +7,11 @@ import pytest
 from pytest import approx
 from scipy.optimize import brentq
 
-from palpate.studies.organs.invariants import ABOVE, INVARIANTS, scores
+from palpate.studies.organs.invariants import INVARIANTS, scores
 from palpate.studies.organs.reference import at_rest, lag_of_beams
 from palpate.studies.organs.runs import run
 from palpate.studies.organs.touches import Finger, Setting, Touch, drawn
+from palpate.studies.organs.trace import ABOVE
 
 B, M, K, TAU = 26.2641, 1681.06, 257.0, 20e-3  # of the kidney scene
 

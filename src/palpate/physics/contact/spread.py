@@ -163,8 +163,10 @@ def spread(spreader, foot, normal, force, radius=0.0):
             for at in range(first[row + lo[2]], first[row + hi[2] + 1]):
                 x, y, z = near[at, 0] - foot[0], near[at, 1] - foot[1], near[at, 2] - foot[2]
                 square = x * x + y * y + z * z
+                if square >= reach:
+                    continue
                 faces = near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]
-                if square >= reach or faces <= 0.0:
+                if faces <= 0.0:
                     continue
                 weight = near[at, 6] * kernel_value(kind, math.sqrt(square) / r)
                 if faces < FACES:

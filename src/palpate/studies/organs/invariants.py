@@ -19,48 +19,46 @@ contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
 rubbing  friction <= (mu_s + sigma_2 v + 0.05) f + 0.02 N.
-still    the normal turns within 20 ms by at most w/R + 0.02, w the extent of the finger's motion in the first 10 ms
-         plus that in the other 10 ms: a finger that turns round and goes back has moved.
+still    the normal turns within 20 ms by at most w/R + 0.02, w the sum of the extents of the finger's motion in four
+         parts of 5 ms: a finger that turns round and goes back has moved.
 energy   work of the force on the hand over a closed path <= 0.5 mJ + 2 % of the work that went to and fro.
-side     while the nearest point of the surface has moved continuously since the finger touched (at most twice as far
-         as the finger, its direction by less than 60 degrees), the normal is within 0.35 rad of the direction from it,
-         and the approach within 0.3 mm + 5 %.
+side     while the nearest point of the surface has moved continuously since the finger touched (in 4 and 20 ms at
+         0.1 m/s, or twice as far as the finger along the surface; its direction by less than 60 degrees), the normal is
+         within 0.35 rad of the direction from it, and the approach within 0.3 mm + 5 %. At an edge the interpolated
+         normal differs from this direction; the approach may be smaller there, so that the hand gains no energy
+         (`geometry.proxy`).
 finite   no lane stops, and every value is finite.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.studies.organs.reference import AtRest, Place, at_rest
+from palpate.physics.geometry.proxy import EASY, FASTEST
+from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
+from palpate.studies.organs.trace import ABOVE, LEAST_FORCE, Trace, extent, greatest, length, traced
 
 WINDOW = 1e-3  # [s] W
-PAST = 60e-3  # [s] of approach and rate that explain a force
 SLOW = 5e-3  # [m/s]
-SMOOTH = 2e-3  # [s] over which the rate of approach is measured
-STILL = 20e-3  # [s]
+STILL, PARTS = 20e-3, 4  # [s], and parts of it
 PATCH = 8e-3  # [m]
 LEAST_CURVATURE = PATCH / 8.0  # [m] R
 RELAXES = 2e-3  # [s]
 STIFFEST = 1e4  # [N/m] of a body; on a stiffer one the fingertip is the damper
-ABOVE = 1.2  # [1] of the quasi-static force
 ROUNDED = 0.03  # [N] by which a force at an impact may exceed it, since the rate is a mean of `SMOOTH`
 LATERAL = 0.5  # [1] of the normal force
-LEAST_FORCE = 0.1  # [N] below which directions do not matter
 ALLOWED = 0.1  # [N] change within 1 ms
 CREDIT, SHARE = 0.5e-3, 0.02  # [J], [1] of a closed path
 STEEPEST = 0.35  # [rad]
 BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
 ON = 2e-4  # [m] from the surface within which the direction from the nearest point is not known
-MOVES = 2.0  # [1] motion of the nearest point over that of the finger
+MOVES = EASY  # [1] motion of the nearest point over that of the finger
 EVERY = 4e-3  # [s] between comparisons with the nearest point
 
 
@@ -78,66 +76,6 @@ class Score:
         return not self.score <= 1.0
 
 
-@dataclass
-class Trace:
-    """One finger of one touch: fields (T) and (T,3), and times of the laws."""
-
-    values: dict[str, np.ndarray]
-    step: float
-    rest: AtRest
-    nodes: dict[str, dict[str, Any]]
-    closest: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
-    places: dict[int, Place] = field(default_factory=dict)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self.values[name]
-
-    def place(self, tick: int) -> Place:
-        """Finger and body at rest at the foot of a tick."""
-        if tick not in self.places:
-            self.places[tick] = self.rest.place(self["contact.foot"][tick], self["contact.normal"][tick])
-        return self.places[tick]
-
-    @cached_property
-    def deep(self) -> np.ndarray:
-        """The greatest approach [m] of the last `PAST` (T)."""
-        return greatest(self["collision.approach"], self.ticks(PAST))
-
-    @cached_property
-    def fast(self) -> np.ndarray:
-        """The greatest rate of approach [m/s] of the last `PAST` (T), over `SMOOTH`."""
-        n, e = self.ticks(SMOOTH), -self["collision.gap"]
-        before = np.concatenate([np.repeat(e[:1], n), e])[: len(e)]
-        return greatest(np.maximum((e - before) / (n * self.step), 0.0), self.ticks(PAST))
-
-    @cached_property
-    def slides(self) -> np.ndarray:
-        """The greatest speed [m/s] along the surface of the last `PAST` (T)."""
-        v, n = self["finger.velocity"], self["contact.normal"]
-        aside = length(v - np.einsum("ti,ti->t", v, n)[:, None] * n)
-        return greatest(np.where(self["contact.force"] > 0.0, aside, 0.0), self.ticks(PAST))
-
-    @cached_property
-    def static(self) -> np.ndarray:
-        """Force [N] (T) that the depth explains at rest: `ABOVE` x that of the series law at the deepest place."""
-        return ABOVE * self.place(int(np.argmax(self.deep))).force(self.deep)
-
-    @cached_property
-    def explained(self) -> np.ndarray:
-        """Force [N] (T) that depth, rate and slide explain; rate and slide are rounded up to one of four."""
-        place, total = self.place(int(np.argmax(self.deep))), self.static
-        rates, slides = (float(each.max()) * np.array([0.0, 0.25, 0.5, 0.75, 1.0]) for each in (self.fast, self.slides))
-        for k in range(5):
-            for i in range(5):
-                moves = (self.fast > rates[k - 1] if k else True) & (self.slides > slides[i - 1] if i else True)
-                if k + i and np.any(moves):
-                    total = np.where(moves, ABOVE * place.force(self.deep, rates[k], float(slides[i])), total)
-        return total
-
-    def ticks(self, seconds: float) -> int:
-        return max(1, round(seconds / self.step))
-
-
 def worst(trace: Trace, values: np.ndarray, bounds: np.ndarray, start: int = 0) -> Score:
     """The largest value over its bound."""
     if not len(values):
@@ -145,25 +83,6 @@ def worst(trace: Trace, values: np.ndarray, bounds: np.ndarray, start: int = 0) 
     share = values / bounds
     k = int(np.argmax(share))
     return Score(float(share[k]), (k + start) * trace.step, float(values[k]), float(bounds[k]))
-
-
-def length(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
-
-
-def greatest(values: np.ndarray, ticks: int) -> np.ndarray:
-    """The greatest value of the last `ticks` values (T)."""
-    from scipy.ndimage import maximum_filter1d
-
-    return np.asarray(maximum_filter1d(values, ticks, origin=(ticks - 1) // 2, mode="nearest"))
-
-
-def extent(vectors: np.ndarray, ticks: int) -> np.ndarray:
-    """Diagonal (T) of the box around the last `ticks` vectors (T,3)."""
-    total = np.zeros(len(vectors))
-    for axis in range(3):
-        total += (greatest(vectors[:, axis], ticks) + greatest(-vectors[:, axis], ticks)) ** 2
-    return np.asarray(np.sqrt(total))
 
 
 def force(trace: Trace) -> Score:
@@ -232,8 +151,9 @@ def still(trace: Trace) -> Score:
     f = trace["contact.force"]
     pressed = -greatest(-f, n) > LEAST_FORCE
     turn = extent(trace["contact.normal"], n)
-    half = extent(trace["finger.position"], n // 2 + 1)
-    bounds = (half + half[np.maximum(np.arange(len(f)) - n // 2, 0)]) / LEAST_CURVATURE + 0.02
+    part, ticks = extent(trace["finger.position"], -(-n // PARTS) + 1), np.arange(len(f))
+    moved = sum(part[np.maximum(ticks - k * n // PARTS, 0)] for k in range(PARTS))
+    bounds = moved / LEAST_CURVATURE + 0.02
     return worst(trace, np.where(pressed, turn, 0.0), bounds)
 
 
@@ -251,7 +171,8 @@ def side(trace: Trace) -> Score:
     every, p = trace.ticks(EVERY), trace["finger.position"]
     ticks = np.arange(0, len(p), every)
     foot, normal, _, gap = trace.closest(p[ticks])
-    motion, jump = length(np.diff(p[ticks], axis=0)), length(np.diff(foot, axis=0))
+    step, jump = np.diff(p[ticks], axis=0), length(np.diff(foot, axis=0))
+    motion = length(step - np.einsum("ti,ti->t", step, normal[1:])[:, None] * normal[1:])
     away = (p[ticks] - foot) / np.where(np.abs(gap) > ON, gap, np.inf)[:, None]
     touching = (gap < THICKNESS) | (trace["collision.approach"][ticks] > 0.0)
     found, regular = Score(0.0, 0.0, 0.0, 0.0), True
@@ -261,18 +182,23 @@ def side(trace: Trace) -> Score:
             continue
         inside = i > 0 and max(gap[i], gap[i - 1]) < -ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
-        if i and (jump[i - 1] > MOVES * motion[i - 1] + 2e-4 or turned):
+        recent = [slice(max(0, i - n), i) for n in (1, round(STILL / EVERY))]
+        if turned or any(
+            jump[r].sum() > max(MOVES * motion[r].sum(), FASTEST * EVERY * (i - r.start)) + 2e-4 for r in recent
+        ):
             regular = False
         if not regular or trace["contact.force"][k] < LEAST_FORCE:
             continue
         e, true = trace["collision.approach"][k], THICKNESS - gap[i]
+        edge = abs(gap[i]) > 1e-3 and away[i] @ normal[i] < np.cos(BENT)
+        if edge and e < true:
+            continue
         found = max(found, Score(abs(e - true) / (3e-4 + 0.05 * abs(true)), k * trace.step, float(abs(e - true)),
                                  float(3e-4 + 0.05 * abs(true))), key=lambda s: s.score)  # fmt: skip
         if abs(gap[i]) > 1e-3:
-            out = (p[k] - foot[i]) / gap[i]
-            if out @ normal[i] < np.cos(BENT):
+            if edge:
                 continue
-            angle = float(np.arccos(np.clip(out @ trace["contact.normal"][k], -1.0, 1.0)))
+            angle = float(np.arccos(np.clip(away[i] @ trace["contact.normal"][k], -1.0, 1.0)))
             found = max(found, Score(angle / STEEPEST, k * trace.step, angle, STEEPEST), key=lambda s: s.score)
     return found
 
@@ -283,16 +209,6 @@ INVARIANTS: dict[str, Callable[[Trace], Score]] = {
 }  # fmt: skip
 UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad", "energy": "J",
          "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak"}  # fmt: skip
-
-
-def traced(traces: Traces, rest: AtRest) -> list[Trace | None]:
-    """Each touch of a batch; None: its lane stopped, or a value is not finite."""
-    closest, listed = traces.setting.smooth().find, list[Trace | None]()
-    for lane, ticks in enumerate(traces.ticks):
-        values = {name: column[lane, :ticks] for name, column in traces.values.items()}
-        good = lane not in traces.failed and all(np.isfinite(v).all() for v in values.values())
-        listed.append(Trace(values, traces.step, rest, traces.nodes, closest) if good else None)
-    return listed
 
 
 def judged(trace: Trace | None) -> dict[str, Score]:

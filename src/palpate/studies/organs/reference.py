@@ -7,6 +7,8 @@ At an approach rate up to v a viscous fingertip, f = g(s1) <1 + c s1'>, and a bo
 is that of s2 + tau s2', carry at most the root of s1(f/(1 + c v)) + s2(f) = e + tau v, because the force rises with
 each rate and neither exceeds v while the finger approaches.
 
+Friction that is held indents inclined parts of a body less, or more; the stiffer answer counts.
+
 A patch that slides at the speed u over a body with a memory of the place meets material that has not yielded. In a
 steady slide it indents by s2 times
 
@@ -24,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from palpate.launch.load.classes import find_class
-from palpate.messages import Contact
+from palpate.messages import Contact, Friction
 from palpate.nodes.base.contacts import press
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
@@ -58,11 +60,15 @@ class AtRest:
         rows = [elastic(s, int(kind), first, second, radius) for s in self.compressions]
         self.forces, self.tangents = np.minimum(np.array(rows).T, MOST)
 
-    def indentation(self, foot: np.ndarray, normal: np.ndarray, force: float) -> float:
-        """s2 [m] under a force [N] at a point of the surface [m] (3) along its normal [1] (3)."""
+    def indentation(self, foot: np.ndarray, normal: np.ndarray, force: float, rubs: np.ndarray | None = None) -> float:
+        """s2 [m] under a force [N] at a point of the surface [m] (3) along its normal [1] (3), with friction of this
+        multiple [1] (3) of it."""
         given = Contact(foot=tuple(foot.tolist()), normal=tuple(normal.tolist()), force=force, compression=1e-3,
                         indentation=1e-3, compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
-        load = self.spread.step(given, None, dt=LONG)
+        rubbing = None
+        if rubs is not None:
+            rubbing = Friction(force=tuple((force * rubs).tolist()), bristle=(0.0, 0.0, 0.0), stick=True)
+        load = self.spread.step(given, rubbing, dt=LONG)
         return float(press(self.body, load, dt=LONG).previous_indentation)
 
     def yields(self, slide: float) -> float:
@@ -71,9 +77,13 @@ class AtRest:
             return 1.0
         return 1.0 - float(np.interp(slide * self.retardation / RADIUS, *self._lags))
 
-    def place(self, foot: np.ndarray, normal: np.ndarray) -> Place:
-        """The body at a point of the surface [m] (3) along its normal [1] (3)."""
-        return Place(self, np.array([self.indentation(foot, normal, f) for f in FORCES.tolist()]))
+    def place(self, foot: np.ndarray, normal: np.ndarray, rubs: np.ndarray | None = None) -> Place:
+        """The body at a point of the surface [m] (3) along its normal [1] (3), under a force with friction of this
+        multiple [1] (3) of it, or without, whichever indents less."""
+        found = np.array([self.indentation(foot, normal, f) for f in FORCES.tolist()])
+        if rubs is not None and rubs @ rubs > 1e-4:
+            found = np.minimum(found, [self.indentation(foot, normal, f, rubs) for f in FORCES.tolist()])
+        return Place(self, found)
 
 
 class Place:

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import PalpateError
-from palpate.studies.organs.invariants import Score, judged, traced
+from palpate.studies.organs.invariants import Score, judged
 from palpate.studies.organs.notes import noted, reasons
 from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import lanes_of, run
 from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, drawn, reachable
+from palpate.studies.organs.trace import traced
 from palpate.studies.organs.zoo import COARSE, USUAL, Specimen
 
 BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")

@@ -80,12 +80,6 @@ class Setting:
     def closest(self) -> MeshClosestPoint:
         return _closest(self.surface, self.count or 4 * USUAL, self.rotation)
 
-    def smooth(self) -> MeshClosestPoint:
-        """The nearest point of the surface that the mesh approaches, since a coarse mesh is refined; with edges, that
-        of the mesh."""
-        count = max(self.count, 4 * USUAL) if ZOO[self.surface].smooth else self.count
-        return _closest(self.surface, count or 4 * USUAL, self.rotation)
-
 
 @dataclass(frozen=True)
 class Touch:
