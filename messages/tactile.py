@@ -40,12 +40,15 @@ class Subsurface(Message):
     stress         [Pa]    (k,6)  xx, yy, zz, yz, xz, xy along these axes; tension is positive
     von_mises      [Pa]    (v)    equivalent stress; v = k, 0 if no node reads it
     energy_density [J/m^3] (w)    strain energy density; w = k, 0 if no node reads it
+    deflection     [N/m]   (s,3)  displacement of the surface along these axes times E/(1 - nu^2), above the points of
+                                  one depth, in their order; s = number of points of a depth, 0 if no node reads it
     """
 
     points: Annotated[Floats, "m", ("k", 3)] = NO_VECTORS
     stress: Annotated[Floats, "Pa", ("k", 6)] = NO_STRESS
     von_mises: Annotated[Floats, "Pa", ("v",)] = NO_FLOATS
     energy_density: Annotated[Floats, "J/m^3", ("w",)] = NO_FLOATS
+    deflection: Annotated[Floats, "N/m", ("s", 3)] = NO_VECTORS
 
 
 class Spikes(Message):

@@ -14,6 +14,7 @@ from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
 from palpate.physics.contact import series as laws
 from palpate.physics.contact.end_rate import arrive
+from palpate.physics.contact.people import PEOPLE
 from palpate.physics.contact.terminal import Terminal, check_law
 
 Positive = msgspec.Meta(gt=0)
@@ -48,7 +49,8 @@ class Series(CompiledNode):
     withheld remainder w decays: w' = -w/(30 ms) - 20 mm/s, 0.1 s for 15 mm.
     """
 
-    finger_law: Annotated[Literal["exponential", "power", "hertz"], "1"] = "exponential"
+    finger_law: Annotated[Literal["exponential", "power", "hertz", "soft", "median", "stiff"], "1"] = "exponential"
+    """Law of the fingertip; soft, median and stiff: exponential, with the constants of measured people."""
     finger_damping: Annotated[float, "s/m", msgspec.Meta(ge=0), Switch("relaxation")] = 8.0
     finger_stiffness: Annotated[float, "N/m", Positive] = 26.2641  # of the exponential law
     finger_hardening: Annotated[float, "1/m", Positive] = 1681.06  # of the exponential law
@@ -74,6 +76,8 @@ class Series(CompiledNode):
         self.own["law"] = laws.kernel_form(self._elastic(), self.finger_damping)
 
     def _elastic(self) -> laws.ElasticLaw:
+        if self.finger_law in PEOPLE:
+            return laws.exponential(*PEOPLE[self.finger_law])
         if self.finger_law == "power":
             return laws.power(self.finger_power_stiffness, self.finger_power_exponent)
         if self.finger_law == "hertz":

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -18,6 +18,7 @@ from palpate.physics.afferents.published import DENSITIES, DEPTHS, RATE, TYPES
 
 LONGEST = 0.1  # [s] Limit of the computed time between messages
 BLOCK = 60  # Samples per call, one bit each
+SLOW = 2.5e-3  # [s] Longest time between messages whose corners the filter of the fibres removes
 NO_STRESS = 3  # fault: the stress is empty
 
 
@@ -38,6 +39,11 @@ class Afferents(CompiledNode):
     depths: Annotated[tuple[float, float, float], "m"] = DEPTHS  # Of their receptors
     units: Annotated[str, "1"] = ""  # CSV file with type, x, y, depth [m], in place of densities
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45  # Of the skin: that of tactile.Stress
+    stimulus: Annotated[Literal["traction", "energy"], "1"] = "traction"
+    """traction: vertical and shear stress at the receptor, and the speed of the surface above it, the published inputs
+    summed over the contact; energy: the strain energy density at the receptor and its rate."""
+    gains: Annotated[tuple[float, float, float], "1"] = (1.0, 1.0, 1.0)
+    """Factor of the input of SA1, RA1 and PC; 1: as published."""
     seed: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 1
     trial: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 0  # Another trial: the same finger with other noise
     smoothing: Annotated[float, "s", msgspec.Meta(gt=0)] = 0.1  # Time constant of the rates
@@ -45,6 +51,7 @@ class Afferents(CompiledNode):
     rates = Part("tactile", "rate", about="The smoothed rate of each afferent.")
     State = {
         "rows": TABLE, "state": TABLE, "since": ARRAY, "at": TABLE, "kind": ARRAY, "keys": ARRAY, "gain": ARRAY,
+        "dynamic": ARRAY, "slow": (),
         "corners": TABLE, "weights": TABLE, "basis": TABLE, "unit": ARRAY, "moment": ARRAY, "rate": ARRAY,
         "points": int, "sample": int, "rest": (), "bad": int, "counts": (3,), "mean": (3,),
         "sampled": int,  # [ns] time of the last stress; -1: unknown
@@ -52,8 +59,7 @@ class Afferents(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        for name in ("densities", "depths"):
-            least = 0.0 if name == "densities" else 1e-5
+        for name, least in (("densities", 0.0), ("depths", 1e-5), ("gains", 0.0)):
             if not all(least <= each < math.inf for each in getattr(self, name)):
                 raise SettingError(
                     f"setting {name!r}: found {getattr(self, name)}, expected three numbers, of {', '.join(TYPES)}, "
@@ -62,11 +68,15 @@ class Afferents(CompiledNode):
         self.population = made = self.made()
         n = len(made.kind)
         rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson, made.kind)
+        share = np.array(self.gains)[made.kind]
+        gain = share * (gain if self.stimulus == "energy" else 1e-6)  # Pa to MPa
+        dynamic = share * 1e-3 / (1e3 * made.at[:, 2]) ** 2  # N/m to MPa/mm
         since = np.full(n, 1000, np.int64)
         room = n * (math.ceil(LONGEST * RATE) // fibre.REFRACTORY + 2)
         held = {
             "rows": rows, "state": np.zeros((n, fibre.STATE)), "since": since, "at": made.at, "kind": made.kind,
-            "keys": made.keys, "gain": gain, "corners": np.zeros((n, 8), np.int32), "weights": np.zeros((n, 8)),
+            "keys": made.keys, "gain": gain, "dynamic": dynamic,
+            "corners": np.zeros((n, 8), np.int32), "weights": np.zeros((n, 8)),
             "basis": np.ascontiguousarray(fibre.post_spike()), "unit": np.zeros(room, np.int32),
             "moment": np.zeros(room), "rate": np.zeros(n),
         }  # fmt: skip
@@ -85,7 +95,7 @@ class Afferents(CompiledNode):
             raise SettingError(f"setting {'units' if self.units else 'densities'!r}: {error}") from None
 
     @kernel(error_model="numpy")
-    def compute(own, stress: Annotated[Subsurface, Wants("points", "stress")], out: Out[Spikes], dt):
+    def compute(own, stress: Annotated[Subsurface, Wants("points", "stress", "deflection")], out: Out[Spikes], dt):
         # place the receptors in the grid of the stress at the first message
         tensor, at = floats(stress.stress), floats(own.at)
         corners, weights = integers(own.corners), floats(own.weights)
@@ -106,26 +116,41 @@ class Afferents(CompiledNode):
             lend_first(out.moment, own.moment, 0)
             return
         span = min(moved if moved > GAP * dt else dt, LONGEST)
+        if not begins:
+            own.slow = max(own.slow, min(dt, LONGEST))
         count = int((own.rest + span) * RATE + 1e-6)
         unit, moment, now = integers(own.unit), floats(own.moment), (stress.time - stress.delayed) * 1e-9
         first, stride = (1.0 / RATE - own.rest) / span, 1.0 / RATE / span
         left = own.rest + span - count / RATE
         rows, keys, gain, basis = floats(own.rows), longs(own.keys), floats(own.gain), floats(own.basis)
-        kind, rate = integers(own.kind), floats(own.rate)
+        kind, rate, dynamic, surface = (
+            integers(own.kind),
+            floats(own.rate),
+            floats(own.dynamic),
+            floats(stress.deflection),
+        )
+        energy = own.stimulus == 1
         fade, spikes = own.smoothing / (own.smoothing + span), 0
         for which in range(3):
             own.mean[which] *= fade
-        # each afferent: equivalent stress at its receptor, membrane model, spikes
+        # each afferent: stimulus at its receptor, membrane model, spikes
         for n in range(len(at)):
-            target = gain[n] * population.equivalent(tensor, corners[n], weights[n], own.poisson)
+            if energy:
+                target = gain[n] * population.equivalent(tensor, corners[n], weights[n], own.poisson)
+            else:
+                target = gain[n] * population.traction(tensor, corners[n], weights[n])
+            if energy or len(surface) == 0:
+                moved = rows[n, 13] * target
+            else:
+                moved = dynamic[n] * population.deflected(surface, corners[n], weights[n])
             if begins:
-                state[n, 6] = target
+                state[n, 6], state[n, 12] = target, moved
             fired_before = spikes
             for start in range(0, count, BLOCK):
                 part = min(BLOCK, count - start)
                 fired, since[n] = fibre.advance(
                     rows[n], state[n], since[n], basis, keys[n], own.sample + start, part,
-                    first + start * stride, stride, target,
+                    first + start * stride, stride, target, moved,
                 )  # fmt: skip
                 k = start
                 while fired:
@@ -135,7 +160,7 @@ class Afferents(CompiledNode):
                         spikes += 1
                     fired >>= 1
                     k += 1
-            state[n, 6] = target
+            state[n, 6], state[n, 12] = target, moved
             more = (spikes - fired_before) / (own.smoothing + span)
             own.mean[kind[n]] += more / own.counts[kind[n]]
             if own.rates:
@@ -148,6 +173,14 @@ class Afferents(CompiledNode):
             out.mean[which] = own.mean[which]
         if own.rates:
             lend(out.rate, own.rate)
+
+    def notes(self) -> list[str]:
+        if hasattr(self, "own") and self.own["slow"] > SLOW:
+            self._note_once(
+                f"Afferents: the stress arrived every {1e3 * self.own['slow']:.3g} ms. Between messages it is linear, "
+                "and its corners are vibrations to PC; give tactile.Stress no divisor, and the graph 500 Hz or more"
+            )
+        return super().notes()
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         """Why the stress does not fit the receptors."""

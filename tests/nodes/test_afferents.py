@@ -45,7 +45,7 @@ def test_sa1_fire_in_a_hold_and_ra1_and_pc_at_its_onset_and_end():
     def rate(which, begin, end):
         return np.sum((kind[unit] == which) & (moment > begin) & (moment <= end)) / count[which] / (end - begin)
 
-    assert rate(SA1, 0.1, 0.15) > rate(SA1, 0.4, 0.75) > 20.0
+    assert rate(SA1, 0.1, 0.15) > rate(SA1, 0.4, 0.75) > 10.0
     for which in (RA1, PC):
         assert rate(which, 0.1, 0.17) > 5.0 and rate(which, 0.75, 0.82) > 1.0
         assert rate(which, 0.3, 0.75) < 0.05

@@ -70,6 +70,7 @@ NOT_RUN = {
     "palpate experiment --analyse": "data of the reader; tests/cli/commands/test_experiment.py",
     "palpate fit tissue press.csv --columns": "presses of the reader; tests/models/fit",
     "palpate fit tissue A1.csv": "the same",
+    "palpate fit finger presses.csv": "presses of the reader; tests/models/fit/test_fit_finger.py",
 }
 PAGE_VERBS = ("palpate touch", "palpate view", "palpate run kidney --view")
 """These commands serve a page until Ctrl-C, which is sent when they have printed the address."""

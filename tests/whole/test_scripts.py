@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = ("benchmarks", "docs/studies", "docs/pictures", "docs/examples")
+FOLDERS = ("benchmarks", "benchmarks/measured", "docs/studies", "docs/pictures", "docs/examples")
 SCRIPTS = [path for folder in FOLDERS for path in sorted((ROOT / folder).glob("*.py"))]
 PICTURES = [path for path in SCRIPTS if path.parent.name == "pictures" and path.name != "target.py"]
 PEERS = {"felupe", "pypardiso", "sksparse"}

@@ -50,9 +50,10 @@ def spikes_of(kind, fit, s, noise=False, block=1, key=5):
     state, since, basis, out = np.zeros(fibre.STATE), 1000, fibre.post_spike(), []
     for start in range(0, len(s), block):
         fired, since = fibre.advance(
-            rows[0], state, since, basis, key, start, block, 1.0 / block, 1.0 / block, s[start + block - 1]
-        )
-        state[6] = s[start + block - 1]
+            rows[0], state, since, basis, key, start, block, 1.0 / block, 1.0 / block, s[start + block - 1],
+            rows[0, 13] * s[start + block - 1],
+        )  # fmt: skip
+        state[6], state[12] = s[start + block - 1], rows[0, 13] * s[start + block - 1]
         out += [start + k for k in range(block) if fired >> k & 1]
     return out
 

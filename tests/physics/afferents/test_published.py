@@ -8,22 +8,16 @@ from test_fibre import spikes_of
 from palpate.launch.testing import FakeBus
 from palpate.messages import Subsurface
 from palpate.nodes.tactile import Afferents
+from palpate.physics.afferents.probe import input_of, tuning_threshold
 from palpate.physics.afferents.published import DEPTHS, FITS, PROBE, RATE
 from palpate.physics.contact.subsurface import PAIRS, point_stress, under_patch
 
 SA1, RA1, PC = range(3)
-MODULUS = 0.05 / (1 - 0.4**2)  # [MPa] of the skin of the published fits, E/(1 - nu²)
-
-
-def under_probe(kind, u):
-    """The input s [MPa] below a probe that indents the skin by u [mm]."""
-    zeta, radius = DEPTHS[kind] / PROBE, 1e3 * PROBE
-    return MODULUS * (1 + 3 * zeta**2) / (np.pi * radius * (1 + zeta**2) ** 2) * u
 
 
 def train(kind, fit, u, noise=True):
     """Spike times [s] of a fibre for an indentation u [mm] at 5 kHz."""
-    return np.array(spikes_of(kind, fit, under_probe(kind, u), noise=noise)) / RATE
+    return np.array(spikes_of(kind, fit, input_of(kind, u), noise=noise)) / RATE
 
 
 def least_amplitude(kind, fit, frequency, seconds, begin, spikes):
@@ -45,12 +39,25 @@ def threshold(kind, fit, frequency):
 def tuning(kind, fit, frequency):
     """Amplitude for one spike per cycle after 4 cycles: the tuning threshold of Talbot et al. 1968, I_1 of Johnson
     1974."""
-    cycles = max(10, 0.4 * frequency)
-    return least_amplitude(kind, fit, frequency, (cycles + 4) / frequency, 4 / frequency, cycles)
+    return tuning_threshold(kind, int(np.flatnonzero((FITS[kind] == fit).all(axis=1))[0]), frequency)
 
 
 def medians(of, kind, frequencies):
     return np.median([[of(kind, fit, f) for f in frequencies] for fit in FITS[kind]], axis=0)
+
+
+def test_at_its_threshold_a_fibre_fires_once_per_cycle():
+    for gain in (1.0, 2.0):
+        level = tuning_threshold(RA1, 2, 40.0, gain)
+        assert level + 20.0 * np.log10(gain) == approx(tuning_threshold(RA1, 2, 40.0), abs=0.2)
+    t = np.arange(round(0.6 * RATE)) / RATE
+    more, less = (
+        np.sum(
+            train(RA1, FITS[RA1][2], 10 ** ((level + 6.02 + change) / 20.0 - 3.0) * np.sin(2 * np.pi * 40 * t)) > 0.1
+        )
+        for change in (0.3, -3.0)
+    )
+    assert more >= 20 > less
 
 
 @pytest.mark.long

@@ -401,7 +401,7 @@ def test_a_duplicate_message_changes_nothing():
         assert math.isfinite(answer.force)
 
 
-@pytest.mark.parametrize("law", ["power", "hertz", "exponential"])
+@pytest.mark.parametrize("law", ["power", "hertz", "exponential", "soft", "median", "stiff"])
 def test_every_finger_law_gives_a_force(law):
     (answer,) = FakeBus(Series(finger_law=law), body=body()).publish(proximity(5e-3))
     assert answer.force > 0 and answer.compression + answer.indentation == approx(5e-3)

@@ -1,13 +1,19 @@
 """One afferent: stress at its receptor -> input -> membrane -> spikes, at 5 kHz (docs/equations/afferents.md).
 
-The stimulus is the stress of a bar with the same strain energy density W, which is independent of the modulus E,
+The published fits take the vertical stress s below a probe, and d = E* (du/dt)/z² for the speed du/dt of the skin under
+it at the depth z. The inputs here equal them under the probe, for any load and with shear,
+
+    s = |sigma n|,    d = d|E* u|/dt/z²
+
+with the traction on the plane parallel to the surface, and the displacement u of the surface above the receptor: under
+a half-space both are sums over the contact, as in the published model of the skin. The other choice of the stimulus is
+the stress of a bar with the same strain energy density W, times chi = sigma_z/q under the probe, and d = D ds/dt,
 
     q = sqrt(2 E W) = sqrt((1 + nu) sigma:sigma - nu tr(sigma)²)
 
-times chi = sigma_z/q under the probe of the experiments, so that this probe gives the input of the published fits. A
-third-order Butterworth low-pass filter gives s [MPa]; d = D ds/dt represents the speed of the skin under the probe; k
-is the sample. A fibre that adapts subtracts a share g of its low-pass filtered compression m: r = s - g m, where that
-is positive or s is negative, and otherwise 0. The current I changes the membrane potential V,
+A third-order Butterworth low-pass filter gives s [MPa] and the integral of d; k is the sample. A fibre that adapts
+subtracts a share g of its low-pass filtered compression m: r = s - g m, where that is positive or s is negative, and
+otherwise 0. The current I changes the membrane potential V,
 
     m <- m + (s - m) T/tau_m
     I = w(r; 1, 2) + w(d; 3, 4) + w(d_k - d_(k-1); 5, 6) + noise,   w(x; i, j) = w_i x for x >= 0, else -w_j x
@@ -24,7 +30,7 @@ from palpate.compiler.exact import log
 from palpate.compiler.kernel import kernel
 from palpate.physics.afferents.published import ADAPTATION, PROBE, RATE
 
-STATE = 8  # State of a fibre: filter (3), s, d, V, last input, m
+STATE = 13  # Filter of s (3), s, d, V, last input, m; filter of the integral of d (3), its output and last input
 REFRACTORY = 6  # Minimum number of samples between spikes
 
 
@@ -88,13 +94,15 @@ def _weighed(x, positive, negative):
 
 
 @kernel(error_model="numpy")
-def advance(row, state, since, basis, key, sample, count, first, stride, target):
+def advance(row, state, since, basis, key, sample, count, first, stride, target, moved):
     """Advance a fibre by `count` <= 62 samples. Returns a bit mask of those with a spike, and samples since the last.
 
     row, state   its constants and state;  since: samples since its last spike
     first        position of the first sample between the last input (0) and `target` (1);  stride: between samples
+    target       [MPa] s before the filter at the end;  moved: [MPa/mm] integral of d before the filter at the end
     """
-    fired, before, step = 0, state[6], target - state[6]
+    fired, before, step, resting, path = 0, state[6], target - state[6], state[12], moved - state[12]
+    p0, p1, p2, w = state[8], state[9], state[10], state[11]
     z0, z1, z2, s, d, v, m = state[0], state[1], state[2], state[3], state[4], state[5], state[7]
     passed = since
     for k in range(count):
@@ -103,7 +111,13 @@ def advance(row, state, since, basis, key, sample, count, first, stride, target)
         z0 = row[1] * x - row[4] * y + z1
         z1 = row[2] * x - row[5] * y + z2
         z2 = row[3] * x - row[6] * y
-        speed = row[13] * (y - s) * RATE
+        x = resting + path * (first + k * stride)
+        out = row[0] * x + p0
+        p0 = row[1] * x - row[4] * out + p1
+        p1 = row[2] * x - row[5] * out + p2
+        p2 = row[3] * x - row[6] * out
+        speed = (out - w) * RATE
+        w = out
         m += row[19] * (y - m)
         static = max(y - row[20] * m, min(y, 0.0))
         current = (
@@ -121,4 +135,5 @@ def advance(row, state, since, basis, key, sample, count, first, stride, target)
             fired |= 1 << k
             v, passed = 0.0, 0
     state[0], state[1], state[2], state[3], state[4], state[5], state[7] = z0, z1, z2, s, d, v, m
+    state[8], state[9], state[10], state[11] = p0, p1, p2, w
     return fired, passed

@@ -121,6 +121,32 @@ def place(points, at, corners, weights):
 
 
 @kernel(error_model="numpy")
+def traction(stress, corners, weights):
+    """|sigma n| [Pa] on the plane parallel to the surface at a receptor, from the stress [Pa] (p,6) of all points:
+    the vertical stress of the published model, and the shear stress. corners, weights (8) of `place`."""
+    zz = yz = xz = 0.0
+    for c in range(8):
+        w = weights[c]
+        if w != 0.0:
+            s = stress[corners[c]]
+            zz, yz, xz = zz + w * s[2], yz + w * s[3], xz + w * s[4]
+    return math.sqrt(zz * zz + yz * yz + xz * xz)
+
+
+@kernel(error_model="numpy")
+def deflected(deflection, corners, weights):
+    """|E* u| [N/m] of the surface above a receptor, from the deflection [N/m] (s,3) of a depth's points."""
+    x = y = z = 0.0
+    layer = len(deflection)
+    for c in range(8):
+        w = weights[c]
+        if w != 0.0:
+            u = deflection[corners[c] % layer]
+            x, y, z = x + w * u[0], y + w * u[1], z + w * u[2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@kernel(error_model="numpy")
 def equivalent(stress, corners, weights, poisson):
     """q = sqrt(2 E W) [Pa] at a receptor from the stress [Pa] (p,6) of all points; corners, weights (8) of `place`."""
     xx = yy = zz = yz = xz = xy = 0.0

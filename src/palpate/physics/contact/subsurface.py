@@ -133,6 +133,15 @@ def stress_of(matrix, force, stress):
 
 
 @kernel
+def displacement_of(matrix, force, out):
+    """Fill displacements [N/m] (s,3) with a matrix [1/m] (3s,3) of `surface_under_patch` times a force [N] (3)."""
+    for p in range(len(out)):
+        for c in range(3):
+            row = matrix[3 * p + c]
+            out[p, c] = row[0] * force[0] + row[1] * force[1] + row[2] * force[2]
+
+
+@kernel
 def von_mises_of(stress, out):
     """Fill `out` [Pa] (p) with the equivalent stress of stresses [Pa] (p,6) in the order of `PAIRS`."""
     for p in range(len(stress)):

@@ -1,0 +1,39 @@
+"""`palpate fit finger PRESSES.csv`: the law of a fingertip, from presses of a rigid plate or ball."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import print_json, say
+
+EXAMPLE = "palpate fit finger presses.csv"
+
+
+def finger(
+    file: Annotated[Path, typer.Argument(help="CSV with units: travel [mm], force [N], and press if several.")],
+    as_json: Json = False,
+) -> None:
+    """Fit the law of a fingertip to presses against something rigid.
+
+    The zero of the travel is arbitrary; the touch point of each press is fitted. Prints stiffness and hardening with
+    95 % intervals from the differences between the presses, and the command that runs a graph with them.
+    """
+    from palpate.models.fit.finger import fit_fingers, read_presses
+
+    presses = read_presses(file)
+    fitted = fit_fingers([presses])
+    b, m = float(fitted.stiffness[0]), fitted.hardening
+    if as_json:
+        print_json({
+            "ok": True, "presses": len(presses), "finger_stiffness": b, "finger_hardening": m, "rms": fitted.residual,
+            "intervals": fitted.intervals, "touch": fitted.touch.tolist(),
+        })  # fmt: skip
+        return
+    ranges = [f" (95 %: {low:.3g} to {high:.3g})" for low, high in fitted.intervals or ()] or ["", ""]
+    say(f"{len(presses)} presses, residual {1e3 * fitted.residual:.3g} mN rms", wrap=True)
+    say(f"finger_stiffness {b:.4g} N/m{ranges[0]}, finger_hardening {m:.4g} 1/m{ranges[1]}", wrap=True)
+    if fitted.intervals is None:
+        say("intervals need three presses or more", "yellow")
+    say(f"palpate run kidney --set scene.finger.finger_stiffness={b:.4g} --set scene.finger.finger_hardening={m:.4g}")
