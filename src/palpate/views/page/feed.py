@@ -37,7 +37,10 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page.steered import Touched
 
 EVERY = (Contact, Health)  # of these all messages are decoded; of the others the last one before a frame
-KEPT = 400  # limit of buffered messages of a finger's small streams between two frames
+KEPT = 20_000  # limit of buffered messages of a finger: 2 s of nine streams at 1 kHz
+DRAINED = 400_000
+"""Limit of messages read for a frame: more than a run buffers for a slow reader (100 000), so that a page which was
+delayed shows the present with its next frame instead of remaining behind."""
 Last = dict[type[Message], Message]
 Curve = dict[str, list[float]]  # times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
 
@@ -119,7 +122,7 @@ class StreamReader:
         last: dict[str, bytes] = {}
         news = False
         for socket in (self.small, *self.large):
-            for _ in range(20 * KEPT * len(curves)):
+            for _ in range(DRAINED):
                 try:
                     stream, payload = split(socket.recv(zmq.NOBLOCK))
                     if self.kinds[stream] in EVERY:

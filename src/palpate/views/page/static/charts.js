@@ -30,7 +30,7 @@ function ticks(paint, w, h, x, y, [low, high], [begin, end], origin = 0) {
     paint.moveTo(0, y(value)); paint.lineTo(w, y(value));
     if (y(value) > 20 && value !== 0) paint.fillText(String(value), 1, y(value) - 2);
   }
-  for (const time of round(begin - origin, end - origin, Math.max(2, Math.floor(w / 42)))) {
+  for (const time of round(begin - origin, end - origin, Math.max(2, Math.floor(w / 40)))) {
     const at = x(time + origin);
     paint.moveTo(at, h - BASE); paint.lineTo(at, h - BASE + 4);
     paint.textAlign = at < 14 ? "left" : at > w - 14 ? "right" : "center";
