@@ -32,7 +32,8 @@ def figure(variants: Sequence[Variant]) -> Figure:
             times, mine, theirs = np.intersect1d(curve[:, 0], first[:, 0], return_indices=True)
             below.plot(times, (curve[mine, column] - first[theirs, column]) * factor, linewidth=1.2)
         above.set_ylabel(label)
-        below.set(ylabel=f"less that of {first_name},\n{label}", xlabel="time [s]")
+        quantity, unit = label.split(" ")
+        below.set(ylabel=f"{quantity} minus that\nof {first_name} {unit}", xlabel="time [s]")
     axes[0, 0].legend(fontsize=8)
     return out
 

@@ -62,9 +62,8 @@ def draw(touch: TouchStreams) -> Figure | None:
     shown = [(letter, drawn, region) for letter, drawn, region in (("a", _region_a, a), ("b", _region_b, b)) if region]
     out = style.figure(11.5, 10.2 if shown else 6.0, "Friction against normal force and sliding speed")
     letters = [letter for letter, _, _ in shown]
-    over = [[name] * max(len(letters), 1) for name in ("force", "speed")]
-    panels: Any = [*over, letters] if letters else over
-    rows = out.subplot_mosaic(panels, height_ratios=(3, 2, 4)[: 2 + bool(letters)])
+    grid: Any = [[name] * max(len(letters), 1) for name in ("force", "speed")] + ([letters] if letters else [])
+    rows = out.subplot_mosaic(grid, height_ratios=(3, 2, 4)[: len(grid)])
     _time(rows["force"], rows["speed"], data, a, b, touch)
     for letter, drawn, region in shown:
         drawn(rows[letter], data, region)
