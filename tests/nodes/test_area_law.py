@@ -31,10 +31,10 @@ def pressed(node, force):
 
 
 def test_the_radii_of_a_fingertip_are_cube_roots_to_the_last_bits():
-    forces, plate = PLATE
-    found = fingertip(9e-3, 21e3).radii
+    (forces, plate), radius_of_curvature, modulus = PLATE, 9e-3, 21e3
+    found = fingertip(radius_of_curvature, modulus).radii
     for force, flat, radius in zip(forces, plate, found, strict=True):
-        cube = Decimal(flat) ** 3 + Decimal(0.75) * Decimal(force) * Decimal(9e-3) / Decimal(21e3)
+        cube = Decimal(flat) ** 3 + Decimal(3) / 4 * Decimal(force) * Decimal(radius_of_curvature) / Decimal(modulus)
         assert abs(Decimal(float(radius)) / cube ** (Decimal(1) / 3) - 1) < 4e-16
 
 
