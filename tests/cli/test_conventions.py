@@ -347,7 +347,7 @@ def test_pictures_are_announced_and_skipped_after_ctrl_c(stopped, tmp_path, monk
 
 def test_touch_records_only_sources_unless_all_is_requested(monkeypatch):
     asked = []
-    monkeypatch.setattr("palpate.views.page.session.Session", lambda *given: asked.append(given[-1]) or SimpleNamespace(
+    monkeypatch.setattr("palpate.views.page.session.Session", lambda *given: asked.append(given[3]) or SimpleNamespace(
         kept=[], troubles=[]))  # fmt: skip
     monkeypatch.setattr("palpate.cli.commands.running.touch.show", lambda *given: None)
     assert say("touch").exit_code == 0 and say("touch", "--record-only", "all").exit_code == 0
