@@ -1,5 +1,7 @@
 """The area law of a scene: one setting for the node that spreads the load and for the body."""
 
+from decimal import Decimal
+
 import msgspec
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from palpate.messages import Contact
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
 from palpate.nodes.spread import Kernel
+from palpate.physics.contact.area import PLATE, fingertip
 from palpate.physics.errors import PalpateError
 from palpate.studies.accuracy.bodies import reduced_fe
 from palpate.studies.accuracy.cases import TOUCHES
@@ -25,6 +28,14 @@ def pressed(node, force):
         Contact.example(loaded=True), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), force=force, compression=1e-3
     )
     return node.step(touch, None, dt=1e-3)
+
+
+def test_the_radii_of_a_fingertip_are_cube_roots_to_the_last_bits():
+    (forces, plate), radius_of_curvature, modulus = PLATE, 9e-3, 21e3
+    found = fingertip(radius_of_curvature, modulus).radii
+    for force, flat, radius in zip(forces, plate, found, strict=True):
+        cube = Decimal(flat) ** 3 + Decimal(3) / 4 * Decimal(force) * Decimal(radius_of_curvature) / Decimal(modulus)
+        assert abs(Decimal(float(radius)) / cube ** (Decimal(1) / 3) - 1) < 4e-16
 
 
 def test_the_patch_grows_by_the_law_and_keeps_the_force():

@@ -173,8 +173,8 @@ def test_switching_to_a_body_without_a_basis_builds_it(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     trimesh.creation.icosphere(1, 60.0).export(tmp_path / "ball.stl")
-    said = []
-    monkeypatch.setattr(Session, "say", lambda self, status: said.append(status))
+    said, say = [], Session.say
+    monkeypatch.setattr(Session, "say", lambda self, status: said.append(status) or say(self, status))
     made = Server(tmp_path, organ=OrganFile(tmp_path / "ball.stl", "mm"))
     try:
         with made.open() as client:

@@ -22,6 +22,7 @@ VARIANTS = [
     *({"tissue": body} for body in BODIES),
     {"collision": {"use": "collision.Mesh"}},
     {"tissue": {"use": "deformation.ReducedFE", **TURNED}, "collision": TURNED, "spread": TURNED},
+    *({"tissue": {"use": body, "area": "fingertip"}, "spread": {"area": "fingertip"}} for body in BODIES[:2]),
 ]
 SETTINGS = [
     {"OMP_NUM_THREADS": "2"},

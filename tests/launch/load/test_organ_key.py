@@ -126,6 +126,7 @@ def test_points_that_differ_in_what_a_basis_depends_on():
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 def test_the_bases_of_all_points_and_lanes_are_built(folder):
     trimesh.creation.icosphere(1, 60.0).export("ball.stl")
     one = {"organ": "ball.stl", "duration": 0.6}
