@@ -152,7 +152,7 @@ def still(trace: Trace) -> Score:
     pressed = -greatest(-f, n) > LEAST_FORCE
     turn = extent(trace["contact.normal"], n)
     part, ticks = extent(trace["finger.position"], -(-n // PARTS) + 1), np.arange(len(f))
-    moved = sum(part[np.maximum(ticks - k * n // PARTS, 0)] for k in range(PARTS))
+    moved = np.sum([part[np.maximum(ticks - k * n // PARTS, 0)] for k in range(PARTS)], axis=0)
     bounds = moved / LEAST_CURVATURE + 0.02
     return worst(trace, np.where(pressed, turn, 0.0), bounds)
 
