@@ -57,7 +57,7 @@ CREDIT, SHARE = 0.5e-3, 0.02  # [J], [1] of a closed path
 STEEPEST = 0.35  # [rad]
 BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
-ON = 2e-4  # [m] from the surface within which the direction from the nearest point is not known
+ON = 2e-5  # [m] from the surface within which the direction from the nearest point is not known
 MOVES = EASY  # [1] motion of the nearest point over that of the finger
 EVERY = 4e-3  # [s] between comparisons with the nearest point
 
@@ -152,7 +152,7 @@ def still(trace: Trace) -> Score:
     pressed = -greatest(-f, n) > LEAST_FORCE
     turn = extent(trace["contact.normal"], n)
     part, ticks = extent(trace["finger.position"], -(-n // PARTS) + 1), np.arange(len(f))
-    moved = sum(part[np.maximum(ticks - k * n // PARTS, 0)] for k in range(PARTS))
+    moved = np.sum([part[np.maximum(ticks - k * n // PARTS, 0)] for k in range(PARTS)], axis=0)
     bounds = moved / LEAST_CURVATURE + 0.02
     return worst(trace, np.where(pressed, turn, 0.0), bounds)
 
@@ -180,7 +180,7 @@ def side(trace: Trace) -> Score:
         if not touching[i]:
             regular = True
             continue
-        inside = i > 0 and max(gap[i], gap[i - 1]) < -ON
+        inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
         recent = [slice(max(0, i - n), i) for n in (1, round(STILL / EVERY))]
         if turned or any(
