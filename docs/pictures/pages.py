@@ -7,7 +7,6 @@ view.png   `palpate view` of two recordings of one touch, MassSpring and Reduced
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -83,10 +82,10 @@ def compared(target: Path, scratch: Path) -> None:
         window.screenshot(path=target)
 
 
-def main(folder: Path) -> list[Path]:
+def main(place: Path) -> list[Path]:
     """Run, press, take pictures."""
-    folder.mkdir(parents=True, exist_ok=True)
-    targets = [folder / "touch.png", folder / "view.png"]
+    place.mkdir(parents=True, exist_ok=True)
+    targets = [place / "touch.png", place / "view.png"]
     with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
         touched(targets[0], Path(scratch))
         compared(targets[1], Path(scratch))
@@ -94,4 +93,6 @@ def main(folder: Path) -> list[Path]:
 
 
 if __name__ == "__main__":
-    print(*main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent), sep="\n")
+    from target import folder
+
+    print(*main(folder(__doc__)), sep="\n")

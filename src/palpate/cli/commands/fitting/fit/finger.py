@@ -12,7 +12,7 @@ EXAMPLE = "palpate fit finger presses.csv"
 
 
 def finger(
-    file: Annotated[Path, typer.Argument(help="CSV with units: travel [mm], force [N], and press if several.")],
+    file: Annotated[Path, typer.Argument(help="CSV with units: travel in mm, force in N, and press if several.")],
     as_json: Json = False,
 ) -> None:
     """Fit the law of a fingertip to presses against something rigid.
