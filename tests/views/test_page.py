@@ -94,9 +94,12 @@ def test_the_organ_deforms_under_the_pointer_until_the_page_closes(server):
             places = mesh[2].reshape(-1, 3)
             assert mesh[1].max() == len(places) - 1
             press = {"point": [1, PRESSED, 1]}
-            head, nodes, moved, _ = until(client, lambda h: h["kind"] == "frame" and h["load"] > 0.3, press)
+            for _ in range(100):  # the first frames of a busy machine show the begin of the press
+                head, nodes, moved, _ = until(client, lambda h: h["kind"] == "frame" and h["load"] > 0.3, press)
+                moved = moved.reshape(-1, 3)
+                if moved[:, 2].min() < -5e-4:
+                    break
             assert np.isfinite(moved).all()
-            moved = moved.reshape(-1, 3)
             deepest = places[nodes[np.linalg.norm(moved, axis=1).argmax()]]
             assert np.linalg.norm((deepest - PRESSED)[:2]) < 0.006
             assert moved[:, 2].min() < -5e-4
