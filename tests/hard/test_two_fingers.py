@@ -34,7 +34,7 @@ PRESSES = Finger(
           shapes=("minimum-jerk",) * 4),
 )  # fmt: skip
 GROOVE = Touch(Setting("groove", 600, "BeamBundle", "", 1000.0, 2), (SLIDES, PRESSES))
-"""While one finger presses, the other presses the groove beside it and slides away: the tissue returns 13 mJ where the
+"""While one finger presses, the other presses the groove next to it and slides away: the tissue returns 13 mJ where the
 finger put in 9."""
 
 
@@ -52,7 +52,7 @@ def test_the_energy_that_another_finger_put_in_is_returned_without_a_kick(tmp_pa
 
 
 def check_random(count, seed, folder):
-    """The force on the hand does not jump; where the contact's own force does, it is no worse."""
+    """The force on the hand does not jump; where the force of the contact does, it is no worse."""
     rng = np.random.default_rng(seed)
     traces = traces_of([varied(GROOVE, 0.5, rng) for _ in range(count)], folder)
     pairs = [(hand(trace), contact(trace)) for trace in traces]
