@@ -15,6 +15,7 @@ from palpate.physics.device.controller import (
     FORCE,
     LIMIT,
     MODE,
+    RISE,
     SLEW,
     WALL,
     WITHHELD,
@@ -47,10 +48,12 @@ def come_back(own):
     """Reset the state after an outage, except the current force on the hand and the energy of the display."""
     state, past = floats(own.state), floats(own.past)
     fx, fy, fz, f3 = state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[FORCE, 3]
-    energy, brake, mode = state[ENERGY, 0], state[ENERGY, BRAKE], state[MODE, 0]
+    bx, by, bz = state[BRAKE, 0], state[BRAKE, 1], state[BRAKE, 2]
+    energy, mode = state[ENERGY, 0], state[MODE, 0]
     fresh(state, past)
     state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[FORCE, 3] = fx, fy, fz, f3
-    state[ENERGY, 0], state[ENERGY, BRAKE], state[ENERGY, BRAKE + 1], state[MODE, 0] = energy, brake, GENTLE, mode
+    state[BRAKE, 0], state[BRAKE, 1], state[BRAKE, 2] = bx, by, bz
+    state[ENERGY, 0], state[ENERGY, RISE], state[MODE, 0] = energy, GENTLE, mode
     own.least = min(energy, 0.0) - LENT
 
 

@@ -278,7 +278,8 @@ def test_a_node_that_replaces_another_in_contact_begins_without_force():
 
 @pytest.mark.parametrize("outage", [False, True])
 def test_the_added_damping_rises_gently_after_an_outage(outage):
-    """The display has generated 5 mJ, and the hand moves along the surface at 0.2 m/s."""
+    """The display has generated 5 mJ, and the hand moves along the surface at 0.2 m/s. Without an outage the damping
+    rises as fast as the stiffest contact."""
     node = Haptic(resolution=0.0)
     node.start()
     for k in range(1400):  # the force has recovered
@@ -287,7 +288,8 @@ def test_the_added_damping_rises_gently_after_an_outage(outage):
     moves = [msgspec.structs.replace(POSE, position=(2e-4 * k, 0.0, -2e-3)) for k in range(1, 8)]
     brakes = [0.0, *(node.step(contact(8.0, 2e-3), None, each, dt=T).force[0] for each in moves)]
     rises = -np.diff(brakes)
-    assert rises.max() <= GENTLE * T * (1 + 1e-9) if outage else rises.max() > 2.0 * GENTLE * T
+    most = GENTLE * T if outage else stiffest.py_func(0.1, 0.2, 0.0, 0.5 * T) * 2e-4
+    assert rises.max() == approx(most)
     assert min(brakes) < -GENTLE * T, "it dissipates"
 
 

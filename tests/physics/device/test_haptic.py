@@ -11,6 +11,7 @@ from palpate.physics.device.controller import (
     DRAGGED,
     ENERGY,
     GAUGE,
+    RECOVERY,
     RISE,
     SLEW,
     SPEED,
@@ -324,3 +325,42 @@ def test_a_finger_drags_a_point_in_contact_and_carries_it_in_air(push, way, n):
     assert state[DRAGGED, :3] == approx(place - SPAN * COUNT * np.array(way), abs=1e-12)
     step(law, state, past, 0.0, place + 1e-3 * np.array(n), n=n)
     assert state[DRAGGED, :3] == approx(place + 1e-3 * np.array(n), abs=1e-15)
+
+
+def pressed(steps, stiffness):
+    """Forces [N] of a press by 20 um per step, whose durations [s] are given, on a plane of a `stiffness` [N/m]."""
+    (state, past), forces = buffers(0), []
+    for k, dt in enumerate(steps):
+        depth = 2e-5 * k
+        place = (0.0, 0.0, -depth)
+        forces.append(haptic(gains(), state, past, stiffness * depth, UP, STILL, depth, place, STILL, dt)[2])
+    return np.array(forces)
+
+
+@pytest.mark.parametrize(
+    ("late", "softened"), [((2.9,), True), ((3.1,), False), ((10.0,), False), ((10.0, 10.0), True)]
+)
+def test_a_single_step_more_than_three_times_late_does_not_lower_the_stiffness(late, softened):
+    """Between the bounds of the usual and of the late lag; a second late step is the usual one."""
+    lags = [stiffest.py_func(MASS, DRAG, 0.0, 0.5 * each * T) for each in (1.0, 2.9)]
+    stiffness = 0.5 * sum(lags)
+    assert lags[1] < stiffness < lags[0]
+    steps = [T] * 10 + [each * T for each in late]
+    law = stiffness * 2e-5 * np.arange(len(steps))
+    forces = pressed(steps, stiffness)
+    assert forces[:10] == approx(law[:10]) and (forces[-1] < 0.99 * law[-1]) == softened
+    assert forces[-2] == approx(law[-2]) and (softened or forces[-1] == approx(law[-1]))
+
+
+@pytest.mark.parametrize("outage", [False, True])
+def test_after_an_outage_a_limited_force_rises_at_rest_by_ten_newtons_per_second(outage):
+    state, past = buffers(0)
+    forces = []
+    for k in range(102):
+        if k == 1:
+            state[ENERGY, RISE] = 500.0 if outage else 0.0
+        place = (0.0, 0.0, -1e-3 * min(k, 1))
+        forces.append(haptic(gains(COUNT), state, past, 8.0 * min(k, 1), UP, STILL, 5e-3, place, STILL, T)[2])
+    assert RECOVERY == 10.0
+    assert forces[1] == approx(LEAP / COUNT * 1e-3 + outage * 10.0 * T * (forces[1] > LEAP / COUNT * 1e-3 * 1.001))
+    assert forces[101] - forces[1] == approx(outage * 10.0 * 100 * T)

@@ -12,9 +12,17 @@ terms of both laws is added to the force and fades out, so the force is continuo
 The rendered contact force is no stiffer than the loop allows (rendered.py). The passivity observer, E <- E - F . dx,
 pairs each displacement with the force of `delay` samples before, the force that acted on the hand during it. At a
 change of mode positive energy is discarded, and negative energy is kept (at most 10 mJ, so that rounding errors do not
-accumulate); otherwise every bounce on a stiff wall would add energy. Dissipating all negative energy within one step is
-a force spike (0.5 mJ at 0.1 m/s: 5 N). It stabilises a stiff wall but would be felt after an outage: from then on,
-until contact ends, the damping force rises at most at the rate `RISE`.
+accumulate); otherwise every bounce on a stiff wall would add energy.
+
+Negative energy need not come from this controller: two fingers exchange energy through the tissue. Dissipating it
+within one step would be a kick (0.5 mJ at 0.1 m/s: 5 N). So the damping force changes over a motion dx by at most
+K |dx|, as a contact would, with K = 0.1 N per encoder count (with exact positions the largest rendered stiffness), and
+it is at most
+
+    sqrt(-2 K E)        the force from which it can fall to zero at that slope while it dissipates just -E
+
+Only when the motion turns round it ends at once. After an outage and until contact ends it also rises at most at the
+rate `RISE`.
 
 The damping acts on the last difference of positions, the velocity that the observer uses; a filtered velocity lags too
 much for a stiff wall. A displacement of about one encoder count is mostly rounding and would make the force noisy:
@@ -27,11 +35,11 @@ import numpy as np
 
 from palpate.compiler.kernel import kernel
 from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
-from palpate.physics.device.rendered import LINE, SPAN, compensation, slope, soften, stiffest
+from palpate.physics.device.rendered import LEAP, LINE, SPAN, compensation, slope, soften, stiffest
 
 STIFFNESS, DAMPING, CONTACT_DAMPING, HYSTERESIS, MASS, DRAG, LIMIT, SLEW, RESOLUTION, OBSERVE, PASSIVE = range(11)
 """Indices of the gains."""
-PLACE, FORCE, IMPULSE, ANCHOR, OFFSET, LOST, ENERGY, MODE, TIMES, WALL, GAUGE, BOOKED, WAY, DRAGGED = range(14)
+PLACE, FORCE, IMPULSE, ANCHOR, OFFSET, LOST, ENERGY, MODE, TIMES, WALL, GAUGE, BOOKED, WAY, DRAGGED, BRAKE = range(15)
 """Rows of the state."""
 FREE, CONTACT = 0.0, 1.0
 SPEED = 3  # state[WAY] = last displacement that the observer counted [m], speed out of the surface [m/s]
@@ -44,13 +52,13 @@ HEAD, STARTED = 1, 2  # state[MODE] = mode, index of the newest row of the rings
 WITHHELD = 3  # and the fraction of the contact force that is withheld [1]
 STILL, TOUCHING, CLOCK, LAST = range(4)  # state[TIMES] = time without movement [s], approach when last touching [m],
 # time [s], last step [s]
-BRAKE, RISE = 1, 2  # state[ENERGY] = observed energy [J], force of the added damping [N], its bound [N/s] (0: none)
+RISE = 2  # state[ENERGY] = observed energy [J], and the bound on the rise of the added damping [N/s] (0: none)
 PUSH, STAND, WHEN = 0, 3, 6  # first columns of force, position and time in the rings
 
 
 def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
-    """New state (14,4) and ring buffers (delay + 1, 7) of `haptic`: force [N] (3), position [m] (3) and time [s]."""
-    return np.zeros((14, 4)), np.zeros((delay + 1, 7))
+    """New state (15,4) and ring buffers (delay + 1, 7) of `haptic`: force [N] (3), position [m] (3) and time [s]."""
+    return np.zeros((15, 4)), np.zeros((delay + 1, 7))
 
 
 @kernel
@@ -184,6 +192,46 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
 
 
 @kernel(error_model="numpy")
+def brake(gains, state, w, v, way, lag, usual, dt):
+    """Force [N] (x, y, z) of the damping, see above; updates state[BRAKE].
+
+    w      [m/s]  (3) of the last displacement, if the observer counted it in this step
+    v      [m/s]  (3) filtered
+    way    [m]    motion of the finger since the last step
+    lag    [s]    of the loop;  usual, dt [s] usual and present step
+    gains, state as in `haptic`
+    """
+    wx, wy, wz = w
+    slow = 2.0 * lag / usual  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
+    stable = most = 0.5 * gains[MASS] / slow
+    speed = math.sqrt(wx * wx + wy * wy + wz * wz)
+    path = dt * speed
+    if path < 1.5 * gains[RESOLUTION]:
+        most = 0.5 * gains[MASS] / (slow + FILTER_LAG / dt)
+        wx, wy, wz = v
+        speed = math.sqrt(wx * wx + wy * wy + wz * wz)
+        path = FILTER_LAG * speed
+    alpha = 0.0
+    if path >= 1.5 * gains[RESOLUTION]:  # smaller displacements are rounding
+        alpha = dissipation(state[ENERGY, 0], dt, speed * speed, most)
+    resolution = gains[RESOLUTION]
+    steepest = LEAP / resolution if resolution > 0.0 else stiffest(gains[MASS], gains[DRAG], resolution, lag)
+    bx, by, bz = state[BRAKE, 0], state[BRAKE, 1], state[BRAKE, 2]
+    reach = steepest * way
+    rise = min(reach, state[ENERGY, RISE] * dt) if state[ENERGY, RISE] > 0.0 else reach
+    force = min(alpha * speed, math.sqrt(2.0 * steepest * max(-state[ENERGY, 0], 0.0)))
+    force = min(force, math.sqrt(bx * bx + by * by + bz * bz) + rise)
+    share = force / speed if speed > 0.0 else 0.0
+    tx, ty, tz = -share * wx, -share * wy, -share * wz
+    bx, by, bz = slew(tx, ty, tz, bx, by, bz, reach)
+    bx, by, bz = clamp(bx, by, bz, stable / dt * speed)
+    if bx * wx + by * wy + bz * wz > 0.0:  # the motion turned round
+        bx, by, bz = tx, ty, tz
+    state[BRAKE, 0], state[BRAKE, 1], state[BRAKE, 2] = bx, by, bz
+    return bx, by, bz
+
+
+@kernel(error_model="numpy")
 def haptic(gains, state, past, normal_force, n, friction, approach, position, velocity, dt):
     """One step of the controller, see the equations above: (fx, fy, fz [N], in contact, E [J]). Updates the state.
 
@@ -222,6 +270,8 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     usual = last if 0.0 < 3.0 * last < dt else dt
     state[TIMES, LAST] = dt
     lag = (len(past) - 0.5) * usual
+    mx, my, mz = x - state[PLACE, 0], y - state[PLACE, 1], z - state[PLACE, 2]
+    way = math.sqrt(mx * mx + my * my + mz * mz)
     # 3. rendered contact force: as computed, or what the device can render without generating energy
     touching = normal_force > 0.0
     shown = damped = normal_force
@@ -245,20 +295,8 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         fz += damped * n[2] - share * friction[2]
     # 5. passivity controller: a damper on the measured velocity w dissipates the generated energy
     if gains[PASSIVE] != 0.0:
-        slow = 2.0 * lag / usual  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
-        way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
-        if way < 1.5 * gains[RESOLUTION]:
-            wx, wy, wz, slow = vx, vy, vz, slow + FILTER_LAG / dt
-            way = FILTER_LAG * math.sqrt(wx * wx + wy * wy + wz * wz)
-        alpha = 0.0
-        if way >= 1.5 * gains[RESOLUTION]:  # smaller displacements are rounding
-            alpha = dissipation(state[ENERGY, 0], dt, wx * wx + wy * wy + wz * wz, 0.5 * gains[MASS] / slow)
-        if state[ENERGY, RISE] > 0.0:
-            speed = math.sqrt(wx * wx + wy * wy + wz * wz)
-            brake = min(alpha * speed, state[ENERGY, BRAKE] + state[ENERGY, RISE] * dt)
-            alpha = brake / speed if speed > 0.0 else 0.0
-            state[ENERGY, BRAKE] = brake
-        fx, fy, fz = fx - alpha * wx, fy - alpha * wy, fz - alpha * wz
+        bx, by, bz = brake(gains, state, (wx, wy, wz), velocity, way, lag, usual, dt)
+        fx, fy, fz = fx + bx, fy + by, fz + bz
     # 6. limits of force and of its rate
     fx, fy, fz = clamp(fx, fy, fz, gains[LIMIT])
     fx, fy, fz = slew(fx, fy, fz, state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], gains[SLEW] * dt)

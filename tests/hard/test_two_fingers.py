@@ -1,0 +1,71 @@
+"""Two fingers that press one body exchange energy through it. The damping that dissipates what one hand receives must
+not be felt as a kick: the force on each hand changes only as fast as the motion of its finger allows."""
+
+import numpy as np
+import pytest
+
+from palpate.studies.organs.invariants import contact, hand
+from palpate.studies.organs.reference import at_rest
+from palpate.studies.organs.runs import run
+from palpate.studies.organs.search import varied
+from palpate.studies.organs.touches import Finger, Setting, Touch
+from palpate.studies.organs.trace import traced
+
+
+def moves(*points, times, holds, shapes):
+    path = []
+    for k, (to, time, shape) in enumerate(zip(points, times, shapes, strict=True)):
+        path.append({"to": list(to), "time": time, "shape": shape})
+        if 0 < k < len(points) - 1:
+            path.append({"hold": holds[k - 1]})
+    return tuple(path)
+
+
+SLIDES = Finger(
+    (-0.034561, 0.005094, -0.033047), (-0.0315, -0.0034, -0.1308),
+    moves((-0.030827, 0.00481, -0.02848), (-0.019651, 0.00396, -0.014811), (-0.028423, -0.011917, -0.008625),
+          (-0.043334, -0.010783, -0.026861), times=(0.1134, 0.3393, 0.3679, 0.3067), holds=(0.251, 0.161),
+          shapes=("minimum-jerk", "linear", "linear", "minimum-jerk")),
+)  # fmt: skip
+PRESSES = Finger(
+    (-0.018892, 0.0077, -0.040433), (-0.0188, 0.007, -0.1352),
+    moves((-0.018737, 0.007473, -0.029499), (-0.018461, 0.007066, -0.009966), (-0.018609, 0.006372, -0.009978),
+          (-0.01904, 0.007005, -0.040445), times=(0.2188, 0.5, 0.5, 0.4155), holds=(0.252, 0.151),
+          shapes=("minimum-jerk",) * 4),
+)  # fmt: skip
+GROOVE = Touch(Setting("groove", 600, "BeamBundle", "", 1000.0, 2), (SLIDES, PRESSES))
+"""While one finger presses, the other presses the groove next to it and slides away: the tissue returns 13 mJ where the
+finger put in 9."""
+
+
+def traces_of(touches, folder):
+    """What each finger of each touch went through."""
+    return [trace for traces in run(touches, folder) for trace in traced(traces, at_rest(traces))]
+
+
+def test_the_energy_that_another_finger_put_in_is_returned_without_a_kick(tmp_path):
+    """The damping began within a tick, with 4.2 N, in which the finger moved by more than 1.5 counts of the encoder."""
+    for trace in traces_of([GROOVE], tmp_path):
+        score = hand(trace)
+        assert not score.broken, score
+        assert 0.0 < np.linalg.norm(np.diff(trace["controller.force"], axis=0), axis=1).max() < 0.4
+
+
+def check_random(count, seed, folder):
+    """The force on the hand does not jump; where the force of the contact does, it is no worse."""
+    rng = np.random.default_rng(seed)
+    traces = traces_of([varied(GROOVE, 0.5, rng) for _ in range(count)], folder)
+    pairs = [(hand(trace), contact(trace)) for trace in traces]
+    kicks = [one for one, other in pairs if one.score > max(1.0, other.score)]
+    assert not kicks, kicks
+    assert len(traces) == 2 * count and sum(not other.broken for _, other in pairs) > 1.5 * count
+
+
+def test_random_touches_of_two_fingers_do_not_kick(tmp_path):
+    check_random(12, 1, tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(2, 6))
+def test_more_random_touches_of_two_fingers_do_not_kick(seed, tmp_path):
+    check_random(100, seed, tmp_path)
