@@ -167,13 +167,15 @@ def test_the_body_creeps_to_the_static_indentation_with_any_step():
     assert body(0.0).step(nodes, forces, foot, UP, 1e-3)[2] == approx(indentations[0], rel=1e-3)
 
 
-def test_the_terminal_law_predicts_the_next_step():
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_terminal_law_predicts_the_next_step(sense):
+    """Under tangential forces that indent the patch and grow with the normal force; or that lift it and are constant."""
     nodes, share, foot = patch(surface_mesh("sphere", 400))
     it, rng = body(), np.random.default_rng(1)
-    aside = np.array([0.3, -0.2, 0.0])
+    aside = sense * np.array([0.3, -0.2, 0.0])
     law = None
     for force in rng.random(50):
-        pull = np.outer(share, 0.4 * aside - force * np.array(UP))
+        pull = np.outer(share, 0.4 * aside * (force if sense > 0.0 else 1.0) - force * np.array(UP))
         if law is not None:
             foretold = law[1] + law[0] * force
         law, before = it.step(nodes, pull, foot, UP, 1e-3), law

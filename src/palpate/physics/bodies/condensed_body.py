@@ -161,6 +161,7 @@ def answer(body, laws, dt):
     model = body.model
     if len(body.counts) == 1:
         step.add_others(model, dt, body.numbers[0], 0.0, 0.0, 0.0)
+        step.with_friction(body.numbers[0])
     else:
         joint_answer(
             model, body.profile, body.fields, body.marks, body.numbers, body.counts, body.normals, body.feet,

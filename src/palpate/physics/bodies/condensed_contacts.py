@@ -110,8 +110,9 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
         for j in range(many):
             joined = take * cross[i, j] * scale[i] * scale[j]
             numbers[i, step.FREE] -= joined * numbers[j, step.TOTAL]
-            coupling[i, j] = joined / compliance
+            coupling[i, j] = joined / (compliance + numbers[i, step.RUBS])
         coupling[i, i] = 1.0
+        step.with_friction(numbers[i])
         for x in range(3):
             slope[i, x] *= numbers[i, step.TOTAL]
 

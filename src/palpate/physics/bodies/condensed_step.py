@@ -52,7 +52,9 @@ GROWN, TOTAL, EXPONENT = 15, 25, 26  # `GROWN`: the last excess; normal force of
 COURSE, BEARS, AHEAD = slice(27, 27 + end_rate.COURSE), 27 + end_rate.VALUE, 27 + end_rate.AHEAD
 """Course (`physics.contact.end_rate`) of the normal force y [N] of the history; y; factor on the history h in the next
 step, because h is proportional to y under a patch that does not move."""
-NUMBERS = 27 + end_rate.COURSE
+RUBS = 27 + end_rate.COURSE
+"""Indentation [m/N] of the next step by the friction that grows with the normal force, see `with_friction`."""
+NUMBERS = RUBS + 1
 ROOM, TILT, FIELDS = 3, 4, 5  # Indices of the fields of a contact, see `take_load`
 SIDE, HOLD = slice(16, 25), 19
 """Forces that hold the patch along the surface, see `true_patch.patch_compliance`; start of its compliances."""
@@ -165,6 +167,7 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
     now = (now + more * press) / young
     free = keep * numbers[AHEAD] * now + take * tangential
     numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * self_compliance, free, now
+    numbers[RUBS] = take * max(tangential, 0.0) / max(total, LEAST_FORCE)
     numbers[MORE], numbers[OWN], numbers[PRESS] = 0.0, self_compliance, press
     numbers[RADIUS], numbers[WIDE], numbers[TOTAL] = radius, wide, total * share
     return count, touched
@@ -228,6 +231,7 @@ def add_others(model, dt, numbers, aside, ahead, others):
     numbers[FREE] = radius * large_depth(free / radius, rho)[0]
     numbers[DEEP] = max(numbers[NOW] / (min(radius, numbers[RADIUS]) * model.deepest) - 1.0, 0.0)
     then, slope = large_depth((free + take * self_compliance * force) / radius, rho)
+    numbers[RUBS] *= slope
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
     # the tangent of a convex s(f), so that the contact approaches its force from above without oscillation; s_free at
     # rest remains 0
@@ -236,6 +240,22 @@ def add_others(model, dt, numbers, aside, ahead, others):
         numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
     numbers[MORE] = (numbers[NOW] - now) / self_compliance
     numbers[PRESS] += numbers[MORE]
+
+
+@kernel
+def with_friction(numbers):
+    """Let the law of the next step answer a normal force with the friction that it brings.
+
+    Friction that indents the patch grows with the normal force. A law that keeps it as a constant is too stiff: a
+    contact that solves with it overshoots, and above twice the compliance each step makes the next one worse. The law
+    keeps its value at the present force; friction that lifts the patch remains constant, on the safe side.
+    """
+    chord = numbers[COMPLIANCE]
+    numbers[COMPLIANCE] += numbers[RUBS]
+    numbers[FREE] -= numbers[RUBS] * numbers[TOTAL]
+    if numbers[EXPONENT] > 0.0:
+        tangent = chord / numbers[EXPONENT] + numbers[RUBS]
+        numbers[EXPONENT] = min(max(numbers[COMPLIANCE] / tangent, 1.0), 3.0)
 
 
 @kernel

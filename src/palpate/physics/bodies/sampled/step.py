@@ -201,10 +201,12 @@ def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
             m_D_f += K_inv_c[k] * c[k] / young
         tangential = m_D_f - compliance * force
     # free indentation on the ray t h from rest, whose slope at rest is that of the body at rest
-    free = _ray(keep, s, modal_linear + m_R_h, m_D_h) + take * tangential
     f_n = max(force, LEAST_FORCE)
     s_next = s + take * (f_n * compliance + tangential - m_D_h)
-    slope = 1.0 / max(take * compliance, LEAST_COMPLIANCE)
+    # friction that indents the patch grows with the normal force, see `condensed_step.with_friction`
+    rubs = max(tangential, 0.0) / f_n
+    free = _ray(keep, s, modal_linear + m_R_h, m_D_h) + take * min(tangential, 0.0)
+    slope = 1.0 / max(take * (compliance + rubs), LEAST_COMPLIANCE)
     numbers[STIFFNESS], numbers[EXPONENT] = fit_terminal(free, max(s_next, free + LEAST_DEPTH), slope, f_n)
     numbers[FREE], numbers[NOW] = free, s
     return used, settled
