@@ -169,7 +169,7 @@ def test_the_body_creeps_to_the_static_indentation_with_any_step():
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_the_terminal_law_predicts_the_next_step(sense):
-    """Under tangential forces that indent the patch and grow with the normal force; or that lift it and are constant."""
+    """Tangential forces either indent the patch and grow with the normal force, or lift it and are constant."""
     nodes, share, foot = patch(surface_mesh("sphere", 400))
     it, rng = body(), np.random.default_rng(1)
     aside = sense * np.array([0.3, -0.2, 0.0])
