@@ -25,8 +25,8 @@ energy   work of the force on the hand over a closed path <= 0.5 mJ + 2 % of the
 side     while the nearest point of the surface has moved continuously since the finger touched (in 4 and 20 ms at
          0.1 m/s, or twice as far as the finger along the surface; its direction by less than 60 degrees), the normal is
          within 0.35 rad of the direction from it, and the approach within 0.3 mm + 5 %. At an edge the interpolated
-         normal differs from this direction; the approach may be smaller there, so that the hand gains no energy
-         (`geometry.proxy`).
+         normal differs from this direction; the normal is within 0.35 rad of the arc between both, and the approach
+         may be smaller, so that the hand gains no energy (`geometry.proxy`).
 finite   no lane stops, and every value is finite.
 """
 
@@ -167,6 +167,11 @@ def energy(trace: Trace) -> Score:
     return Score(max(gain, 0.0) / bound, len(p) * trace.step, gain, bound)
 
 
+def _between(one: np.ndarray, other: np.ndarray) -> float:
+    """Angle [rad] between two directions [1] (3)."""
+    return float(np.arccos(np.clip(one @ other, -1.0, 1.0)))
+
+
 def side(trace: Trace) -> Score:
     every, p = trace.ticks(EVERY), trace["finger.position"]
     ticks = np.arange(0, len(p), every)
@@ -196,9 +201,10 @@ def side(trace: Trace) -> Score:
         found = max(found, Score(abs(e - true) / (3e-4 + 0.05 * abs(true)), k * trace.step, float(abs(e - true)),
                                  float(3e-4 + 0.05 * abs(true))), key=lambda s: s.score)  # fmt: skip
         if abs(gap[i]) > 1e-3:
-            if edge:
-                continue
-            angle = float(np.arccos(np.clip(away[i] @ trace["contact.normal"][k], -1.0, 1.0)))
+            angle = _between(away[i], trace["contact.normal"][k])
+            if edge:  # how far it is from the arc between this direction and the interpolated normal
+                angle += _between(normal[i], trace["contact.normal"][k]) - _between(away[i], normal[i])
+                angle *= 0.5
             found = max(found, Score(angle / STEEPEST, k * trace.step, angle, STEEPEST), key=lambda s: s.score)
     return found
 
