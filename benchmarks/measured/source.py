@@ -1,7 +1,7 @@
 """The folder of measurements that the scripts of this folder read.
 
-It is not part of the project: the measurements have no licence that permits to pass their rows on. docs/measured.md
-says where they are from, and which form the tables have.
+It is not part of the project, because the measurements have no licence. docs/measured.md gives their sources and the
+form of the tables.
 """
 
 from __future__ import annotations

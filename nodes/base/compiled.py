@@ -57,7 +57,8 @@ class CompiledNode(Node):
 
     State    fields of the state and their shapes
     compute  the kernel: record of the node, inputs, outputs, dt [s]
-    idle     a kernel with the same arguments: whether a step on these inputs would change neither state nor answers
+    idle     a kernel with the same arguments, called before `compute`: whether a step on these inputs would change
+             neither state nor answers. It may keep the sample that it saw (`samples.slid`)
     shared   arrays of the state, or groups of them ("body.model"), that no kernel writes; parallel runs share them
     """
 

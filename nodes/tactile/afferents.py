@@ -123,13 +123,8 @@ class Afferents(CompiledNode):
         first, stride = (1.0 / RATE - own.rest) / span, 1.0 / RATE / span
         left = own.rest + span - count / RATE
         rows, keys, gain, basis = floats(own.rows), longs(own.keys), floats(own.gain), floats(own.basis)
-        kind, rate, dynamic, surface = (
-            integers(own.kind),
-            floats(own.rate),
-            floats(own.dynamic),
-            floats(stress.deflection),
-        )
-        energy = own.stimulus == 1
+        kind, rate = integers(own.kind), floats(own.rate)
+        dynamic, surface, energy = floats(own.dynamic), floats(stress.deflection), own.stimulus == 1
         fade, spikes = own.smoothing / (own.smoothing + span), 0
         for which in range(3):
             own.mean[which] *= fade
@@ -140,17 +135,17 @@ class Afferents(CompiledNode):
             else:
                 target = gain[n] * population.traction(tensor, corners[n], weights[n])
             if energy or len(surface) == 0:
-                moved = rows[n, 13] * target
+                above = rows[n, 13] * target
             else:
-                moved = dynamic[n] * population.deflected(surface, corners[n], weights[n])
+                above = dynamic[n] * population.deflected(surface, corners[n], weights[n])
             if begins:
-                state[n, 6], state[n, 12] = target, moved
+                state[n, 6], state[n, 12] = target, above
             fired_before = spikes
             for start in range(0, count, BLOCK):
                 part = min(BLOCK, count - start)
                 fired, since[n] = fibre.advance(
                     rows[n], state[n], since[n], basis, keys[n], own.sample + start, part,
-                    first + start * stride, stride, target, moved,
+                    first + start * stride, stride, target, above,
                 )  # fmt: skip
                 k = start
                 while fired:
@@ -160,7 +155,7 @@ class Afferents(CompiledNode):
                         spikes += 1
                     fired >>= 1
                     k += 1
-            state[n, 6], state[n, 12] = target, moved
+            state[n, 6], state[n, 12] = target, above
             more = (spikes - fired_before) / (own.smoothing + span)
             own.mean[kind[n]] += more / own.counts[kind[n]]
             if own.rates:

@@ -99,11 +99,11 @@ class Stress(CompiledNode):
         put(own.axis, axis)
         put(own.normal, vector(load.normal))
         force = subsurface.along_patch(floats(load.forces), load.normal, axis)
-        subsurface.stress_of(floats(own.matrix), force, floats(own.stress))
+        subsurface.response_to(force, floats(own.matrix), floats(own.stress))
         lend(out.points, own.points)
         lend(out.stress, own.stress)
         if own.surface:
-            subsurface.displacement_of(floats(own.above), force, floats(own.deflection))
+            subsurface.response_to(force, floats(own.above), floats(own.deflection))
             lend(out.deflection, own.deflection)
         if own.mises:
             subsurface.von_mises_of(floats(own.stress), floats(own.equivalent))

@@ -186,7 +186,7 @@ class Ensemble:
             for block in self._blocks.run(self.ticks, self._threads, done, begin):
                 take(block.first, block.columns, block.errors)
                 self.memory = max(self.memory, block.memory)
-                self.notes += [RunNote(text, node, end, lane) for lane, node, text in block.notes]
+                self.notes += [RunNote(sys.intern(text), node, end, lane) for lane, node, text in block.notes]
                 failed |= block.errors
         self._failed, self._ran = failed, self.count - begin
 

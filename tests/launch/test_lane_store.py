@@ -30,11 +30,14 @@ def small_blocks(monkeypatch):
 
 
 def test_blocks_of_any_size_give_the_same_results(monkeypatch):
-    whole = touches().run(quiet=True)
-    assert whole["contact.force"].values[:, -1].min() > 0.0
+    over = {"tissue.stiffness": STIFFNESS, "controller.mass": np.linspace(0.004, 0.1, 11)}
+    asked = touches(over=over)
+    whole = asked.run(quiet=True)
+    assert whole["contact.force"].values[:, -1].min() > 0.0 and len({note.text for note in asked.notes}) > 1
     for most in (1, 3, 4, 10):
         monkeypatch.setattr(lane_blocks, "LANES", most)
-        assert touches().run(quiet=True).identical(whole)
+        other = touches(over=over)
+        assert other.run(quiet=True).identical(whole) and other.notes == asked.notes
 
 
 def test_a_store_is_read_by_xarray_and_has_the_same_results(tmp_path, small_blocks):
@@ -87,10 +90,10 @@ def test_other_files_and_a_store_in_use_are_refused(tmp_path, monkeypatch):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(ArgumentError, match="found other files in"):
         touches().run(out=tmp_path, quiet=True)
-    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "notes.txt").read_text() == "mine" and len(list(tmp_path.iterdir())) == 1
     with pytest.raises(ArgumentError, match="cannot be written: Not a directory"):
         touches().run(out=tmp_path / "notes.txt" / "t.zarr", quiet=True)
-    monkeypatch.setattr("palpate.records.lane_store.locked", lambda file: False)
+    monkeypatch.setattr("palpate.physics.writable.locked", lambda file: False)
     with pytest.raises(ArgumentError, match="another run writes to"):
         touches().run(out=tmp_path / "t.zarr", quiet=True)
 

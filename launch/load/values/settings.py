@@ -69,9 +69,9 @@ def resolve(
         elif setting.default is ...:
             faults.add("missing", "It has no default.", line.place(), **about)
     # Nodes of one class with the same values, as of many fingers, are checked once.
-    alike = cls, repr(filled)
-    if len(faults.entries) == count and alike in scene.resolved:
-        return dict(scene.resolved[alike])
+    written = cls, repr(filled)
+    if len(faults.entries) == count and written in scene.resolved:
+        return dict(scene.resolved[written])
     values = {}
     for key, value in filled.items():
         about = {"node": name, "setting": key, "unit": known[key].unit}
@@ -80,7 +80,7 @@ def resolve(
         try:
             node = cls(**values)
             values = {key: _plain(getattr(node, key)) for key in known}
-            scene.resolved[alike] = dict(values)
+            scene.resolved[written] = dict(values)
         except SettingError as error:
             faults.add(str(error), "", line.place(), node=name)
         except Exception as error:  # a user's constructor may fail in any way

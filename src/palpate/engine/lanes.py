@@ -105,7 +105,8 @@ class Lanes:
         self._bases, self._nodes = np.zeros(count, np.int64), list[Sequence[NodeImage]]([()] * count)
         self._sources, self.every = np.zeros(0, np.int64), 1
         self.columns: list[np.ndarray] = []
-        self._noting: dict[int, Any] = {}  # started nodes whose records `notes` replaces, by their images
+        self._noting: list[tuple[NodeImage, Any] | None] = [None] * len(segment.slots)
+        # for each node the last image whose notes were read, with a started node, whose record `notes` replaces
         self._image_table()
 
     def _image_table(self) -> None:
@@ -223,7 +224,10 @@ class Lanes:
             if type(node).notes is Node.notes:
                 continue
             if start:
-                node = self._noting.get(id(image)) or self._noting.setdefault(id(image), image.started())
+                known = self._noting[place]
+                if known is None or known[0] is not image:
+                    known = self._noting[place] = image, image.started()
+                node = known[1]
             before = node._record.copy()
             node._notes, node._noted = [], set()
             node._record[:] = self.own(lane, place)

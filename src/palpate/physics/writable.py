@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import os
 import tempfile
 from pathlib import Path
 from typing import IO, Any
@@ -59,6 +60,20 @@ def locked(file: IO[Any]) -> bool:
         if error.errno in (errno.ENOLCK, errno.EOPNOTSUPP):  # a file system without locks
             return True
         raise
+
+
+def opened_alone(path: Path) -> IO[bytes] | None:
+    """The file at this path, opened to append and locked; created if it does not exist. None: another process has
+    locked it. OSError: it cannot be opened."""
+    while True:
+        opened = path.open("ab")
+        if not locked(opened):
+            opened.close()
+            return None
+        with contextlib.suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(opened.fileno()), os.stat(path)):
+                return opened
+        opened.close()  # another process removed this file before it was locked
 
 
 def unlocked(file: IO[Any]) -> None:

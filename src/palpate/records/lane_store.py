@@ -1,5 +1,6 @@
 """Results of an ensemble in a zarr store that grows block by block, so that an interrupted run can be continued."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,9 +9,10 @@ import numpy as np
 
 from palpate.physics.errors import ArgumentError
 from palpate.physics.extras import required
-from palpate.physics.writable import locked
+from palpate.physics.writable import opened_alone
 
-LOCK = "palpate.lock"
+LOCK, STORE = "palpate.lock", "zarr.json"  # files in the folder: that of the lock, and the head of a store
+EXPECTED = "expected an empty or missing folder, or the unfinished results of the same ensemble"
 
 
 class KeptField(NamedTuple):
@@ -51,31 +53,36 @@ class LaneStore:
             import zarr
         self.path, self._fields, self._size = path, fields, size
         try:
-            found = path.exists() and any(path.iterdir())
+            if path.exists() and any(path.iterdir()) and not (path / STORE).exists():
+                raise ArgumentError(f"out: found other files in {path}, {EXPECTED}")
             path.mkdir(parents=True, exist_ok=True)
-            self._lock = (path / LOCK).open("w")
+            lock = opened_alone(path / LOCK)
         except OSError as error:
             raise ArgumentError(f"out: {path} cannot be written: {error.strerror}; expected a folder") from None
-        if not locked(self._lock):
+        if lock is None:
             raise ArgumentError(f"out: another run writes to {path}; expected another folder, or wait for its end")
-        if found:
-            self._group = self._opened(zarr, identity)
-        else:
-            self._group = zarr.create_group(path)
-            self._create(lanes, time, settings)
-            self._group.attrs.update({
-                "graph": graph, "coordinates": " ".join(settings), "identity": identity, "lanes_done": 0,
-            })  # fmt: skip
+        self._lock = lock
+        try:
+            if (path / STORE).exists():
+                self._group = self._opened(zarr, identity)
+            else:
+                self._group = zarr.create_group(path)
+                self._create(lanes, time, settings)
+                self._group.attrs.update({
+                    "graph": graph, "coordinates": " ".join(settings), "identity": identity, "lanes_done": 0,
+                })  # fmt: skip
+        except BaseException:
+            self.close()
+            raise
 
     def _opened(self, zarr: Any, identity: str) -> Any:
-        expected = "expected an empty or missing folder, or the unfinished results of the same ensemble"
         try:
             group = zarr.open_group(self.path, mode="r+")
             kept = group.attrs["identity"]
-        except Exception:  # zarr raises many types for a folder without a store
-            raise ArgumentError(f"out: found other files in {self.path}, {expected}") from None
+        except Exception:  # zarr raises many types for a damaged store, and KeyError is that of another program
+            raise ArgumentError(f"out: found a store of another program in {self.path}, {EXPECTED}") from None
         if kept != identity:
-            raise ArgumentError(f"out: {self.path} has results of other settings, lanes, fields or sources; {expected}")
+            raise ArgumentError(f"out: {self.path} has results of other settings, lanes, fields or sources; {EXPECTED}")
         return group
 
     def _create(self, lanes: int, time: np.ndarray, settings: Mapping[str, tuple[Sequence[Any], str]]) -> None:
@@ -113,5 +120,6 @@ class LaneStore:
 
     def close(self) -> None:
         """Let other processes write to the store."""
+        with contextlib.suppress(OSError):  # Windows removes no open file
+            (self.path / LOCK).unlink()
         self._lock.close()
-        (self.path / LOCK).unlink(missing_ok=True)

@@ -124,20 +124,12 @@ def along_patch(forces, normal, axis):
 
 
 @kernel
-def stress_of(matrix, force, stress):
-    """Fill stresses [Pa] (p,6) with a matrix [1/m²] (6p,3) of `under_patch` times a force [N] (3)."""
-    for p in range(len(stress)):
-        for c in range(6):
-            row = matrix[6 * p + c]
-            stress[p, c] = row[0] * force[0] + row[1] * force[1] + row[2] * force[2]
-
-
-@kernel
-def displacement_of(matrix, force, out):
-    """Fill displacements [N/m] (s,3) with a matrix [1/m] (3s,3) of `surface_under_patch` times a force [N] (3)."""
+def response_to(force, matrix, out):
+    """Fill `out` (p,c) with a matrix (pc,3) times a force [N] (3): stresses [Pa] (p,6) with that of `under_patch`
+    [1/m²], displacements [N/m] (p,3) with that of `deflection.surface_under_patch` [1/m]."""
     for p in range(len(out)):
-        for c in range(3):
-            row = matrix[3 * p + c]
+        for c in range(out.shape[1]):
+            row = matrix[out.shape[1] * p + c]
             out[p, c] = row[0] * force[0] + row[1] * force[1] + row[2] * force[2]
 
 

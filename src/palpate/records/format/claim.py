@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO
 
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.physics.writable import locked, unlocked
+from palpate.physics.writable import opened_alone, unlocked
 from palpate.records.format.head import PROFILE
 from palpate.records.format.mcap_writer import MAGIC
 
@@ -67,14 +67,9 @@ def _check_content(file: Path) -> None:
 
 def _locked(file: Path) -> IO[bytes]:
     """The file at this path, locked. RunError: another process has locked it."""
-    while True:
-        opened = open(file, "ab")  # noqa: SIM115 - until the end of the run
-        if not locked(opened):
-            opened.close()
-            raise RunError(
-                f"recording {file}: another run is writing this file; choose another name with --record FILE, or wait"
-            )
-        with contextlib.suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(opened.fileno()), os.stat(file)):
-                return opened
-        opened.close()  # the other run has removed this file before it was locked
+    opened = opened_alone(file)
+    if opened is None:
+        raise RunError(
+            f"recording {file}: another run is writing this file; choose another name with --record FILE, or wait"
+        )
+    return opened
