@@ -14,6 +14,7 @@ from source import FINGERS, parser, table
 from palpate.models.fit.finger import fit_fingers, read_presses
 from palpate.nodes.contact import Series
 from palpate.physics.contact.people import PEOPLE
+from palpate.views.pictures import style
 
 FORCES = (0.02, 0.05, 0.1, 0.2)
 
@@ -44,9 +45,9 @@ def main() -> None:
         draw(given.out, laws)
 
 
+@style.look()
 def draw(path, laws) -> None:
-    from palpate.views.pictures import style
-
+    """Force [N] over travel [m] of laws (b [N/m], m [1/m]) by name."""
     figure = style.figure(8.0, 5.0, "Fingertips: force over travel from 0.02 N on")
     axes = figure.subplots()
     f = np.linspace(0.02, 0.4, 100)

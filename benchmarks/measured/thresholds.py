@@ -14,6 +14,7 @@ import numpy as np
 from source import FINGERS, parser, table
 
 from palpate.physics.afferents.probe import median_threshold
+from palpate.views.pictures import style
 
 FREQUENCIES = {"RA": (5, 10, 20, 30, 40, 60, 100, 200), "PC": (20, 40, 60, 80, 100, 150, 200, 250)}
 KINDS = {"RA": 1, "PC": 2}
@@ -61,22 +62,18 @@ def main() -> None:
         draw(given.out, drawn)
 
 
+@style.look()
 def draw(path, drawn) -> None:
-    from palpate.views.pictures import style
-
+    """Thresholds [dB re 1 um] over frequency [Hz] of each type, recorded and of the model."""
     figure = style.figure(12.0, 5.0, "Tuning thresholds: one spike per cycle")
     for axes, (name, points) in zip(figure.subplots(1, 2, sharey=True), drawn, strict=True):
         at, middle, low, high = points.T
         axes.errorbar(at, middle, [middle - low, high - middle], fmt="o", color=style.NORMAL, capsize=3,
                       label="recorded: median and range of the units")  # fmt: skip
-        axes.set_xscale("log")
-        axes.semilogx(
-            at,
-            [median_threshold(KINDS[name], f) for f in at],
-            color=style.FINGER,
-            linewidth=2,
-            label="model, published constants",
-        )
+        model = [median_threshold(KINDS[name], f) for f in at]
+        axes.semilogx(at, model, "o-", color=style.FINGER, linewidth=1.5, label="model, published constants")
+        axes.set_xticks(at, [f"{f:g}" for f in at])
+        axes.set_xticks([], minor=True)
         axes.set(title=name, xlabel="frequency [Hz]", ylabel="amplitude [dB re 1 µm]")
         axes.legend()
     figure.savefig(path)
