@@ -183,7 +183,7 @@ def saved(tmp_path, text):
 
 
 ROWS = "".join(f"{0.1 * k:g},{0.1 * k:g},{0.01 * k**1.5:g}\n" for k in range(30))
-BALL = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--unit", "F=N", "--rig", "ball"]
+OPTIONS = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--unit", "F=N", "--rig", "ball"]
 """Options for a table of `t,d,F` and `ROWS`."""
 
 
@@ -215,7 +215,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, expec
 
 def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
     path, out = saved(tmp_path, "t,d,F\n" + ROWS), tmp_path / "out"
-    words = ["fit", "tissue", str(path), *BALL]
+    words = ["fit", "tissue", str(path), *OPTIONS]
     result = CliRunner().invoke(app, [*words, "--radius", "30 mm", "--law", "hertz", "-o", str(out)])
     assert result.exit_code == 0, result.output
     printed = json.loads((out / "report.json").read_text())
@@ -260,7 +260,7 @@ def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, ex
 def test_a_folder_that_cannot_be_written_is_refused_before_the_fit(tmp_path, monkeypatch):
     path = saved(tmp_path, "t,d,F\n" + ROWS)
     monkeypatch.setattr("palpate.models.fit.tissue.fit.fit_tissue", lambda *given, **more: pytest.fail("it fits first"))
-    words = [*BALL, "--radius", "30 mm", "--law", "hertz", "-o", str(path / "out")]
+    words = [*OPTIONS, "--radius", "30 mm", "--law", "hertz", "-o", str(path / "out")]
     result = CliRunner().invoke(app, ["fit", "tissue", str(path), *words])
     assert result.exit_code == 2 and "Not a directory" in " ".join(result.output.split())
 
