@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from palpate.engine.clock import now
+from palpate.engine.clock import SPIN, now
 from palpate.engine.job import Job
 from palpate.engine.segment import CompiledSegment, Entrance
 from palpate.engine.slot import Output, RemoteStream, Slot
@@ -36,8 +36,8 @@ from palpate.launch.run.wire.inlet import Inlet
 from palpate.launch.run.wire.outlet import ReaderConnection, Sender
 from palpate.nodes.base import Block
 
-BLOCK = 256  # ticks in one call at most
-LONGEST = 20_000_000  # [ns] of a call, since orders and Ctrl-C take effect after it
+BLOCK = 512  # ticks in one call at most
+LONGEST = 40_000_000  # [ns] of a call, since orders and Ctrl-C take effect after it
 REAL_LONGEST = 10_000_000  # [ns] of a call on the real clock
 FAR = 1 << 62  # a tick after all others
 SAMPLES = 512  # measured steps of each node in one call
@@ -136,6 +136,7 @@ class Hop:
         state["segments"], state["count"] = self._segments.ctypes.data, len(self._segments)
         state["scratch"], state["most"] = scratch.ctypes.data, SAMPLES * base
         state["samples"], state["ages"] = self._samples.ctypes.data, self._ages.ctypes.data
+        state["wakes"] = SPIN  # until delays have been measured
         state["exact"], state["period"] = 1e9 / job.rate, round(1e9 / job.rate)
 
     def _port(self, part: CompiledSegment, entrance: Entrance) -> Port:

@@ -36,6 +36,8 @@ clock_nanosleep: Any = types.ExternalFunction("clock_nanosleep", _INT(_INT, _INT
 ABSOLUTE, READABLE = 1, 1  # of Linux
 FAR = 1 << 62  # a tick after all others
 LONGEST_WAIT = 20_000_000  # [ns] in compiled code, since orders and Ctrl-C take effect after it
+DEVIATIONS = 6  # by which, besides its usual delay, a sleep ends early
+LATEST = 16  # the last delay has the weight 1 / LATEST in the running means
 SETTLED = 0.5  # share of the period after which the force path of a tick has usually ended
 left_out, unread, stopped = kernel(schedule.left_out), kernel(schedule.unread), kernel(schedule.stopped)
 
@@ -58,7 +60,11 @@ def paced(hop):
     if left > LONGEST_WAIT:
         return False, now, np.int64(0)
     if left > 0:
-        sleep(hop, due - min(SPIN, left // 4))
+        wake = due - min(SPIN, left // 4, hop.wakes + DEVIATIONS * hop.spread)
+        sleep(hop, wake)
+        delay = moment(hop) - wake
+        hop.spread += (abs(delay - hop.wakes) - hop.spread) // LATEST
+        hop.wakes += (delay - hop.wakes) // LATEST
         left = due - moment(hop)
         while left > 0:
             left = due - moment(hop)

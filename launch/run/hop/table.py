@@ -50,6 +50,7 @@ HOP = np.dtype([
     ("exact", "<f8"), *((n, "<i8") for n in (
         "segments", "count", "at", "entry", "reader", "sent", "scratch", "samples", "sampled", "ages", "aged", "most",
         "origin", "period", "last", "end", "lead", "port", "late", "lost", "now", "time", "begun", "done",
+        "wakes", "spread",
     ))
 ])  # fmt: skip
 """State of a hop.
@@ -68,6 +69,7 @@ last, end        last tick that has run, last tick of the run;  done  number of 
 lead, port       address of the `ROW` of the node that leads, and of the `PORT` that drives it, 0: the clock drives it
 late, lost       counts of the leading node since the last call
 now, time, begun the present tick, its time [ns], and when its nodes began [ns of the monotonic clock]
+wakes, spread    [ns] by how much later than asked a sleep ends, and the mean deviation from it; running means
 """
 HEADER, SCRATCH = 9, 32
 DONE, INPUT, OUTPUT, JOURNAL, FAILED, BETWEEN = range(6)
