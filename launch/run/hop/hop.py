@@ -203,8 +203,8 @@ class Hop:
         return self._led
 
     def count(self) -> None:
-        """Copy from the table to the slots: counts, and tick and time of the last step. Compiled code counts durations and
-        ages itself."""
+        """Copy from the table to the slots: counts, and tick and time of the last step. Compiled code itself counts
+        durations and ages."""
         state = self._state[0]
         for slot, overdue in zip(self._slots, self._tallies["overdue"].tolist(), strict=True):
             slot.health.overdue += overdue
