@@ -114,6 +114,13 @@ def nth(several: Record, place: int) -> Record:
     return Record(array(several.at[place], (), several._memory.dtype["like"]))
 
 
+def clear(record: Any) -> None:
+    """As `records.clear`, also for a record of numpy."""
+    memory = getattr(record, "_memory", record)
+    for name in memory.dtype.names:
+        memory[name] = np.zeros((), memory.dtype[name])
+
+
 def unpacking(kind: type) -> Callable[[Record], Any]:
     """As `records.unpacking`."""
     hints = get_type_hints(kind, include_extras=True)

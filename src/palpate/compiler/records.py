@@ -14,12 +14,13 @@ from numba.core import cgutils
 from numba.np.arrayobj import make_array, populate_array
 
 from palpate.compiler import interpreted
+from palpate.compiler.fields import KINDS
 from palpate.compiler.kernel import CompiledKernel, kernel
 from palpate.compiler.memory import BYTE, INTEGER, intrinsic
 
 MOST = 20  # Maximum number of records of a kernel
 RAISED = 1  # Status of a kernel that raised
-NUMBERS = {float: ("<f8", types.float64), int: ("<i8", types.int64), bool: ("?", types.boolean)}
+NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean}
 
 
 def address(function: CompiledKernel, *dtypes: np.dtype) -> int:
@@ -128,7 +129,7 @@ def _member(hint: Any) -> tuple[Any, ...]:
         return (np.dtype([("address", "<i8"), ("shape", "<i8", (hint.__metadata__[1],))], align=True),)
     if get_origin(hint) is tuple:
         return "<f8", (len(get_args(hint)),)
-    return (NUMBERS[hint][0],) if hint in NUMBERS else (form(hint),)
+    return (KINDS[hint],) if hint in NUMBERS else (form(hint),)
 
 
 def unpacking(kind: type) -> Any:
@@ -148,7 +149,7 @@ def _type(hint: Any) -> Any:
     if get_origin(hint) is tuple:
         return types.UniTuple(types.float64, len(get_args(hint)))
     if hint in NUMBERS:
-        return NUMBERS[hint][1]
+        return NUMBERS[hint]
     return types.BaseTuple.from_types([_type(member) for _, member in _members(hint)], hint)
 
 
@@ -157,7 +158,7 @@ def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
     if hasattr(hint, "__metadata__"):
         return _array(context, builder, _type(hint), at)
     if hint in NUMBERS:
-        kind = NUMBERS[hint][1]
+        kind = NUMBERS[hint]
         return context.unpack_value(builder, kind, builder.bitcast(at, context.get_data_type(kind).as_pointer()))
     at = builder.bitcast(at, BYTE)
     if get_origin(hint) is tuple:
@@ -182,6 +183,18 @@ def nth(typing: Any, several: Any, place: Any) -> Any:
         return builder.inttoptr(builder.load(at), context.get_value_type(signature.return_type))
 
     return several.typeof("like")(several, types.int64), generate
+
+
+@intrinsic(interpreted.clear)
+def clear(typing: Any, record: Any) -> Any:
+    """Set all fields of a record to zero."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        size = ir.Constant(INTEGER, signature.args[0].size)
+        cgutils.memset(builder, builder.bitcast(arguments[0], BYTE), size, 0)
+        return context.get_dummy_value()
+
+    return types.void(record), generate
 
 
 @kernel
