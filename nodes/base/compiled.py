@@ -112,7 +112,7 @@ class CompiledNode(Node):
             hints = typing.get_type_hints(type(value), include_extras=True)
             for field, each in value._asdict().items():
                 found = getattr(each, "dtype", None), getattr(each, "ndim", 0)
-                assert found[0] is None or (found[0].str, found[1]) == hints[field].__metadata__, (path, field, found)
+                assert found[0] is None or found == hints[field].__metadata__, (path, field, found)
                 self._hold(record[name], field, each, f"{path}.{field}")
         elif isinstance(value, np.ndarray):
             assert value.flags.c_contiguous and record[name]["shape"].shape == (value.ndim,), (path, value.shape)

@@ -41,9 +41,14 @@ def _form(name: str, form: Any) -> tuple[Any, ...]:
     )
 
 
+def element_type(fields: dict[str, Any]) -> np.dtype:
+    """The dtype of an array of these records; in Python, the fields of its elements are also attributes."""
+    return np.dtype((np.record, record_type("fields", fields)))
+
+
 def blank_record(fields: dict[str, Any], **values: Any) -> Any:
     """A new record, zero except for these values, for calls of kernels from Python. Its fields are also attributes."""
-    made = np.zeros(1, record_type("fields", fields)).view(np.recarray)[0]
+    made = np.zeros(1, element_type(fields))[0]
     for name, value in values.items():
         made[name] = value
     return made

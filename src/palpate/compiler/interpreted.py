@@ -104,7 +104,7 @@ def big(address: int) -> int:
     return struct.unpack(">q", ctypes.string_at(int(address), 8))[0]
 
 
-def array_of(dtype: str) -> Callable[[Record], np.ndarray]:
+def array_of(dtype: str | np.dtype) -> Callable[[Record], np.ndarray]:
     """As `records.floats`, for elements of this type."""
     return lambda handle: array(handle.address, handle.shape, dtype)
 

@@ -85,6 +85,10 @@ ELEMENTS: dict[str, Any] = {
 """Element types of arrays."""
 
 
+def _element(element: str | np.dtype) -> Any:
+    return ELEMENTS[element] if isinstance(element, str) else from_dtype(element)
+
+
 def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
     """The array whose address and shape are in memory at `handle`."""
     words = builder.bitcast(handle, INTEGER.as_pointer())
@@ -100,18 +104,18 @@ def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
     return array._getvalue()
 
 
-def _array_of(element: str) -> Any:
+def array_of(element: str | np.dtype) -> Any:
     """An intrinsic for the array (n,) or (n,m) that a field of a record refers to."""
 
     @intrinsic(interpreted.array_of(element))
     def array(typing: Any, handle: Any) -> Any:
-        form = types.Array(ELEMENTS[element], handle.typeof("shape").nitems, "C")
+        form = types.Array(_element(element), handle.typeof("shape").nitems, "C")
         return form(handle), lambda context, builder, _, given: _array(context, builder, form, given[0])
 
     return array
 
 
-floats, integers, longs = map(_array_of, ("<f8", "<i4", "<i8"))
+floats, integers, longs = map(array_of, ("<f8", "<i4", "<i8"))
 
 
 def form(kind: type) -> np.dtype:
@@ -145,7 +149,7 @@ def unpacking(kind: type) -> Any:
 def _type(hint: Any) -> Any:
     if hasattr(hint, "__metadata__"):
         element, ndim = hint.__metadata__
-        return types.Array(ELEMENTS[element], ndim, "C")
+        return types.Array(_element(element), ndim, "C")
     if get_origin(hint) is tuple:
         return types.UniTuple(types.float64, len(get_args(hint)))
     if hint in NUMBERS:
