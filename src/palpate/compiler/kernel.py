@@ -9,6 +9,7 @@ change. Functions of `numba.njit` may call kernels, but not the reverse.
 import contextlib
 import gc
 import hashlib
+import importlib
 import inspect
 import os
 import pickle
@@ -23,6 +24,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core import event
 from numba.core.compiler import CompileResult, Flags
@@ -48,6 +50,9 @@ from palpate.compiler.code_library import Codegen
 TARGET = "palpate"  # Name of the target of kernels
 COMPILING = "palpate:compile"  # Name of numba's event while a kernel is compiled, or awaited from another process
 PACKAGE = __name__.partition(".")[0]
+REPLACED: dict[str, Any] = {}
+"""Kernels that replace functions of the C library in the code of all kernels, by the names that numba gives those."""
+_REPLACEMENTS = ("palpate.compiler.exponentials", "palpate.compiler.angles")  # kernels, so they import this module
 
 
 class _Processor(CPU):
@@ -62,6 +67,37 @@ class _PinnedCodegen(Codegen):
 
     def _get_host_cpu_features(self) -> str:
         return "" if pinnable() else super()._get_host_cpu_features()
+
+    def __init__(self, module_name: str) -> None:
+        super().__init__(module_name)
+        self._replacements: dict[str, Any] = {}
+
+    def replaced(self) -> dict[str, Any]:
+        return replaced()
+
+    def replacement(self, name: str) -> Any:
+        """The code of a function of `REPLACED`, with the interface of the replaced one."""
+        if name not in self._replacements:
+            self._replacements[name] = self._wrapped(name)
+        return self._replacements[name]
+
+    def _wrapped(self, name: str) -> Any:
+        function, context = REPLACED[name].bare, PINNED.target_context
+        argument_types = (types.float64,) * function.py_func.__code__.co_argcount
+        function.compile(argument_types)
+        code = function.overloads[argument_types]
+        library = self.create_library(f"{TARGET}.{name}")
+        module = library.create_ir_module(library.name)
+        number = ir.DoubleType()
+        wrapper = ir.Function(module, ir.FunctionType(number, [number] * len(argument_types)), library.name)
+        wrapper.attributes.add("alwaysinline")
+        builder = ir.IRBuilder(wrapper.append_basic_block())
+        inner = context.declare_function(module, code.fndesc)
+        _, result = context.call_conv.call_function(builder, inner, types.float64, argument_types, wrapper.args)
+        builder.ret(result)
+        library.add_ir_module(module)
+        library.add_linking_library(code.library)
+        return library
 
 
 class _Context(CPUContext):
@@ -297,6 +333,23 @@ def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
     return known
 
 
+def replaced() -> dict[str, Any]:
+    """`REPLACED`, complete."""
+    for name in _REPLACEMENTS:
+        importlib.import_module(name)
+    return REPLACED
+
+
+def replaces(*names: str) -> Callable[[Any], Any]:
+    """Decorator of a kernel of numbers that replaces these functions of the C library in all kernels."""
+
+    def register(function: Any) -> Any:
+        REPLACED.update(dict.fromkeys(names, function))
+        return function
+
+    return register
+
+
 @contextlib.contextmanager
 def _deferred_signals() -> Iterator[None]:
     """Defer Python's handlers of signals that end a program until the end of the block."""
@@ -372,7 +425,8 @@ def kernel(
     if function is None:
         return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil)
     if interpreted.ENABLED:
-        function.py_func = function  # type: ignore[attr-defined]  # as in a compiled one
-        return function
+        plain: Any = interpreted.with_functions(function, replaced)
+        plain.py_func = plain  # as in a compiled one
+        return plain
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
     return CompiledKernel(function, options | ({"nogil": True} if nogil else {}))

@@ -1,0 +1,263 @@
+"""Sine, cosine and their inverses in kernels, instead of those of the C library, whose last bits depend on the system.
+
+Each has an error below 1 ulp; most are the nearest double. Angles are reduced to |r| <= pi/4, a sum of two doubles, by
+pi/2 in four parts (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980), above 2^20 by the
+bits of 2/pi (M. H. Payne and R. N. Hanek, SIGNUM Newsletter 18 (1983) 19-24). sin(r) and cos(r) are polynomials in r²
+that interpolate them at the Chebyshev nodes. The arctangent of y/x is that of the nearest multiple of 1/8, which is
+stored, and the series for the rest, below 1/16 in size.
+"""
+
+import decimal
+import math
+
+import numpy as np
+
+from palpate.compiler.doubles import BIAS, bits, fast_two_sum, two_product, two_sum, two_to
+from palpate.compiler.kernel import kernel, replaces
+from palpate.compiler.memory import stack_zeros
+
+DIGIT = 24  # Bits of a digit of 2/pi
+BASE = 2.0**DIGIT
+COLUMNS = 8  # Digits of a product after its integer part: 192 bits, of which at most 62 cancel
+
+
+def _arctangent(x: decimal.Decimal) -> decimal.Decimal:
+    """arctan x by its series, |x| <= 1, halved twice by arctan x = 2 arctan(x/(1 + sqrt(1 + x²)))."""
+    for _ in range(3):
+        x = x / (1 + (1 + x * x).sqrt())
+    total, power, k = decimal.Decimal(0), x, 1
+    while abs(power) > decimal.Decimal(10) ** -decimal.getcontext().prec:
+        total, power, k = total + power / k, -power * x * x, k + 2
+    return 8 * total
+
+
+def _parts(x: decimal.Decimal, bits_of_each: tuple[int, ...]) -> tuple[float, ...]:
+    """x as a sum of numbers of so many bits after the point, and a double."""
+    found = []
+    for count in bits_of_each:
+        found.append(math.floor(x * 2**count) / 2.0**count)
+        x -= decimal.Decimal(found[-1])
+    return (*found, float(x))
+
+
+with decimal.localcontext() as _digits:
+    _digits.prec = 420
+    _PI = 4 * _arctangent(decimal.Decimal(1))
+    TWO_BY_PI = float(2 / _PI)
+    P1, P2, P3, P4 = _parts(_PI / 2, (32, 65, 98))
+    HALF_PI, HALF_PI_REST = float(_PI / 2), float(_PI / 2 - decimal.Decimal(float(_PI / 2)))
+    PI, PI_REST = 2.0 * HALF_PI, 2.0 * HALF_PI_REST
+    _whole = int(2 / _PI * 2 ** (DIGIT * 56))
+    DIGITS = np.array([_whole >> DIGIT * (55 - j) & (1 << DIGIT) - 1 for j in range(56)], float)  # of 2/pi
+    _digits.prec = 50
+    ARCTANGENTS = np.array([_parts(_arctangent(decimal.Decimal(j) / 8), (50,)) for j in range(9)])
+
+
+@kernel(error_model="numpy")
+def quadrant(x):
+    """(n, r, s) of finite x = n pi/2 + r + s, |r| <= pi/4, n modulo 4."""
+    if abs(x) > 2.0**20:
+        return _quadrant_of_large(x)
+    n = math.floor(x * TWO_BY_PI + 0.5)
+    if n == 0:
+        return 0, x, 0.0
+    r, s = two_sum(x - n * P1, -n * P2)
+    r, more = two_sum(r, -n * P3)
+    r, s = fast_two_sum(r, s + more - n * P4)
+    return n & 3, r, s
+
+
+@kernel(error_model="numpy")
+def _quadrant_of_large(x):
+    """As `quadrant`: the digits of |x| times those of 2/pi, without the products that are multiples of 4."""
+    q = ((bits(abs(x)) >> 52) - BIAS) // DIGIT
+    rest = abs(x) * two_to(-DIGIT * q)
+    limbs, digits = stack_zeros((4,)), stack_zeros((9,))
+    for i in range(4):
+        limbs[i] = math.floor(rest)
+        rest = (rest - limbs[i]) * BASE
+    carry = 0.0
+    for p in range(COLUMNS, -1, -1):
+        column = carry
+        for i in range(4):
+            j = p + q - 1 - i
+            column += limbs[i] * DIGITS[j] if j >= 0 else 0.0
+        carry = math.floor(column / BASE) * 1.0
+        digits[p] = column - carry * BASE
+    n = int(digits[0])
+    if digits[1] >= 0.5 * BASE:
+        n += 1
+        digits[1] -= BASE
+    high = low = 0.0
+    for p in range(1, COLUMNS + 1):
+        high, more = two_sum(high, digits[p] * two_to(-DIGIT * p))
+        low += more
+    r, s = two_product(high, HALF_PI)
+    r, s = fast_two_sum(r, s + (high * HALF_PI_REST + low * HALF_PI))
+    return (n & 3, r, s) if x > 0.0 else (-n & 3, -r, -s)
+
+
+@kernel(error_model="numpy")
+def sine(r, s):
+    """sin(r + s) of |r| <= pi/4 and |s| < ulp(r)."""
+    z = r * r
+    even = -0.16666666666666666 + z * z * (
+        -0.0001984126984126504 + z * z * (-2.5052106225992787e-08 + z * z * -7.586636867766497e-13)
+    )
+    odd = 0.008333333333333331 + z * z * (2.7557319219320575e-06 + z * z * 1.6058530596390244e-10)
+    return r + (s * (1.0 - 0.5 * z) + z * r * (even + z * odd))
+
+
+@kernel(error_model="numpy")
+def cosine(r, s):
+    """cos(r + s) of |r| <= pi/4 and |s| < ulp(r)."""
+    z = r * r
+    even = 0.041666666666666664 + z * z * (2.48015872987544e-05 + z * z * 2.087614504910828e-09)
+    odd = -0.0013888888888887389 + z * z * (-2.7557317265876615e-07 + z * z * -1.1382544623404291e-11)
+    high, low = fast_two_sum(1.0, -0.5 * z)
+    return high + (low - r * s + z * z * (even + z * odd))
+
+
+@replaces("llvm.sin.f64", "sin")
+@kernel(error_model="numpy")
+def sin(x):
+    """Sine of an angle [rad]."""
+    if not abs(x) < math.inf:
+        return math.nan
+    if abs(x) < 2.0**-27:
+        return x
+    n, r, s = quadrant(x)
+    size = cosine(r, s) if n & 1 else sine(r, s)
+    return -size if n & 2 else size
+
+
+@replaces("llvm.cos.f64", "cos")
+@kernel(error_model="numpy")
+def cos(x):
+    """Cosine of an angle [rad]."""
+    if not abs(x) < math.inf:
+        return math.nan
+    n, r, s = quadrant(x)
+    size = sine(r, s) if n & 1 else cosine(r, s)
+    return -size if n & 2 != (n & 1) << 1 else size
+
+
+@kernel(error_model="numpy")
+def _arctangent_parts(y, y_rest, x, x_rest):
+    """arctan((y + y_rest)/(x + x_rest)) as the sum of two doubles, for 0 <= y <= x, 1e-140 < x < 1e140."""
+    j = math.floor(8.0 * (y / x) + 0.5)
+    c = 0.125 * j
+    product, rest = two_product(c, x)
+    top, top_rest = fast_two_sum(y - product, y_rest - rest - c * x_rest)
+    product, rest = two_product(c, y)
+    bottom, bottom_rest = fast_two_sum(x, product)
+    bottom_rest += rest + x_rest + c * y_rest
+    inverse = 1.0 / bottom
+    t = top * inverse
+    product, rest = two_product(t, bottom)
+    low = ((top - product) - rest + top_rest - t * bottom_rest) * inverse
+    z = t * t
+    even = -1.0 / 3.0 + z * z * (-1.0 / 7.0 + z * z * (-1.0 / 11.0))
+    odd = 1.0 / 5.0 + z * z * (1.0 / 9.0 + z * z * (1.0 / 13.0))
+    high, more = fast_two_sum(ARCTANGENTS[j, 0], t)
+    return fast_two_sum(high, more + low + ARCTANGENTS[j, 1] + z * t * (even + z * odd))
+
+
+@kernel(error_model="numpy")
+def _angle(y, y_rest, x, x_rest):
+    """The angle of (x + x_rest, y + y_rest), y >= 0, 1e-140 < max(|x|, y) < 1e140."""
+    width, width_rest = (x, x_rest) if x > 0.0 else (-x, -x_rest)
+    if y > width:  # pi/2 and an angle of at most pi/4
+        high, low = _arctangent_parts(width, width_rest, y, y_rest)
+        if x > 0.0:
+            high, low = -high, -low
+        base, base_rest = HALF_PI, HALF_PI_REST
+    else:
+        high, low = _arctangent_parts(y, y_rest, width, width_rest)
+        if x > 0.0:
+            return high + low
+        high, low = -high, -low
+        base, base_rest = PI, PI_REST
+    total, rest = fast_two_sum(base, high)
+    return total + (rest + (base_rest + low))
+
+
+@replaces("atan2")
+@kernel(error_model="numpy")
+def atan2(y, x):
+    """The angle [rad] of (x, y) from the x axis, -pi to pi."""
+    if x != x or y != y:
+        return math.nan
+    back, height, width = bits(x) < 0, abs(y), abs(x)
+    if height == math.inf or width == math.inf:
+        if height == width:
+            size = 0.75 * PI if back else 0.25 * PI
+        else:
+            size = HALF_PI if height == math.inf else PI if back else 0.0
+    elif height == 0.0:
+        size = PI if back else 0.0
+    elif width < height * 2.0**-60:
+        size = HALF_PI
+    elif height < width * 2.0**-60:
+        size = PI if back else height / width
+    else:
+        larger = max(height, width)
+        factor = 2.0**-600 if larger > 1e140 else 2.0**800 if larger < 1e-140 else 1.0
+        size = _angle(height * factor, 0.0, x * factor, 0.0)
+    return -size if bits(y) < 0 else size
+
+
+@kernel(error_model="numpy")
+def _other_side(x):
+    """sqrt(1 - x²) of |x| < 1 as the sum of two doubles."""
+    square, rest = two_product(x, x)
+    h, low = fast_two_sum(1.0, -square)
+    low -= rest
+    root = math.sqrt(h)
+    square, rest = two_product(root, root)
+    return root, ((h - square) - rest + low) / (2.0 * root)
+
+
+@replaces("acos")
+@kernel(error_model="numpy")
+def acos(x):
+    """The angle [rad] with this cosine, 0 to pi."""
+    if not abs(x) < 1.0:
+        return 0.0 if x == 1.0 else PI if x == -1.0 else math.nan
+    y, rest = _other_side(x)
+    return _angle(y, rest, x, 0.0)
+
+
+@replaces("asin")
+@kernel(error_model="numpy")
+def asin(x):
+    """The angle [rad] with this sine, -pi/2 to pi/2."""
+    if not abs(x) < 1.0:
+        return HALF_PI * x if abs(x) == 1.0 else math.nan
+    if abs(x) < 2.0**-30:
+        return x
+    other, rest = _other_side(x)
+    size = _angle(abs(x), 0.0, other, rest)
+    return size if x > 0.0 else -size
+
+
+@replaces("hypot", "_hypot")
+@kernel(error_model="numpy")
+def hypot(x, y):
+    """sqrt(x² + y²), from the sum of the squares as two doubles."""
+    if abs(x) == math.inf or abs(y) == math.inf:
+        return math.inf
+    if x != x or y != y:
+        return math.nan
+    longer, shorter = max(abs(x), abs(y)), min(abs(x), abs(y))
+    if shorter <= longer * 2.0**-60:
+        return longer
+    factor = 2.0**-600 if longer > 1e140 else 2.0**800 if longer < 1e-140 else 1.0
+    longer *= factor
+    shorter *= factor
+    square, rest = two_product(longer, longer)
+    other, more = two_product(shorter, shorter)
+    total, last = fast_two_sum(square, other)
+    root = math.sqrt(total)
+    square, error = two_product(root, root)
+    return (root + ((total - square) - error + (last + rest + more)) / (2.0 * root)) / factor
