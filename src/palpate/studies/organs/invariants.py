@@ -4,11 +4,13 @@ A score is a value over its bound: above 1 the invariant is broken.
 
 force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e, approach rate v and
          speed of the finger along the surface u of the last 60 ms (`reference`). At rest it is the quasi-static force
-         of the depth.
+         of the depth. Under two fingers e and v are those to the surface that the other finger lifts, by at most 1.2 x
+         its own force by this law.
 hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv + v w/R + v at the first contact)
          + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + (f - f_0) W/2 ms + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
-                 appear: a foot that moves while the finger does not must not change the force;
+                 appear: a foot that moves while the finger does not must not change the force. A second finger that
+                 presses moves the surface: of its motion the part counts that the body at rest transmits;
          k = k1 k2/(k1 + k2), k1 = g'(s1) (1 + c v), k2 = 1.5 x the secant stiffness of the body: fingertip and body;
          f/R     the turn of the normal: a fingertip does not feel curvature below R, an eighth of its patch;
          B = K_body tau, what a change of the rate changes at once; c f on a rigid body;
@@ -38,10 +40,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.physics.geometry.proxy import EASY, FASTEST
-from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
-from palpate.studies.organs.trace import ABOVE, LEAST_FORCE, Trace, extent, greatest, length, traced
+from palpate.studies.organs.trace import LEAST_FORCE, Trace, extent, greatest, length, traced
 
 WINDOW = 1e-3  # [s] W
 SLOW = 5e-3  # [m/s]
@@ -86,17 +87,25 @@ def worst(trace: Trace, values: np.ndarray, bounds: np.ndarray, start: int = 0) 
 
 
 def force(trace: Trace) -> Score:
-    f, deep, fast, slides = trace["contact.force"], trace.deep, trace.fast, trace.slides
+    f, fast = trace["contact.force"], trace.fast
     # candidates: the largest force, and the largest for its depth, at any speed and of a slow finger
     found = Score(0.0, 0.0, 0.0, 0.0)
     share = np.where(f > LEAST_FORCE, f / (trace.explained + 1e-3), 0.0)
     slow = np.where(f > LEAST_FORCE, f / (trace.static + 1e-3), 0.0)
     for k in {int(np.argmax(f)), int(np.argmax(share)), int(np.argmax(np.where(fast < SLOW, slow, 0.0)))}:
         if f[k] > LEAST_FORCE:
-            bound = ABOVE * float(trace.place(k).force(deep[k], fast[k], float(slides[k]))) + ROUNDED
+            bound = trace.most(k) + ROUNDED
             if f[k] / bound > found.score:
                 found = Score(float(f[k] / bound), k * trace.step, float(f[k]), bound)
     return found
+
+
+def _motion(trace: Trace, ticks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Path [m], change of velocity and speed [m/s] of the finger (T) within so many ticks and two before."""
+    p, v = trace["finger.position"], trace["finger.velocity"]
+    path = np.concatenate([[0.0], np.cumsum(length(np.diff(p, axis=0)))])
+    back = np.maximum(np.arange(len(p)) - ticks - 2, 0)
+    return path - path[back], extent(v, ticks + 3), greatest(length(v), ticks + 3)
 
 
 def _change(trace: Trace, vector: np.ndarray) -> Score:
@@ -105,10 +114,11 @@ def _change(trace: Trace, vector: np.ndarray) -> Score:
     if len(p) <= n + 2 or not f.max() > LEAST_FORCE:
         return Score(0.0, 0.0, 0.0, 0.0)
     window = n * trace.step
-    way = np.concatenate([[0.0], np.cumsum(length(np.diff(p, axis=0)))])
-    back = np.maximum(np.arange(len(p)) - n - 2, 0)
-    moved = way - way[back]
-    turned, speed = extent(trace["finger.velocity"], n + 3), greatest(length(trace["finger.velocity"]), n + 3)
+    moved, turned, speed = _motion(trace, n)
+    if trace.carried > 0.0 and trace.other is not None:
+        presses = trace.carried * (greatest(trace.other["contact.force"], n + 3) > 0.0)
+        theirs = (presses * each for each in _motion(trace.other, n))
+        moved, turned, speed = (a + b for a, b in zip((moved, turned, speed), theirs, strict=True))
     begins = (f > 0.0) & (-greatest(-f, n + 3) <= 0.0)
     change = np.zeros(len(p))
     change[n:] = length(vector[n:] - vector[:-n])
@@ -225,5 +235,5 @@ def judged(trace: Trace | None) -> dict[str, Score]:
 
 
 def scores(traces: Traces) -> list[dict[str, Score]]:
-    """The score of each invariant, for each touch of a batch."""
-    return [judged(trace) for trace in traced(traces, at_rest(traces))]
+    """The score of each invariant, for each touch of a batch of one finger."""
+    return [judged(trace) for trace in traced([traces])[0]]
