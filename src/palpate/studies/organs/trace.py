@@ -20,7 +20,7 @@ PAST = 60e-3  # [s] of approach and rate that explain a force
 SMOOTH = 2e-3  # [s] over which the rate of approach is measured
 ABOVE = 1.2  # [1] of the quasi-static force
 LEAST_FORCE = 0.1  # [N] below which directions do not matter
-ROUNDS = 12  # of the fixed point of two fingers
+ROUNDS, CLOSE = 12, 1e-5  # of the fixed point of two fingers; [m] change of the lift at which it ends
 
 
 @dataclass
@@ -83,7 +83,10 @@ class Trace:
             return lift
         theirs, mine, yours = lift, self.most_yields, self.other.most_yields
         for _ in range(ROUNDS):
-            lift, theirs = lifted(mine, self.other.explains(theirs)), lifted(yours, self.explains(lift))
+            before, lift = lift, lifted(mine, self.other.explains(theirs))
+            theirs = lifted(yours, self.explains(before))
+            if np.abs(lift - before).max() < CLOSE:
+                break
         return lift
 
     def most(self, tick: int) -> float:
@@ -92,9 +95,10 @@ class Trace:
             return self._most(tick, 0.0)
         mine, yours, lift, theirs = self.yields(tick), self.other.yields(tick), 0.0, 0.0
         for _ in range(ROUNDS):
-            lift, theirs = (
-                float(lifted(mine, self.other._most(tick, theirs))), float(lifted(yours, self._most(tick, lift))),
-            )  # fmt: skip
+            before, lift = lift, float(lifted(mine, self.other._most(tick, theirs)))
+            theirs = float(lifted(yours, self._most(tick, before)))
+            if abs(lift - before) < CLOSE:
+                break
         return self._most(tick, lift)
 
     def _most(self, tick: int, lift: float) -> float:
@@ -149,12 +153,10 @@ class Trace:
         """`explained` on a surface that is lifted [m] (T)."""
         place, total = self.place(int(np.argmax(self.reach))), self._static(lift)
         rates, slides = (float(each.max()) * np.array([0.0, 0.25, 0.5, 0.75, 1.0]) for each in (self.fast, self.slides))
-        for k in range(5):
-            for i in range(5):
-                moves = (self.fast > rates[k - 1] if k else True) & (self.slides > slides[i - 1] if i else True)
-                if k + i and np.any(moves):
-                    more = ABOVE * place.force(self.reach + lift, rates[k], float(slides[i]))
-                    total = np.where(moves, more, total)
+        bins = 5 * np.searchsorted(rates[:4], self.fast) + np.searchsorted(slides[:4], self.slides)
+        for number in np.unique(bins[bins > 0]).tolist():
+            moves, (k, i) = bins == number, divmod(number, 5)
+            total[moves] = ABOVE * place.force((self.reach + lift)[moves], rates[k], float(slides[i]))
         return total
 
     def ticks(self, seconds: float) -> int:
