@@ -66,6 +66,11 @@ class AtRest:
         rows = [elastic(s, int(kind), first, second, radius) for s in self.compressions]
         self.forces, self.tangents = np.minimum(np.array(rows).T, MOST)
 
+    @property
+    def remembers(self) -> float:
+        """Retardation [s] of a body whose places yield one by one; 0: of springs and a rigid body."""
+        return 0.0 if self._lags is None else self.retardation
+
     def indentation(self, foot: np.ndarray, normal: np.ndarray, force: float, rubs: np.ndarray | None = None) -> float:
         """s2 [m] under a force [N] at a point of the surface [m] (3) along its normal [1] (3), with friction of this
         multiple [1] (3) of it."""

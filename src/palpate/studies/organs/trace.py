@@ -20,6 +20,9 @@ PAST = 60e-3  # [s] of approach and rate that explain a force
 SMOOTH = 2e-3  # [s] over which the rate of approach is measured
 ABOVE = 1.2  # [1] of the quasi-static force
 LEAST_FORCE = 0.1  # [N] below which directions do not matter
+PATCH = 8e-3  # [m]
+LEAST_CURVATURE = PATCH / 8.0  # [m] R
+ON = 2e-5  # [m] from the surface within which the direction from the nearest point is not known
 ROUNDS, CLOSE = 12, 1e-5  # of the fixed point of two fingers; [m] change of the lift at which it ends
 
 
@@ -34,6 +37,7 @@ class Trace:
     closest: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
     places: dict[int, Place] = field(default_factory=dict)
     moved: dict[int, np.ndarray] = field(default_factory=dict)
+    met: dict[int, float] = field(default_factory=dict)
     other: Trace | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -102,8 +106,19 @@ class Trace:
         return self._most(tick, lift)
 
     def _most(self, tick: int, lift: float) -> float:
-        force = self.place(tick).force(self.reach[tick] + lift, self.fast[tick], float(self.slides[tick]))
-        return ABOVE * float(force)
+        fast = max(float(self.fast[tick]), self.meets(tick))
+        reach = self.reach[tick] + lift + self.rest.remembers * self.rolls[tick]
+        return ABOVE * float(self.place(tick).force(reach, fast, float(self.slides[tick])))
+
+    def meets(self, tick: int) -> float:
+        """Rate [m/s], over `SMOOTH`, at which the finger approaches the point of the surface that is nearest now."""
+        if tick not in self.met:
+            n = min(self.ticks(SMOOTH), tick)
+            p, before = self["finger.position"][tick], self["finger.position"][tick - n]
+            foot, normal, _, gap = self.closest(p[None])
+            away = (p - foot[0]) / gap[0] if abs(gap[0]) > ON else normal[0]
+            self.met[tick] = max(float((before - p) @ away), 0.0) / (max(n, 1) * self.step)
+        return self.met[tick]
 
     @cached_property
     def reach(self) -> np.ndarray:
@@ -135,6 +150,16 @@ class Trace:
         v, n = self["finger.velocity"], self["contact.normal"]
         aside = length(v - np.einsum("ti,ti->t", v, n)[:, None] * n)
         return greatest(np.where(self["contact.force"] > 0.0, aside, 0.0), self.ticks(PAST))
+
+    @cached_property
+    def rolls(self) -> np.ndarray:
+        """The greatest rate [m/s] (T) of the last `PAST` at which a patch that rolls over a rim indents another face:
+        e (omega - u/PATCH), omega being the rate at which the normal turns, at most the speed over LEAST_CURVATURE."""
+        n, normal, speed = self.ticks(SMOOTH), self["contact.normal"], length(self["finger.velocity"])
+        before = np.concatenate([np.repeat(normal[:1], n, axis=0), normal])[: len(normal)]
+        omega = np.minimum(length(normal - before) / (n * self.step), greatest(speed, n) / LEAST_CURVATURE)
+        deep = np.where(self["contact.force"] > 0.0, np.maximum(THICKNESS - self["collision.gap"], 0.0), 0.0)
+        return greatest(deep * np.maximum(omega - self.slides / PATCH, 0.0), self.ticks(PAST))
 
     @cached_property
     def static(self) -> np.ndarray:
