@@ -23,7 +23,6 @@ from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
-from palpate.physics.geometry.pieces import thicknesses
 
 NotNegative = msgspec.Meta(ge=0)
 
@@ -78,7 +77,7 @@ class MassSpring(CompiledNode, WithNodule):
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, the course of
     its indentation (`physics.contact.end_rate`), and the last feet. Flags of exceeded limits (`spring_range`);
-    thickness of the organ at each vertex [m] (`pieces.thicknesses`), and the least; excess of the indentation
+    thickness of the organ at each vertex [m] (`Mesh.thicknesses`), and the least; excess of the indentation
     over it [1], now, and at most with the thickness there."""
 
     shared = "hard", "ground", "thick", "body.law", "body.nodal", "body.edges"
@@ -98,7 +97,7 @@ class MassSpring(CompiledNode, WithNodule):
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
             sideways = self._field()[1]
             self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning, sideways]))
-        thick = thicknesses(self.mesh())
+        thick = self.mesh().thicknesses
         self.hold("thick", thick)
         self.own["thinnest"] = thick.min()
         self._make(self._count)
