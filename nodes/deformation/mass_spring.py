@@ -8,8 +8,9 @@ import numpy as np
 import scipy  # imports its slow submodules at their first use
 
 from palpate.compiler.exact import exp, log, row_times
+from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.kernel import kernel
-from palpate.compiler.records import floats, form, integers, lend_first, nth, one, put, unpacking, vector
+from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
@@ -26,6 +27,7 @@ from palpate.physics.contact.terminal import indentation
 NotNegative = msgspec.Meta(ge=0)
 
 _body_of = unpacking(springs.NodalBody)
+_courses_of = array_of(element_type(end_rate.COURSE))
 
 
 class MassSpring(CompiledNode, WithNodule):
@@ -69,7 +71,7 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
-        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": ARRAY,
+        "factors": ARRAY, "courses": ARRAY, "trails": TABLE, "beyond": int, "thick": ARRAY,
         "thinnest": (), "excess": (), "deepest": (2,),
     }  # fmt: skip
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
@@ -160,7 +162,7 @@ class MassSpring(CompiledNode, WithNodule):
         make_room(self, count)
         self._held["laws"][:, :3] = self.stiffness, self.exponent, self.damping
         self.hold("factors", np.ones(count))
-        self.hold("courses", np.tile(end_rate.AT_REST, (count, 1)))
+        self.hold("courses", np.full(count, blank_record(end_rate.COURSE, ahead=1.0)))
         self.hold("trails", np.full((count, 3), np.nan))
         self.hold("forces", np.zeros(count))
         self.hold("acting", np.zeros(count))
@@ -189,7 +191,7 @@ class MassSpring(CompiledNode, WithNodule):
                 coupling[i, j] = springs.shared(each.foot, other.foot, each.normal, other.normal, own.radius)
                 coupling[j, i] = coupling[i, j]
         # indentation of each contact, and its terminal law for the next step
-        body, count, courses = _body_of(own.body), 0, floats(own.courses)
+        body, count, courses = _body_of(own.body), 0, _courses_of(own.courses)
         stored, side, factors = 0.0, 0.0, floats(own.factors)
         mapped, slopes, reached = own.ground.shape[0] > 0, floats(own.slopes), 0.0
         own.excess = 0.0
@@ -208,7 +210,7 @@ class MassSpring(CompiledNode, WithNodule):
             if mapped:  # the indentation that the contact computed, with the law at the previous position
                 reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
             moving, rest = springs.retarded(stiffness, own.exponent, own.retardation, dt)
-            free = rest * course[end_rate.AHEAD] * previous
+            free = rest * course.ahead * previous
             s = indentation(acting[i], dt, moving, own.exponent, own.damping, free, previous)
             shift = 0.0
             if mapped and acting[i] > 0.0:
@@ -230,10 +232,10 @@ class MassSpring(CompiledNode, WithNodule):
                 pull, normal = floats(each.forces), vector(each.normal)
                 if 0.0 < share < 1.0:
                     pull = springs.shifted(pull, normal, 1.0 / share - 1.0)
-                count = springs.move(body, i, integers(each.nodes), pull, normal, dt, course[end_rate.AHEAD])
+                count = springs.move(body, i, integers(each.nodes), pull, normal, dt, course.ahead)
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
-            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s + shift, s
+            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course.ahead * s + shift, s
             if s > own.thinnest and each.nodes.shape[0] > 0:
                 thick = floats(own.thick)[integers(each.nodes)[0]]
                 own.excess = max(own.excess, s / thick - 1.0)

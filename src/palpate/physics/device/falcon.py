@@ -14,18 +14,24 @@ PhD thesis, University of Maryland, 1997.
 """
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
-
-import numpy as np
+from typing import Any
 
 from palpate.compiler.dot import cross, dot
+from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
 
 HOME = (0.0, 0.0, 0.11)
 TOLERANCE = 1e-9  # [rad] forward kinematics stop here
 LONGEST_STEP = 0.020  # [m] largest Newton step
 ITERATIONS = 40
+
+GEOMETRY = {
+    "a": (), "b": (), "c": (), "length": (), "offset": (), "r": (),  # [m] d + e, f - s
+    "cos_phi": (3,), "sin_phi": (3,), "zero": (), "count": (), "limit": (),
+}  # fmt: skip
+"""Constants of the kernels, see `FalconGeometry`."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +57,16 @@ class FalconGeometry:
     limit: float = 0.4096
 
     @cached_property
-    def geometry(self) -> np.ndarray:
-        """The constants as one array (15) for the kernels."""
-        a, b, c, d, e, f, r, s, phi, zero, count, limit = astuple(self)
-        turned = [g(angle) for angle in phi for g in (math.cos, math.sin)]
-        return np.array([a, b, c, d + e, f - s, r, *turned, zero, count, limit])
+    def geometry(self) -> Any:
+        """The constants for the kernels, `GEOMETRY`."""
+        return blank_record(
+            GEOMETRY, a=self.a, b=self.b, c=self.c, length=self.d + self.e, offset=self.f - self.s, r=self.r,
+            cos_phi=[math.cos(angle) for angle in self.phi], sin_phi=[math.sin(angle) for angle in self.phi],
+            zero=self.zero, count=self.count, limit=self.limit,
+        )  # fmt: skip
 
 
 FALCON = FalconGeometry()
-ZERO, COUNT, LIMIT = 12, 13, 14  # indices in the geometry array
 
 
 @kernel
@@ -69,8 +76,8 @@ def leg(geometry, i, x, y, z):
     t3 = acos(v/b)    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
     t2 = atan2(w - a sin t1, X - a cos t1)
     """
-    a, b, c, length0, offset, r = geometry[0], geometry[1], geometry[2], geometry[3], geometry[4], geometry[5]
-    cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
+    a, b, c, length0, offset, r = geometry.a, geometry.b, geometry.c, geometry.length, geometry.offset, geometry.r
+    cos_phi, sin_phi = geometry.cos_phi[i], geometry.sin_phi[i]
     u = cos_phi * x + sin_phi * y - r
     v = -sin_phi * x + cos_phi * y + offset
     if not abs(v) <= b:
@@ -99,10 +106,10 @@ def link(geometry, i, t1, t2, t3):
     As a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw, row i of the Jacobian G of the
     driven angles, dt1/dt = G dx/dt, is vector / lever; it has no bound where a leg is stretched or folded.
     """
-    cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
+    cos_phi, sin_phi = geometry.cos_phi[i], geometry.sin_phi[i]
     sin_t3 = math.sin(t3)
     u, v, w = math.cos(t2) * sin_t3, math.cos(t3), math.sin(t2) * sin_t3
-    lever = geometry[0] * math.sin(t2 - t1) * sin_t3
+    lever = geometry.a * math.sin(t2 - t1) * sin_t3
     return cos_phi * u - sin_phi * v, sin_phi * u + cos_phi * v, w, lever
 
 
