@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -61,15 +62,20 @@ def build_for_each(
             report(str(error))
 
 
-def _differing(points: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
-    """The first of the points whose values agree in all that a basis depends on."""
+@functools.cache
+def depends(path: str) -> bool:
+    """Whether a basis may depend on a path of an override."""
     from palpate.nodes.deformation.reduced_fe import BUILT_FROM, NODULE
 
-    ends, seen = {"use", *BUILT_FROM, *NODULE}, set()
+    parts = path.split(".")
+    return parts[-1] in {"use", *BUILT_FROM, *NODULE} or any(part in PARTS for part in parts)
+
+
+def _differing(points: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """The first of the points whose values agree in all that a basis depends on."""
+    seen = set()
     for values in points:
-        names = ((path, path.split(".")) for path in values)
-        depends = [path for path, parts in names if parts[-1] in ends or any(part in PARTS for part in parts)]
-        key = repr([values[path] for path in depends])
+        key = repr([values[path] for path in values if depends(path)])
         if key not in seen:
             seen.add(key)
             yield values
