@@ -35,7 +35,7 @@ class _Sliding(CompiledNode):
         "stored",
         about="Energy stored in the bristles, plus what a rising load may return; 0 for a law without `stored`.",
     )
-    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": (), "rest": (unrest.ROOM,), "motion": SLID}
+    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": (), "rest": unrest.UNREST, "motion": SLID}
     """Bristle deflection [m] with its normal [1] and normal force [N]; offset of the finger from the point that it
     drags [m]; energy that a falling load took from the bristles [J]; state of `physics.friction.unrest`; sample of the
     position."""
@@ -66,7 +66,7 @@ class _Sliding(CompiledNode):
 
     def notes(self) -> list[str]:
         """Also a note, once, that the finger does not rest."""
-        if hasattr(self, "own") and self.own["rest"][unrest.WORST] > 0.0:
+        if hasattr(self, "own") and self.own["rest"]["worst"] > 0.0:
             seconds = unrest.WINDOW * unrest.LONG
             self._note_once(
                 f"{type(self).__name__}: the finger does not rest: its friction oscillates by more than "

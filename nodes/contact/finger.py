@@ -6,7 +6,7 @@ from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.nodes.base.absence import FALL
 from palpate.physics.bodies.place_energy import bounded, on_hand
-from palpate.physics.contact.end_rate import AHEAD, AT_REST, COURSE, advance
+from palpate.physics.contact.end_rate import COURSE, advance
 from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
 
 FAR = 2e-3  # [m] distance beyond which an idle contact sleeps; at 1 kHz and 2 m/s it wakes one step before contact
@@ -25,7 +25,7 @@ FINGER = {
     "heard": (7,), "hears": bool,  # law, step and relaxation of the body's last message; whether it has sent one
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
     "sampled": int,  # [ns] time of the last sample of the approach; -1: unknown
-    "course": (COURSE,),  # of the compression (`physics.contact.end_rate`)
+    "course": COURSE,  # of the compression (`physics.contact.end_rate`)
     "aside": (3,),  # tangential over normal force [1]
     "deepest": (3,), "deepest_time": int,  # greatest compression [m], force [N] then; time [ns]
 }  # fmt: skip
@@ -34,8 +34,8 @@ FINGER = {
 
 def begin(finger) -> None:
     """The state before the first step."""
-    finger["in_step"], finger["usual"], finger["deepest_time"], finger["course"] = True, math.inf, -1, AT_REST
-    finger["sampled"] = -1
+    finger["in_step"], finger["usual"], finger["deepest_time"], finger["sampled"] = True, math.inf, -1, -1
+    finger["course"]["ahead"] = 1.0
 
 
 @kernel
@@ -144,7 +144,7 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
 @kernel
 def start_of(finger):
     """Compression [m] at the start of the step, from which a step of second order begins."""
-    return finger.course[AHEAD] * finger.compression
+    return finger.course.ahead * finger.compression
 
 
 @kernel(error_model="numpy")

@@ -6,25 +6,26 @@ from palpate.nodes.base import ARRAY
 from palpate.nodes.base.contacts import send_laws
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import condensed_body as condensed
-from palpate.physics.bodies.condensed_step import DEEP, RADIUS, WIDE
+from palpate.physics.bodies.condensed_step import excesses
 from palpate.physics.bodies.patch import add_pressure
 
 PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; work array; [Pa]
 
 
 @kernel(error_model="numpy")
-def caution_once(own, numbers):
+def caution_once(own, contacts):
     """Store each new cause of extrapolation for a note, as in `ReducedFE.State`."""
     for cause in range(len(own.cautions)):
         known, worst, contact = False, 0.0, 0
         for k in range(own.causes):
             known = known or own.cautions[k, 0] == cause
-        for c in range(len(numbers)):
-            if numbers[c, DEEP + cause] > worst:
-                worst, contact = numbers[c, DEEP + cause], c
+        for c in range(len(contacts)):
+            excess = excesses(contacts[c])[cause]
+            if excess > worst:
+                worst, contact = excess, c
         if worst > 0.0 and not known:
             row = own.cautions[own.causes]
-            row[0], row[1], row[2], row[3] = cause, worst, numbers[contact, RADIUS], numbers[contact, WIDE]
+            row[0], row[1], row[2], row[3] = cause, worst, contacts[contact].radius, contacts[contact].wide
             own.causes += 1
 
 

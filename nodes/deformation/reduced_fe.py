@@ -24,7 +24,6 @@ from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies import sampled_body as sampled
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody, Start, condensed_body, under
-from palpate.physics.bodies.condensed_step import COURSE
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.place_energy import softness
@@ -187,12 +186,12 @@ class ReducedFE(CompiledNode, WithNodule):
         for i in range(load.count):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
-            arrive(body.numbers[i, COURSE], each.tick if own.second_order else -1)
+            arrive(body.contacts[i].course, each.tick if own.second_order else -1)
             condensed.bear(body, i, nodes, forces, vector(each.foot), vector(each.normal), dt)
         condensed.answer(body, floats(own.laws), dt)
         own.beyond = condensed.extrapolation(body)
         if own.beyond > 0.0:
-            caution_once(own, body.numbers)
+            caution_once(own, body.contacts)
         if own.slope:
             along_the_surface(own, body, load, out)
         if own.energy:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -72,24 +73,24 @@ def build_for_each(
             report(str(error))
 
 
+@functools.cache
+def depends(path: str) -> bool:
+    """Whether a basis may depend on a path of an override."""
+    from palpate.nodes.deformation.reduced_fe import BUILT_FROM, NODULE
+
+    parts = path.split(".")
+    return parts[-1] in {"use", *BUILT_FROM, *NODULE} or any(part in PARTS for part in parts)
+
+
 def _depends(graph: Graph, paths: Iterable[str]) -> Callable[[str], bool]:
     """Whether a basis of this graph, or of one that differs in the values of these paths, depends on a path. Place and
     turn of an organ matter only with a nodule."""
-    from palpate.nodes.deformation.reduced_fe import BUILT_FROM, NODULE
-
     bodies = [spec for spec in graph.nodes.values() if hasattr(spec.cls, "bases")]
     if not bodies and not any(path.endswith(".use") for path in paths):
         return lambda path: False
-    ends, moves = {"use", *BUILT_FROM, *NODULE}, {"position", "rotation"}
-    nodule = any("nodule" in path for path in paths) or any(body.settings.get("nodule_radius") for body in bodies)
-
-    def depends(path: str) -> bool:
-        parts = path.split(".")
-        if parts[-1] in moves and bodies and not nodule:
-            return False
-        return parts[-1] in ends or any(part in PARTS for part in parts)
-
-    return depends
+    if not bodies or any("nodule" in path for path in paths) or any(b.settings.get("nodule_radius") for b in bodies):
+        return depends
+    return lambda path: path.split(".")[-1] not in ("position", "rotation") and depends(path)
 
 
 def _missing(graph: Graph) -> list[Any]:

@@ -54,12 +54,12 @@ def joint_profile() -> np.ndarray:
 
 
 @kernel
-def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, room, cross, coupling, slope, dt):
-    """Coupling between contacts, and large displacement: updates `numbers`, and fills the compliances between patches
+def joint_answer(model, profile, fields, marks, contacts, counts, normals, feet, room, cross, coupling, slope, dt):
+    """Coupling between contacts, and large displacement: updates `contacts`, and fills the compliances between patches
     `cross` [m/N] (c,c), with a zero diagonal, `coupling` [1] (c,c), see `physics.contact.joint`, and `slope` [N] (c,3),
     the tangential energy gradient at each contact due to the others.
 
-    fields (c,F,V,3), marks (c,3,V), numbers (c,N), counts (c,3): of each contact, see `condensed_step`; the third count
+    fields (c,F,V,3), marks (c,3,V), contacts (c), counts (c,3): of each contact, see `condensed_step`; the third count
                                                                   is filled
     room   (c,4,V) of each contact: list of its loaded and touched vertices, shares of the patch, two workspaces
     """
@@ -81,40 +81,40 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
                 held += 1
         counts[i, 2] = held
     # compliances between patches, indentation and gradient due to the others
-    lost = _sticking(model, profile, marks, numbers, counts, normals, feet, room)
+    lost = _sticking(model, profile, marks, contacts, counts, normals, feet, room)
     for i in range(many):
         for j in range(i):
-            _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope, lost)
+            _pair(i, j, model, profile, fields, marks, contacts, counts, normals, feet, room, cross, aside, slope, lost)
     # large displacement at the effective forces; tau is the square of `scale`
     take = dt / (dt + model.retardation)
     for i in range(many):
-        self_compliance = max(numbers[i, step.OWN], 1e-300)
+        self_compliance = max(contacts[i].self_compliance, 1e-300)
         for j in range(many):
-            others[i] += cross[i, j] * numbers[j, step.TOTAL] / self_compliance
+            others[i] += cross[i, j] * contacts[j].total / self_compliance
     for i in range(many):
-        step.add_others(model, dt, numbers[i], aside[i, 0], aside[i, 1], others[i])
-        tau = max(numbers[i, step.COMPLIANCE], 1e-300) / (take * max(numbers[i, step.OWN], 1e-300))
+        step.add_others(model, dt, contacts[i], aside[i, 0], aside[i, 1], others[i])
+        tau = max(contacts[i].compliance, 1e-300) / (take * max(contacts[i].self_compliance, 1e-300))
         scale[i] = np.sqrt(tau)
         if len(model.area.forces) > 0:  # growth of the contact is local: the others indent it as a linear organ
             others[i], scale[i] = others[i] / tau, min(scale[i], 1.0)
     # laws: free indentation without the forces of the others, which act through the coupling
     for i in range(many):
-        compliance = max(numbers[i, step.COMPLIANCE], 1e-300)
-        numbers[i, step.FREE] += numbers[i, step.COMPLIANCE] * others[i]
+        compliance = max(contacts[i].compliance, 1e-300)
+        contacts[i].free += contacts[i].compliance * others[i]
         for j in range(many):
             joined = take * cross[i, j] * scale[i] * scale[j]
-            numbers[i, step.FREE] -= joined * numbers[j, step.TOTAL]
-            coupling[i, j] = joined / (compliance + numbers[i, step.RUBS])
+            contacts[i].free -= joined * contacts[j].total
+            coupling[i, j] = joined / (compliance + contacts[i].rubs)
         coupling[i, i] = 1.0
-        step.with_friction(numbers[i])
+        step.with_friction(contacts[i])
         for x in range(3):
-            slope[i, x] *= numbers[i, step.TOTAL]
+            slope[i, x] *= contacts[i].total
 
 
 @kernel
-def _between(i, j, profile, numbers, feet, hats):
+def _between(i, j, profile, contacts, feet, hats):
     """Mean 1/r [1/m] between two true patches minus that of the hat functions; derivative over the distance [1/m³]."""
-    radius = np.sqrt(0.5 * (numbers[i, step.RADIUS] ** 2 + numbers[j, step.RADIUS] ** 2))
+    radius = np.sqrt(0.5 * (contacts[i].radius ** 2 + contacts[j].radius ** 2))
     away = 0.0
     for x in range(3):
         away += (feet[i, x] - feet[j, x]) ** 2
@@ -124,7 +124,7 @@ def _between(i, j, profile, numbers, feet, hats):
 
 
 @kernel
-def _sticking(model, profile, marks, numbers, counts, normals, feet, room):
+def _sticking(model, profile, marks, contacts, counts, normals, feet, room):
     """Reduction [m/N] (c,c) of the compliances between patches because they stick, for a modulus of 1 Pa; its diagonal
     is zero, as c_ii includes it. 0 if patches slide."""
     many, compliance, true = len(counts), model.compliance, model.true
@@ -132,7 +132,7 @@ def _sticking(model, profile, marks, numbers, counts, normals, feet, room):
     if not true.sticks:
         return lost
     for i in range(many):
-        _holding(numbers[i], normals[i], held[i])
+        _holding(contacts[i].holds, normals[i], held[i])
         for j in range(i):
             # g_i.C g_j, in C_tt with the correction
             block[:] = 0.0
@@ -145,7 +145,7 @@ def _sticking(model, profile, marks, numbers, counts, normals, feet, room):
                         for y in range(3):
                             block[x, y] += both * compliance[3 * v + x, 3 * b + y]
             hats = _hats(i, j, true.table, marks, counts, room)
-            more = true.tangential * true.normal * _between(i, j, profile, numbers, feet, hats)[0]
+            more = true.tangential * true.normal * _between(i, j, profile, contacts, feet, hats)[0]
             total = 0.0
             for x in range(3):
                 total += held[i, x] * more * held[j, x]
@@ -157,10 +157,10 @@ def _sticking(model, profile, marks, numbers, counts, normals, feet, room):
 
 
 @kernel
-def _holding(numbers, normal, held):
+def _holding(holds, normal, held):
     """Fill the tangential force [1] (3) that holds a patch under a unit normal force."""
-    a, b, d = numbers[step.HOLD], numbers[step.HOLD + 1], numbers[step.HOLD + 3]
-    y, z = numbers[step.HOLD + 4], numbers[step.HOLD + 5]
+    a, b, d = holds.own[0, 0], holds.own[0, 1], holds.own[1, 1]
+    y, z = holds.cross[0], holds.cross[1]
     det = a * d - b * b
     held[:] = 0.0
     if det > 0.0:
@@ -171,7 +171,7 @@ def _holding(numbers, normal, held):
 
 
 @kernel
-def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope, lost):
+def _pair(i, j, model, profile, fields, marks, contacts, counts, normals, feet, room, cross, aside, slope, lost):
     """Fill c_ij in `cross`, and add a_ij to `aside` and its gradient to `slope`, for both contacts, see `joint_answer`.
 
     C is read once for both directions. `lost`: of `_sticking`.
@@ -202,15 +202,15 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
     if len(true.table) > 0:
         hats = _hats(i, j, true.table, marks, counts, room)
         _hats(j, i, true.table, marks, counts, room)
-        more, change = _between(i, j, profile, numbers, feet, hats)
+        more, change = _between(i, j, profile, contacts, feet, hats)
     more = facing * more - lost[i, j]
     both += more
-    most = np.sqrt(max(numbers[i, step.OWN] * numbers[j, step.OWN], 0.0)) * young
+    most = np.sqrt(max(contacts[i].self_compliance * contacts[j].self_compliance, 0.0)) * young
     share = (most / abs(both) if abs(both) > most else 1.0) / young
     cross[i, j] = cross[j, i] = share * both
     # indentation a_ij and its gradient, without the part along the normal
     for a, b in ((i, j), (j, i)):
-        press = numbers[b, step.PRESS]
+        press = contacts[b].press
         done = more * press
         out = 0.0
         for k in range(counts[a, 1]):
@@ -226,14 +226,14 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
             out += slope[a, x] * normals[a, x]
         for x in range(3):
             slope[a, x] -= out * normals[a, x]
-        _add_indentation(aside[a], share * done, numbers[b])
+        _add_indentation(aside[a], share * done, contacts[b])
 
 
 @kernel
-def _add_indentation(aside, indentation, numbers):
-    """Add the indentation [m] due to the history of the contact with these `numbers`, see `add_others`."""
+def _add_indentation(aside, indentation, contact):
+    """Add the indentation [m] due to the history of a contact, see `add_others`."""
     aside[0] += indentation
-    aside[1] += indentation * numbers[step.AHEAD]
+    aside[1] += indentation * contact.course.ahead
 
 
 @kernel
