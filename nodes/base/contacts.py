@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, lend
 from palpate.messages import Load, Surface
 from palpate.nodes.base.compiled import TABLE, CompiledNode
+from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.node import Node, inputs
 
 SEVERAL = {"laws": TABLE, "slopes": TABLE, "coupling": TABLE}

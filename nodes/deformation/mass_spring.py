@@ -9,11 +9,11 @@ import scipy  # imports its slow submodules at their first use
 
 from palpate.compiler.exact import exp, log, row_times
 from palpate.compiler.fields import blank_record, element_type
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.nodes.deformation.reduced_fe import ReducedFE
@@ -178,7 +178,7 @@ class MassSpring(CompiledNode, WithNodule):
                 return False
         return out.delayed == oldest(load)
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         # normal forces, and coupling of overlapping patches
         laws, coupling, forces, acting = floats(own.laws), floats(own.coupling), floats(own.forces), floats(own.acting)
