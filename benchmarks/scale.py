@@ -3,7 +3,7 @@
     python benchmarks/scale.py [--lanes 1000 10000 100000] [--million] [--bodies MassSpring ReducedFE] [--duration 0.2]
     python benchmarks/scale.py --study [--points 200]
 
-Each ensemble presses on the kidney in a process of its own, writes the contact force of each 10th tick to a zarr store,
+Each ensemble presses on the kidney in a separate process, writes the contact force of each 10th tick to a zarr store,
 and prints processor time and wall time for each touch, and the largest resident memory. The first line is one touch by
 `palpate.run`, with a recording. `--study` computes a study on this machine, on a Dask cluster of four workers with TLS,
 and again while one of them is killed, and compares the bytes of the results.
@@ -53,9 +53,7 @@ def ensembles(given: argparse.Namespace) -> None:
     counts = [0, *given.lanes, *([MILLION] if given.million else [])]
     print(f"kidney, touches of {given.duration:g} s at 1 kHz; load average {os.getloadavg()[0]:.1f} on "
           f"{len(os.sched_getaffinity(0))} cores")  # fmt: skip
-    print(
-        f"{'body':<12}{'touches':>9}{'wall':>10}{'processor time':>16}{'a touch':>11}{'a million':>11}{'peak memory':>13}"
-    )
+    print("body          touches      wall  processor time    a touch  a million  peak memory")
     for body in given.bodies:
         for lanes in counts:
             with tempfile.TemporaryDirectory() as folder:
