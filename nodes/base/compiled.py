@@ -30,27 +30,11 @@ import numpy as np
 from palpate.compiler.fields import field_list
 from palpate.messages import Message, MessageError
 from palpate.messages.record import KINDS, ROOM, array_handle, blank, layout, reader, writer
-from palpate.nodes.base.effect import Effect
+from palpate.nodes.base.effect import Part
 from palpate.nodes.base.node import OUT, Node, Port, inputs, outputs, settings
 
 ARRAY, TABLE = array_handle(1), array_handle(2)
 """Types of fields of a state: an array with one or two axes, set by `CompiledNode.hold`."""
-
-
-class Part:
-    """Part of a compiled node that is computed only if one of `fields` is read; `own.NAME` is its flag in the kernel.
-
-    effect  name of its effect
-    about   description, one sentence
-    also    fields of other effects that need it
-    """
-
-    def __init__(self, effect: str, *fields: str, about: str, also: tuple[str, ...] = ()) -> None:
-        self.part = Effect(effect, "part", fields, about=about, also=also)
-
-    def wanted(self, node: Node) -> bool:
-        """Whether one of its fields is read."""
-        return node.wanted is None or not node.wanted.isdisjoint((*self.part.fields, *self.part.also))
 
 
 class CompiledNode(Node):

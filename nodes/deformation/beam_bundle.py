@@ -42,7 +42,8 @@ class BeamBundle(CompiledNode, WithNodule):
     relaxations: Annotated[Vector, "s", Switch("relaxation"), OF_TISSUE] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3  # Of the patch of the terminal law before the first load
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    """Of the patch of the terminal law before the first load: that of `spread.Kernel`."""
 
     shape = Part(
         "shape", "nodes", "displacement", also=("pressure",), about="The vertices of the surface that are displaced."
