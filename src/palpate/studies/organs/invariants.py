@@ -5,10 +5,10 @@ A score is a value over its bound: above 1 the invariant is broken.
 force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e, approach rate v and
          speed of the finger along the surface u of the last 60 ms (`reference`). At rest it is the quasi-static force
          of the depth. v is a mean over 2 ms, along the normal or towards the point of the surface that is nearest now:
-         a finger that slides into a wall approaches it at its own speed. A patch that rolls over a rim indents another
+         a finger that slides into a wall approaches it at its speed. A patch that rolls over a rim indents another
          face, whose tissue has not yielded: its rate e (omega - u/8 mm), omega the turn of the normal, counts for a
          body with a memory of the place. Under two fingers e and v are those to the surface that the other finger
-         lifts, by at most 1.2 x its own force by this law.
+         lifts, by at most 1.2 x its force by this law.
 hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv + v w/R + v at the first contact)
          + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + (f - f_0) W/2 ms + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
@@ -116,7 +116,7 @@ def force(trace: Trace) -> Score:
 
 
 def _motion(trace: Trace, ticks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Path [m], change of velocity and speed [m/s] of the finger (T) within so many ticks and two before."""
+    """Path [m], change of velocity and speed [m/s] of the finger (T) within this number of ticks and two before."""
     p, v = trace["finger.position"], trace["finger.velocity"]
     path = np.concatenate([[0.0], np.cumsum(length(np.diff(p, axis=0)))])
     back = np.maximum(np.arange(len(p)) - ticks - 2, 0)
