@@ -1,7 +1,7 @@
 """The mass-spring body (docs/equations/mass-spring.md)."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -12,7 +12,7 @@ from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
-from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
@@ -142,6 +142,9 @@ class MassSpring(CompiledNode, WithNodule):
             )
         return super().notes()
 
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        return vertex_error(self.surface, len(self.mesh().vertices), messages[0])
+
     def bases(self) -> list[ReducedFE]:
         """The bodies whose bases this node reads."""
         return [] if self.stiffness_map == "uniform" else [self._reference()]
@@ -180,6 +183,9 @@ class MassSpring(CompiledNode, WithNodule):
 
     @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
+        if unknown_vertex(load, own.thick.shape[0]):
+            own.fault = NO_VERTEX
+            return
         # normal forces, and coupling of overlapping patches
         laws, coupling, forces, acting = floats(own.laws), floats(own.coupling), floats(own.forces), floats(own.acting)
         several = load.count > 1

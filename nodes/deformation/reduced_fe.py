@@ -11,7 +11,7 @@ from palpate.compiler.exact import exp, product
 from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import CompiledNode, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import SEVERAL, make_room
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, unknown_vertex, vertex_error
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.node import once_per_class
 from palpate.nodes.base.nodule import WithNodule
@@ -185,6 +185,9 @@ class ReducedFE(CompiledNode, WithNodule):
     @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         body = _condensed_of(own.body)
+        if unknown_vertex(load, len(body.fine.nodes)):
+            own.fault = NO_VERTEX
+            return
         for i in range(load.count):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
@@ -206,6 +209,9 @@ class ReducedFE(CompiledNode, WithNodule):
         for cause, *found in self.own["cautions"][: self.own["causes"]] if hasattr(self, "own") else ():
             self._note_once(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
         return super().notes()
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        return vertex_error(self.surface, len(self.mesh().vertices), messages[0])
 
     def _apart(self) -> np.ndarray | None:
         """Distance [m] (V,) of each vertex of the basis to the nearest change of modulus; None: homogeneous."""
@@ -376,6 +382,9 @@ class _Sampled:
     @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         body = _sampled_of(own.body)
+        if unknown_vertex(load, len(body.fine.nodes)):
+            own.fault = NO_VERTEX
+            return
         for i in range(load.count):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
