@@ -1,7 +1,6 @@
 """Runs many lanes (`engine/lanes.py`) of a graph file in parallel in this process, on simulated time."""
 
 import math
-import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.faults import GraphError, Location
 from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
@@ -294,7 +294,7 @@ class LaneRun:
                         block = adapted(block, took)
                     now = reached
 
-        count = min(threads or len(os.sched_getaffinity(0)), self.lanes.count)
+        count = min(threads or len(usable_cores()), self.lanes.count)
         pool = LaneThreads(count)
         try:
             pool.run([work] * count, lambda: done(ran[0]))

@@ -5,7 +5,6 @@ network therefore cannot send work to them.
 """
 
 import contextlib
-import os
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -14,6 +13,7 @@ from itertools import islice
 from multiprocessing import Pipe
 from pathlib import Path
 
+from palpate.compiler.cores import usable_cores
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 from palpate.studies.sweeps.runner import Runner
@@ -53,7 +53,7 @@ class Pool:
 
 def cores() -> int:
     """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    return len(usable_cores())
 
 
 @contextlib.contextmanager
