@@ -34,6 +34,7 @@ def main():
 
     import palpate
     from palpate.gym.touch import Touch
+    from palpate.gym.vector import VectorTouch
     from palpate.models.fit.curve_fit import fit_curve
     from palpate.models.fit.tissue import fit  # noqa: F401
     from palpate.physics.contact.force_models import MODELS
@@ -66,13 +67,15 @@ def main():
         assert all(path.stat().st_size > 0 for path in export(recording, form))
     ensemble = palpate.Ensemble(sys.argv[1], lanes=2, over={"tissue.stiffness": [2e3, 4e3]}, duration=0.05)
     assert ensemble.run(quiet=True)["contact.force"].shape[0] == 2
-    vector = TouchVec(2, sys.argv[1], duration=1.0, threads=2)
+    vector = VectorTouch(Touch, 2, graph=sys.argv[1], duration=1.0)
     vector.reset(seed=1)
     vector.step(np.tile(np.array([0.0, 0.0, -0.03], np.float32), (2, 1)))
     vector.close()
     crlf = folder / "graph file.yaml"
     crlf.write_bytes(f"extends: {Path(sys.argv[1]).resolve()}\n".replace("\n", "\r\n").encode())
-    assert palpate.run(crlf, record=folder / "second.mcap", duration=0.12).contact.force.max() == run.contact.force.max()
+    assert (
+        palpate.run(crlf, record=folder / "second.mcap", duration=0.12).contact.force.max() == run.contact.force.max()
+    )
     names = [path.name.casefold() for path in folder.rglob("*")]
     assert len(names) == len(set(names)), "two files of a folder differ only in case"
     page = Reels([run.path])
