@@ -5,6 +5,7 @@ import math
 import os
 import socket
 import stat
+import sys
 from typing import Annotated
 
 import msgspec
@@ -49,6 +50,8 @@ class Pointer(Node):
 
     def start(self) -> None:
         self.stop()
+        if not hasattr(socket, "AF_UNIX"):
+            raise SettingError(f"setting 'socket': found {sys.platform} without Unix sockets, expected Linux or macOS")
         self.last = PointerSample(0, self.begin)
         self.foreign = self.reported = 0
         try:
