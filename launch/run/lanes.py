@@ -29,8 +29,6 @@ from palpate.nodes.base import CompiledNode
 from palpate.nodes.logger import Mcap
 from palpate.physics.errors import ArgumentError, PalpateError
 
-KNOWN = 256  # Maximum number of loaded graphs that a `Preparation` keeps
-
 
 @dataclass(frozen=True)
 class Prepared:
