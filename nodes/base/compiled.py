@@ -228,7 +228,7 @@ class Records:
         kind = type(node)
         ports = inputs(kind)
         self._fill = [[_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)]
-        self._ports = [_gathered(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
+        self._ports = [_port_argument(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
         self._out = [blank(output) for output in outputs(kind)]
         for out in self._out:
             out["tick"] = out["time"] = -1
@@ -279,7 +279,7 @@ def _inlet(port: Port) -> tuple[Any, Any, np.ndarray]:
     return writer(port.type, port.wants), one.view(np.uint8).data, one["there"]
 
 
-def _gathered(port: Port, fill: list[Any]) -> np.ndarray:
+def _port_argument(port: Port, fill: list[Any]) -> np.ndarray:
     """The kernel's argument for a port."""
     records = [there.base for _, _, there in fill]
     if not port.many:

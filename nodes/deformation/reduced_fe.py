@@ -110,7 +110,7 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def __new__(cls, **given: Any) -> "ReducedFE":
         sampled = given.get("model", cls.model) == "sampled"
-        return super().__new__(_sampled(cls) if sampled else cls)
+        return super().__new__(_sampled_class(cls) if sampled else cls)
 
     def start(self) -> None:
         super().start()
@@ -153,7 +153,7 @@ class ReducedFE(CompiledNode, WithNodule):
     def _made(self, basis: Basis | None = None) -> Any:
         """The part of the body that is independent of the number of contacts."""
         placed, given = self._placed(basis)
-        assert isinstance(placed, Basis)  # `_sampled` has its `_made`
+        assert isinstance(placed, Basis)  # `_sampled_class` has its `_made`
         large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
@@ -396,7 +396,7 @@ class _Sampled:
 
 
 @once_per_class
-def _sampled(kind: type[ReducedFE]) -> type[ReducedFE]:
+def _sampled_class(kind: type[ReducedFE]) -> type[ReducedFE]:
     """The node class of the sampled model."""
     return (
         kind if issubclass(kind, _Sampled) else type(kind.__name__, (_Sampled, kind), {"__module__": kind.__module__})

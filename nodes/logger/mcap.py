@@ -223,12 +223,12 @@ class Mcap(Observer):
             return  # a late message of a dead predecessor
         if message.since > since:
             self._since[node] = message.since
-            self._restarted(node, message.since, message.steps)
+            self._record_restart(node, message.since, message.steps)
         self._steps[node] = message.steps
         if message.median > 0.0:  # not in a replay
             self._times[node] = {"steps": message.steps, "median": message.median, "p99": message.p99}
 
-    def _restarted(self, node: str, since: int, steps: int) -> None:
+    def _record_restart(self, node: str, since: int, steps: int) -> None:
         """Record the tick `since` at which a node restarted with a new state, so that a replay restarts it there.
 
         Messages of the restarted node may arrive before its health, which takes another path. Their number is counted

@@ -78,7 +78,7 @@ class Ensemble:
         points = ({path: values[lane] for path, values in self.over.items()} for lane in several)
         build_for_each(lambda values: with_values(launch, values, 0), points, not sys.stderr.isatty())
         self._units = {path: unit for path in self.over if (unit := _unit(path, base))}
-        self._keep = [_kept(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
+        self._keep = [_kept_field(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
         if not self._keep:
             raise ArgumentError("keep: found nothing, expected a list such as ['contact.force']")
         self.rate = base.rate
@@ -309,7 +309,7 @@ def _each(path: str, given: Any, lanes: int) -> list[Any]:
     return [value.tolist() if isinstance(value, np.ndarray | np.generic) else value for value in plain]
 
 
-def _kept(text: str, graph: Graph) -> tuple[str, Field]:
+def _kept_field(text: str, graph: Graph) -> tuple[str, Field]:
     """The stream and the field of "stream.field". ArgumentError: it does not exist, or its size varies."""
     stream, _, name = str(text).rpartition(".")
     if stream not in graph.streams:

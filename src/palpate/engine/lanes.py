@@ -54,10 +54,10 @@ class NodeImage:
                 private[path] = array
         # The image: the record, then the memory of the private arrays without overlaps.
         spans = _spans([array for array in private.values() if array.nbytes])
-        at, places = _aligned(record.nbytes), list[int]()
+        at, places = _align_size(record.nbytes), list[int]()
         for begin, end in spans:
             places.append(at)
-            at += _aligned(end - begin)
+            at += _align_size(end - begin)
         self.size = at
         image = np.zeros(-(-at // PAGE) * PAGE, np.uint8)
         image[: record.nbytes] = record.view(np.uint8)
@@ -117,8 +117,8 @@ class Lanes:
         """
         arrays = [array for array in self.segment.tables() if array.nbytes]
         records = [slot.node._record for slot in self.segment.slots]  # type: ignore[attr-defined]
-        places = np.cumsum([0, *(_aligned(array.nbytes, WORD) for array in arrays)])
-        image = np.zeros(_aligned(int(places[-1])), np.uint8)
+        places = np.cumsum([0, *(_align_size(array.nbytes, WORD) for array in arrays)])
+        image = np.zeros(_align_size(int(places[-1])), np.uint8)
         for place, array in zip(places.tolist(), arrays, strict=False):
             image[place : place + array.nbytes] = array.view(np.uint8).ravel()
         words, self._image = image.view(np.int64), image
@@ -178,7 +178,7 @@ class Lanes:
         are written, and all others share pages."""
         sizes = np.array([node.size for node in nodes])
         order = np.argsort(sizes, kind="stable")
-        ends = len(self._image) + np.cumsum([_aligned(size) for size in sizes[order].tolist()])
+        ends = len(self._image) + np.cumsum([_align_size(size) for size in sizes[order].tolist()])
         parts = np.empty(len(nodes), np.int64)
         parts[order] = [len(self._image), *ends[:-1]]
         return parts, int(ends[-1])
@@ -273,5 +273,5 @@ def _offset(dtype: np.dtype, path: str) -> int:
     return at
 
 
-def _aligned(size: int, unit: int = LINE) -> int:
+def _align_size(size: int, unit: int = LINE) -> int:
     return -(-size // unit) * unit

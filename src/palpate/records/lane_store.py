@@ -64,7 +64,7 @@ class LaneStore:
         self._lock = lock
         try:
             if (path / STORE).exists():
-                self._group = self._opened(zarr, identity)
+                self._group = self._open_store(zarr, identity)
             else:
                 self._group = zarr.create_group(path)
                 self._create(lanes, time, settings)
@@ -75,7 +75,7 @@ class LaneStore:
             self.close()
             raise
 
-    def _opened(self, zarr: Any, identity: str) -> Any:
+    def _open_store(self, zarr: Any, identity: str) -> Any:
         try:
             group = zarr.open_group(self.path, mode="r+")
             kept = group.attrs["identity"]

@@ -38,14 +38,14 @@ class PressReader:
     def __call__(self, file: Path) -> list[MeasuredPress]:
         """All presses of a file. SessionError, RecordingError: the file is faulty."""
         if file.suffix == ".mcap":
-            return [self._recorded(file)]
+            return [self._read_press(file)]
         return read_presses(file, self.names, self.units, convert, self.dialect)
 
     def probes(self, file: Path) -> Probes | None:
         """The sparse probes of a file; None: few presses, or many rows in each. SessionError: the file is faulty."""
         return None if file.suffix == ".mcap" else read_probes(file, self.names, self.units, convert, self.dialect)
 
-    def _recorded(self, file: Path) -> MeasuredPress:
+    def _read_press(self, file: Path) -> MeasuredPress:
         recording = Recording(file)
         contacts, poses = ([s for s, c in recording.streams.items() if c.type is kind] for kind in (Contact, Pose))
         if len(contacts) != 1 or len(poses) > 1:

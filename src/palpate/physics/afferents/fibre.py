@@ -89,7 +89,7 @@ def _noise(key, sample):
 
 
 @kernel
-def _weighed(x, positive, negative):
+def _weighted_input(x, positive, negative):
     return positive * x if x >= 0.0 else -negative * x
 
 
@@ -121,7 +121,9 @@ def advance(row, state, since, basis, key, sample, count, first, stride, target,
         m += row[19] * (y - m)
         static = max(y - row[20] * m, min(y, 0.0))
         current = (
-            _weighed(static, row[7], row[8]) + _weighed(speed, row[9], row[10]) + _weighed(speed - d, row[11], row[12])
+            _weighted_input(static, row[7], row[8])
+            + _weighted_input(speed, row[9], row[10])
+            + _weighted_input(speed - d, row[11], row[12])
         )
         s, d = y, speed
         current += row[15] * _noise(key, sample + k)

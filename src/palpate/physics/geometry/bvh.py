@@ -155,7 +155,7 @@ def _discs(vertices, triangles, leaves, discs):
             for part in range(node * step, node * step + step):
                 if sums[part, 6] == 0.0:
                     continue
-                along, across, cosine = _seen(discs[part], discs[node])
+                along, across, cosine = _relative_disc(discs[part], discs[node])
                 sine = np.sqrt(max(1.0 - cosine * cosine, 0.0))
                 reach = discs[part, 6] * sine + discs[part, 7] * cosine
                 low, high = min(low, along - reach), max(high, along + reach)
@@ -210,7 +210,7 @@ def _corner(x, disc):
 
 
 @kernel
-def _seen(part, disc):
+def _relative_disc(part, disc):
     """Centre of a disc relative to another: along its axis, distance from it, and the cosine between both axes."""
     along, across = _corner(part, disc)
     return along, across, abs(part[3] * disc[3] + part[4] * disc[4] + part[5] * disc[5])

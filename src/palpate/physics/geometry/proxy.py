@@ -76,7 +76,7 @@ def memory(points: np.ndarray, border: bool = False, thickness: float = 0.0) -> 
 
 
 @kernel
-def _moved(p, memory):
+def _tool_motion(p, memory):
     """Motion of the tool since the last step [m]; inf at the first step and after a jump."""
     square = 0.0
     for k in range(3):
@@ -94,7 +94,7 @@ def _at_border(p, along, foot):
 
 
 @kernel
-def _turned(foot, memory):
+def _tool_turn(foot, memory):
     along = foot[3] * memory[NORMAL] + foot[4] * memory[NORMAL + 1] + foot[5] * memory[NORMAL + 2]
     return along < TURNED
 
@@ -118,7 +118,7 @@ def _regular(foot, moved, p, memory):
         memory[INSIDE] = 0.0
         return True
     if memory[INSIDE] == 0.0:
-        turned = _turned(foot, memory)
+        turned = _tool_turn(foot, memory)
         if memory[GAP] > 0.0 and (foot[8] <= 0.0 or (turned and memory[GAP] <= moved)):
             memory[INSIDE] = 1.0
             return not turned
@@ -126,7 +126,7 @@ def _regular(foot, moved, p, memory):
     if _outside(p, foot, memory):
         memory[INSIDE] = 0.0
         return True
-    return foot[8] <= 0.0 and not _turned(foot, memory)
+    return foot[8] <= 0.0 and not _tool_turn(foot, memory)
 
 
 @kernel
@@ -207,15 +207,15 @@ def _end(p, moved, inside, exists, dt, foot, memory):
 
 
 @kernel
-def _limited(x):
+def _limit_motion(x):
     return min(max(x, -FAR), FAR)
 
 
 @kernel
 def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, memory, dt):
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`; dt [s]."""
-    p = (_limited(point[0]), _limited(point[1]), _limited(point[2]))
-    moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
+    p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
+    moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
     track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, foot)
     if memory[OPEN] == 1.0:
         along = 0.0
@@ -231,7 +231,7 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
         foot[0], foot[1], foot[2] = d[0, 0, 0], d[0, 0, 1], d[0, 0, 2]
         foot[3], foot[4], foot[5], foot[6], foot[7] = n0, n1, n2, u, v
         foot[8] = (p[0] - foot[0]) * n0 + (p[1] - foot[1]) * n1 + (p[2] - foot[2]) * n2
-        exists = not _turned(foot, memory)
+        exists = not _tool_turn(foot, memory)
         if (foot[8] if exists else _held_gap(p, memory)) > 0.0:
             memory[INSIDE], exists = 0.0, True
             for k in range(len(foot)):
@@ -248,8 +248,8 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
 def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, foot, memory, dt):
     """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`;
     dt [s]."""
-    p = (_limited(point[0]), _limited(point[1]), _limited(point[2]))
-    moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
+    p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
+    moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
     track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, foot)
     if memory[OPEN] == 1.0:
         _, v, w, place = _on_triangle(points, cells, work[0], p[0], p[1], p[2])
@@ -263,7 +263,7 @@ def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, fo
         foot[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], foot)
         normal_at(points, cells, t, v, w, foot)
         work[0], foot[6], foot[7] = t, v, w
-        exists = foot[8] <= 0.0 and not _turned(foot, memory)
+        exists = foot[8] <= 0.0 and not _tool_turn(foot, memory)
         if not exists and _held_gap(p, memory) > 0.0:
             memory[INSIDE], work[0], exists = 0.0, local, True
             for k in range(len(foot)):

@@ -34,11 +34,11 @@ def turned(touch: Touch, turn: Rotation) -> Touch:
     """The touch with organ and hand turned about the middle of the organ."""
     setting = touch.setting
     x, y, z = (turn * Rotation.from_rotvec(setting.rotation)).as_rotvec().tolist()
-    fingers = tuple(_turned(finger, turn) for finger in touch.fingers)
+    fingers = tuple(_turn_finger(finger, turn) for finger in touch.fingers)
     return Touch(replace(setting, rotation=(x, y, z)), fingers, touch.seed)
 
 
-def _turned(finger: Finger, turn: Rotation) -> Finger:
+def _turn_finger(finger: Finger, turn: Rotation) -> Finger:
     def moved(point: Sequence[float]) -> tuple[float, float, float]:
         x, y, z = turn.apply(point)
         return (float(x), float(y), float(z))

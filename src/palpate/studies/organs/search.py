@@ -204,7 +204,7 @@ def worsened(
     """
     best, rng, size, unused = start, np.random.default_rng(seed), 1.0, Results()
     for _ in range(rounds):
-        near = [touch for _ in range(4 * batch) if _reached(touch := varied(best.touch, size, rng))][:batch]
+        near = [touch for _ in range(4 * batch) if _is_reachable(touch := varied(best.touch, size, rng))][:batch]
         if not near:
             break
         try:
@@ -221,7 +221,7 @@ def worsened(
     return best
 
 
-def _reached(touch: Touch) -> bool:
+def _is_reachable(touch: Touch) -> bool:
     closest = touch.setting.closest()
     return all(reachable(f) and float(closest.find(np.array(f.begin))[3]) > 4.5e-3 for f in touch.fingers)
 

@@ -89,7 +89,7 @@ def analyse(folder: Path) -> list[Outcome]:
         about = {"LongName": "level", "Units": "1"}
         for path in tables(folder, task):
             dictionary = path.with_suffix(".json")
-            about |= _described(dictionary) if dictionary.exists() else {}
+            about |= _read_description(dictionary) if dictionary.exists() else {}
             for row in parse(_content(path))[0]:
                 groups.setdefault((row["block"], path.name.split("_")[0]), []).append(row)
         for name, block in experiment.blocks.items():
@@ -112,7 +112,7 @@ def _content(path: Path) -> bytes:
         raise ArgumentError(f"{path}: {error.strerror}; expected a file of `palpate experiment`") from None
 
 
-def _described(path: Path) -> dict[str, Any]:
+def _read_description(path: Path) -> dict[str, Any]:
     """The description of the column `level`. ArgumentError: the file is damaged."""
     try:
         return dict(json.loads(_content(path))["level"])
@@ -158,7 +158,7 @@ def outcome(
         fitted = fit(experiment.function, levels, greater, None, lapsing=True)
         jnd = fitted.spread.times(HALF[experiment.function])
         numbers = {"pse": fitted.threshold, "jnd": jnd, "weber fraction": jnd.times(1.0 / abs(reference))}
-        return _fitted(common, fitted, numbers, "judged greater", levels, greater, 1, reference)
+        return _fitted_numbers(common, fitted, numbers, "judged greater", levels, greater, 1, reference)
     sign = 1 if reference is not None or experiment.harder == "lower" else -1
     x = np.where(np.isfinite(levels), sign * levels if reference is None else np.abs(levels - reference), -np.inf)
     of, guess = ("correct", 0.5) if experiment.response == "2afc" else ("yes", None)
@@ -167,10 +167,10 @@ def outcome(
         numbers = {"threshold": fitted.threshold.times(sign)}
     else:
         numbers = {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}
-    return _fitted(common, fitted, numbers, of, x, hits, sign, reference)
+    return _fitted_numbers(common, fitted, numbers, of, x, hits, sign, reference)
 
 
-def _fitted(
+def _fitted_numbers(
     common: dict[str, Any], fitted: Fit, numbers: dict[str, IntervalEstimate], of: str, x: np.ndarray, hits: np.ndarray,
     sign: int, reference: float | None,
 ) -> Outcome:  # fmt: skip

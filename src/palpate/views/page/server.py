@@ -128,7 +128,7 @@ class PageServer:
                 for data in self.source.begin():
                     await connection.send(data)
                 async for text in connection:
-                    for data in await self._asked(connection, text):
+                    for data in await self._answer_page(connection, text):
                         await connection.send(data)
         finally:
             self._pages, self._left = self._pages - 1, time.monotonic()
@@ -141,7 +141,7 @@ class PageServer:
         self._renderers += more
         self.source.rate = RATE if self._renderers else type(self.source).rate
 
-    async def _asked(self, connection: ServerConnection, text: str | bytes) -> list[Any]:
+    async def _answer_page(self, connection: ServerConnection, text: str | bytes) -> list[Any]:
         """The answers to a page, in a thread, since reading a recording takes time."""
         try:
             async with self._order:

@@ -115,14 +115,14 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
 
 def touched(planned: Plan) -> Touched:
     """The part of a plan that a page shows and steers. PageError: no body with a mesh, or no pose of the finger."""
-    return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
+    return _part_shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
 
 
 def watched(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
     """The part of a plan that a page shows without steering it, or of its recording with these streams of each finger.
     PageError: no body with a mesh, or no contact."""
     needed = () if recorded else (Surface, Contact)
-    return _shown(planned, needed, Placement([ProcessGroup("loop", planned.order)]), recorded)
+    return _part_shown(planned, needed, Placement([ProcessGroup("loop", planned.order)]), recorded)
 
 
 def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
@@ -130,7 +130,7 @@ def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
     return {kind: finger[full_name(kind)] for kind in kinds if full_name(kind) in finger}
 
 
-def _shown(
+def _part_shown(
     planned: Plan, needed: tuple[type[Message], ...], place: Placement, recorded: Sequence[Finger] = ()
 ) -> Touched:
     nodes, found = planned.graph.nodes, recorded or fingers(*links_of_plan(planned))

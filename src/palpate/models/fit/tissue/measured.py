@@ -179,7 +179,7 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
     press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts and free, free, step=step)
-    return press if len(depth) <= MOST_ROWS else _thinned(press)
+    return press if len(depth) <= MOST_ROWS else _thin_press(press)
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:
@@ -196,7 +196,7 @@ def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:
     return float(slope), float(at), bool(2.0 * student.sf(abs(slope) / max(error, 1e-300), effective - 2.0) < SUSPECT)
 
 
-def _thinned(press: MeasuredPress) -> MeasuredPress:
+def _thin_press(press: MeasuredPress) -> MeasuredPress:
     """The press averaged over groups of neighbouring rows, at most `MOST_ROWS` groups."""
     many = -(-len(press.depth) // MOST_ROWS)
     count = len(press.depth) // many
