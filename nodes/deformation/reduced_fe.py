@@ -225,8 +225,12 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def nodule_centre(self) -> Vector3:
         """Centre of the nodule [m], in the frame of the surface, rounded to `GRID`."""
+        return self.in_its_frame(self.centre())
+
+    def in_its_frame(self, place: np.ndarray) -> Vector3:
+        """A place in the world [m] (3) in the frame of the surface, rounded to `GRID`."""
         turn, origin = self._placing()
-        x, y, z = (GRID * np.rint((self.centre() - origin) @ turn / GRID) + 0.0).tolist()  # no -0, another key
+        x, y, z = (GRID * np.rint((place - origin) @ turn / GRID) + 0.0).tolist()  # no -0, another key
         return x, y, z
 
     def _placing(self) -> tuple[np.ndarray, np.ndarray]:
@@ -333,10 +337,12 @@ class ReducedFE(CompiledNode, WithNodule):
         """Note the error of the basis of a file."""
         error = (basis_store.about(self._path) or {}).get("error") or {}
         if self.model != "sampled" and {"mean", "worst", "vertices"} <= error.keys():
+            at = [f"{1e3 * error[x]:.4g}" for x in "xyz" if x in error]  # older bases do not have it
+            where = f", near ({', '.join(at)}) mm in the file" if at else ""
             self._note_once(
                 f"ReducedFE: the basis of {_name(self.surface)} has {error['vertices']:.0f} vertices. Estimated error "
                 f"of the stiffness under a patch of {1e3 * self.radius:.3g} mm, from a basis of half as many: "
-                f"{error['mean']:.1%} on average, {error['worst']:.1%} at the worst place"
+                f"{error['mean']:.1%} on average, {error['worst']:.1%} at the worst place{where}"
             )
 
     def _nearest(self) -> str:

@@ -99,8 +99,8 @@ def built(node: ReducedFE, begin: Begin, check: bool = True) -> tuple[Basis | Sa
     """The basis and its errors [1] at held-out touches; {} without `check`.
 
     The error of the condensed basis of a file is estimated by the difference of its stiffness under a patch from that
-    of a basis with half the vertices, since the error is inversely proportional to their number. {} for built-in
-    surfaces.
+    of a basis with half the vertices, since the error is inversely proportional to their number; x, y, z [m]: the
+    worst place, in the surface's frame. {} for built-in surfaces.
     """
     if node.model == "sampled":
         return _sample_organ(node, begin, check)
@@ -111,7 +111,9 @@ def built(node: ReducedFE, begin: Begin, check: bool = True) -> tuple[Basis | Sa
     half = _condense_organ(node, begin, (reduced or count) // 2, "half the vertices, for the error: ")
     stiffness, rough = node.stiffness_field(basis)[0], node.stiffness_field(half)[0]
     off = np.abs(rough / stiffness - 1.0)
-    return basis, {"mean": float(off.mean()), "worst": float(off.max()), "vertices": len(basis.vertices)}
+    x, y, z = node.in_its_frame(node.mesh().vertices[int(np.argmax(off))])
+    found = {"mean": float(off.mean()), "worst": float(off.max()), "vertices": len(basis.vertices)}
+    return basis, found | {"x": x, "y": y, "z": z}
 
 
 def _condense_organ(node: ReducedFE, begin: Begin, vertices: int | None, what: str = "") -> Basis:

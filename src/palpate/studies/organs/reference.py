@@ -39,7 +39,9 @@ from palpate.physics.contact.series import elastic
 from palpate.studies.organs.runs import Traces
 
 LONG = 1e6  # [s] a step after which a body is at rest
-FORCES = np.geomspace(0.03, 60.0, 13)  # [N] at which the indentation of a body is computed; between them it is a power
+FORCES = np.concatenate([np.geomspace(0.03, 60.0, 13), np.geomspace(600.0, 6e5, 4)])
+"""[N] at which the indentation of a body is computed; between them it is a power. Beams end at the limit of their
+strain, so that a finger that is pushed on compresses only itself."""
 LONGEST = 50e-3  # [m] approach up to which forces are known
 MOST = 1e30  # [N]
 TOUCHING = 1e-6  # [N] of a finger that only marks a place
