@@ -4,10 +4,10 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.nodes.base.kernels import kernel
 from palpate.physics.device.falcon import FALCON, HOME, Geometry
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.tracking import TRACK, pose, pose_falcon

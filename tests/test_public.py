@@ -2,6 +2,9 @@
 
 import inspect
 import re
+import runpy
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -56,3 +59,25 @@ def test_the_reference_lists_the_public_names_only(monkeypatch):
     data = {name for name in palpate.physics.__all__ if not callable(getattr(palpate.physics, name))}
     assert sorted(found) == sorted(set(palpate.physics.__all__) - data)
     sys.modules.pop("python")
+
+
+EXAMPLE = ROOT / "docs" / "examples" / "public_api.py"
+
+
+def test_a_script_on_the_public_api_runs(tmp_path, monkeypatch, capsys):
+    gym()
+    monkeypatch.chdir(tmp_path)
+    script = runpy.run_path(str(EXAMPLE))
+    for part in ("touch", "many", "learn", "alone"):
+        script[part]()
+    assert "contact.force [N] 100" in capsys.readouterr().out
+
+
+@pytest.mark.long
+def test_pyright_reports_nothing_on_a_script_that_uses_the_public_api():
+    """Kernels are skipped as a whole (nodes/base/kernels.py)."""
+    pyright = shutil.which("pyright", path=str(Path(sys.executable).parent)) or shutil.which("pyright")
+    if pyright is None:
+        pytest.skip("pyright is not installed")
+    done = subprocess.run([pyright, "--pythonpath", sys.executable, EXAMPLE], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr

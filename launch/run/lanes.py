@@ -1,6 +1,5 @@
 """Runs many lanes (`engine/lanes.py`) of a graph file in parallel in this process, on simulated time."""
 
-import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -12,6 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.lanes import Lanes, NodeImage, Pool
@@ -28,8 +28,6 @@ from palpate.launch.run.work.worker import Worker
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.logger import Mcap
 from palpate.physics.errors import ArgumentError, PalpateError
-
-KNOWN = 256  # Maximum number of loaded graphs that a `Preparation` keeps
 
 
 @dataclass(frozen=True)
@@ -183,7 +181,7 @@ class LaneRun:
                         block = adapted(block, took)
                     now = reached
 
-        count = min(threads or len(os.sched_getaffinity(0)), self.lanes.count)
+        count = min(threads or len(usable_cores()), self.lanes.count)
         pool = LaneThreads(count)
         try:
             pool.run([work] * count, lambda: done(ran[0]))

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, lend, nth
 from palpate.messages import Load, Surface
 from palpate.nodes.base.compiled import TABLE, CompiledNode
+from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.node import Node, SettingError, inputs
 
 SEVERAL = {"laws": TABLE, "slopes": TABLE, "coupling": TABLE}

@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.exact import row_times
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Calibrated, CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
@@ -122,7 +122,7 @@ class BeamBundle(CompiledNode, WithNodule):
                     return False
         return True
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         bed, places = _bed_of(own.bed), floats(own.places)
         if dt > 0.0:

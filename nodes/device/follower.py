@@ -5,9 +5,9 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, put, vector
 from palpate.nodes.base import CompiledNode
+from palpate.nodes.base.kernels import kernel
 from palpate.nodes.device.hand import HELD_GRIP, HeldGrip, check_reach, geometry_of, hold_grip, moved
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.falcon_statics import torque_kernel

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, form, integers, unpacking
 from palpate.messages import Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node, SettingError
+from palpate.nodes.base.kernels import kernel
 from palpate.physics.device.falcon import FALCON, HOME, Geometry, leg
 from palpate.physics.device.grip import GRIP, LINEAR, MINIMUM_JERK, MOTION, grip_kernel
 

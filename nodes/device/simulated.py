@@ -5,11 +5,11 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, put, vector
 from palpate.messages import DeviceState, Torque
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
 from palpate.nodes.base.absence import FADED, FALL, PACE, begin, faded, paced
+from palpate.nodes.base.kernels import kernel
 from palpate.nodes.device.hand import HELD_GRIP, SimulatedOperator, check_reach, geometry_of, hold_grip, moved
 from palpate.physics.device import random_numbers
 from palpate.physics.device.falcon import FALCON

@@ -5,19 +5,19 @@ network therefore cannot send work to them.
 """
 
 import contextlib
-import os
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import Pipe
 from pathlib import Path
 
+from palpate.compiler.cores import usable_cores
 from palpate.launch.run.tasks.runner import Runner, runner, starts_with
 
 
 def cores() -> int:
     """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    return len(usable_cores())
 
 
 @contextlib.contextmanager

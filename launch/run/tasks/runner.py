@@ -36,6 +36,8 @@ class Runner:
     def __init__(
         self, env: Mapping[str, str] | None = None, printed: IO[bytes] | None = None, ended: Connection | None = None
     ) -> None:
+        if sys.platform == "win32":
+            raise RunError("found Windows, expected Linux or macOS: a study computes its points in processes")
         self.link, theirs = Pipe()
         self._task = b""  # the last task that the process received
         self._awaited = [self.link] if ended is None else [self.link, ended]

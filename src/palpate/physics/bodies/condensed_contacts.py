@@ -12,13 +12,13 @@ the mean of both patches' R²,
     Y(rho) = integral of (48 J3(x)/x³)² J0(x rho) from 0 to inf,    Y(0) = I,    Y -> 1/rho + 1/(8 rho³)
 
 The compliance between two patches is c_ij = (g_i.C g_j + H_ij)/E = c_ji (E. Betti 1872), |c_ij| <= sqrt(c_ii c_jj).
-If patches stick, each normal force acts with the tangential forces t = -C_tt^-1 C_tz that hold its own patch, z being
-the normal and t the tangential directions. Between two patches c_zz then becomes
+If patches stick, each normal force acts with the tangential forces t = -C_tt^-1 C_tz that hold its patch, z being the
+normal and t the tangential directions. Between two patches c_zz then becomes
 
     C_zz + C_zt t_j + t_i C_tz + t_i C_tt t_j
 
 with H in C_tt, times `TruePatch.tangential`; C_zt is not corrected. A patch does not hold the organ against the forces
-of the others: that takes friction, which its own normal force limits, and depends on the place where it began. If it
+of the others: that takes friction, which the normal force limits, and depends on the place where it began. If it
 did, a finger that hovers would stiffen the organ under the others, by up to 25 % for a ball on its foundation, and one
 that touches later would return more energy than was put in. On a slab the indentation differs from that of a full
 model by at most 2.1 % either way. Sticking of each point of a patch affects only c_ii.

@@ -9,8 +9,9 @@ excluded: w_j is multiplied by x² (3 - 2x), where x = n_j.n / `FACES` < 1, so t
 and removes the side of the body continuously.
 
 A foot point that follows the finger to another part of the surface may lie off the surface (`geometry.proxy`), where
-few nodes are within R, or none. If the nearest node is at d_0 > `OFF` R, d_j² is reduced by d_0² - (`OFF` R)²: the
-patch keeps (1 - `OFF`²)^½ = 87 % of its radius, and changes continuously.
+few nodes are within R, or none. If the nearest node is at d_0 > a = `OFF` R, d_j² is reduced by d_0² - a²: the patch
+keeps (1 - `OFF`²)^½ = 87 % of its radius, and changes continuously. A point of the surface may be as far from all nodes
+as the radius of the circle round a triangle, so that a is at least that of the longest edge L, L/3^½.
 """
 
 import math
@@ -150,7 +151,7 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
 @kernel(error_model="numpy")
 def _weigh(s, foot, normal, r, shift):
     """Fill `nodes` and `weights` [m²] with the nodes that face `normal` and have d² - shift < R². Returns their number,
-    and the least d² [m²] of them; inf: there is none."""
+    and the least d² [m²] of them; inf: none exists."""
     kind, shape, first, order, near = int(s.scalars[1]), s.shape, s.first, s.order, s.near
     reach = r * r + shift
     wide = r if shift == 0.0 else math.sqrt(reach)
@@ -178,6 +179,12 @@ def _weigh(s, foot, normal, r, shift):
     return count, least
 
 
+@kernel
+def _on_surface(s, r):
+    """Largest d_0² [m²] of a foot that counts as on the surface."""
+    return max((OFF * r) ** 2, s.scalars[6] ** 2 / 3.0)
+
+
 @kernel(error_model="numpy")
 def _off_surface(s, foot, normal, r):
     """Fill `nodes` and `weights` for a foot without a node within R; returns their number, 0 if the foot lies on a
@@ -186,9 +193,8 @@ def _off_surface(s, foot, normal, r):
     while wide < most:
         count, least = _weigh(s, foot, normal, r, wide * wide - r * r)
         if count > 0:
-            if least <= s.scalars[6] ** 2 / 3.0:  # within the circle round a triangle
-                return 0
-            return _weigh(s, foot, normal, r, least - (OFF * r) ** 2)[0]
+            near = _on_surface(s, r)
+            return _weigh(s, foot, normal, r, least - near)[0] if least > near else 0
         wide *= 2.0
     return 0
 
@@ -208,8 +214,8 @@ def spread(spreader, foot, normal, force, radius=0.0):
     count, least = _weigh(s, foot, normal, r, 0.0)
     if count == 0:
         count = _off_surface(s, foot, normal, r)
-    elif least > (OFF * r) ** 2:
-        count, least = _weigh(s, foot, normal, r, least - (OFF * r) ** 2)
+    elif least > _on_surface(s, r):
+        count, least = _weigh(s, foot, normal, r, least - _on_surface(s, r))
     total = 0.0
     for at in range(count):
         total += weights[at]

@@ -4,11 +4,11 @@ A score is a value over its bound: above 1 the invariant is broken.
 
 force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e, approach rate v and
          speed of the finger along the surface u of the last 60 ms (`reference`). At rest it is the quasi-static force
-         of the depth. v is a mean over 2 ms, along the normal or towards the point of the surface that is nearest now:
-         a finger that slides into a wall approaches it at its own speed. A patch that rolls over a rim indents another
-         face, whose tissue has not yielded: its rate e (omega - u/8 mm), omega the turn of the normal, counts for a
-         body with a memory of the place. Under two fingers e and v are those to the surface that the other finger
-         lifts, by at most 1.2 x its own force by this law.
+         of the depth. v is a mean over 2 ms along the normal, or that of the finger towards the point of the surface
+         that is nearest now: one that slides into a wall, or starts, approaches at its speed. A patch that rolls over a
+         rim indents another face, whose tissue has not yielded: its rate e (omega - u/8 mm), omega the turn of the
+         normal, counts for a body with a memory of the place. Under two fingers e and v are those to the surface that
+         the other finger lifts, by at most 1.2 x its force by this law.
 hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv + v w/R + v at the first contact)
          + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + (f - f_0) W/2 ms + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
@@ -34,7 +34,8 @@ side     while the nearest point of the surface has moved continuously since the
          0.1 m/s, or twice as far as the finger along the surface; its direction by less than 60 degrees), the normal is
          within 0.35 rad of the direction from it, and the approach within 0.3 mm + 5 %. At an edge the interpolated
          normal differs from this direction; the normal is within 0.35 rad of the arc between both, and the approach
-         may be smaller, so that the hand gains no energy (`geometry.proxy`). Over an edge the nearest point's direction
+         may be smaller, so that the hand gains no energy (`geometry.proxy`), until the finger has moved by five times
+         the difference. Over an edge the nearest point's direction
          turns by more than w/R, the most that `still` allows the normal: it may be behind by the difference, until the
          finger has moved by R for each radian of it.
 finite   no lane stops, and every value is finite.
@@ -47,7 +48,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.physics.geometry.proxy import EASY, FASTEST
+from palpate.physics.geometry.proxy import EASY, FASTEST, REGAIN
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
 from palpate.studies.organs.trace import (
@@ -74,6 +75,7 @@ CREDIT, SHARE = 0.5e-3, 0.02  # [J], [1] of a closed path
 STEEPEST = 0.35  # [rad]
 BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
+NEAR = 2e-4  # [m] from the surface beyond which an edge is recognized by this direction
 MOVES = EASY  # [1] motion of the nearest point over that of the finger
 EVERY = 4e-3  # [s] between comparisons with the nearest point
 
@@ -116,7 +118,7 @@ def force(trace: Trace) -> Score:
 
 
 def _motion(trace: Trace, ticks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Path [m], change of velocity and speed [m/s] of the finger (T) within so many ticks and two before."""
+    """Path [m], change of velocity and speed [m/s] of the finger (T) within this number of ticks and two before."""
     p, v = trace["finger.position"], trace["finger.velocity"]
     path = np.concatenate([[0.0], np.cumsum(length(np.diff(p, axis=0)))])
     back = np.maximum(np.arange(len(p)) - ticks - 2, 0)
@@ -210,14 +212,15 @@ def side(trace: Trace) -> Score:
     motion = length(step - np.einsum("ti,ti->t", step, normal[1:])[:, None] * normal[1:])
     away = (p[ticks] - foot) / np.where(np.abs(gap) > ON, gap, np.inf)[:, None]
     touching = (gap < THICKNESS) | (trace["collision.approach"][ticks] > 0.0)
-    found, regular, behind = Score(0.0, 0.0, 0.0, 0.0), True, 0.0
+    found, regular, behind, lost = Score(0.0, 0.0, 0.0, 0.0), True, 0.0, 0.0
     for i, k in enumerate(ticks):
         if not touching[i]:
-            regular, behind = True, 0.0
+            regular, behind, lost = True, 0.0, 0.0
             continue
         if i > 0:
             turn = max(_between(each[i - 1], each[i]) for each in ((normal, away) if abs(gap[i]) > ON else (normal,)))
             behind = max(behind + turn - float(length(step[i - 1])) / LEAST_CURVATURE, 0.0)
+            lost = max(lost - REGAIN * float(length(step[i - 1])), 0.0)
         inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
         recent = [slice(max(0, i - n), i) for n in (1, round(STILL / EVERY))]
@@ -228,11 +231,12 @@ def side(trace: Trace) -> Score:
         if not regular or trace["contact.force"][k] < LEAST_FORCE:
             continue
         e, true = trace["collision.approach"][k], THICKNESS - gap[i]
-        edge = abs(gap[i]) > 1e-3 and away[i] @ normal[i] < np.cos(BENT)
+        edge = abs(gap[i]) > NEAR and away[i] @ normal[i] < np.cos(BENT)
         if edge and e < true:
+            lost = true - e
             continue
-        found = max(found, Score(abs(e - true) / (3e-4 + 0.05 * abs(true)), k * trace.step, float(abs(e - true)),
-                                 float(3e-4 + 0.05 * abs(true))), key=lambda s: s.score)  # fmt: skip
+        away_by, most = float(abs(e - true)), 3e-4 + 0.05 * abs(true) + (lost if e < true else 0.0)
+        found = max(found, Score(away_by / most, k * trace.step, away_by, most), key=lambda s: s.score)
         if abs(gap[i]) > 1e-3:
             angle = _between(away[i], trace["contact.normal"][k])
             if edge:  # how far it is from the arc between this direction and the interpolated normal

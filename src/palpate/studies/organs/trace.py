@@ -111,13 +111,15 @@ class Trace:
         return ABOVE * float(self.place(tick).force(reach, fast, float(self.slides[tick])))
 
     def meets(self, tick: int) -> float:
-        """Rate [m/s], over `SMOOTH`, at which the finger approaches the point of the surface that is nearest now."""
+        """Rate [m/s] at which the finger approaches the point of the surface that is nearest now: over `SMOOTH`, or by
+        its velocity."""
         if tick not in self.met:
             n = min(self.ticks(SMOOTH), tick)
             p, before = self["finger.position"][tick], self["finger.position"][tick - n]
             foot, normal, _, gap = self.closest(p[None])
             away = (p - foot[0]) / gap[0] if abs(gap[0]) > ON else normal[0]
-            self.met[tick] = max(float((before - p) @ away), 0.0) / (max(n, 1) * self.step)
+            mean = float((before - p) @ away) / (max(n, 1) * self.step)
+            self.met[tick] = max(mean, -float(self["finger.velocity"][tick] @ away), 0.0)
         return self.met[tick]
 
     @cached_property
