@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -35,6 +36,7 @@ from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
 from palpate.records.format.claim import claimed
+from palpate.records.format.mcap_append import NOTES, append_metadata
 from palpate.records.format.mcap_file import lacking
 
 if TYPE_CHECKING:  # these modules need POSIX and are imported only for runs with several processes
@@ -178,7 +180,16 @@ def execute(
     if clock == "simulated" and not (fused or joined or launch.pace or result.interrupted) and result.ok:
         result.notes += faster_fused(result)
     kept = verdict(result, planned, ticks) if clock == "real" else None
-    return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+    outcome = RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+    if launch.record is not None and result.ticks and outcome.notes:
+        _store_notes(launch.record, outcome.notes)
+    return outcome
+
+
+def _store_notes(recording: Path, notes: Sequence[RunNote]) -> None:
+    """Add the notes to a recording, unless it lacks its end."""
+    with contextlib.suppress(OSError, ValueError):
+        append_metadata(recording, NOTES, {"notes": json.dumps([[n.text, n.node, n.time] for n in notes])})
 
 
 def faster_fused(result: Result) -> list[str]:
