@@ -24,7 +24,6 @@ from palpate.models.fe.element.mesh import TetMesh, bricks, grid
 from palpate.models.fe.solve.body import ElasticBody
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import answer, bear, condensed_body
-from palpate.physics.bodies.condensed_step import NOW
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.contact.area import FIXED, AreaLaw, ball, of_table, radius_at
 from palpate.physics.contact.spread import spread, spreader
@@ -49,7 +48,7 @@ def indentations(area: AreaLaw, young: float, forces: np.ndarray) -> np.ndarray:
         count = spread(patch, FOOT, UP, (0.0, 0.0, -float(force)), wide)
         bear(body, 0, patch.nodes[:count], patch.forces[:count], FOOT, UP, 1.0)
         answer(body, np.zeros((1, 5)), 1.0)
-        found.append(float(body.numbers[0, NOW]))
+        found.append(float(body.contacts[0]["now"]))
     return np.array(found)
 
 

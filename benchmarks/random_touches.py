@@ -17,7 +17,6 @@ import numpy as np
 
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import CondensedBody, answer, bear, condensed_body
-from palpate.physics.bodies.condensed_step import NOW
 from palpate.physics.contact.spread import spread, spreader
 from palpate.physics.geometry.mesh import Mesh
 from palpate.studies.accuracy.bodies.reduced_fe import ready
@@ -35,7 +34,7 @@ def indentation(body: CondensedBody, mesh: Mesh, place: float, radius: float, fo
     count = spread(patch, foot, UP, (0.0, 0.0, -force))
     bear(body, 0, patch.nodes[:count], patch.forces[:count], foot, UP, 1.0)
     answer(body, np.zeros((1, 5)), 1.0)
-    return float(body.numbers[0, NOW])
+    return float(body.contacts[0]["now"])
 
 
 def main() -> None:

@@ -50,7 +50,7 @@ def press(delay: float, jitter: float, loss: float, controller: str) -> tuple[np
     forces, places = [], []
     for _ in range(stepper.last or 3000):
         forces.append(stepper.tick().controller.force)  # type: ignore[union-attr]
-        places.append(device.own["motion"][0].copy())
+        places.append(device.own["motion"]["position"].copy())
     stepper.stop()
     return np.array(forces), np.array(places), display.mass, display.drag
 

@@ -4,24 +4,18 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.compiler.kernel import kernel
-from palpate.compiler.records import floats, put, vector
+from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
-from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
+from palpate.nodes.base import CompiledNode, Out, Wants
 from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, faded, paced, shared
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.device.controller import (
-    BRAKE,
-    ENERGY,
-    FORCE,
-    LIMIT,
-    MODE,
-    RISE,
-    SLEW,
-    WALL,
-    WITHHELD,
-    buffers,
-    fresh,
+    GAINS,
+    STATE,
+    Past,
     haptic,
+    reset,
+    rings,
 )
 from palpate.physics.device.rendered import stiffest
 
@@ -35,6 +29,7 @@ PATIENCE = 0.5  # [s] duration of withheld force after which the permitted energ
 POWER = 10e-3  # [W] growth of the permitted energy from then on, until the full force has recovered
 
 FREE, CONTACT = 0, 1  # indices of the values of `Force.state`
+_past_of = unpacking(Past)
 
 
 @kernel
@@ -46,14 +41,12 @@ def lost(had, present):
 @kernel
 def come_back(own):
     """Reset the state after an outage, except the current force on the hand and the energy of the display."""
-    state, past = floats(own.state), floats(own.past)
-    fx, fy, fz, f3 = state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[FORCE, 3]
-    bx, by, bz = state[BRAKE, 0], state[BRAKE, 1], state[BRAKE, 2]
-    energy, mode = state[ENERGY, 0], state[MODE, 0]
-    fresh(state, past)
-    state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[FORCE, 3] = fx, fy, fz, f3
-    state[BRAKE, 0], state[BRAKE, 1], state[BRAKE, 2] = bx, by, bz
-    state[ENERGY, 0], state[ENERGY, RISE], state[MODE, 0] = energy, GENTLE, mode
+    state = own.state
+    force, brake, energy, contact = vector(state.force), vector(state.brake), state.energy, state.contact
+    reset(state, _past_of(own.past))
+    put(state.force, force)
+    put(state.brake, brake)
+    state.energy, state.rise, state.contact = energy, GENTLE, contact
     own.least = min(energy, 0.0) - LENT
 
 
@@ -64,16 +57,16 @@ def forget_credit(own, released, dt):
     Before a device releases its motors, it repeats an older command for up to `GAP` or three steps. The remaining
     energy is the least of this interval and the one before.
     """
-    state = floats(own.state)
+    state = own.state
     if released:
-        state[ENERGY, 0] = min(state[ENERGY, 0], own.credit[0], own.credit[1])
+        state.energy = min(state.energy, own.credit[0], own.credit[1])
     own.interval += dt
     if own.interval > max(GAP, 3.0 * dt):
-        own.credit[1], own.credit[0], own.interval = own.credit[0], state[ENERGY, 0], 0.0
-    own.credit[0] = min(own.credit[0], state[ENERGY, 0])
+        own.credit[1], own.credit[0], own.interval = own.credit[0], state.energy, 0.0
+    own.credit[0] = min(own.credit[0], state.energy)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def share_of(own, lacks, pausing, released, touching, dt):
     """The gain [1] of force and limit in this step.
 
@@ -81,19 +74,18 @@ def share_of(own, lacks, pausing, released, touching, dt):
     pausing   there was a pause of the node before this step
     released  the device worked without torque, or does not report it
     """
-    state = floats(own.state)
+    state = own.state
     missing = own.whole and lacks
     if own.replaces and not own.whole and not lacks and touching:
         own.gain.value = 0.0
     if not lacks and (pausing or own.lost):
         come_back(own)
     own.whole, own.lost = own.whole or not lacks, missing
-    gain, energy, before = own.gain, state[ENERGY, 0], own.before
+    gain, energy, before = own.gain, state.energy, own.before
     own.before = energy
     if pausing and released:
         gain.value = 0.0
-        for i in range(4):
-            state[FORCE, i] = 0.0
+        put(state.force, (0.0, 0.0, 0.0))
     elif missing or not touching or energy > before or own.ramp == 0.0 or not own.passivity:
         shared(gain, not missing, dt)
     elif energy > own.least:
@@ -104,15 +96,14 @@ def share_of(own, lacks, pausing, released, touching, dt):
     if own.outage > PATIENCE:
         own.least -= POWER * dt
         own.withheld = True
-    own.gains[LIMIT] = gain.value * own.limit
+    own.gains.limit = gain.value * own.limit
     return gain.value
 
 
-@kernel(error_model="numpy")
-def weigh(own, state, dt):
+@ieee_kernel
+def weigh(own, wall, dt):
     """Average the contact's force and its withheld part, and set a flag if the withheld share is too large."""
-    line, law, cut = state[WALL, 0], state[WALL, 1], state[WALL, 2]
-    kept = (law, max(law - line, 0.0) if cut != 0.0 else 0.0)
+    kept = (wall.law, max(wall.law - wall.line, 0.0) if wall.cut else 0.0)
     for i in range(2):
         own.steep[i] += (kept[i] - own.steep[i]) * dt / STEEP
     if own.steep[1] > MOST_WITHHELD * own.steep[0]:
@@ -160,7 +151,7 @@ class Haptic(CompiledNode):
     ramp: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.1
 
     State = {
-        "gains": (11,), "state": TABLE, "past": TABLE,  # of `physics.device.controller.haptic`
+        "gains": GAINS, "state": STATE, "past": form(Past),  # of `physics.device.controller.haptic`
         "replaces": bool,  # this node replaces an earlier one of its name
         "whole": bool, "lost": bool, "had": int, "had_device": int,  # of earlier steps; inputs as bit masks
         "pace": PACE, "gain": GAIN, "friction": FADED,
@@ -173,12 +164,11 @@ class Haptic(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        observe = self.passivity or self.wants("energy")
-        given = self.stiffness, self.damping, self.contact_damping, self.hysteresis, self.mass, self.drag
-        self.own["gains"] = *given, self.limit, self.slew, self.resolution, observe, self.passivity
-        self.state, self.past = buffers(self.delay)
-        self.hold("state", self.state)
-        self.hold("past", self.past)
+        gains = self.own["gains"]
+        for name in GAINS.keys() - {"observes", "passive"}:
+            gains[name] = getattr(self, name)
+        gains["observes"], gains["passive"] = self.passivity or self.wants("energy"), self.passivity
+        self.hold("past", rings(self.delay))
         begin(self.own["gain"], FALL, self.ramp)
         begin(self.own["friction"]["gain"], FADE, FADE)
         self.own["least"], self.own["open"] = -LENT, 1.0
@@ -186,7 +176,7 @@ class Haptic(CompiledNode):
     def replaces(self) -> None:
         self.own["replaces"] = True
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(
         own,
         contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "lateral_force")],
@@ -198,7 +188,7 @@ class Haptic(CompiledNode):
         dt,
     ):
         # missing inputs, and commands that the device did not apply
-        state, before = floats(own.state), own.gain.value
+        state, before = own.state, own.gain.value
         lacks = not contact.there or not pose.there
         if not lacks:
             lacks, own.had = lost(own.had, contact.present)
@@ -216,31 +206,31 @@ class Haptic(CompiledNode):
         share = share_of(own, lacks, pausing, without, touching, usual)
         if pausing:
             dt = usual  # ignore the time before the pause
-        own.gains[SLEW] = own.slew * (usual / dt) if dt > usual else own.slew
+        own.gains.slew = own.slew * (usual / dt) if dt > usual else own.slew
         if not contact.there or not pose.there:
             left = share / before if before > 0.0 else 0.0
             for i in range(3):
-                state[FORCE, i] = left * state[FORCE, i]
-                out.force[i] = state[FORCE, i]
+                state.force[i] = left * state.force[i]
+                out.force[i] = state.force[i]
             out.state, out.energy = FREE, 0.0
             return
         own.tripped = own.tripped or (ledger.there and ledger.tripped)
         if own.tripped:  # the force falls to zero within `ramp`
             own.open = max(own.open - dt / own.ramp, 0.0) if own.ramp > 0.0 else 0.0
-            own.gains[LIMIT] = min(own.gains[LIMIT], own.open * own.limit)
+            own.gains.limit = min(own.gains.limit, own.open * own.limit)
             share *= own.open
         # passive force within the device's limits (physics.device.controller)
-        state[MODE, WITHHELD] = 1.0 - share
+        state.withheld = 1.0 - share
         a, approach = contact.lateral_force, contact.compression + contact.indentation
         rubbing = (p[0] - a[0], p[1] - a[1], p[2] - a[2])
         fx, fy, fz, held, energy = haptic(
-            own.gains, state, floats(own.past), contact.force, vector(contact.normal), rubbing, approach,
+            own.gains, state, _past_of(own.past), contact.force, vector(contact.normal), rubbing, approach,
             vector(pose.position), vector(pose.velocity), dt,
         )  # fmt: skip
         put(out.force, (fx, fy, fz))
         out.state, out.energy = CONTACT if held else FREE, energy
         if held and not own.too_steep:
-            weigh(own, state, usual)
+            weigh(own, state.wall, usual)
 
     def notes(self) -> list[str]:
         if hasattr(self, "own"):

@@ -3,17 +3,17 @@
 from typing import Annotated
 
 import msgspec
-import numpy as np
 
-from palpate.compiler.kernel import kernel
-from palpate.compiler.records import put, vector
+from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import CompiledNode, Out, Wants
-from palpate.physics.device.falcon import FALCON, HOME
+from palpate.nodes.base.kernels import kernel
+from palpate.physics.device.falcon import FALCON, HOME, Geometry
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.tracking import FILLED, GOOD, POSE, STAMP, pose, pose_falcon
+from palpate.physics.device.tracking import TRACK, pose, pose_falcon
 
 ZERO = (0.0, 0.0, 0.0)
+geometry_of = unpacking(Geometry)
 WRONG_DEVICE = 1  # fault: not three numbers
 
 
@@ -25,14 +25,15 @@ class _Tracker(CompiledNode):
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
 
     State = {
-        "samples": np.dtype(("<i8", (5,))), "places": (4, 3), "axes": (3, 12),  # of `physics.device.tracking.pose`
+        "track": TRACK,
         "clock": int, "last": (3,),  # [ns] of the last sample; the last position [m]
     }  # fmt: skip
     home = ZERO
 
     def start(self) -> None:
         super().start()
-        self.own["places"][[GOOD, POSE]] = self.own["last"] = self.home
+        track = self.own["track"]
+        track["reading"] = track["pose"] = self.own["last"] = self.home
 
 
 @kernel
@@ -57,7 +58,7 @@ def sampled(own, state, count, out, dt):
         return False
     own.clock = state.time - state.delayed if state.time >= 0 else own.clock + round(dt * 1e9)
     if not state.homed:
-        own.samples[FILLED] = 0
+        own.track.filled = False
         send(own, (own.last[0], own.last[1], own.last[2], 0.0, 0.0, 0.0, 0.0), 0, out)
     return state.homed
 
@@ -65,7 +66,7 @@ def sampled(own, state, count, out, dt):
 @kernel
 def age_of(own, state):
     """Age [ns] of the last good sample: 0 in time, more if the device's message was late or its sample rejected."""
-    return state.delayed + own.clock - own.samples[STAMP] if own.samples[FILLED] != 0 else 0
+    return state.delayed + own.clock - own.track.stamp if own.track.filled else 0
 
 
 class FalconKinematics(_Tracker):
@@ -79,18 +80,18 @@ class FalconKinematics(_Tracker):
 
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
 
-    State = _Tracker.State | {"geometry": (15,)}
+    State = _Tracker.State | {"geometry": form(Geometry)}
     home = HOME
 
     def start(self) -> None:
         super().start()
-        self.own["geometry"] = FALCON.geometry
+        self.hold("geometry", FALCON.geometry)
 
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("joints", "homed")], out: Out[Pose], dt):
         if sampled(own, state, state.joints.count, out, dt):
-            given = own.samples, own.places, own.axes, own.resolution, own.speed_limit, own.clock
-            seen = pose_falcon(*given, vector(state.joints.values), own.geometry)
+            given = own.track, own.resolution, own.speed_limit, own.clock
+            seen = pose_falcon(*given, vector(state.joints.values), geometry_of(own.geometry))
             send(own, seen, age_of(own, state), out)
 
     def explain(self, fault: int, *messages: DeviceState) -> Exception:
@@ -106,7 +107,7 @@ class Cartesian(_Tracker):
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("position", "homed")], out: Out[Pose], dt):
         if sampled(own, state, state.position.count, out, dt):
-            given = own.samples, own.places, own.axes, own.resolution, own.speed_limit, own.clock
+            given = own.track, own.resolution, own.speed_limit, own.clock
             seen = pose(*given, vector(state.position.values))
             send(own, seen, age_of(own, state), out)
 
@@ -126,11 +127,11 @@ class FalconStatics(CompiledNode):
 
     origin: Annotated[Vector3, "m"] = ZERO
 
-    State = {"geometry": (15,)}
+    State = {"geometry": form(Geometry)}
 
     def start(self) -> None:
         super().start()
-        self.own["geometry"] = FALCON.geometry
+        self.hold("geometry", FALCON.geometry)
 
     @kernel
     def compute(
@@ -143,6 +144,8 @@ class FalconStatics(CompiledNode):
         torques = ZERO
         if force.there:
             f, p, o = force.force, pose.position, own.origin
-            _, t0, t1, t2 = torque_kernel(own.geometry, f[0], f[1], f[2], p[0] - o[0], p[1] - o[1], p[2] - o[2])
+            _, t0, t1, t2 = torque_kernel(
+                geometry_of(own.geometry), f[0], f[1], f[2], p[0] - o[0], p[1] - o[1], p[2] - o[2]
+            )
             torques = (t0, t1, t2)
         put(out.torques, torques)

@@ -6,15 +6,15 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
-from palpate.compiler.records import floats, nth, vector
+from palpate.compiler.records import array_of, nth, vector
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
 from palpate.messages.ledger import PARTS
-from palpate.messages.record import array_handle
-from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
+from palpate.nodes.base.kernels import kernel
 from palpate.physics.contact import ledger
 
 ZERO = (0.0, 0.0, 0.0)
+_moments_of = array_of(ledger.MOMENT_TYPE)
 PRESS = Wants("normal", "force", "compression", "indentation", "lateral_force", "stored")
 
 
@@ -42,17 +42,17 @@ class Energy(CompiledNode):
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
 
     State = {
-        "books": ledger.LEDGER, "past": array_handle(3),
+        "account": ledger.LEDGER, "past": TABLE,
         "tripped": bool, "by": int, "most": (), "time": int,  # row of the part that tripped it, its energy, time [ns]
     }  # fmt: skip
 
     def start(self) -> None:
         super().start()
-        self.hold("past", np.zeros((self.delay + 2, ledger.FINGERS, ledger.MOMENT)))
+        self.hold("past", np.zeros((self.delay + 2, ledger.FINGERS), ledger.MOMENT_TYPE))
 
     def generated(self, part: str) -> float:
         """Energy [J] that one part has generated."""
-        return float(self.own["books"]["accounts"][PARTS.index(part), ledger.GENERATED])
+        return float(self.own["account"]["accounts"]["generated"][PARTS.index(part)])
 
     def condition(self) -> str:
         return "tripped" if hasattr(self, "own") and self.own["tripped"] else ""
@@ -76,34 +76,34 @@ class Energy(CompiledNode):
         out: Out[Ledger],
         dt,
     ):
-        books, past, count = own.books, floats(own.past), force.count
+        account, past, count = own.account, _moments_of(own.past), force.count
         whole = body.there and contact.count >= count and pose.count >= count
         for i in range(count):
             whole = whole and nth(contact, i).there and nth(pose, i).there
         if whole:
-            stepped = ledger.begin(books, past, count)
+            stepped = ledger.begin(account, past, count)
             for i in range(count):
                 touch = nth(contact, i)
                 along, rubbed, bristles = vector(touch.lateral_force), ZERO, 0.0
                 if i < friction.count and nth(friction, i).there:
                     rubbed, bristles = vector(nth(friction, i).force), stored_energy(nth(friction, i).stored)
                 ledger.take(
-                    books, past, i, nth(pose, i).position, nth(force, i).force, touch.normal, touch.force,
+                    account, past, i, nth(pose, i).position, nth(force, i).force, touch.normal, touch.force,
                     touch.compression, touch.indentation, along, rubbed,
                 )  # fmt: skip
                 if stepped:
                     stored = (stored_energy(touch.stored), stored_energy(body.stored), bristles)
-                    ledger.add_finger(books, past, i, along, rubbed, stored)
-            ledger.end(books, past, stepped, stored_energy(body.stored))
+                    ledger.add_finger(account, past, i, along, rubbed, stored)
+            ledger.end(account, past, stepped, stored_energy(body.stored))
         else:
-            books.moments = 0
-        row, most = ledger.worst(books)
+            account.moments = 0
+        row, most = ledger.worst(account)
         if most > own.bound > 0.0 and not own.tripped:
             own.tripped, own.by, own.most, own.time = True, row, most, nth(force, 0).time
-        out.hand, out.controller, out.sampling = books.hand, books.controller, books.sampling
-        out.fingertip_stored, out.fingertip_dissipated = ledger.totals(books, ledger.FINGERTIP)
-        out.tissue_stored, out.tissue_dissipated = ledger.totals(books, ledger.TISSUE)
-        out.friction_stored, out.friction_dissipated = ledger.totals(books, ledger.FRICTION)
-        out.work, out.balance, out.unexplained = books.work, books.left, books.balance
+        out.hand, out.controller, out.sampling = account.hand, account.controller, account.sampling
+        out.fingertip_stored, out.fingertip_dissipated = ledger.totals(account, ledger.FINGERTIP)
+        out.tissue_stored, out.tissue_dissipated = ledger.totals(account, ledger.TISSUE)
+        out.friction_stored, out.friction_dissipated = ledger.totals(account, ledger.FRICTION)
+        out.work, out.balance, out.unexplained = account.work, account.left, account.balance
         out.generated, out.generated_by = most, row + 1 if most != 0.0 else 0
         out.tripped = own.tripped

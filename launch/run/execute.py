@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import socket
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from rich.console import Console
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.faults import Fault, GraphError
 from palpate.engine.graph import Graph
 from palpate.engine.job import Job
@@ -138,7 +140,7 @@ def execute(
     # Place the nodes and make the jobs of the workers, with the provenance for the recording.
     # More processes on the force path than cores wait for one another: 9 processes on 2 cores do not keep 1 kHz.
     crowded = fit_cores and launch.place is None and clock == "real"
-    crowded = crowded and len(force_path(planned)) > len(os.sched_getaffinity(0))
+    crowded = crowded and len(force_path(planned)) > len(usable_cores())
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
@@ -209,6 +211,7 @@ def _in_processes(
     address: str | None,
     key: keys.Key | None,
 ) -> Result:
+    _check_system()
     from palpate.launch.run.launcher import Launcher, silent
 
     _open_files(len(work))
@@ -232,6 +235,17 @@ def _in_processes(
         died=lambda death: print_death(death, screen.console) if screen else None,
     )
     return launcher.run()
+
+
+def _check_system() -> None:
+    """RunError: this system cannot start the processes of a run and connect them."""
+    missing = [] if hasattr(os, "fork") else ["fork"]
+    missing += [] if hasattr(socket, "AF_UNIX") else ["Unix sockets"]
+    if missing:
+        raise RunError(
+            f"found {sys.platform} without {' and '.join(missing)}; nodes in processes and the real clock need Linux or"
+            " macOS. One process on simulated time runs here: --fused --clock simulated"
+        )
 
 
 def _reachable(work: list[Job], joined: frozenset[str], network: Network) -> list[Job]:

@@ -18,7 +18,6 @@ number and returns; `explain` converts the number to an exception.
 """
 
 import contextlib
-import functools
 import inspect
 import math
 import typing
@@ -27,29 +26,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from palpate.compiler.fields import field_list
 from palpate.messages import Message, MessageError
 from palpate.messages.record import KINDS, ROOM, array_handle, blank, layout, reader, writer
-from palpate.nodes.base.effect import Effect
-from palpate.nodes.base.node import OUT, Node, Port, inputs, outputs, settings
+from palpate.nodes.base.effect import Part
+from palpate.nodes.base.node import OUT, Node, Port, inputs, once_per_class, outputs, settings
 
 ARRAY, TABLE = array_handle(1), array_handle(2)
 """Types of fields of a state: an array with one or two axes, set by `CompiledNode.hold`."""
-
-
-class Part:
-    """Part of a compiled node that is computed only if one of `fields` is read; `own.NAME` is its flag in the kernel.
-
-    effect  name of its effect
-    about   description, one sentence
-    also    fields of other effects that need it
-    """
-
-    def __init__(self, effect: str, *fields: str, about: str, also: tuple[str, ...] = ()) -> None:
-        self.part = Effect(effect, "part", fields, about=about, also=also)
-
-    def wanted(self, node: Node) -> bool:
-        """Whether one of its fields is read."""
-        return node.wanted is None or not node.wanted.isdisjoint((*self.part.fields, *self.part.also))
 
 
 class CompiledNode(Node):
@@ -111,7 +95,7 @@ class CompiledNode(Node):
             hints = typing.get_type_hints(type(value), include_extras=True)
             for field, each in value._asdict().items():
                 found = getattr(each, "dtype", None), getattr(each, "ndim", 0)
-                assert found[0] is None or (found[0].str, found[1]) == hints[field].__metadata__, (path, field, found)
+                assert found[0] is None or found == hints[field].__metadata__, (path, field, found)
                 self._hold(record[name], field, each, f"{path}.{field}")
         elif isinstance(value, np.ndarray):
             assert value.flags.c_contiguous and record[name]["shape"].shape == (value.ndim,), (path, value.shape)
@@ -182,7 +166,7 @@ def _counts(messages: Sequence[Any]) -> list[int]:
     return [len(m) if isinstance(m, list) else 1 for m in messages]
 
 
-@functools.cache
+@once_per_class
 def record(kind: type[CompiledNode]) -> np.dtype:
     """The record `own` of a node class: `fault`, numeric settings, parts, state. TypeError: invalid state."""
     own: list[tuple[Any, ...]] = [("fault", "<i8")]
@@ -193,7 +177,7 @@ def record(kind: type[CompiledNode]) -> np.dtype:
     for name, *_ in own:
         if name in kind.State:
             raise TypeError(f"{kind.__name__}.State[{name!r}]: a setting, a part or `fault` has this name")
-    return np.dtype(own + _state(f"{kind.__name__}.State", kind.State), align=True)
+    return np.dtype(own + field_list(f"{kind.__name__}.State", kind.State), align=True)
 
 
 def _setting(hint: Any) -> tuple[Any, ...] | None:
@@ -216,33 +200,12 @@ def _number(hint: Any, value: Any) -> Any:
     return typing.get_args(hint).index(value) if typing.get_origin(hint) is typing.Literal else value
 
 
-def _state(name: str, fields: dict[str, Any]) -> list[tuple[Any, ...]]:
-    return [(field, *_form(f"{name}[{field!r}]", form)) for field, form in fields.items()]
-
-
-def _form(name: str, form: Any) -> tuple[Any, ...]:
-    if isinstance(form, dict):
-        return (np.dtype(_state(name, form), align=True),)
-    if isinstance(form, np.dtype):
-        return (form,)
-    if isinstance(form, type) and form in KINDS:
-        return (KINDS[form],)
-    if isinstance(form, tuple) and form and isinstance(form[-1], dict):
-        return np.dtype(_state(name, form[-1]), align=True), form[:-1]
-    if isinstance(form, tuple) and all(isinstance(length, int) for length in form):
-        return ("<f8", form) if form else ("<f8",)
-    raise TypeError(
-        f"{name}: found {form!r}, expected a shape such as () or (3,), int, bool, a dict of these for a group, "
-        "(16, {...}) for several groups, or ARRAY or TABLE for an array that `start` holds"
-    )
-
-
 def several(kind: type[Message]) -> np.dtype:
     """The record of an input with several senders: the number of messages and their addresses (`records.nth`)."""
     return np.dtype([("count", "<i8"), ("at", "<i8", (ROOM,)), ("like", layout(kind))], align=True)
 
 
-@functools.cache
+@once_per_class
 def code(kind: type[CompiledNode], name: str) -> int:
     """Address of the machine code of a kernel of a node class: `compute` or `idle`."""
     from palpate.compiler.records import address  # the compiler is slow to import

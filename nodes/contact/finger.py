@@ -2,11 +2,11 @@
 
 import math
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.nodes.base.absence import FALL
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.bodies.place_energy import bounded, on_hand
-from palpate.physics.contact.end_rate import AHEAD, AT_REST, COURSE, advance
+from palpate.physics.contact.end_rate import COURSE, advance
 from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
 
 FAR = 2e-3  # [m] distance beyond which an idle contact sleeps; at 1 kHz and 2 m/s it wakes one step before contact
@@ -25,7 +25,7 @@ FINGER = {
     "heard": (7,), "hears": bool,  # law, step and relaxation of the body's last message; whether it has sent one
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
     "sampled": int,  # [ns] time of the last sample of the approach; -1: unknown
-    "course": (COURSE,),  # of the compression (`physics.contact.end_rate`)
+    "course": COURSE,  # of the compression (`physics.contact.end_rate`)
     "aside": (3,),  # tangential over normal force [1]
     "deepest": (3,), "deepest_time": int,  # greatest compression [m], force [N] then; time [ns]
 }  # fmt: skip
@@ -34,8 +34,8 @@ FINGER = {
 
 def begin(finger) -> None:
     """The state before the first step."""
-    finger["in_step"], finger["usual"], finger["deepest_time"], finger["course"] = True, math.inf, -1, AT_REST
-    finger["sampled"] = -1
+    finger["in_step"], finger["usual"], finger["deepest_time"], finger["sampled"] = True, math.inf, -1, -1
+    finger["course"]["ahead"] = 1.0
 
 
 @kernel
@@ -53,7 +53,13 @@ def in_range(law, step, relaxation):
     )
 
 
-@kernel(error_model="numpy")
+@kernel
+def depth_of(proximity):
+    """Signed approach [m] of the finger, negative above the undeformed surface."""
+    return proximity.approach - proximity.separation
+
+
+@ieee_kernel
 def step_length(finger, proximity, dt):
     """Length [s] of the step for the damping: `dt` since the last sample, except after a gap in which the finger
     approached.
@@ -65,7 +71,7 @@ def step_length(finger, proximity, dt):
     rest. After a gap longer than `KNOWN`, v_end is multiplied by KNOWN/T, since a fast hand may have braked: too low a
     force for one step does less harm than a force spike.
     """
-    depth = proximity.approach - proximity.separation
+    depth = depth_of(proximity)
     rate = (depth - finger.depth) / dt
     rate_before, dt_before = finger.rate, finger.length
     finger.usual = min(finger.usual, dt)
@@ -77,7 +83,7 @@ def step_length(finger, proximity, dt):
     return min(dt * rate / end, REST) if end > 0.0 else REST
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def law_now(finger, law, step, relaxation, age, dt, moved, length):
     """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] with the effective length `length` [s].
 
@@ -96,15 +102,19 @@ def law_now(finger, law, step, relaxation, age, dt, moved, length):
     return k, n, c, free, own
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
     """Returns whether a force must be solved for, and approach [m], length of the step [s] and law for it.
+
+    The approach is signed: a body that another finger lifts is touched before the finger reaches its undeformed
+    surface.
 
     there  whether the body has sent its law
     law, step [s], relaxation [s], time [ns]  of that message
     dt, moved  [s] since the last step and since the last sample, see `nodes.base.samples`
     """
     length = step_length(finger, proximity, moved) if moved > 0.0 else dt
+    depth = depth_of(proximity)
     if there:
         for i in range(5):
             finger.heard[i] = law[i]
@@ -114,29 +124,30 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
         finger.previous = law[4]
         # effective approach: the whole approach, reduced for some time after the body was missing
         if not finger.settled and proximity.tick > 0:
-            finger.withheld = proximity.approach - finger.compression - finger.previous
+            finger.withheld = depth - finger.compression - finger.previous
         elif finger.withheld > 0.0:
             finger.withheld = (finger.withheld - CATCH_UP * dt) / (1.0 + dt / RETURN)
         finger.withheld = max(finger.withheld, 0.0)
-        return True, proximity.approach - finger.withheld, length, law
+        return True, depth - finger.withheld, length, law
     finger.settled, finger.in_step = False, True
-    finger.withheld += max(proximity.approach, 0.0) * dt / GONE
-    felt = proximity.approach - finger.withheld
-    if not (finger.hears and felt > STILL):
-        return False, 0.0, length, law
     heard = finger.heard
     k, n, c, free, previous = heard[0], heard[1], heard[2], heard[3], heard[4]
     k, free = law_at(REST, previous, (k, n, c, free, previous), heard[5], heard[6])
+    lifted = min(free, 0.0)
+    finger.withheld += max(depth - lifted, 0.0) * dt / GONE
+    felt = depth - finger.withheld
+    if not (finger.hears and felt > lifted + STILL):
+        return False, 0.0, length, law
     return True, felt, math.inf, (k, n, c, free, previous)
 
 
 @kernel
 def start_of(finger):
     """Compression [m] at the start of the step, from which a step of second order begins."""
-    return finger.course[AHEAD] * finger.compression
+    return finger.course.ahead * finger.compression
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness, pressed, solved, dt):
     """The contact of this step: force [N], indentation [m], rates of compression and indentation [m/s], force along
     the surface [N] (3).
@@ -159,7 +170,8 @@ def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness
             slip = proximity.slip
             motion = dt * (math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2) + abs(finger.rate) + abs(rate))
             lateral = on_hand(gradient, shape, -proximity.gap, vector(proximity.normal))
-            lateral = bounded(lateral, force, motion, proximity.approach, finger.aside)
+            reached = max(proximity.approach, finger.compression)  # above the undeformed surface: the compression
+            lateral = bounded(lateral, force, motion, reached, finger.aside)
     if not force > 0.0:
         finger.aside[0] = finger.aside[1] = finger.aside[2] = 0.0
     if finger.compression > thickness > 0.0:

@@ -1,18 +1,19 @@
 """The mass-spring body (docs/equations/mass-spring.md)."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 import scipy  # imports its slow submodules at their first use
 
 from palpate.compiler.exact import exp, log, row_times
-from palpate.compiler.kernel import kernel
-from palpate.compiler.records import floats, form, integers, lend_first, nth, one, put, unpacking, vector
+from palpate.compiler.fields import blank_record, element_type
+from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
-from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.measured_map import measured_factor
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
@@ -23,11 +24,11 @@ from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
-from palpate.physics.geometry.pieces import thicknesses
 
 NotNegative = msgspec.Meta(ge=0)
 
 _body_of = unpacking(springs.NodalBody)
+_courses_of = array_of(element_type(end_rate.COURSE))
 
 
 class MassSpring(CompiledNode, WithNodule):
@@ -74,13 +75,13 @@ class MassSpring(CompiledNode, WithNodule):
     )  # fmt: skip
     State = SEVERAL | {
         "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
-        "factors": ARRAY, "courses": TABLE, "trails": TABLE, "beyond": int, "thick": ARRAY,
+        "factors": ARRAY, "courses": ARRAY, "trails": TABLE, "beyond": int, "thick": ARRAY,
         "thinnest": (), "excess": (), "deepest": (2,),
     }  # fmt: skip
     """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, the course of
     its indentation (`physics.contact.end_rate`), and the last feet. Flags of exceeded limits (`spring_range`);
-    thickness of the organ at each vertex [m] (`pieces.thicknesses`), and the least; excess of the indentation
+    thickness of the organ at each vertex [m] (`Mesh.thicknesses`), and the least; excess of the indentation
     over it [1], now, and at most with the thickness there."""
 
     shared = "hard", "ground", "thick", "body.law", "body.nodal", "body.edges"
@@ -100,7 +101,7 @@ class MassSpring(CompiledNode, WithNodule):
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
             sideways = self._field()[1]
             self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning, sideways]))
-        thick = thicknesses(self.mesh())
+        thick = self.mesh().thicknesses
         self.hold("thick", thick)
         self.own["thinnest"] = thick.min()
         self._make(self._count)
@@ -148,6 +149,9 @@ class MassSpring(CompiledNode, WithNodule):
             )
         return super().notes()
 
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        return vertex_error(self.surface, len(self.mesh().vertices), messages[0])
+
     def bases(self) -> list[ReducedFE]:
         """The bodies whose bases this node reads."""
         return [] if self.stiffness_map == "uniform" else [self._reference()]
@@ -168,7 +172,7 @@ class MassSpring(CompiledNode, WithNodule):
         make_room(self, count)
         self._held["laws"][:, :3] = self.stiffness, self.exponent, self.damping
         self.hold("factors", np.ones(count))
-        self.hold("courses", np.tile(end_rate.AT_REST, (count, 1)))
+        self.hold("courses", np.full(count, blank_record(end_rate.COURSE, ahead=1.0)))
         self.hold("trails", np.full((count, 3), np.nan))
         self.hold("forces", np.zeros(count))
         self.hold("acting", np.zeros(count))
@@ -184,8 +188,11 @@ class MassSpring(CompiledNode, WithNodule):
                 return False
         return out.delayed == oldest(load)
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
+        if unknown_vertex(load, own.thick.shape[0]):
+            own.fault = NO_VERTEX
+            return
         # normal forces, and coupling of overlapping patches
         laws, coupling, forces, acting = floats(own.laws), floats(own.coupling), floats(own.forces), floats(own.acting)
         several = load.count > 1
@@ -197,7 +204,7 @@ class MassSpring(CompiledNode, WithNodule):
                 coupling[i, j] = springs.shared(each.foot, other.foot, each.normal, other.normal, own.radius)
                 coupling[j, i] = coupling[i, j]
         # indentation of each contact, and its terminal law for the next step
-        body, count, courses = _body_of(own.body), 0, floats(own.courses)
+        body, count, courses = _body_of(own.body), 0, _courses_of(own.courses)
         stored, side, factors = 0.0, 0.0, floats(own.factors)
         mapped, slopes, reached = own.ground.shape[0] > 0, floats(own.slopes), 0.0
         own.excess = 0.0
@@ -216,7 +223,7 @@ class MassSpring(CompiledNode, WithNodule):
             if mapped:  # the indentation that the contact computed, with the law at the previous position
                 reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
             moving, rest = springs.retarded(stiffness, own.exponent, own.retardation, dt)
-            free = rest * course[end_rate.AHEAD] * previous
+            free = rest * course.ahead * previous
             s = indentation(acting[i], dt, moving, own.exponent, own.damping, free, previous)
             shift = 0.0
             if mapped and acting[i] > 0.0:
@@ -238,10 +245,10 @@ class MassSpring(CompiledNode, WithNodule):
                 pull, normal = floats(each.forces), vector(each.normal)
                 if 0.0 < share < 1.0:
                     pull = springs.shifted(pull, normal, 1.0 / share - 1.0)
-                count = springs.move(body, i, integers(each.nodes), pull, normal, dt, course[end_rate.AHEAD])
+                count = springs.move(body, i, integers(each.nodes), pull, normal, dt, course.ahead)
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
-            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course[end_rate.AHEAD] * s + shift, s
+            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course.ahead * s + shift, s
             if s > own.thinnest and each.nodes.shape[0] > 0:
                 thick = floats(own.thick)[integers(each.nodes)[0]]
                 own.excess = max(own.excess, s / thick - 1.0)

@@ -1,34 +1,35 @@
 """Kernels that compute the answer of the reduced bodies from the state of their node."""
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, lend_first, nth, put, vector
 from palpate.nodes.base import ARRAY
 from palpate.nodes.base.contacts import send_laws
+from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import condensed_body as condensed
-from palpate.physics.bodies.condensed_step import DEEP, RADIUS, WIDE
+from palpate.physics.bodies.condensed_step import excesses
 from palpate.physics.bodies.patch import add_pressure
 
 PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; work array; [Pa]
 
 
-@kernel(error_model="numpy")
-def caution_once(own, numbers):
+@ieee_kernel
+def caution_once(own, contacts):
     """Store each new cause of extrapolation for a note, as in `ReducedFE.State`."""
     for cause in range(len(own.cautions)):
         known, worst, contact = False, 0.0, 0
         for k in range(own.causes):
             known = known or own.cautions[k, 0] == cause
-        for c in range(len(numbers)):
-            if numbers[c, DEEP + cause] > worst:
-                worst, contact = numbers[c, DEEP + cause], c
+        for c in range(len(contacts)):
+            excess = excesses(contacts[c])[cause]
+            if excess > worst:
+                worst, contact = excess, c
         if worst > 0.0 and not known:
             row = own.cautions[own.causes]
-            row[0], row[1], row[2], row[3] = cause, worst, numbers[contact, RADIUS], numbers[contact, WIDE]
+            row[0], row[1], row[2], row[3] = cause, worst, contacts[contact].radius, contacts[contact].wide
             own.causes += 1
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def along_the_surface(own, body, load, out):
     """Send the tangential energy gradient and the shape operator at each contact with a load."""
     slopes = floats(own.slopes)
@@ -50,7 +51,7 @@ def along_the_surface(own, body, load, out):
                 out.shape_operator.values[k] = slopes[0, 3 + k]
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def send(own, load, count, out, dt):
     """Send the laws, and displacement and pressure of the `count` displaced vertices."""
     send_laws(own, out)

@@ -5,13 +5,13 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, put, vector
 from palpate.nodes.base import CompiledNode
-from palpate.nodes.device.hand import GRIP, HeldGrip, check_reach, hold_grip, moved
+from palpate.nodes.base.kernels import kernel
+from palpate.nodes.device.hand import HELD_GRIP, HeldGrip, check_reach, geometry_of, hold_grip, moved
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.grip import CLOCK, LINEAR, POSITION
+from palpate.physics.device.grip import LINEAR
 
 
 class Follower(HeldGrip, CompiledNode):
@@ -25,7 +25,7 @@ class Follower(HeldGrip, CompiledNode):
 
     resolution: Annotated[float, "rad", msgspec.Meta(ge=0)] = FALCON.count
 
-    State = GRIP | {"goal": (3,)}
+    State = HELD_GRIP | {"goal": (3,)}
     """The goal of the hand [m], in the device's frame."""
 
     def start(self) -> None:
@@ -42,11 +42,11 @@ def follow(own, goal, torque, force, out, dt):
     if torque.there:
         torques = vector(torque.torques)
     elif force.there:
-        f, at = force.force, own.motion[POSITION]
-        _, t0, t1, t2 = torque_kernel(own.geometry, f[0], f[1], f[2], at[0], at[1], at[2])
+        f, at = force.force, own.motion.position
+        _, t0, t1, t2 = torque_kernel(geometry_of(own.geometry), f[0], f[1], f[2], at[0], at[1], at[2])
         torques = (t0, t1, t2)
     points = floats(own.points)
-    own.motion[CLOCK] = 0.0
+    own.motion.time, own.motion.segment = 0.0, 0
     floats(own.ends)[0] = dt
     put(points[0], vector(own.goal))
     put(points[1], goal)
@@ -55,4 +55,4 @@ def follow(own, goal, torque, force, out, dt):
     out.joints.count = out.position.count = 3
     out.homed = True
     put(out.joints.values, joints)
-    put(out.position.values, vector(own.motion[POSITION]))
+    put(out.position.values, vector(own.motion.position))

@@ -6,16 +6,16 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
-from palpate.compiler.records import floats, integers
+from palpate.compiler.records import floats, form, integers, unpacking
 from palpate.messages import Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node, SettingError
-from palpate.physics.device.falcon import FALCON, HOME, leg
-from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, POSITION, grip_kernel
+from palpate.nodes.base.kernels import kernel
+from palpate.physics.device.falcon import FALCON, HOME, Geometry, leg
+from palpate.physics.device.grip import GRIP, LINEAR, MINIMUM_JERK, MOTION, grip_kernel
 
-GRIP = {
-    "geometry": (15,), "constants": (6,), "motion": (3, 3), "memory": (4, 3), "ends": ARRAY, "points": TABLE,
-    "shapes": ARRAY,
+geometry_of = unpacking(Geometry)
+HELD_GRIP = {
+    "geometry": form(Geometry), "grip": GRIP, "motion": MOTION, "ends": ARRAY, "points": TABLE, "shapes": ARRAY,
 }  # fmt: skip
 """State of a simulated grip, for `physics.device.grip.grip_kernel`."""
 
@@ -85,10 +85,11 @@ def check_reach(grip: HeldGrip, name: str, point: Vector3) -> np.ndarray:
 
 
 def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: np.ndarray) -> None:
-    """Initialize the grip of a node with `GRIP` and the settings of `HeldGrip`, at rest at the start of its path."""
+    """Initialize a grip with `HELD_GRIP` and the settings of `HeldGrip`: at rest at the start of its path."""
     own, given = node.own, ("mass", "damping", "hand_stiffness", "hand_damping", "resolution")
-    own["geometry"], own["constants"] = FALCON.geometry, [*(getattr(node, name) for name in given), FALCON.limit]
-    own["motion"][POSITION] = points[0]
+    own["grip"] = (*(getattr(node, name) for name in given), FALCON.limit)
+    node.hold("geometry", FALCON.geometry)
+    own["motion"]["position"] = points[0]
     node.hold("ends", ends)
     node.hold("points", points)
     node.hold("shapes", shapes)
@@ -98,7 +99,7 @@ def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: 
 def moved(own, torques, dt):
     """Move the grip by one step of dt [s] under motor torques [N m] (3). Returns its driven angles [rad]."""
     return grip_kernel(
-        own.geometry, own.constants, own.motion, own.memory, floats(own.ends), floats(own.points),
+        geometry_of(own.geometry), own.grip, own.motion, floats(own.ends), floats(own.points),
         integers(own.shapes), torques[0], torques[1], torques[2], dt,
     )  # fmt: skip
 

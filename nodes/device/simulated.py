@@ -5,15 +5,15 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, put, vector
 from palpate.messages import DeviceState, Torque
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
 from palpate.nodes.base.absence import FADED, FALL, PACE, begin, faded, paced
-from palpate.nodes.device.hand import GRIP, SimulatedOperator, check_reach, hold_grip, moved
+from palpate.nodes.base.kernels import kernel
+from palpate.nodes.device.hand import HELD_GRIP, SimulatedOperator, check_reach, geometry_of, hold_grip, moved
 from palpate.physics.device import random_numbers
 from palpate.physics.device.falcon import FALCON
-from palpate.physics.device.grip import CLOCK, angles
+from palpate.physics.device.grip import angles
 from palpate.physics.device.random_numbers import seeded, uniform
 
 GLITCH = 1000 * FALCON.count  # [rad]
@@ -41,7 +41,7 @@ class Simulated(SimulatedOperator, CompiledNode):
     glitches: Annotated[float, "1", msgspec.Meta(ge=0, le=1)] = 0.0
     seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
-    State = GRIP | {
+    State = HELD_GRIP | {
         "torques": FADED, "pace": PACE, "applied": (3,), "buttons": ARRAY, "random": random_numbers.STATE,
         "reports": TABLE, "newest": int, "last": (3,),  # a ring of `delay` + 1 reports [rad]; the last report
     }  # fmt: skip
@@ -67,7 +67,7 @@ class Simulated(SimulatedOperator, CompiledNode):
         reports = floats(own.reports)
         count = len(reports)
         if own.newest < 0:
-            first = angles(own.geometry, own.constants, own.motion)
+            first = angles(geometry_of(own.geometry), own.grip, own.motion)
             for i in range(count):
                 put(reports[i], first)
             put(own.last, first)
@@ -83,4 +83,4 @@ class Simulated(SimulatedOperator, CompiledNode):
         put(out.joints.values, vector(own.last))
         if own.glitches > 0.0 and uniform(own.random) < own.glitches:
             out.joints.values[0] += GLITCH
-        out.buttons = integers(own.buttons)[int(own.motion[CLOCK, 1])]
+        out.buttons = integers(own.buttons)[own.motion.segment]

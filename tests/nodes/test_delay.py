@@ -222,7 +222,7 @@ def felt(delay, jitter, loss, known=True, passivity=True, drag=2.0):
     force, place = [], []
     for _ in range(3000):
         force.append(stepper.tick().controller.force)
-        place.append(device.own["motion"][0].copy())
+        place.append(device.own["motion"]["position"].copy())
     stepper.stop()
     force, moved = np.array(force), np.diff(place, axis=0)
     work = -np.cumsum((force[:-1] * moved).sum(axis=1))

@@ -63,17 +63,17 @@ def feel(run: Chain, lost: Lost, each: Callable[[int, Felt], None] = lambda tick
     run.begin()
     run.lost, run.sent = lost, sent
     node, geometry = run.device.node, FALCON.geometry
-    place = node.own["motion"][0].copy()
+    place = node.own["motion"]["position"].copy()
     for k in range(TICKS):
         each(k, felt)
         run.run(1)
         force = np.array(force_kernel(geometry, *node.own["applied"], *place)[1:])
-        step = node.own["motion"][0] - place
+        step = node.own["motion"]["position"] - place
         energy -= force @ step
         felt.hand, felt.speed = float(np.linalg.norm(force)), 1e3 * float(np.linalg.norm(step))
         felt.approach = -1e3 * float(step[2])
         felt.without += 1e-3 * (felt.hand < 0.5 * felt.force)
-        place = node.own["motion"][0].copy()
+        place = node.own["motion"]["position"].copy()
         felt.change = max(felt.change, float(np.linalg.norm(force - before)))
         felt.energy, felt.taken = min(felt.energy, energy), energy
         felt.places.append(tuple((place + np.array(node.origin)).tolist()))

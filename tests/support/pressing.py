@@ -3,7 +3,6 @@
 import numpy as np
 
 from palpate.physics.bodies import condensed_body, mass_spring, sampled_body
-from palpate.physics.bodies.condensed_step import DEEP, GROWN, RADIUS, WIDE
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.contact import spread as spreading
 
@@ -65,7 +64,7 @@ class CondensedBody:
             condensed_body.bear(self.own, contact, *_load(*load), dt)
         self.laws = np.zeros((len(loads), 5))
         condensed_body.answer(self.own, self.laws, dt)
-        return self.own.numbers[:, :3].tolist()
+        return [[each.compliance, each.free, each.now] for each in self.own.contacts]
 
     def displaced(self, *feet):
         self.own.feet[:] = feet
@@ -93,12 +92,12 @@ class CondensedBody:
         return condensed_body.extrapolation(self.own)
 
     def causes(self):
-        excess = self.own.numbers[:, DEEP : GROWN + 1].max(axis=0)
+        excess = np.max([each.excess.item() for each in self.own.contacts], axis=0)
         return [cause for cause, over in zip(CAUSES, excess, strict=True) if over > 0.0]
 
     def caution(self, cause):
-        numbers = self.own.numbers[0]
-        return caution(cause, *map(float, numbers[[DEEP + CAUSES.index(cause), RADIUS, WIDE]]))
+        one = self.own.contacts[0]
+        return caution(cause, one.excess.item()[CAUSES.index(cause)], float(one.radius), float(one.wide))
 
 
 class SampledBody:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from palpate.engine.clock import now
+from palpate.engine.clock import SPIN, now
 from palpate.engine.job import Job
 from palpate.engine.segment import CompiledSegment, Entrance
 from palpate.engine.slot import Output, RemoteStream, Slot
@@ -30,17 +30,17 @@ from palpate.launch.run.hop.table import (
     READER,
     SCRATCH,
     SEGMENT,
+    TALLY,
 )
 from palpate.launch.run.wire.bus import Bus
 from palpate.launch.run.wire.inlet import Inlet
 from palpate.launch.run.wire.outlet import ReaderConnection, Sender
 from palpate.nodes.base import Block
 
-BLOCK = 256  # ticks in one call at most
-LONGEST = 20_000_000  # [ns] of a call, since orders and Ctrl-C take effect after it
+BLOCK = 512  # ticks in one call at most
+LONGEST = 40_000_000  # [ns] of a call, since orders and Ctrl-C take effect after it
 REAL_LONGEST = 10_000_000  # [ns] of a call on the real clock
 FAR = 1 << 62  # a tick after all others
-SAMPLES = 512  # measured steps of each node in one call
 
 
 def suits(parts: Sequence[Slot | CompiledSegment]) -> bool:
@@ -131,11 +131,13 @@ class Hop:
             base += len(part.slots)
         self._slots = slots
         state = self._state[0]
-        self._samples, self._ages = (self._keep(np.zeros((SAMPLES * base, 2), np.int64)) for _ in range(2))
+        self._tallies = np.zeros(base, TALLY)
+        for line, slot in zip(self._tallies, slots, strict=True):
+            line["step"], line["age"] = slot.health.step.words.ctypes.data, slot.health.age.words.ctypes.data
         scratch = self._keep(np.zeros(SCRATCH, np.int64))
         state["segments"], state["count"] = self._segments.ctypes.data, len(self._segments)
-        state["scratch"], state["most"] = scratch.ctypes.data, SAMPLES * base
-        state["samples"], state["ages"] = self._samples.ctypes.data, self._ages.ctypes.data
+        state["scratch"], state["tallies"] = scratch.ctypes.data, self._tallies.ctypes.data
+        state["wakes"] = SPIN  # until delays have been measured
         state["exact"], state["period"] = 1e9 / job.rate, round(1e9 / job.rate)
 
     def _port(self, part: CompiledSegment, entrance: Entrance) -> Port:
@@ -178,8 +180,6 @@ class Hop:
         # Each worker returns to Python after other ticks than the others, since they share the core.
         most = 1 if self._bus.served() else self._block - (worker.tick + 1 + self._phase) % self._block
         why = self._run(self._where, most, now() + 2 * REAL_LONGEST)
-        if 2 * state["aged"] > state["most"] or 2 * state["sampled"] > state["most"]:
-            self.count()
         ran, worker.tick = int(state["done"]), int(state["last"])
         if why in (DONE, BETWEEN):
             self._hand_over()
@@ -203,18 +203,16 @@ class Hop:
         return self._led
 
     def count(self) -> None:
-        """Copy from the table to the slots: counts, durations and ages, and tick and time of the last step."""
+        """Copy from the table to the slots: counts, and tick and time of the last step. Compiled code itself counts
+        durations and ages."""
         state = self._state[0]
-        samples, ages = self._samples[: int(state["sampled"])], self._ages[: int(state["aged"])]
-        for node, slot in enumerate(self._slots):
-            slot.health.step.add_all(samples[samples[:, 0] == node, 1])
-            own = ages[ages[:, 0] == node, 1]
-            slot.health.age.add_all(own)
-            slot.health.overdue += int(np.count_nonzero(own > state["period"]))
+        for slot, overdue in zip(self._slots, self._tallies["overdue"].tolist(), strict=True):
+            slot.health.overdue += overdue
+        self._tallies["overdue"] = 0
         if self._lead is not None:
             self._lead.health.late += int(state["late"])
             self._lead.health.lost += int(state["lost"])
-        state["sampled"] = state["aged"] = state["late"] = state["lost"] = 0
+        state["late"] = state["lost"] = 0
         for part in self._parts:
             part.copy_times()
         for line, readers in zip(self._lines, self._readers, strict=True):
@@ -315,6 +313,7 @@ class Hop:
             topics = [np.frombuffer(bytes(HEADER) + sender.topic, np.uint8).copy() for _, sender, _ in readers]
             for line, topic, (number, _, reader) in zip(lines, topics, readers, strict=False):
                 line["number"], line["fd"], line["blocks"] = number, reader.end.fileno(), self._bus.waits_for(reader)
+                line["worker"] = bool(reader.group)
                 line["topic"], line["skip"] = topic.ctypes.data + HEADER, len(topic) - HEADER
             self._readers[at], self._lines[at] = readers, lines
             self._segments["reader"][at], self._segments["readers"][at] = lines.ctypes.data, len(readers)

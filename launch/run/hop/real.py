@@ -17,6 +17,7 @@ from palpate.engine.schedule import OLD
 from palpate.launch.run.hop.frames import (
     DONTWAIT,
     ODD,
+    READER_SIZE,
     WHOLE,
     fill,
     head_at,
@@ -24,11 +25,22 @@ from palpate.launch.run.hop.frames import (
     newest,
     peek,
     port_at,
+    reader_at,
     segment_at,
     wire_at,
 )
 from palpate.launch.run.hop.table import BETWEEN, DONE, INPUT
-from palpate.launch.run.hop.tick import MONOTONIC, SEGMENT_SIZE, crowded, hop_at, moment, note, run_segment
+from palpate.launch.run.hop.tick import (
+    MONOTONIC,
+    SEGMENT_SIZE,
+    TALLY_SIZE,
+    crowded,
+    hop_at,
+    moment,
+    run_segment,
+    tally,
+    tally_at,
+)
 
 _INT, _LONG = types.int32, types.int64
 ppoll: Any = types.ExternalFunction("ppoll", _INT(_LONG, _LONG, _LONG, _LONG))
@@ -36,6 +48,8 @@ clock_nanosleep: Any = types.ExternalFunction("clock_nanosleep", _INT(_INT, _INT
 ABSOLUTE, READABLE = 1, 1  # of Linux
 FAR = 1 << 62  # a tick after all others
 LONGEST_WAIT = 20_000_000  # [ns] in compiled code, since orders and Ctrl-C take effect after it
+DEVIATIONS = 6  # a sleep ends early by its usual delay and this many mean deviations
+LATEST = 16  # the last delay has the weight 1 / LATEST in the running means
 SETTLED = 0.5  # share of the period after which the force path of a tick has usually ended
 left_out, unread, stopped = kernel(schedule.left_out), kernel(schedule.unread), kernel(schedule.stopped)
 
@@ -58,7 +72,11 @@ def paced(hop):
     if left > LONGEST_WAIT:
         return False, now, np.int64(0)
     if left > 0:
-        sleep(hop, due - min(SPIN, left // 4))
+        wake = due - min(SPIN, left // 4, hop.wakes + DEVIATIONS * hop.spread)
+        sleep(hop, wake)
+        delay = moment(hop) - wake
+        hop.spread += (abs(delay - hop.wakes) - hop.spread) // LATEST
+        hop.wakes += (delay - hop.wakes) // LATEST
         left = due - moment(hop)
         while left > 0:
             left = due - moment(hop)
@@ -158,6 +176,17 @@ def gather(hop, segment, now, rate):
     return DONE
 
 
+@kernel
+def needed_elsewhere(hop):
+    """Whether another worker of the run reads messages of this one."""
+    for s in range(hop.count):
+        segment = segment_at(hop.segments + s * SEGMENT_SIZE)
+        for j in range(segment.readers):
+            if reader_at(segment.reader + j * READER_SIZE).worker:
+                return True
+    return False
+
+
 @kernel(nogil=True)
 def run_real_hop(hop_address, most, deadline):
     """Run up to `most` ticks, or until about `deadline` [ns]. Returns why it ended; `BETWEEN`: the next tick has not
@@ -182,14 +211,16 @@ def run_real_hop(hop_address, most, deadline):
                 return why
             age = max(0, moment(hop) - hop.origin - at)
             for i in range(segment.count):
-                if row_at(segment.rows + i * ROW_SIZE).stepped and hop.aged < hop.most:
-                    hop.aged = note(hop.ages, hop.aged, segment.base + i, age)
+                if row_at(segment.rows + i * ROW_SIZE).stepped:
+                    counts = tally_at(hop.tallies + (segment.base + i) * TALLY_SIZE)
+                    counts.overdue += age > hop.period
+                    tally(counts.age, age)
         hop.last = now
         hop.done += 1
         if moment(hop) > deadline or crowded(hop):
             break
-    # The caller's work waits until the others have run, since they share the core.
+    # The caller's work waits until the nodes that need these messages have run, since they share the core.
     settled = hop.origin + np.int64((hop.last + SETTLED) * hop.exact)
-    if settled > moment(hop):
+    if settled > moment(hop) and needed_elsewhere(hop):
         sleep(hop, min(settled, moment(hop) + LONGEST_WAIT))
     return DONE

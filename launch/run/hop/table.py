@@ -28,11 +28,12 @@ spare, other   the same of the next message; both pairs are exchanged when its t
 space    [bytes] size of each memory for arrays;  need  size of a message for which it was too small
 waits    on the real clock: whether a step waits for it
 """
-READER = np.dtype([(n, "<i8") for n in ("number", "fd", "topic", "skip", "blocks", "queued", "dropped")])
+READER = np.dtype([(n, "<i8") for n in ("number", "fd", "topic", "skip", "worker", "blocks", "queued", "dropped")])
 """A connection to a reader of one stream.
 
 number       of the output in the journal;  fd  file descriptor
 topic, skip  address and length of the stream's name and a zero byte; `HEADER` free bytes precede the topic
+worker       whether it is a worker of the run
 blocks       whether the sender waits for it;  queued  whether earlier bytes for it are queued
 dropped      number of messages that did not fit into its buffer
 """
@@ -46,10 +47,17 @@ port, ports    address and number of the addresses of its `PORT`s;  reader, read
 keeps          whether an observer takes its messages, so that they stay in the journal
 base           number of its first node in the worker;  first  entry of the journal at which a tick's messages begin
 """
+TALLY = np.dtype([(n, "<i8") for n in ("step", "age", "overdue")])
+"""Counters of a node.
+
+step, age  addresses of the `engine.health.Histogram.words` of measured steps, and of ages of outputs on the real clock
+overdue    number of outputs older than a period
+"""
 HOP = np.dtype([
     ("exact", "<f8"), *((n, "<i8") for n in (
-        "segments", "count", "at", "entry", "reader", "sent", "scratch", "samples", "sampled", "ages", "aged", "most",
+        "segments", "count", "at", "entry", "reader", "sent", "scratch", "tallies",
         "origin", "period", "last", "end", "lead", "port", "late", "lost", "now", "time", "begun", "done",
+        "wakes", "spread",
     ))
 ])  # fmt: skip
 """State of a hop.
@@ -58,8 +66,7 @@ segments, count  address and number of its `SEGMENT`s
 at               segment at which it was interrupted;  entry, reader, sent  the message, the reader and the number of
                  bytes sent, if a reader's buffer is full
 scratch          address of memory for system calls (`SCRATCH` numbers)
-samples, sampled address and number of measured steps: node and duration [ns];  most  of these, and of ages
-ages, aged       address and number of ages of outputs on the real clock: node and age [ns]
+tallies          address of the `TALLY` of each node
 
 On the real clock:
 
@@ -68,6 +75,7 @@ last, end        last tick that has run, last tick of the run;  done  number of 
 lead, port       address of the `ROW` of the node that leads, and of the `PORT` that drives it, 0: the clock drives it
 late, lost       counts of the leading node since the last call
 now, time, begun the present tick, its time [ns], and when its nodes began [ns of the monotonic clock]
+wakes, spread    [ns] by how much later than asked a sleep ends, and the mean deviation from it; running means
 """
 HEADER, SCRATCH = 9, 32
 DONE, INPUT, OUTPUT, JOURNAL, FAILED, BETWEEN = range(6)

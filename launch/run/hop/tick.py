@@ -12,16 +12,17 @@ from numba import types
 from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import pointer, set_word, word
 from palpate.engine.compiled_tick import ROW_SIZE, clock_at, row_at, run_table
+from palpate.engine.health import LONGEST, TOTAL
 from palpate.engine.segment import SAMPLE
 from palpate.launch.run.hop.frames import awaited, deliver, port_at, segment_at
-from palpate.launch.run.hop.table import DONE, FAILED, HOP, INPUT, JOURNAL, SEGMENT
+from palpate.launch.run.hop.table import DONE, FAILED, HOP, INPUT, JOURNAL, SEGMENT, TALLY
 
 _INT, _LONG = types.int32, types.int64
 clock_gettime: Any = types.ExternalFunction("clock_gettime", _INT(_INT, _LONG))
 MONOTONIC = 1
 ENOUGH = 100_000  # [bytes]
-hop_at = pointer(HOP)
-SEGMENT_SIZE = SEGMENT.itemsize
+hop_at, tally_at = pointer(HOP), pointer(TALLY)
+SEGMENT_SIZE, TALLY_SIZE = SEGMENT.itemsize, TALLY.itemsize
 
 
 @kernel
@@ -32,17 +33,23 @@ def moment(hop):
 
 
 @kernel
-def note(place, count, node, value):
-    """Append a pair of numbers to a list; returns its length."""
-    set_word(place + 16 * count, node)
-    set_word(place + 16 * count + 8, value)
-    return count + 1
+def tally(words, duration):
+    """Count a duration [ns] in the `Histogram` at this address."""
+    place = words + 8 * TOTAL
+    set_word(place, word(place) + duration)
+    place = words + 8 * LONGEST
+    set_word(place, max(word(place), duration))
+    bits = np.int64(0)
+    while duration >> bits != 0:
+        bits += 1
+    place = words + (8 * (8 * bits + (duration >> bits - 4)) if bits > 3 else 0)
+    set_word(place, word(place) + 1)
 
 
 @kernel
 def run_rows(hop, segment, clock, tick):
     """Run the nodes of a segment; at some ticks one by one, with the duration of each step."""
-    if tick % SAMPLE != 0 or hop.sampled + segment.count > hop.most:
+    if tick % SAMPLE != 0:
         run_table(segment.rows, segment.clock, tick, 1)
     else:
         for i in range(segment.count):
@@ -52,7 +59,7 @@ def run_rows(hop, segment, clock, tick):
             run_table(segment.rows, segment.clock, tick, 1)
             if row.steps > before:
                 row.steps = before
-                hop.sampled = note(hop.samples, hop.sampled, segment.base + i, moment(hop) - begun)
+                tally(tally_at(hop.tallies + (segment.base + i) * TALLY_SIZE).step, moment(hop) - begun)
             if clock.failed >= 0 or clock.resume >= 0:
                 break
         clock.first, clock.last = 0, segment.count

@@ -6,7 +6,7 @@ The loops over the ticks are in `simulated` and `real`, one for each clock; `loo
 import contextlib
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from palpate.engine.clock import POLL_INTERVAL, Silence, now
@@ -31,6 +31,7 @@ OVERHEARD = 1000  # frames for observers handled in a row before the nodes run a
 ORPHANED = 5_000_000_000  # [ns] without an order of the launcher, time without scheduling excluded
 LOOK = 5_000_000  # [ns] between two polls of orders and readers while messages arrive
 REPORT = 200_000_000  # [ns] between two heartbeats
+REPORTED = 3  # nodes in one part of a heartbeat
 HELD = 0.007  # [s] age at which an input of a node on the real clock counts as absent
 RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
 
@@ -75,6 +76,7 @@ class Worker:
         """Stream and tick of the message that it waits for, from the first `POLL_INTERVAL` on."""
         self._since = 0
         self._reported = self._polled = 0
+        self._sign: Iterator[None] = iter(())  # the rest of a report
         self._launcher = Silence()
         fast = self._real and job.rate > FAST
         self._ticks_per_burst = max(1, round(BURST * FAST / job.rate)) if fast else BURST
@@ -394,6 +396,8 @@ class Worker:
         """After some ticks: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
         self._burst += ticks
         moment = now()
+        if self._real:
+            next(self._sign, None)
         due = moment - self._reported > REPORT  # slow nodes must also send heartbeats
         if self._burst < self._ticks_per_burst and not due:
             return
@@ -408,7 +412,9 @@ class Worker:
             if self.bus is not None and self.bus.listened():
                 self._mark_heard()
         self._flush()
-        if due:
+        if due and self._real:
+            self._sign = self._signs()
+        elif due:
             self.sign_of_life()
 
     def _flush(self) -> None:
@@ -438,18 +444,30 @@ class Worker:
 
     def sign_of_life(self) -> None:
         """Send the health of the nodes to launcher and observers."""
+        self._sign = iter(())
+        for _ in self._signs():
+            pass
+
+    def _signs(self) -> Iterator[None]:
+        """Send the health of the nodes in parts: on the real clock one after each block of ticks, since the whole would
+        take longer than a tick."""
         self._reported = now()
         if self.hop is not None:
             self.hop.count()
         for part in self.parts:
             if isinstance(part, CompiledSegment):
                 part.count()
-        for slot in self.slots:
+        nodes: dict[str, Counters] = {}
+        for k, slot in enumerate(self.slots):
+            if k % REPORTED == 0:
+                yield
             slot.health.state = slot.node.condition() or "ready"
-        nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}
+            nodes[slot.name] = slot.health.report(slot.forces())
+        yield
         self._tell_observers(nodes)
         nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}
         self.report(Alive(nodes, self.awaits))
+        yield
         self.pass_notes()
 
     def _tell_observers(self, nodes: dict[str, Counters]) -> None:

@@ -104,7 +104,7 @@ def big(address: int) -> int:
     return struct.unpack(">q", ctypes.string_at(int(address), 8))[0]
 
 
-def array_of(dtype: str) -> Callable[[Record], np.ndarray]:
+def array_of(dtype: str | np.dtype) -> Callable[[Record], np.ndarray]:
     """As `records.floats`, for elements of this type."""
     return lambda handle: array(handle.address, handle.shape, dtype)
 
@@ -112,6 +112,13 @@ def array_of(dtype: str) -> Callable[[Record], np.ndarray]:
 def nth(several: Record, place: int) -> Record:
     """As `records.nth`."""
     return Record(array(several.at[place], (), several._memory.dtype["like"]))
+
+
+def clear(record: Any) -> None:
+    """As `records.clear`, also for a record of numpy."""
+    memory = getattr(record, "_memory", record)
+    for name in memory.dtype.names:
+        memory[name] = np.zeros((), memory.dtype[name])
 
 
 def unpacking(kind: type) -> Callable[[Record], Any]:

@@ -14,12 +14,13 @@ from numba.core import cgutils
 from numba.np.arrayobj import make_array, populate_array
 
 from palpate.compiler import interpreted
+from palpate.compiler.fields import KINDS
 from palpate.compiler.kernel import CompiledKernel, kernel
 from palpate.compiler.memory import BYTE, INTEGER, intrinsic
 
 MOST = 20  # Maximum number of records of a kernel
 RAISED = 1  # Status of a kernel that raised
-NUMBERS = {float: ("<f8", types.float64), int: ("<i8", types.int64), bool: ("?", types.boolean)}
+NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean}
 
 
 def address(function: CompiledKernel, *dtypes: np.dtype) -> int:
@@ -84,6 +85,10 @@ ELEMENTS: dict[str, Any] = {
 """Element types of arrays."""
 
 
+def _element(element: str | np.dtype) -> Any:
+    return ELEMENTS[element] if isinstance(element, str) else from_dtype(element)
+
+
 def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
     """The array whose address and shape are in memory at `handle`."""
     words = builder.bitcast(handle, INTEGER.as_pointer())
@@ -99,18 +104,18 @@ def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
     return array._getvalue()
 
 
-def _array_of(element: str) -> Any:
+def array_of(element: str | np.dtype) -> Any:
     """An intrinsic for the array (n,) or (n,m) that a field of a record refers to."""
 
     @intrinsic(interpreted.array_of(element))
     def array(typing: Any, handle: Any) -> Any:
-        form = types.Array(ELEMENTS[element], handle.typeof("shape").nitems, "C")
+        form = types.Array(_element(element), handle.typeof("shape").nitems, "C")
         return form(handle), lambda context, builder, _, given: _array(context, builder, form, given[0])
 
     return array
 
 
-floats, integers, longs = map(_array_of, ("<f8", "<i4", "<i8"))
+floats, integers, longs = map(array_of, ("<f8", "<i4", "<i8"))
 
 
 def form(kind: type) -> np.dtype:
@@ -128,7 +133,7 @@ def _member(hint: Any) -> tuple[Any, ...]:
         return (np.dtype([("address", "<i8"), ("shape", "<i8", (hint.__metadata__[1],))], align=True),)
     if get_origin(hint) is tuple:
         return "<f8", (len(get_args(hint)),)
-    return (NUMBERS[hint][0],) if hint in NUMBERS else (form(hint),)
+    return (KINDS[hint],) if hint in NUMBERS else (form(hint),)
 
 
 def unpacking(kind: type) -> Any:
@@ -144,11 +149,11 @@ def unpacking(kind: type) -> Any:
 def _type(hint: Any) -> Any:
     if hasattr(hint, "__metadata__"):
         element, ndim = hint.__metadata__
-        return types.Array(ELEMENTS[element], ndim, "C")
+        return types.Array(_element(element), ndim, "C")
     if get_origin(hint) is tuple:
         return types.UniTuple(types.float64, len(get_args(hint)))
     if hint in NUMBERS:
-        return NUMBERS[hint][1]
+        return NUMBERS[hint]
     return types.BaseTuple.from_types([_type(member) for _, member in _members(hint)], hint)
 
 
@@ -157,7 +162,7 @@ def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
     if hasattr(hint, "__metadata__"):
         return _array(context, builder, _type(hint), at)
     if hint in NUMBERS:
-        kind = NUMBERS[hint][1]
+        kind = NUMBERS[hint]
         return context.unpack_value(builder, kind, builder.bitcast(at, context.get_data_type(kind).as_pointer()))
     at = builder.bitcast(at, BYTE)
     if get_origin(hint) is tuple:
@@ -182,6 +187,18 @@ def nth(typing: Any, several: Any, place: Any) -> Any:
         return builder.inttoptr(builder.load(at), context.get_value_type(signature.return_type))
 
     return several.typeof("like")(several, types.int64), generate
+
+
+@intrinsic(interpreted.clear)
+def clear(typing: Any, record: Any) -> Any:
+    """Set all fields of a record to zero."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        size = ir.Constant(INTEGER, signature.args[0].size)
+        cgutils.memset(builder, builder.bitcast(arguments[0], BYTE), size, 0)
+        return context.get_dummy_value()
+
+    return types.void(record), generate
 
 
 @kernel

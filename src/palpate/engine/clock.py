@@ -57,7 +57,8 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
 
     core      cores that the process may run on; None: unchanged
     priority  1 to 99 of the round-robin real-time scheduler, so that a busy node shares its core with nodes of equal
-              priority; None: unchanged. Without pinning it does more harm than good.
+              priority; without pinning it does more harm than good. None: the batch scheduler, where a process that
+              receives a message does not interrupt its sender: a tick needs 9 switches of nine processes, not 11
     """
     refused: list[str] = []
     libc = ctypes.CDLL(None, use_errno=True)
@@ -68,7 +69,10 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
                 os.sched_setaffinity(thread, core)
             except OSError as error:
                 refused.append(f"core {','.join(map(str, core))}: {error.strerror}")
-        if priority is not None:
+        if priority is None:
+            with contextlib.suppress(OSError):
+                os.sched_setscheduler(thread, os.SCHED_BATCH, os.sched_param(0))
+        else:
             try:
                 os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
             except OSError:

@@ -11,51 +11,62 @@ import numpy as np
 from palpate import messages
 
 _BITS = 48  # up to 2^48 ns, three days
+BINS = 8 * (_BITS + 2)
+TOTAL, LONGEST = BINS, BINS + 1  # places in `Histogram.words`
 
 
 class Histogram:
     """Histogram of durations with eight bins per octave, interpolated within a bin: quantiles within 12 %, within 1 %
     for smooth distributions."""
 
-    __slots__ = ("bins", "longest", "total")
+    __slots__ = ("_view", "words")
 
     def __init__(self) -> None:
-        self.bins = [0] * (8 * (_BITS + 2))
-        self.total = self.longest = 0
+        self.words = np.zeros(BINS + 2, np.int64)
+        """The bins, the total and the longest duration [ns]; compiled code writes here too (`launch.run.hop.tick`)."""
+        self._view: memoryview = self.words.data  # single numbers: twice as fast as the array
 
     def add(self, nanoseconds: int, count: int = 1) -> None:
         """Count a duration [ns] `count` times."""
-        self.total += nanoseconds * count
-        if nanoseconds > self.longest:
-            self.longest = nanoseconds
+        view = self._view
+        view[TOTAL] += nanoseconds * count
+        if nanoseconds > view[LONGEST]:
+            view[LONGEST] = nanoseconds
         # The bit length gives the octave, the bits after the first one the bin within it: no logarithm, no array.
         bits = nanoseconds.bit_length()
-        self.bins[8 * bits + (nanoseconds >> bits - 4) if bits > 3 else 0] += count
+        view[8 * bits + (nanoseconds >> bits - 4) if bits > 3 else 0] += count
 
-    def add_all(self, nanoseconds: np.ndarray) -> None:
-        """Count each of these durations [ns]."""
-        if len(nanoseconds):
-            self.total += int(nanoseconds.sum())
-            self.longest = max(self.longest, int(nanoseconds.max()))
-            bits = np.frexp(nanoseconds.astype(float))[1]  # the bit length, below 2^53
-            bins = np.where(bits > 3, 8 * bits + (nanoseconds >> np.maximum(bits - 4, 0)), 0)
-            for number, count in zip(*np.unique(bins, return_counts=True), strict=True):
-                self.bins[number] += int(count)
+    def merge(self, other: Histogram) -> None:
+        """Count the durations of another one."""
+        longest = max(self.longest, other.longest)
+        self.words += other.words
+        self.words[LONGEST] = longest
+
+    @property
+    def total(self) -> int:
+        """Sum of the durations [ns]."""
+        return self._view[TOTAL]
+
+    @property
+    def longest(self) -> int:
+        """The longest duration [ns]."""
+        return self._view[LONGEST]
 
     @property
     def count(self) -> int:
         """Number of durations."""
-        return sum(self.bins)
+        return int(self.words[:BINS].sum())
 
     def report(self) -> dict[str, float]:
         """Mean, quantiles and longest duration [s]."""
-        total = list(accumulate(self.bins[: 8 * (self.longest.bit_length() + 2)]))
+        bins = self.words[: 8 * (self.longest.bit_length() + 2)].tolist()
+        total = list(accumulate(bins))
         count = total[-1]
         durations = {"mean": self.total * 1e-9 / count if count else 0.0}
         for name, q in (("p50", 0.5), ("p99", 0.99), ("p999", 0.999)):
             place = bisect_left(total, q * count)
             bits, eighth = divmod(place - 8, 8)
-            share = 1.0 - (total[place] - q * count) / self.bins[place] if count else 0.0
+            share = 1.0 - (total[place] - q * count) / bins[place] if count else 0.0
             durations[name] = min(2.0 ** (bits - 1) * (1.0 + (eighth + share) / 8.0), self.longest) * 1e-9
         durations["longest"] = self.longest * 1e-9
         return durations

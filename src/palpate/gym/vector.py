@@ -3,7 +3,6 @@
 envs = gymnasium.make_vec("palpate/Press-v0", num_envs=256, vectorization_mode="vector_entry_point")
 """
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
@@ -15,6 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.lanes import NodeImage, Pool
 from palpate.engine.segment import record_of
 from palpate.gym.find_nodule import FindNodule
@@ -69,9 +69,9 @@ class VectorTouch(VectorEnv):
         self._goals: list[list[np.ndarray]] = [[]] * num_envs
         self._views: list[Any] = [None] * num_envs
         self._over: np.ndarray | None = None
-        count = min(num_envs, CHUNKS * (threads or len(os.sched_getaffinity(0))))
+        count = min(num_envs, CHUNKS * (threads or len(usable_cores())))
         self._chunks = np.array_split(np.arange(num_envs), count)
-        self._threads = LaneThreads(threads or len(os.sched_getaffinity(0)))
+        self._threads = LaneThreads(threads or len(usable_cores()))
         self._block = FIRST  # ticks of one call of compiled code
         self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
         self.observation_space = batch_space(first.observation_space, num_envs)

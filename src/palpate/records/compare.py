@@ -225,6 +225,4 @@ def _collect(variant: Variant, player: Player) -> None:
     ]
     for part in chosen:
         times = part.health.step
-        variant.step.bins = [a + b for a, b in zip(variant.step.bins, times.bins, strict=True)]
-        variant.step.total += times.total
-        variant.step.longest = max(variant.step.longest, times.longest)
+        variant.step.merge(times)

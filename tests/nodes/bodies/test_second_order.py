@@ -8,10 +8,11 @@ import pytest
 from pytest import approx
 from test_bodies import PLANE, Loop, nothing, touching
 
+from palpate.compiler.fields import blank_record
 from palpate.nodes.base.contacts import press
 from palpate.nodes.contact import Joint, Series
 from palpate.nodes.deformation import MassSpring, ReducedFE
-from palpate.physics.contact.end_rate import AHEAD, AT_REST, STEPS, advance, arrive, expected_change
+from palpate.physics.contact.end_rate import COURSE, STEPS, advance, arrive, expected_change
 
 SPRING = {"stiffness": 270.0, "exponent": 1.0, "damping": 0.0, "retardation": 0.02}
 BODIES = {"MassSpring": (MassSpring, SPRING), "ReducedFE": (ReducedFE, {})}
@@ -139,8 +140,8 @@ def test_the_expected_change_is_exact_for_rising_quadratic_rates_and_zero_for_a_
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
 def test_the_start_of_a_step_stays_between_zero_and_twice_the_value(scale):
-    random, course = np.random.default_rng(5), AT_REST.copy()
+    random, course = np.random.default_rng(5), blank_record(COURSE, ahead=1.0)
     for tick in range(200):
         arrive(course, tick)
         advance(course, scale * max(float(random.standard_normal()), 0.0), 1e-3)
-        assert 0.0 <= course[AHEAD] <= 2.0
+        assert 0.0 <= course.ahead <= 2.0

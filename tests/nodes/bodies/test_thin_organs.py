@@ -7,7 +7,6 @@ from palpate.messages import Load
 from palpate.nodes.base.contacts import press
 from palpate.nodes.collision import Mesh
 from palpate.nodes.deformation.mass_spring import MassSpring
-from palpate.physics.geometry.pieces import thicknesses
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -44,7 +43,7 @@ def test_mass_spring_notes_an_indentation_beyond_the_thickness(tmp_path, make, a
     assert not notes(body)
     mesh = body.mesh()
     node = int(np.argmin(np.abs(mesh.vertices - (at, 0.0, 1.0)).sum(axis=1)))
-    thick = float(thicknesses(mesh)[node])
+    thick = float(mesh.thicknesses[node])
     assert thick == pytest.approx(mean, rel=0.02)
     for share, noted in ((0.9, False), (1.2, True)):
         force = np.array([[0.0, 0.0, -250.0 * share * mean]])
@@ -63,7 +62,7 @@ def test_an_open_surface_has_no_thickness(tmp_path):
     open_.update_faces(np.arange(len(open_.faces)) > 0)
     open_.export(tmp_path / "open.stl")
     body = MassSpring(surface=str(tmp_path / "open.stl"), file_unit="mm", refine=0.0)
-    assert np.isinf(thicknesses(body.mesh())).all()
+    assert np.isinf(body.mesh().thicknesses).all()
 
 
 def test_the_refinement_of_coarse_triangles_is_noted_and_can_be_switched_off(tmp_path):

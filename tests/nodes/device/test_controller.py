@@ -12,7 +12,6 @@ from pytest import approx
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction, Ledger, Pose, fields
 from palpate.nodes.controller import LENT, Haptic
-from palpate.physics.device.controller import ENERGY, LIMIT, MODE, WITHHELD
 from palpate.physics.device.rendered import stiffest
 
 UP = (0.0, 0.0, 1.0)
@@ -372,7 +371,9 @@ def test_generated_energy_reduces_the_force_only_after_an_outage():
         touch(b, 1e-3 * k, 2.0, 1e-2)
     node = b.node
     assert (
-        node.state[ENERGY, 0] < -LENT and node.own["gains"][LIMIT] == node.limit and node.state[MODE, WITHHELD] == 0.0
+        node.own["state"]["energy"] < -LENT
+        and node.own["gains"]["limit"] == node.limit
+        and node.own["state"]["withheld"] == 0.0
     )
 
 
@@ -391,7 +392,7 @@ def test_an_outage_permits_at_most_half_a_millijoule_of_generated_energy(energy,
     node = Haptic()
     node.start()
     node.step(contact(2.0, 1e-3), None, pose(), dt=T)
-    node.state[ENERGY, 0] = energy
+    node.own["state"]["energy"] = energy
     for given in (None, contact(2.0, 1e-3)):
         node.step(given, None, pose(), dt=T)
     assert node.own["least"] == approx(least)

@@ -129,7 +129,7 @@ def test_a_torque_pushes_a_free_grip_with_its_force(axis):
     node = Simulated(mass=0.2, **FREE)
     node.start()
     for _ in range(40):
-        here = node.own["motion"][0].copy()
+        here = node.own["motion"]["position"].copy()
         state = node.step(Torque(torques=torque(push, here)[0]), dt=T)
     t = 40 * T
     assert place(state) - HOME == approx(push / 0.2 * t * t / 2, abs=1e-8)
@@ -140,7 +140,7 @@ def test_a_force_moves_the_hand_by_force_over_stiffness():
     node.start()
     push = np.array([0.4, 0.0, 1.2])
     for _ in range(3000):
-        state = node.step(Torque(torques=torque(push, node.own["motion"][0])[0]), dt=T)
+        state = node.step(Torque(torques=torque(push, node.own["motion"]["position"])[0]), dt=T)
     assert place(state) == approx(np.array(HOME) + push / 400.0, abs=1e-8)
 
 
@@ -181,7 +181,7 @@ def test_the_end_of_the_workspace_is_a_stop():
     bus = FakeBus(Simulated(hand_stiffness=0.0), torque=Torque(torques=(0.4, 0.4, 0.4)))
     for state in bus.run(3000):
         assert np.all(np.isfinite(state.joints))
-    assert inverse(bus.node.own["motion"][0])[1]
+    assert inverse(bus.node.own["motion"]["position"])[1]
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, float("nan"), float("inf"), 1e-9, 10.0, 1e6, 1e300])
@@ -265,7 +265,7 @@ class Loop:
     def step(self):
         """One tick: (true position [m] before, after, force sent, energy observed)."""
         device, finger, controller, statics = self.nodes
-        before = device.own["motion"][0].copy()
+        before = device.own["motion"]["position"].copy()
         state = msgspec.structs.replace(device.step(self.torque, dt=T), time=self.tick * 1_000_000)
         pose = finger.step(state, dt=T)
         e = max(0.11 - pose.position[2], 0.0)
@@ -281,7 +281,7 @@ class Loop:
         force = controller.step(contact, None, pose, None, None, dt=T)
         self.torque = statics.step(force, pose)
         self.tick += 1
-        return before, device.own["motion"][0].copy(), np.array(force.force), force.energy
+        return before, device.own["motion"]["position"].copy(), np.array(force.force), force.energy
 
 
 TOUCH = [{"to": [0, 0, 0.10], "time": 0.15}, {"hold": 0.15}, {"to": [0, 0, 0.115], "time": 0.15}, {"hold": 0.15}]
@@ -362,8 +362,8 @@ def test_a_grip_dragged_at_constant_speed_solves_its_equation_of_motion():
         x, v = y[:3], y[3:]
         return np.concatenate([v, (-drag * v + k * (begin + speed * t - x) + c * (speed - v)) / mass])
 
-    ran = node.own["motion"][2, 0]
+    ran = node.own["motion"]["time"]
     reference = solve_ivp(motion, (0.0, ran), np.concatenate([begin, np.zeros(3)]), rtol=1e-10, atol=1e-13).y[:, -1]
     assert ran == pytest.approx(0.151, abs=1e-9)
-    assert np.abs(node.own["motion"][0] - reference[:3]).max() < 1e-9
-    assert np.abs(node.own["motion"][1] - reference[3:]).max() < 1e-7
+    assert np.abs(node.own["motion"]["position"] - reference[:3]).max() < 1e-9
+    assert np.abs(node.own["motion"]["velocity"] - reference[3:]).max() < 1e-7

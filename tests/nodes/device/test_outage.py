@@ -10,7 +10,6 @@ from pytest import approx
 
 from palpate.messages import Contact, DeviceState, Friction, Pose
 from palpate.nodes.controller import GENTLE, Haptic
-from palpate.physics.device.controller import ENERGY
 from palpate.physics.device.rendered import stiffest
 
 T = 1e-3
@@ -249,7 +248,7 @@ def test_energy_generated_before_the_outage_does_not_block_the_force():
     node.start()
     for _ in range(300):
         node.step(contact(8.0, 2e-3), None, POSE, dt=T)
-    node.state[ENERGY, 0] = -5e-3
+    node.own["state"]["energy"] = -5e-3
     for _ in range(20):
         node.step(None, None, POSE, dt=T)
     sizes = [node.step(contact(8.0, 2e-3), None, POSE, dt=T).force[2] for _ in range(1100)]
@@ -284,7 +283,7 @@ def test_the_added_damping_rises_gently_after_an_outage(outage):
     node.start()
     for k in range(1400):  # the force has recovered
         node.step(None if outage and 280 <= k < 300 else contact(8.0, 2e-3), None, POSE, dt=T)
-    node.state[ENERGY, 0] = -5e-3
+    node.own["state"]["energy"] = -5e-3
     moves = [msgspec.structs.replace(POSE, position=(2e-4 * k, 0.0, -2e-3)) for k in range(1, 8)]
     brakes = [0.0, *(node.step(contact(8.0, 2e-3), None, each, dt=T).force[0] for each in moves)]
     rises = -np.diff(brakes)

@@ -203,4 +203,4 @@ def test_the_depth_table_includes_the_contact_radius():
     body = Half(of_table([10.0], [3e-3]), rho=nonlinearity(POISSON))
     body.press(3.0)
     a = radius_at(body.area.forces, body.area.radii, 3.0)
-    assert ("depth" in body.body.causes()) == (body.body.own.numbers[0, 2] > 1.5 * WIDTH * a)
+    assert ("depth" in body.body.causes()) == (body.body.own.contacts["now"][0] > 1.5 * WIDTH * a)

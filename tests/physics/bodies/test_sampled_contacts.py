@@ -8,7 +8,7 @@ from sampled_slab import UP, YOUNG, at, body, compliance, slab
 from palpate.models.fe.reduce.snapshots import LoadPath, press_from_rest
 from palpate.physics.bodies.sampled.energy import forces as energies
 from palpate.physics.bodies.sampled.energy import tangent
-from palpate.physics.bodies.sampled.step import ENERGY, gamma
+from palpate.physics.bodies.sampled.step import gamma
 
 PLACES = ((-0.012, 0.004, 0.0), (0.011, -0.003, 0.0))
 
@@ -72,7 +72,7 @@ def test_strong_contacts_are_coupled_by_the_tangent_compliance():
     held(it, forces)
     now, q, K = settled_depths(forces)
     it.q[:], it.own.matrices[0] = q, np.linalg.inv(K)  # remove the residual of its iteration
-    it.own.numbers[ENERGY] = energies(it.basis.points, it.q, it.own.room, it.own.vectors[2])
+    it.own.state["energy"] = energies(it.basis.points, it.q, it.own.room, it.own.vectors[2])
     laws = it.step_all(loads(forces), 1e6)
     assert [law[3] for law in laws] == approx(now, rel=1e-6)
     c = it.contacts.compliance

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from pressing import SampledBody, Spreader
 
+from palpate.compiler.fields import blank_record
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.sampled.energy import forces, scratch, tangent
-from palpate.physics.bodies.sampled.solve import settle
+from palpate.physics.bodies.sampled.solve import BUDGET, settle
 
 TAP = 50
 FORCE = 0.5
@@ -76,7 +77,7 @@ def test_a_stored_curvature_without_descent_is_discarded(finger):
         q, g, H, room = np.zeros(r), np.zeros(r), spoiled, np.zeros((2, r, r))
         energy, done = 0.0, False
         for _ in range(6):
-            budget = np.array([14.0, 1.0])
+            budget = blank_record(BUDGET, evaluations=14, length=1.0)
             energy, _, done = settle(points, scratch(points), p, q, g, H, *room, np.zeros((4, r)), energy, budget)
             if done:
                 break

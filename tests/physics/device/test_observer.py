@@ -18,12 +18,12 @@ one that fades meanwhile, less the quarter of a count that agrees with the readi
 import numpy as np
 import pytest
 
-from palpate.physics.device.observer import BANDWIDTH, FAR, REST, begin, follow
+from palpate.compiler.fields import blank_record
+from palpate.physics.device.observer import AXIS, BANDWIDTH, FAR, REST, begin, follow
 
 COUNT = 60e-6
 RATES = (500, 1000, 2000, 5000, 10_000)
 PHASES = (0.0, 0.21, 0.5, 0.83)
-AXIS = 12  # numbers of an axis
 JITTER = 0.3  # [1] jitter of the time between two samples of the real clock
 
 
@@ -32,11 +32,11 @@ def observed(motion, rate, seconds, phase=0.0, jitter=0.0):
     steps = (1.0 + jitter * np.random.default_rng(rate).uniform(-1.0, 1.0, round(rate * seconds))) / rate
     t = np.cumsum(steps)
     true = motion(t)
-    axis, places, speeds = np.zeros(AXIS), [], []
+    axis, places, speeds = blank_record(AXIS), [], []
     read = COUNT * (np.round(true / COUNT + phase) - phase)
     begin(axis, read[0])
     for reading, dt in zip(read, steps, strict=True):
-        before = axis[0]
+        before = axis.position
         places.append(follow(axis, reading, COUNT, dt))
         speeds.append((places[-1] - before) / dt)
     return t, true, np.array(places), np.array(speeds), read
@@ -120,7 +120,7 @@ def test_a_sudden_stop_is_followed_within_15_ms(rate):
 def test_a_reading_that_flips_between_two_counts_comes_to_rest(rate):
     """The rest is at the mean of the readings, within its standard error."""
     rng = np.random.default_rng(3)
-    axis = np.zeros(AXIS)
+    axis = blank_record(AXIS)
     begin(axis, 0.0)
     flips = rng.random(2 * rate) < 0.4
     places = np.array([follow(axis, COUNT * flip, COUNT, 1.0 / rate) for flip in flips])
@@ -136,7 +136,7 @@ def held(stiffness, rate, phase, jitter=0.0, exact=False, damping=10.0):
     t = np.cumsum(steps)
     goal = 1e-3 - (1e-3 + 2.2 / 500.0 + 2.2 / stiffness) * minimum_jerk(t / 0.4)
     x, v, before, force, rows = 1e-3, 0.0, 1e-3, 0.0, []
-    axis = np.zeros(AXIS)
+    axis = blank_record(AXIS)
     begin(axis, COUNT * (round(x / COUNT + phase) - phase))
     for want, dt in zip(goal.tolist(), steps.tolist(), strict=True):
         h, rate_of_goal = dt / 2, (want - before) / dt
@@ -168,20 +168,20 @@ def test_the_observer_is_symmetric_and_finite_for_any_reading():
     rng = np.random.default_rng(0)
     path = np.cumsum(rng.normal(0.0, 30 * COUNT, 4000)) * (rng.random(4000) < 0.2)
     read = COUNT * np.round(path / COUNT)
-    one, other = np.zeros((2, AXIS))
+    one, other = blank_record(AXIS), blank_record(AXIS)
     begin(one, read[0])
     begin(other, -read[0])
     for reading, dt in zip(read, rng.choice([1e-6, 1e-4, 1e-3, 0.1, 10.0], len(read)), strict=True):
         place = follow(one, reading, COUNT, dt)
         assert place == -follow(other, -reading, COUNT, dt)
-        assert np.isfinite(one).all() and abs(place - reading) <= 1.0001 * FAR * COUNT
+        assert np.isfinite(one.item()).all() and abs(place - reading) <= 1.0001 * FAR * COUNT
 
 
 def test_readings_within_three_counts_are_a_rest_only_if_they_alternate():
     """Readings 1, 2, 1, 0, 1, ... are a rest at 1; 0, 1, 2 in a row never are, also if they are slow."""
 
     def last(readings):
-        axis = np.zeros(AXIS)
+        axis = blank_record(AXIS)
         begin(axis, 0.0)
         for count in readings:
             for _ in range(round(0.9 * REST * 1000)):

@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.device import controller
-from palpate.physics.device.controller import buffers, haptic
+from palpate.compiler.fields import blank_record
+from palpate.physics.device.controller import GAINS, STATE, haptic, rings
 
 T, MASS, COUNT = 1e-3, 0.2, 1e-5  # [s], [kg], [m] of an encoder
+
+
+def passive(observes=True, **more):
+    """Gains without a spring, a damper and limits."""
+    return blank_record(GAINS, mass=MASS, limit=1e9, slew=1e9, observes=observes, passive=True, **more)
 
 
 def damper(delay, way, velocity, debt=-1.0, axis=0, last=0.0, turned=False):
@@ -17,14 +22,12 @@ def damper(delay, way, velocity, debt=-1.0, axis=0, last=0.0, turned=False):
     last    [N] of the damping in the step before
     turned  whether the motion was in the other direction then
     """
-    gains = np.zeros(11)
-    gains[[controller.HYSTERESIS, controller.MASS, controller.LIMIT, controller.SLEW]] = 1e-3, MASS, 1e9, 1e9
-    gains[[controller.RESOLUTION, controller.OBSERVE, controller.PASSIVE]] = COUNT, 1.0, 1.0
-    state, past = buffers(delay)
+    gains = passive(hysteresis=1e-3, resolution=COUNT)
+    state, past = blank_record(STATE), rings(delay)
     rest, up, along = np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3)[axis]
     haptic(gains, state, past, 0.0, up, rest, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), T)
-    state[controller.ENERGY, 0] = debt
-    state[controller.BRAKE, axis] = last if turned else -last
+    state.energy = debt
+    state.brake[axis] = last if turned else -last
     # Twice the path, because the time of the first step, without movement, also counts.
     force = haptic(gains, state, past, 0.0, up, rest, 0.0, tuple(2 * way * along), tuple(velocity * along), T)[:3]
     assert force[axis - 1] == force[axis - 2] == 0.0
@@ -73,14 +76,12 @@ def test_the_damping_changes_over_a_motion_no_faster_than_a_contact(delay, axis)
 
 def test_the_damping_falls_to_zero_while_it_dissipates_the_rest_of_the_debt():
     """A push against it by a hand that does not yield, 1 mm/step with an exact position."""
-    gains = np.zeros(11)
-    gains[[controller.MASS, controller.LIMIT, controller.SLEW]] = MASS, 1e9, 1e9
-    gains[[controller.OBSERVE, controller.PASSIVE]] = 1.0, 1.0
-    (state, past), way, up = buffers(0), 2e-5, np.array([0.0, 0.0, 1.0])
+    gains, state, past = passive(), blank_record(STATE), rings(0)
+    way, up = 2e-5, np.array([0.0, 0.0, 1.0])
     stiffness, forces, start = 0.01 * MASS / (0.5 * T) ** 2, [], -5e-3
     for k in range(200):
         if k == 1:
-            state[controller.ENERGY, 0] = start
+            state.energy = start
         forces.append(
             haptic(gains, state, past, 0.0, up, np.zeros(3), 0.0, (k * way, 0.0, 0.0), (way / T, 0.0, 0.0), T)[0]
         )
@@ -92,23 +93,19 @@ def test_the_damping_falls_to_zero_while_it_dissipates_the_rest_of_the_debt():
 
 def test_a_slew_limit_bounds_the_rise_of_the_damper_force():
     """Along a path in space with 2 N/ms; without a debt it falls by 8000 N/m times the path, and later rises again."""
-    gains = np.zeros(11)
-    gains[[controller.MASS, controller.LIMIT, controller.SLEW]] = MASS, 1e9, 1e9
-    gains[[controller.OBSERVE, controller.PASSIVE]] = 1.0, 1.0
-    (state, past), way, up = buffers(0), np.array([2.0, -3.0, 6.0]) * 1e-4, np.array([0.0, 0.0, 1.0])
-    state[controller.ENERGY, controller.RISE] = 2000.0
+    gains, state, past = passive(), blank_record(STATE), rings(0)
+    way, up = np.array([2.0, -3.0, 6.0]) * 1e-4, np.array([0.0, 0.0, 1.0])
+    state.rise = 2000.0
     forces = []
     for k, debt in enumerate((0.0, -1.0, -1.0, -1.0, 1.0, -1.0, -1.0)):
-        state[controller.ENERGY, 0] = debt
+        state.energy = debt
         forces.append(haptic(gains, state, past, 0.0, up, np.zeros(3), 0.0, tuple(k * way), (0.0, 0.0, 0.0), T)[:3])
     assert -np.array(forces) @ way / np.linalg.norm(way) == approx([0.0, 2.0, 4.0, 6.0, 0.4, 2.4, 4.4])
     assert np.cross(forces, way) == approx(0.0, abs=1e-12)
 
 
 def test_a_slew_limit_gives_no_force_at_rest():
-    gains = np.zeros(11)
-    gains[[controller.MASS, controller.LIMIT, controller.SLEW, controller.PASSIVE]] = MASS, 1e9, 1e9, 1.0
-    state, past = buffers(0)
-    state[controller.ENERGY, controller.RISE] = 2000.0
+    gains, state, past = passive(observes=False), blank_record(STATE), rings(0)
+    state.rise = 2000.0
     still = (0.0, 0.0, 0.0)
     assert haptic(gains, state, past, 0.0, np.eye(3)[2], np.zeros(3), 0.0, still, still, T)[:3] == still

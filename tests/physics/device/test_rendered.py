@@ -1,18 +1,17 @@
 """The limit of the slope of a contact force, and the measured slope: each rule computed by hand, step by step."""
 
-import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.device.rendered import BELOW, CUT, FORGET, LAW, LINE, slope, soften
+from palpate.compiler.fields import blank_record
+from palpate.physics.device.rendered import FORGET, GAUGE, WALL, slope, soften
 
 MOST, STEP, DT = 1000.0, 1e-4, 1e-3  # [N/m], [m], [s]
 
 
 def softened(force, way, *, law=1.0, line=0.0, cut=False, sideways=0.0, approach=1.0):
     """The rendered force [N] and the state of the wall after it."""
-    wall = np.zeros(4)
-    wall[LINE], wall[LAW], wall[CUT] = line, law, cut
+    wall = blank_record(WALL, line=line, law=law, cut=cut)
     return soften(wall, force, approach, way, sideways, MOST, STEP, DT), wall
 
 
@@ -29,8 +28,8 @@ def softened(force, way, *, law=1.0, line=0.0, cut=False, sideways=0.0, approach
 )
 def test_a_law_that_is_too_steep_is_replaced_by_a_line(given, shown):
     force, wall = softened(5.0, **given)
-    assert force == approx(shown) and wall[LAW] == 5.0
-    assert bool(wall[CUT]) == (shown < 5.0)
+    assert force == approx(shown) and wall.law == 5.0
+    assert wall.cut == (shown < 5.0)
 
 
 @pytest.mark.parametrize(
@@ -67,32 +66,34 @@ def test_a_fall_within_one_position_step_is_not_steeper(force, given, shown):
 
 
 def test_a_line_ends_10_ms_after_the_law_fell_below_it():
-    wall = np.array([1.0, 0.5, 1.0, 0.0])
+    wall = blank_record(WALL, line=1.0, law=0.5, cut=True)
     for step in range(15):
         assert soften(wall, 0.5, 1.0, 0.0, 0.0, MOST, STEP, 0.9 * DT) == 0.5
-        assert bool(wall[CUT]) == (step < 11)
-    wall[LINE], wall[CUT], wall[BELOW] = 0.4, 1.0, 0.9 * FORGET
+        assert wall.cut == (step < 11)
+    wall.line, wall.cut, wall.below = 0.4, True, 0.9 * FORGET
     soften(wall, 0.5, 1.0, 0.0, 0.0, MOST, STEP, DT)
-    assert wall[CUT] == 1.0 and wall[BELOW] == 0.0  # above it again: the time restarts
+    assert wall.cut and wall.below == 0.0  # above it again: the time restarts
 
 
 def test_a_slope_is_measured_from_the_contact_and_then_over_each_span():
-    gauge, span = np.zeros(4), 2.5e-4
+    gauge, span = blank_record(GAUGE), 2.5e-4
     assert [slope(gauge, force, 1e-4, span) for force in (0.1, 0.2)] == approx([1000.0, 1000.0])
     assert slope(gauge, 0.6, 1e-4, span) == approx(2000.0)  # over the first span
     assert [slope(gauge, force, 1e-4, span) for force in (0.9, 1.2)] == approx([2000.0, 2000.0])
     assert slope(gauge, 1.5, 1e-4, span) == approx(3000.0)  # over the second span only
     assert slope(gauge, 1.8, -3e-4, span) == 0.0  # a force that rises during unloading has no slope
     assert slope(gauge, 1.2, -3e-4, span) == approx(2000.0)
-    assert slope(gauge, 0.0, 1e-4, span) == 0.0 and not gauge.any()
+    assert slope(gauge, 0.0, 1e-4, span) == 0.0 and gauge.item() == (0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("given", [(5.0, 1e-3, 1e-5, 0.0), (5.0, 1e-3, 0.0, 0.7), (5.0, -3e-4, 0.0, 0.0)])
 def test_within_a_span_a_slope_is_measured_only_during_first_loading(given):
-    assert slope(np.array(given), 1.0, 1e-4, 1e-2) == 5.0
+    gauge = blank_record(GAUGE)
+    gauge.slope, gauge.depth, gauge.mark, gauge.mark_force = given
+    assert slope(gauge, 1.0, 1e-4, 1e-2) == 5.0
 
 
 def test_exact_positions_give_a_slope_in_each_step_and_rest_keeps_it():
-    gauge = np.zeros(4)
+    gauge = blank_record(GAUGE)
     assert [slope(gauge, force, 1e-6, 0.0) for force in (0.1, 0.3)] == approx([1e5, 2e5])
     assert slope(gauge, 0.7, 0.0, 0.0) == approx(2e5)

@@ -7,14 +7,14 @@ import pytest
 from falcon_arrays import inverse
 from pytest import approx
 
+from palpate.compiler.fields import blank_record
 from palpate.physics.device.falcon import FALCON, HOME, forward_kernel
 from palpate.physics.device.tracking import (
     ANEW,
     BAD,
-    GOOD,
     MOST_STALE,
-    POSE,
     TAKEN,
+    TRACK,
     judge,
     pose,
     pose_falcon,
@@ -68,27 +68,25 @@ def test_samples_are_rejected_accepted_or_restarted_by_the_rules(seed):
         if rng.random() < 0.02:
             read[rng.integers(3)] = rng.choice([math.nan, math.inf, -math.inf])
         samples.append((t, tuple(read)))
-    clock, places, _ = fresh()
+    track = fresh()
     kinds = []
     for t, read in samples:
-        kinds.append(judge(clock, places, LIMIT, t, *read))
+        kinds.append(judge(track, LIMIT, t, *read))
         if kinds[-1] != BAD:
-            take(clock, places, kinds[-1], t, read, read)
+            take(track, kinds[-1], t, read, read)
     assert kinds == oracle(samples)
     assert min(kinds.count(kind) for kind in (BAD, TAKEN, ANEW)) > 5
 
 
 def fresh(begin=(0.0, 0.0, 0.0)):
     """State of `pose` at a position [m] before the first sample."""
-    places = np.zeros((4, 3))
-    places[[GOOD, POSE]] = begin
-    return np.zeros(5, np.int64), places, np.zeros((3, 12))
+    return blank_record(TRACK, reading=begin, pose=begin)
 
 
 def tracker(step=0.0, begin=(0.0, 0.0, 0.0)):
     """A function that follows time stamps [ns] and positions [m]."""
     state = fresh(begin)
-    return lambda t, *place: pose(*state, step, LIMIT, t, place)
+    return lambda t, *place: pose(state, step, LIMIT, t, place)
 
 
 @pytest.mark.parametrize(("way", "taken"), [(2.0e-4, True), (2.03e-4, False)])
@@ -158,11 +156,11 @@ def test_joint_angles_are_observed_only_if_the_device_has_a_resolution(resolutio
     seen, read = [], []
     for k in range(300):
         joints = tuple(angles + count * (k % 3 == 0))
-        seen.append(pose_falcon(*state, resolution, LIMIT, k * MS, joints, geometry)[:3])
+        seen.append(pose_falcon(state, resolution, LIMIT, k * MS, joints, geometry)[:3])
         read.append(forward_kernel(geometry, *joints, *HOME)[1:])
     if resolution:
         assert np.ptp(seen[200:], axis=0).max() < 0.05 * np.ptp(read[200:], axis=0).max()
     else:
         assert np.array(seen) == approx(np.array(read), abs=1e-12)
-    held = pose_falcon(*state, resolution, LIMIT, 301 * MS, (9.0, 9.0, 9.0), geometry)
+    held = pose_falcon(state, resolution, LIMIT, 301 * MS, (9.0, 9.0, 9.0), geometry)
     assert held[:3] == seen[-1] and held[6] == 0.0  # angles without a position

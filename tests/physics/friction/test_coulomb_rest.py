@@ -5,9 +5,10 @@ import pytest
 from pytest import approx
 
 import palpate
+from palpate.compiler.fields import blank_record
 from palpate.physics.friction.bristle import NOTHING
 from palpate.physics.friction.coulomb import Coulomb, coulomb
-from palpate.physics.friction.unrest import LIMIT, LONG, ROOM, WINDOW, WINDOWS, WORST, watch
+from palpate.physics.friction.unrest import LIMIT, LONG, UNREST, WINDOW, watch
 
 LIGHT = ["scene.hand.hand_damping=1", "scene.hand.mass=0.05", "device.delay=1", "controller.delay=1",
          "scene.hand.path=[{hold: 0.2}, {to: [0, 0, 0.0935], time: 0.5}, {hold: 2}]"]  # fmt: skip
@@ -64,7 +65,7 @@ def test_a_lightly_held_finger_with_a_delayed_device_rests():
 
 
 def watched(force, speed=0.0, dt=1e-3):
-    state = np.zeros(ROOM)
+    state = blank_record(UNREST)
     for f in force:
         watch(state, (float(f), 0.0, 0.0), (speed, 0.0, 0.0), dt)
     return state
@@ -73,8 +74,8 @@ def watched(force, speed=0.0, dt=1e-3):
 def test_an_oscillation_in_place_is_noticed_and_a_drift_or_a_slide_is_not():
     t = np.arange(1 + round(LONG * WINDOW / 1e-3)) * 1e-3
     swing = np.sin(2.0 * np.pi * 25.0 * t)
-    assert watched(2.0 * LIMIT * swing)[WORST] == approx(2.0 * LIMIT / np.sqrt(2.0), rel=0.02)
-    assert watched(LIMIT * swing)[WORST] == 0.0
-    assert watched(3.0 * t)[WORST] == 0.0, "a steady drift"
-    assert watched(2.0 * LIMIT * swing, speed=0.01)[WINDOWS] == 0.0, "a slide"
-    assert watched(2.0 * LIMIT * swing[:-300])[WORST] == 0.0, "too short"
+    assert watched(2.0 * LIMIT * swing).worst == approx(2.0 * LIMIT / np.sqrt(2.0), rel=0.02)
+    assert watched(LIMIT * swing).worst == 0.0
+    assert watched(3.0 * t).worst == 0.0, "a steady drift"
+    assert watched(2.0 * LIMIT * swing, speed=0.01).windows == 0.0, "a slide"
+    assert watched(2.0 * LIMIT * swing[:-300]).worst == 0.0, "too short"

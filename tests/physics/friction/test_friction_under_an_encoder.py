@@ -6,7 +6,8 @@ estimate has the right friction for all of them: for one of them its error is at
 import numpy as np
 import pytest
 
-from palpate.physics.device.observer import begin, follow
+from palpate.compiler.fields import blank_record
+from palpate.physics.device.observer import AXIS, begin, follow
 from palpate.physics.friction.bristle import UP, stepper
 from palpate.physics.friction.lugre import LuGre
 
@@ -35,7 +36,7 @@ def observed(path, phase=0.0):
     """Path [m] (k,2) that the observer finds between the counts."""
     found = []
     for reading in read(path, phase).T:
-        axis = np.zeros(12)
+        axis = blank_record(AXIS)
         begin(axis, reading[0])
         found.append([follow(axis, each, COUNT, DT) for each in reading])
     return np.array(found).T

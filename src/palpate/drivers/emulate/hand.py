@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.compiler.fields import blank_record
 from palpate.physics.device.falcon import HOME
-from palpate.physics.device.grip import SUBSTEP, advance, propagator, wanted
+from palpate.physics.device.grip import GRIP, SUBSTEP, advance, propagator, wanted
 
 Point = tuple[float, float, float]
 LONGEST = 0.25  # [s] limit of the time between two steps
@@ -41,7 +42,9 @@ class EmulatedOperator:
         self.ends = np.array(script.ends, dtype=float)
         self.points = np.array(script.points, dtype=float)
         self.shapes = np.array(script.shapes, dtype=np.int64)
-        self.constants = np.array([script.mass, script.drag, script.stiffness, script.damping, 0.0, 0.0])
+        self.grip = blank_record(
+            GRIP, mass=script.mass, drag=script.drag, stiffness=script.stiffness, damping=script.damping
+        )
         self.position = self.points[0].copy()
         self.velocity = np.zeros(3)
         self.time = 0.0
@@ -85,6 +88,6 @@ class EmulatedOperator:
         for i in range(3):
             x, v = self.position[i], self.velocity[i]
             self.position[i], self.velocity[i] = advance(
-                self._matrix, h, arm.mass, arm.drag, force[i], x, v, p[i], q[i], self.constants
+                self._matrix, h, arm.mass, arm.drag, force[i], x, v, p[i], q[i], self.grip
             )
         self.time += h

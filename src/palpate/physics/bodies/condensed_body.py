@@ -31,7 +31,6 @@ from palpate.physics.bodies.large_displacement import DEEPEST, DEEPEST_COVERED, 
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, interpolated, lies_on, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
-from palpate.physics.contact import end_rate
 from palpate.physics.contact.area import FIXED, MEAN, AreaLaw, approach, with_approach
 from palpate.physics.geometry.mesh import Mesh
 
@@ -39,14 +38,14 @@ LEAST = 1e-9  # [m/N] Lower limit of the compliance
 
 
 class CondensedBody(NamedTuple):
-    """A condensed organ and its state: fields, marks and numbers of each of c contacts (`condensed_step.take_load`)."""
+    """A condensed organ and its state: fields, marks and state of each of c contacts (`condensed_step.take_load`)."""
 
     model: step.CondensedModel
     ground: Ground
     fine: FineMesh
     fields: Annotated[np.ndarray, "<f8", 4]  # (c,F,V,3)
     marks: Annotated[np.ndarray, "<i8", 3]  # (c,3,V)
-    numbers: Annotated[np.ndarray, "<f8", 2]
+    contacts: Annotated[np.ndarray, step.CONTACT_TYPE, 1]  # (c,)
     counts: Annotated[np.ndarray, "<i8", 2]  # (c,3) number of loaded vertices, of those of the patch, and of both
     normals: Annotated[np.ndarray, "<f8", 2]  # [1] (c,3)
     feet: Annotated[np.ndarray, "<f8", 2]  # [m] (c,3)
@@ -121,11 +120,11 @@ def condensed_body(
 def under(model: step.CondensedModel, ground: Ground, fine: FineMesh, count: int) -> CondensedBody:
     """An organ at rest, with `count` contacts."""
     size, several = len(model.vertices), count if count > 1 else 0
-    numbers = np.zeros((count, step.NUMBERS))
-    numbers[:, step.COURSE] = end_rate.AT_REST
+    contacts = np.zeros(count, step.CONTACT_TYPE)
+    contacts["course"]["ahead"] = 1.0
     return CondensedBody(
         model, ground, fine, np.zeros((count, step.FIELDS, size, 3)), np.zeros((count, 3, size), np.int64),
-        numbers, np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
+        contacts, np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
         np.eye(count), np.zeros((count, count)), np.zeros((count, 3)),
         joint_profile() if several else np.zeros(0), np.zeros((several, 4, size)), np.zeros((size, 3), np.float32),
         np.zeros(3), np.zeros((3, 3)),
@@ -143,14 +142,14 @@ def bear(body, contact, nodes, forces, foot, normal, dt):
         body.feet[contact, i], body.normals[contact, i] = foot[i], normal[i]
     counts = body.counts[contact]
     counts[0], counts[1] = step.take_load(
-        body.model, patch, pull, share, normal, dt, body.fields[contact], body.marks[contact], body.numbers[contact],
+        body.model, patch, pull, share, normal, dt, body.fields[contact], body.marks[contact], body.contacts[contact],
         counts[0],
     )  # fmt: skip
 
 
 @kernel(error_model="numpy")
 def answer(body, laws, dt):
-    """Fill the first three `numbers` of each contact, compliance c [m/N] and free indentation s_free [m] of the next
+    """Fill the law of each contact, compliance c [m/N] and free indentation s_free [m] of the next
     step under the patch, and current indentation s [m]; and `laws` (c,5): K, n, c, s_free and s_prev.
 
     The indentation is the mean of -n.u over the patch, weighted with the force, so that it is conjugate to the force.
@@ -160,18 +159,19 @@ def answer(body, laws, dt):
     """
     model = body.model
     if len(body.counts) == 1:
-        step.add_others(model, dt, body.numbers[0], 0.0, 0.0, 0.0)
-        step.with_friction(body.numbers[0])
+        step.add_others(model, dt, body.contacts[0], 0.0, 0.0, 0.0)
+        step.with_friction(body.contacts[0])
     else:
         joint_answer(
-            model, body.profile, body.fields, body.marks, body.numbers, body.counts, body.normals, body.feet,
+            model, body.profile, body.fields, body.marks, body.contacts, body.counts, body.normals, body.feet,
             body.room, body.cross, body.coupling, body.drawn, dt,
         )  # fmt: skip
     for i in range(len(laws)):
-        compliance, free, now = body.numbers[i, step.COMPLIANCE], body.numbers[i, step.FREE], body.numbers[i, step.NOW]
+        contact = body.contacts[i]
+        compliance, free, now = contact.compliance, contact.free, contact.now
         laws[i, 0], laws[i, 1], laws[i, 3], laws[i, 4] = 1.0 / max(compliance, LEAST), 1.0, free, now
         if len(model.area.forces) > 0 and len(laws) == 1:
-            n, force = body.numbers[i, step.EXPONENT], max(body.numbers[i, step.TOTAL], step.LEAST_FORCE)
+            n, force = contact.exponent, max(contact.total, step.LEAST_FORCE)
             laws[i, 0], laws[i, 1] = force * (laws[i, 0] / force) ** n, n
 
 
@@ -179,8 +179,8 @@ def answer(body, laws, dt):
 def extrapolation(body):
     """Excess [1] of the last step over the limits of the body: 0 within them, 1 at twice a limit."""
     most = 0.0
-    for numbers in body.numbers:
-        for excess in numbers[step.DEEP : step.GROWN + 1]:
+    for i in range(len(body.contacts)):
+        for excess in step.excesses(body.contacts[i]):
             most = max(most, excess)
     return most
 
@@ -199,27 +199,29 @@ def stored(body):
     """Energy [J] stored under the patches of the last step, V(s) of `place_energy`, of each contact in proportion to
     its part of the effective force. For a linear body this is f.C f/2. The energy of tangential loads and of former
     patches is not included."""
-    if len(body.numbers) == 1 and len(body.model.area.forces) == 0:
-        return _stored_under(body.model, body.numbers[0])
-    total, bears = 0.0, body.numbers[:, step.BEARS].copy()
+    if len(body.contacts) == 1 and len(body.model.area.forces) == 0:
+        return _stored_under(body.model, body.contacts[0])
+    total, bears = 0.0, np.empty(len(body.contacts))
     for i in range(len(bears)):
-        acting = bears[i] + row_times(body.cross[i], bears) / max(body.numbers[i, step.OWN], 1e-300)
+        bears[i] = body.contacts[i].course.value
+    for i in range(len(bears)):
+        acting = bears[i] + row_times(body.cross[i], bears) / max(body.contacts[i].self_compliance, 1e-300)
         if len(body.model.area.forces) > 0:
-            press, own = body.numbers[0, step.PRESS] if len(bears) == 1 else bears[i], body.numbers[i, step.OWN]
-            linear = own * (acting - bears[i] + press) - step.fixed_part(body.model, body.numbers[i]) * press
+            press, own = body.contacts[0].press if len(bears) == 1 else bears[i], body.contacts[i].self_compliance
+            linear = own * (acting - bears[i] + press) - step.fixed_part(body.model, body.contacts[i]) * press
             total += 0.5 * linear * press + approach(body.model.area.table, press)[2]
             continue
         share = bears[i] / acting if acting > 0.0 else 0.0
-        total += share * _stored_under(body.model, body.numbers[i])
+        total += share * _stored_under(body.model, body.contacts[i])
     return total
 
 
 @kernel(error_model="numpy")
-def _stored_under(model, numbers):
-    now, compliance = numbers[step.NOW], numbers[step.OWN]
+def _stored_under(model, contact):
+    now, compliance = contact.now, contact.self_compliance
     if not (now > 0.0 and compliance > 0.0):
         return 0.0
-    radius = step.stretched_radius(model, numbers)[0]
+    radius = step.stretched_radius(model, contact)[0]
     return radius * radius / compliance * stored_energy(now / radius, model.rho)
 
 
@@ -227,11 +229,11 @@ def _stored_under(model, numbers):
 def slope(body, contact):
     """Fill the tangential energy gradient `gradient` [N] (3) at the force of the last step, and the shape operator
     `shape` [1/m] (3,3): see `physics.bodies.place_energy`."""
-    fields, numbers, n = body.fields[contact], body.numbers[contact], body.normals[contact]
-    radius, power = step.stretched_radius(body.model, numbers)
+    fields, one, n = body.fields[contact], body.contacts[contact], body.normals[contact]
+    radius, power = step.stretched_radius(body.model, one)
     along(
         body.ground, body.marks[contact, 2], body.counts[contact, 1], fields[step.TILT], (n[0], n[1], n[2]),
-        radius, power, numbers[step.OWN], numbers[step.TOTAL], body.gradient, body.shape,
+        radius, power, one.self_compliance, one.total, body.gradient, body.shape,
     )  # fmt: skip
     if len(body.counts) > 1:
         for i in range(3):
@@ -248,8 +250,8 @@ def displaced(body):
     u[:] = 0.0
     for c in range(len(feet)):
         count, touched = body.counts[c, 0], body.counts[c, 1]
-        add_field(model, u, body.fields[c], body.marks[c], count, touched, normals[c], body.numbers[c])
+        add_field(model, u, body.fields[c], body.marks[c], count, touched, normals[c], body.contacts[c])
     sent = interpolated(model.corners, model.weights, u, fine.reach, feet, fine.sent, fine.nodes, fine.moved)
     for c in range(len(feet)):
-        add_half_space(model, feet[c], normals[c], body.numbers[c], fine.nodes[:sent], fine.moved)
+        add_half_space(model, feet[c], normals[c], body.contacts[c], fine.nodes[:sent], fine.moved)
     return sent

@@ -3,23 +3,23 @@
 import numpy as np
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.bodies.condensed_step import MORE, NARROWED, PRESS, RADIUS, ROOM, SIDE
+from palpate.physics.bodies.condensed_step import ROOM
 from palpate.physics.bodies.true_patch import depth_at
 from palpate.physics.contact.area import hertz_depth, radius_at
 
 
 @kernel
-def add_field(model, u, fields, marks, count, touched, normal, numbers):
+def add_field(model, u, fields, marks, count, touched, normal, contact):
     """Add displacements u [m] (V,3), in single precision, of the coarse vertices due to the load history, the
     additional load of large displacement and the tangential force that holds the patch, minus those of the half-space
     under the hat functions."""
     held, share, room, active, order = fields[0], fields[2], fields[ROOM], marks[0], marks[2]
-    true, press, side = model.true, numbers[PRESS], numbers[SIDE]
-    narrowed = numbers[NARROWED] > 0.0
+    true, press, side = model.true, contact.press, contact.holds.side
+    narrowed = contact.narrowed
     for k in range(touched):
         v = order[k]
         for i in range(3):
-            room[v, i] = share[v, 0] * (press * side[i] - numbers[MORE] * normal[i])
+            room[v, i] = share[v, 0] * (press * side[i] - contact.more * normal[i])
             if narrowed:  # twice, as displacements are also averaged with the hat functions
                 room[v, i] += 2.0 * (share[v, 1] - share[v, 0]) * press * (side[i] - normal[i])
     for k in range(count):
@@ -57,9 +57,9 @@ def _add_three(field, rows, v, force, young):
 
 
 @kernel(error_model="numpy")
-def add_half_space(model, foot, normal, numbers, nodes, moved):
+def add_half_space(model, foot, normal, contact, nodes, moved):
     """Add the displacement of the half-space under the true load to that of the fine vertices `nodes`."""
-    true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
+    true, press, radius = model.true, contact.press, contact.radius
     if len(true.table) == 0:
         return
     grows = len(model.area.forces) > 0

@@ -4,12 +4,14 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import stack_zeros
+from palpate.compiler.records import clear
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
 from palpate.physics.bodies.large_displacement import NARROWEST, large_depth
 from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
-from palpate.physics.bodies.true_patch import MEAN, TruePatch, narrow_load, patch_compliance
+from palpate.physics.bodies.true_patch import HOLDS, MEAN, TruePatch, narrow_load, patch_compliance
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.area import WIDTH, AreaLaw, approach, radius_at
 from palpate.physics.contact.end_rate import advance
@@ -41,28 +43,32 @@ class CondensedModel(NamedTuple):
     deepest: float  # [1] s/R up to which the law of large displacement is valid
 
 
-COMPLIANCE, FREE, NOW, MORE, OWN, PRESS, RADIUS, WIDE, NARROWED, DEEP, NARROW, THIN, CURVED, NEAR, SLIDES = range(15)
-"""Numbers of a contact: compliance [m/N], s_free and s [m] of its law, additional load [N] on the patch for large
-displacement, compliance [m/N] of the linear body at rest, normal force [N] on the patch with the additional load,
-radius [m] of the patch and on the coarse surface, whether the load is narrowed near a nodule; then the excess [1] over
-the limits of the body, 0 within, 1 at twice the limit: deeper than `deepest`, narrower than the fine mesh resolves, on
-thin or curved ground, too narrow near a nodule, too heavy for a surface that is free to slide, beyond the law of a
-contact that grows."""
-GROWN, TOTAL, EXPONENT = 15, 25, 26  # `GROWN`: the last excess; normal force of the load [N]; n of the law
-COURSE, BEARS, AHEAD = slice(27, 27 + end_rate.COURSE), 27 + end_rate.VALUE, 27 + end_rate.AHEAD
-"""Course (`physics.contact.end_rate`) of the normal force y [N] of the history; y; factor on the history h in the next
-step, because h is proportional to y under a patch that does not move."""
-RUBS = 27 + end_rate.COURSE
-"""Indentation [m/N] of the next step by the friction that grows with the normal force, see `with_friction`."""
-NUMBERS = RUBS + 1
+EXCESS = {
+    "deep": (), "narrow": (),  # deeper than `deepest`; narrower than the fine mesh resolves
+    "thin": (), "curved": (),  # on thin or curved ground
+    "near": (), "slides": (),  # too narrow near a nodule; too heavy for a surface that is free to slide
+    "grown": (),  # beyond the law of a contact that grows
+}  # fmt: skip
+"""Excess [1] over the limits of the body: 0 within, 1 at twice the limit."""
+CONTACT = {
+    "compliance": (), "free": (), "now": (), "exponent": (),  # [m/N], s_free and s [m], n of the law
+    "self_compliance": (),  # [m/N] of the linear body at rest
+    "press": (), "more": (),  # [N] normal force on the patch with the additional load for large displacement; that load
+    "radius": (), "wide": (), "narrowed": bool,  # [m] of the patch, also on the coarse surface; near a nodule
+    "total": (),  # [N] normal force of the load
+    "rubs": (),  # [m/N] indentation of the next step by the friction that grows with the normal force
+    "excess": EXCESS, "holds": HOLDS,
+    "course": end_rate.COURSE,  # normal force y [N] of the history h; `ahead` is the factor on h in the next step, as h
+    # is proportional to y under a patch that does not move
+}  # fmt: skip
+"""State of a contact; `holds` is that of `true_patch.patch_compliance`."""
+CONTACT_TYPE = element_type(CONTACT)
 ROOM, TILT, FIELDS = 3, 4, 5  # Indices of the fields of a contact, see `take_load`
-SIDE, HOLD = slice(16, 25), 19
-"""Forces that hold the patch along the surface, see `true_patch.patch_compliance`; start of its compliances."""
 
 
 @kernel
 def _take_history(model, patch, pull, share, normal, total, keep, take, fields, marks, count):
-    """Transfer the load and the patch to the coarse mesh, and update the history h of the load. Returns the numbers of
+    """Transfer the load and the patch to the coarse mesh, and update the history h of the load. Returns the contact of
     loaded vertices and of those of the patch."""
     held, load, measure, tilt = fields[0], fields[1], fields[2], fields[TILT]
     active, marked, order = marks[0], marks[1], marks[2]
@@ -116,9 +122,9 @@ def _take_history(model, patch, pull, share, normal, total, keep, take, fields, 
 
 
 @kernel
-def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
+def take_load(model, patch, pull, share, normal, dt, fields, marks, contact, count):
     """Step the linear body under the load `pull` [N] (k,3) on the fine vertices `patch`; `share` is 1, or 0 if
-    the forces only define the patch. Returns the numbers of loaded vertices and of those of the patch.
+    the forces only define the patch. Returns the contact of loaded vertices and of those of the patch.
 
     fields  (F,V,3)    h [N]; the load; shares of the normal force, those of the narrowed patch; workspace; derivatives
                        [1/m] of the shares when the patch moves
@@ -130,14 +136,14 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     total = normal_force(pull, normal)
     count, touched = _take_history(
-        model, patch, pull, share, normal, total, keep * numbers[AHEAD], take, fields, marks, count
+        model, patch, pull, share, normal, total, keep * contact.course.ahead, take, fields, marks, count
     )
-    bears = (1.0 - take) * (numbers[AHEAD] * numbers[BEARS]) + take * (share * total)
-    advance(numbers[COURSE], bears if count > 0 else 0.0, dt)
+    bears = (1.0 - take) * (contact.course.ahead * contact.course.value) + take * (share * total)
+    advance(contact.course, bears if count > 0 else 0.0, dt)
     # correction of the compliance for the true load, by a half-space
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
-    numbers[DEEP : GROWN + 1] = 0.0
+    clear(contact.excess)
     narrowed = narrow_load(model, patch, pull, normal, total, order, touched, measure, radius)
     block = stack_zeros((3, 3))
     # indentation of the linear body: m.C h of the history, m.C f of the load
@@ -149,27 +155,27 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
             _gather(model, order[k], order, touched, measure, held, load, normal, block, sums)
     now, pressed, static, hats = sums
     body, more = patch_compliance(
-        model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, numbers[SIDE]
+        model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, contact.holds
     )
-    numbers[NARROWED] = narrowed
+    contact.narrowed = narrowed
     if len(model.true.table) > 0 and share > 0.0:
-        numbers[NARROW] = narrow
+        contact.excess.narrow = narrow
         thin, curved = ground_under(model.true.ground, order, touched, measure)
-        numbers[THIN] = max(FLAT * radius * thin - 1.0, 0.0)
-        numbers[CURVED] = max(FLAT * radius * curved - 1.0, 0.0)
+        contact.excess.thin = max(FLAT * radius * thin - 1.0, 0.0)
+        contact.excess.curved = max(FLAT * radius * curved - 1.0, 0.0)
         if not model.true.sticks:
-            numbers[SLIDES] = max(total / (young * radius * radius * LIGHT) - 1.0, 0.0)
-        numbers[NEAR] = max(NEAR_WIDTH * wide / radius - 1.0, 0.0) if narrowed else 0.0
+            contact.excess.slides = max(total / (young * radius * radius * LIGHT) - 1.0, 0.0)
+        contact.excess.near = max(NEAR_WIDTH * wide / radius - 1.0, 0.0) if narrowed else 0.0
     self_compliance = (body + more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that corresponds to h
     # indentation due to the tangential load
     tangential = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
     now = (now + more * press) / young
-    free = keep * numbers[AHEAD] * now + take * tangential
-    numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * self_compliance, free, now
-    numbers[RUBS] = take * max(tangential, 0.0) / max(total, LEAST_FORCE)
-    numbers[MORE], numbers[OWN], numbers[PRESS] = 0.0, self_compliance, press
-    numbers[RADIUS], numbers[WIDE], numbers[TOTAL] = radius, wide, total * share
+    free = keep * contact.course.ahead * now + take * tangential
+    contact.compliance, contact.free, contact.now = take * self_compliance, free, now
+    contact.rubs = take * max(tangential, 0.0) / max(total, LEAST_FORCE)
+    contact.more, contact.self_compliance, contact.press = 0.0, self_compliance, press
+    contact.radius, contact.wide, contact.total = radius, wide, total * share
     return count, touched
 
 
@@ -208,8 +214,8 @@ def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
 
 
 @kernel
-def add_others(model, dt, numbers, aside, ahead, others):
-    """Update `numbers` for other contacts and large displacement.
+def add_others(model, dt, contact, aside, ahead, others):
+    """Update `contact` for other contacts and large displacement.
 
     aside   [m] indentation of the linear body under the patch due to the history of the other contacts
     ahead   [m] the same at the start of the next step
@@ -217,86 +223,95 @@ def add_others(model, dt, numbers, aside, ahead, others):
     """
     rho = model.rho
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
-    self_compliance = numbers[OWN]
-    numbers[FREE] += keep * ahead
-    numbers[NOW] += aside
+    self_compliance = contact.self_compliance
+    contact.free += keep * ahead
+    contact.now += aside
     if len(model.area.forces) > 0:
-        _grow(model, numbers, keep * numbers[AHEAD], take)
+        _grow(model, contact, keep * contact.course.ahead, take)
         return
     if len(rho) == 0 or not self_compliance > 0.0:
         return
-    radius, now, free = stretched_radius(model, numbers)[0], numbers[NOW], numbers[FREE]
-    force = max(numbers[TOTAL] + others, LEAST_FORCE)
-    numbers[NOW] = radius * large_depth(now / radius, rho)[0]
-    numbers[FREE] = radius * large_depth(free / radius, rho)[0]
-    numbers[DEEP] = max(numbers[NOW] / (min(radius, numbers[RADIUS]) * model.deepest) - 1.0, 0.0)
+    radius, now, free = stretched_radius(model, contact)[0], contact.now, contact.free
+    force = max(contact.total + others, LEAST_FORCE)
+    contact.now = radius * large_depth(now / radius, rho)[0]
+    contact.free = radius * large_depth(free / radius, rho)[0]
+    contact.excess.deep = max(contact.now / (min(radius, contact.radius) * model.deepest) - 1.0, 0.0)
     then, slope = large_depth((free + take * self_compliance * force) / radius, rho)
-    numbers[RUBS] *= slope
-    numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
+    contact.rubs *= slope
+    contact.compliance = (radius * then - contact.free) / force
     # the tangent of a convex s(f), so that the contact approaches its force from above without oscillation; s_free at
     # rest remains 0
-    if numbers[TOTAL] + others > LEAST_FORCE and slope * take * self_compliance > numbers[COMPLIANCE]:
-        numbers[COMPLIANCE] = slope * take * self_compliance
-        numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
-    numbers[MORE] = (numbers[NOW] - now) / self_compliance
-    numbers[PRESS] += numbers[MORE]
+    if contact.total + others > LEAST_FORCE and slope * take * self_compliance > contact.compliance:
+        contact.compliance = slope * take * self_compliance
+        contact.free = radius * then - contact.compliance * force
+    contact.more = (contact.now - now) / self_compliance
+    contact.press += contact.more
 
 
 @kernel
-def with_friction(numbers):
+def with_friction(contact):
     """Let the law of the next step answer a normal force with the friction that it brings.
 
     Friction that indents the patch grows with the normal force. A law that keeps it as a constant is too stiff: a
     contact that solves with it overshoots, and above twice the compliance each step makes the next one worse. The law
     keeps its value at the present force; friction that lifts the patch remains constant, on the safe side.
     """
-    chord = numbers[COMPLIANCE]
-    numbers[COMPLIANCE] += numbers[RUBS]
-    numbers[FREE] -= numbers[RUBS] * numbers[TOTAL]
-    if numbers[EXPONENT] > 0.0:
-        tangent = chord / numbers[EXPONENT] + numbers[RUBS]
-        numbers[EXPONENT] = min(max(numbers[COMPLIANCE] / tangent, 1.0), 3.0)
+    chord = contact.compliance
+    contact.compliance += contact.rubs
+    contact.free -= contact.rubs * contact.total
+    if contact.exponent > 0.0:
+        tangent = chord / contact.exponent + contact.rubs
+        contact.exponent = min(max(contact.compliance / tangent, 1.0), 3.0)
 
 
 @kernel
-def half_space(model, numbers):
+def excesses(contact):
+    """The excess [1] over each limit, in the order of `EXCESS`."""
+    over = contact.excess
+    return over.deep, over.narrow, over.thin, over.curved, over.near, over.slides, over.grown
+
+
+@kernel
+def half_space(model, contact):
     """Compliance [m/N] of a half-space under the patch."""
-    return (1.0 - model.true.held) * model.true.normal * MEAN / (numbers[RADIUS] * model.young)
+    return (1.0 - model.true.held) * model.true.normal * MEAN / (contact.radius * model.young)
 
 
 @kernel
-def stretched_radius(model, numbers):
+def stretched_radius(model, contact):
     """Radius R (c/c_R)² [m] of the law of large displacement on a finite organ, and d ln R/d ln c [1]. With a nodule or
     capsule c does not measure the extent of the organ, and the radius is R."""
     if len(model.rho) == 0 or len(model.true.table) == 0 or len(model.true.apart) > 0:
-        return numbers[RADIUS], 0.0
-    square = (numbers[OWN] / half_space(model, numbers)) ** 2
-    return numbers[RADIUS] * max(square, NARROWEST), 2.0 if square > NARROWEST else 0.0
+        return contact.radius, 0.0
+    square = (contact.self_compliance / half_space(model, contact)) ** 2
+    return contact.radius * max(square, NARROWEST), 2.0 if square > NARROWEST else 0.0
 
 
 @kernel
-def fixed_part(model, numbers):
+def fixed_part(model, contact):
     """Part of the fixed patch's compliance [m/N] that the approach of a growing contact replaces: the half-space's,
     limited so that the indentation rises with the force."""
-    return min(half_space(model, numbers), numbers[OWN] + 0.5 * approach(model.area.table, model.area.forces[-1])[1])
+    return min(
+        half_space(model, contact), contact.self_compliance + 0.5 * approach(model.area.table, model.area.forces[-1])[1]
+    )
 
 
 @kernel
-def _grow(model, numbers, keep, take):
-    """Update `numbers` for a contact that grows (`physics.contact.area`): the half-space's part of the indentation is
+def _grow(model, contact, keep, take):
+    """Update `contact` for a contact that grows (`physics.contact.area`): the half-space's part of the indentation is
     the approach d(y) in place of c y. The law F = K (s - s_free)^n has its force, indentation and tangent at the
     present force."""
-    area, press = model.area, max(numbers[PRESS], 0.0)
-    local = fixed_part(model, numbers)
-    force = max(numbers[TOTAL], LEAST_FORCE)
+    area, press = model.area, max(contact.press, 0.0)
+    local = fixed_part(model, contact)
+    force = max(contact.total, LEAST_FORCE)
     before, after = keep * press, keep * press + take * force
     now, free = approach(area.table, press)[0], approach(area.table, before)[0]
     then, slope, _ = approach(area.table, after)
-    numbers[NOW] += now - local * press
-    numbers[FREE] += free - local * before
-    linear = take * (numbers[OWN] - local)
+    contact.now += now - local * press
+    contact.free += free - local * before
+    linear = take * (contact.self_compliance - local)
     chord, tangent = linear + (then - free) / force, linear + take * slope
-    numbers[COMPLIANCE], numbers[EXPONENT] = chord, min(max(chord / tangent, 1.0), 3.0)
+    contact.compliance, contact.exponent = chord, min(max(chord / tangent, 1.0), 3.0)
     wide = WIDTH * max(radius_at(area.forces, area.radii, press), 1e-9)
-    numbers[DEEP] = max(numbers[NOW] / (wide * model.deepest) - 1.0, 0.0)
-    numbers[GROWN] = max(numbers[TOTAL] / area.forces[-1] - 1.0, 0.0)
+    contact.excess.deep = max(contact.now / (wide * model.deepest) - 1.0, 0.0)
+    contact.excess.grown = max(contact.total / area.forces[-1] - 1.0, 0.0)

@@ -29,7 +29,7 @@ from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import stack_zeros
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.patch import load_radius, normal_force
-from palpate.physics.bodies.true_patch import gathered, narrow_load, patch_compliance
+from palpate.physics.bodies.true_patch import Holds, gathered, narrow_load, patch_compliance
 from palpate.physics.contact.spread import Spreader, spread
 from palpate.physics.geometry.mesh import Mesh
 
@@ -62,7 +62,8 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> tuple[np.ndarray, np
 
 @kernel(error_model="numpy")
 def _soften(vertices, normals, model, spreader, compliances, sideways):
-    measure, side, block = np.zeros((len(vertices), 3)), np.zeros(9), np.zeros((3, 3))
+    measure, block = np.zeros((len(vertices), 3)), np.zeros((3, 3))
+    holds = Holds(np.zeros(3), np.zeros((2, 2)), np.zeros(2))
     order, marked = np.zeros(len(vertices), np.int64), np.zeros(len(vertices), np.bool_)
     for v in range(len(vertices)):
         n = normals[v]
@@ -92,7 +93,7 @@ def _soften(vertices, normals, model, spreader, compliances, sideways):
                 sideways[v, i] -= normal[j] * block[j, i]
         out = row_times(normal, sideways[v])
         body, more = patch_compliance(
-            model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, side
+            model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, holds
         )
         compliances[v] = body + more
         for i in range(3):

@@ -104,7 +104,7 @@ class SampledBody(NamedTuple):
     vectors: Annotated[np.ndarray, "<f8", 2]
     matrices: Annotated[np.ndarray, "<f8", 3]
     room: SampledWorkspace
-    numbers: Annotated[np.ndarray, "<f8", 1]
+    state: Annotated[np.ndarray, step.STATE_TYPE, 1]  # (1,)
     feet: Annotated[np.ndarray, "<f8", 2]  # [m] (c,3)
     contacts: SampledContacts
 
@@ -122,8 +122,8 @@ def sampled_body(
     coarse = Mesh(basis.vertices, basis.triangles)
     edges = coarse.vertices[coarse.triangles]
     margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
-    count, r, numbers = len(basis.vertices), basis.modes.shape[1], np.zeros(8)
-    numbers[step.LENGTH] = 1.0
+    count, r, state = len(basis.vertices), basis.modes.shape[1], np.zeros(1, step.STATE_TYPE)
+    state["budget"]["length"] = 1.0
     model = step.SampledModel(
         basis.residual_compliance, basis.modes, basis.points, basis.bend, basis.vertices, *lies_on(coarse, mesh),
         young, retardation,
@@ -131,7 +131,7 @@ def sampled_body(
     return SampledBody(
         model, fine_mesh(mesh, radius, reach), (2.0 * reach + 1.5 * margin) ** 2, np.zeros((4, count, 3)),
         np.zeros(count, np.int64), np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))]),
-        scratch(basis.points), numbers, np.zeros((contacts, 3)),
+        scratch(basis.points), state, np.zeros((contacts, 3)),
         SampledContacts(
             np.zeros(contacts), np.zeros((contacts, count, 3)), np.zeros((2, contacts, r)), np.zeros((contacts, 2)),
             np.eye(contacts), np.zeros((2, contacts)),
@@ -161,17 +161,17 @@ def answer(body, laws, coupling, dt):
                          -n.u over the patch, weighted with the force; n = 1 for several, see `sampled.contacts`
     coupling  [1] (c,c)  filled: O, see `physics.contact.joint`
     """
-    numbers, contacts = body.numbers, body.contacts
+    state, contacts = body.state[0], body.contacts
     if len(laws) == 1:
         used, settled = step.step(
             body.model, contacts.forces[0], dt, body.fields, body.active, body.vectors, body.matrices, body.room,
-            numbers,
+            state,
         )  # fmt: skip
-        laws[0, 0], laws[0, 1] = numbers[step.STIFFNESS], numbers[step.EXPONENT]
-        laws[0, 3], laws[0, 4] = numbers[step.FREE], numbers[step.NOW]
+        laws[0, 0], laws[0, 1] = state.stiffness, state.exponent
+        laws[0, 3], laws[0, 4] = state.free, state.now
         return used, settled
     used, settled = step_all(
-        body.model, dt, body.fields, body.active, body.vectors, body.matrices, body.room, numbers, contacts
+        body.model, dt, body.fields, body.active, body.vectors, body.matrices, body.room, state, contacts
     )
     for i in range(len(laws)):
         laws[i, 0], laws[i, 1] = 1.0 / contacts.compliance[i, i], 1.0
@@ -193,5 +193,5 @@ def displaced(body):
     """Fill `fine.nodes`, all vertices near the foot points and fewer farther away, and `fine.moved`, their
     displacements [m]. Returns their number."""
     model, fine, u = body.model, body.fine, body.fields[3]
-    step.field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.numbers[step.GAMMA])
+    step.field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.state[0].gamma)
     return interpolated(model.corners, model.weights, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)

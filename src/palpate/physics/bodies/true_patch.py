@@ -142,10 +142,23 @@ def sideways(normal, along):
     along[1, 2] = normal[0] * along[0, 1] - normal[1] * along[0, 0]
 
 
+HOLDS = {"side": (3,), "own": (2, 2), "cross": (2,)}
+"""The tangential force that holds the patch, per newton of normal force [1], and c_tt and c_tz [m/N] in the axes of
+`sideways`."""
+
+
+class Holds(NamedTuple):
+    """The same as arrays."""
+
+    side: np.ndarray
+    own: np.ndarray
+    cross: np.ndarray
+
+
 @kernel
-def _held_sideways(block, normal, more, side):
+def _held_sideways(block, normal, more, holds):
     """Reduction c_zt c_tt^-1 c_tz of the compliance [m/N] by sticking of the mean position, from g.C g `block` [m/N]
-    (3,3) and the correction `more` of the tangential compliance; fills `side` (9,), see `patch_compliance`."""
+    (3,3) and the correction `more` of the tangential compliance; fills `holds`, see `patch_compliance`."""
     own, cross, along = stack_zeros((2, 2)), stack_zeros((2,)), stack_zeros((2, 3))
     sideways(normal, along)
     for a in range(2):
@@ -161,9 +174,11 @@ def _held_sideways(block, normal, more, side):
     first = (own[1, 1] * cross[0] - own[0, 1] * cross[1]) / det
     second = (own[0, 0] * cross[1] - own[1, 0] * cross[0]) / det
     for i in range(3):  # the normal force acts against the normal, so this force opposes its tangential displacement
-        side[i] = first * along[0, i] + second * along[1, i]
-    side[3], side[4], side[5], side[6] = own[0, 0], own[0, 1], own[1, 0], own[1, 1]
-    side[7], side[8] = cross
+        holds.side[i] = first * along[0, i] + second * along[1, i]
+    for a in range(2):
+        holds.cross[a] = cross[a]
+        for b in range(2):
+            holds.own[a, b] = own[a, b]
     return first * cross[0] + second * cross[1]
 
 
@@ -245,15 +260,16 @@ def _along(block, normal):
 
 
 @kernel
-def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, block, hats, side):
-    """Compliance of a patch for a modulus of 1 Pa [m/N]: g.C g along the normal, and its correction. Fills `side` (9,):
-    the tangential force that holds the patch, per newton of normal force [1] (3), and c_tt (2,2) and c_tz (2) [m/N] in
-    the axes of `sideways`.
+def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, block, hats, holds):
+    """Compliance of a patch for a modulus of 1 Pa [m/N]: g.C g along the normal, and its correction. Fills `holds`.
 
+    holds        `HOLDS`, or arrays with these names
     block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gathered`; `block` is changed
     order, measure, narrowed  see `narrow_load`
     """
-    side[:] = 0.0
+    for a in range(2):
+        holds.cross[a] = holds.own[a, 0] = holds.own[a, 1] = 0.0
+    holds.side[0] = holds.side[1] = holds.side[2] = 0.0
     own = _along(block, normal)
     if len(true.table) == 0:
         return own, 0.0
@@ -263,7 +279,7 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
         apart = _along(block, normal) - own
     more = true.normal * (MEAN / radius - hats)
     if true.sticks:
-        lost = _held_sideways(block, normal, true.tangential * more, side)
+        lost = _held_sideways(block, normal, true.tangential * more, holds)
         more -= true.held * true.normal * MEAN / radius + lost
     return own, max(more + apart, LEAST_SHARE * own - own)
 

@@ -15,16 +15,15 @@ A step that uses the rate v + d/2 is implicit Euler from a start that is shifted
 
 import math
 
-import numpy as np
-
 from palpate.compiler.kernel import kernel
 
 STEPS = 4  # Number of mean rates that the prediction uses
-TICK, FOLLOWS, VALUE, AHEAD, RATES = range(5)
-COURSE = RATES + STEPS  # Length of the array
-"""The course of a quantity y over the steps: tick of the last message, -1 if unknown; 1 if it followed the tick before;
-y; factor [1] on y at the start of the next step; mean rates of y in the last steps, the newest first."""
-AT_REST = np.eye(COURSE)[AHEAD]
+COURSE = {
+    "tick": int, "follows": bool,  # of the last message, -1 if unknown; whether it followed the tick before
+    "value": (), "ahead": (),  # y; factor [1] on y at the start of the next step
+    "rates": (STEPS,),  # mean rates of y in the last steps, the newest first
+}  # fmt: skip
+"""The course of a quantity y over the steps."""
 
 
 @kernel
@@ -52,17 +51,18 @@ def remember(rates, rate, follows):
 def arrive(course, tick):
     """Begin a step with a message of this tick. Without the tick before, or with -1, the step is implicit Euler: a body
     at a divisor of the contact's rate does not know how the rate changes in the steps of the contact."""
-    course[FOLLOWS] = 1.0 if tick >= 0 and (course[TICK] == tick - 1.0 or course[VALUE] == 0.0) else 0.0
-    course[TICK] = tick
+    course.follows = tick >= 0 and (course.tick == tick - 1 or course.value == 0.0)
+    course.tick = tick
 
 
 @kernel
 def advance(course, value, dt):
     """Add y >= 0 at the end of a step of dt [s]. The factor for the next step is 1 - T d/2y, within 0 and 2."""
     if not value > 0.0:
-        for k in range(VALUE, len(AT_REST)):  # numba takes a second to compile the assignment of a slice
-            course[k] = AT_REST[k]
+        course.value, course.ahead = 0.0, 1.0
+        for k in range(STEPS):  # numba takes a second to compile the assignment of a slice
+            course.rates[k] = 0.0
         return
-    remember(course[RATES:], (value - course[VALUE]) / dt, course[FOLLOWS] > 0.0)
-    shift = 0.5 * dt * expected_change(course[RATES:])
-    course[VALUE], course[AHEAD] = value, 1.0 - max(-1.0, min(shift / value, 1.0))
+    remember(course.rates, (value - course.value) / dt, course.follows)
+    shift = 0.5 * dt * expected_change(course.rates)
+    course.value, course.ahead = value, 1.0 - max(-1.0, min(shift / value, 1.0))

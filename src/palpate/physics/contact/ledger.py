@@ -23,25 +23,30 @@ Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 import math
 
 from palpate.compiler.dot import dot
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
 
 FINGERS = 16  # at most
 FINGERTIP, TISSUE, FRICTION, DISPLAY, MORE = range(5)
 """Rows of the accounts: of the first finger, then fingertip and friction of each further one."""
-WORK, STORED, HIGHEST, GENERATED = range(4)
-"""Columns [J]: work on a part; stored energy, NaN if not reported; largest dissipation so far; generated energy."""
-PLACE, FORCE, ASKED, NORMAL, PUSH, COMPRESSION, INDENTATION, MOMENT = 0, 3, 6, 9, 12, 13, 14, 15
-"""A finger at the end of a step: position [m] (3), force on the hand and G [N] (3 each), normal [1] (3), f_n [N], s1
-and s2 [m]; the number of columns."""
-RENDERED = 2  # index in the sums, see `_works`; the last sum is the energy stored in all parts
+ACCOUNT = {"work": (), "stored": (), "highest": (), "generated": ()}
+"""Energies [J]: work on a part; stored energy, NaN if not reported; largest dissipation so far; generated energy."""
+MOMENT = {
+    "position": (3,), "force": (3,), "asked": (3,), "normal": (3,),  # [m]; [N] on the hand; G [N]; [1]
+    "push": (), "compression": (), "indentation": (),  # f_n [N], s1 and s2 [m]
+}  # fmt: skip
+"""A finger at the end of a step."""
+MOMENT_TYPE = element_type(MOMENT)
+SUMS = {"hand": (), "asked": (), "rendered": (), "fingertip": (), "tissue": (), "friction": (), "stored": ()}
+"""Sums over the fingers in a step [J]: works, see `_works`, and the energy stored in all parts."""
 
 LEDGER = {
-    "accounts": (MORE + 2 * (FINGERS - 1), 4), "rows": int,  # rows in use
+    "accounts": (MORE + 2 * (FINGERS - 1), ACCOUNT), "rows": int,  # rows in use
     "fingers": int, "moments": int, "newest": int,  # fingers, moments in the ring `past`, index of the newest
-    "sums": (7,), "hand": (), "controller": (), "sampling": (), "balance": (), "work": (), "left": (),
+    "sums": SUMS, "hand": (), "controller": (), "sampling": (), "balance": (), "work": (), "left": (),
 }  # fmt: skip
 """State of an energy account [J]; `work` and `left` are the hand's work and the balance of the last step. The kernels
-also take `past` (d + 2, FINGERS, MOMENT), a ring buffer of the last moments."""
+also take `past` (d + 2, FINGERS) of `MOMENT`, a ring buffer of the last moments."""
 
 
 @kernel
@@ -51,8 +56,8 @@ def begin(ledger, past, count):
     if ledger.fingers != count:
         ledger.fingers, ledger.moments = count, 0
     ledger.rows = max(ledger.rows, MORE + 2 * (count - 1))
-    for i in range(6):
-        ledger.sums[i] = -0.0  # the neutral element of addition, also for -0.0
+    sums = ledger.sums  # -0.0 is the neutral element of addition, also for -0.0
+    sums.hand = sums.asked = sums.rendered = sums.fingertip = sums.tissue = sums.friction = -0.0
     return ledger.moments > 0
 
 
@@ -61,25 +66,29 @@ def take(ledger, past, finger, place, force, normal, push, compression, indentat
     """Store the moment of a finger; along [N] (3) a, friction [N] (3) f_t."""
     now = past[ledger.newest, finger]
     for i in range(3):
-        now[PLACE + i], now[FORCE + i], now[NORMAL + i] = place[i], force[i], normal[i]
-        now[ASKED + i] = push * normal[i] + along[i] - friction[i]
-    now[PUSH], now[COMPRESSION], now[INDENTATION] = push, compression, indentation
+        now.position[i], now.force[i], now.normal[i] = place[i], force[i], normal[i]
+        now.asked[i] = push * normal[i] + along[i] - friction[i]
+    now.push, now.compression, now.indentation = push, compression, indentation
 
 
 @kernel
 def add_finger(ledger, past, finger, along, friction, stored):
     """Account for the step of a finger; stored [J] (3) in its fingertip, the tissue and its friction, or NaN."""
     size, sums = len(past), ledger.sums
-    works = _works(
+    hand, asked, rendered, tip, tissue, rubbed = _works(
         past[ledger.newest, finger], past[(ledger.newest - 1) % size, finger],
         past[(ledger.newest - ledger.moments) % size, finger], along, friction,
     )  # fmt: skip
     further = MORE + 2 * (finger - 1)
-    _add_step(ledger.accounts[further if finger else FINGERTIP], works[3], stored[0])
-    _add_step(ledger.accounts[further + 1 if finger else FRICTION], works[5], stored[2])
-    for i in range(6):
-        sums[i] += works[i]
-    sums[6] = sums[6] + stored[0] + stored[2] if finger else 0.0 + stored[0] + stored[1] + stored[2]
+    _add_step(ledger.accounts[further if finger else FINGERTIP], tip, stored[0])
+    _add_step(ledger.accounts[further + 1 if finger else FRICTION], rubbed, stored[2])
+    sums.hand += hand
+    sums.asked += asked
+    sums.rendered += rendered
+    sums.fingertip += tip
+    sums.tissue += tissue
+    sums.friction += rubbed
+    sums.stored = sums.stored + stored[0] + stored[2] if finger else 0.0 + stored[0] + stored[1] + stored[2]
 
 
 @kernel
@@ -89,13 +98,13 @@ def end(ledger, past, stepped, tissue):
         ledger.moments = 1
         return
     sums = ledger.sums
-    hand, asked, rendered = sums[0], sums[1], sums[RENDERED]
-    _add_step(ledger.accounts[TISSUE], sums[4], tissue)
-    _add_step(ledger.accounts[DISPLAY], hand, sums[6])
+    hand, asked, rendered = sums.hand, sums.asked, sums.rendered
+    _add_step(ledger.accounts[TISSUE], sums.tissue, tissue)
+    _add_step(ledger.accounts[DISPLAY], hand, sums.stored)
     ledger.controller += hand - asked
     ledger.sampling += asked - rendered
     ledger.hand += hand
-    ledger.work, ledger.left = hand, rendered - (0.0 + sums[3] + sums[4] + sums[5])
+    ledger.work, ledger.left = hand, rendered - (0.0 + sums.fingertip + sums.tissue + sums.friction)
     ledger.balance += ledger.left
     ledger.moments = min(ledger.moments + 1, len(past) - 1)
 
@@ -104,44 +113,45 @@ def end(ledger, past, stepped, tissue):
 def _works(now, last, held, along, friction):
     """Works [J] of one finger in a step: of the hand, of the delayed G, of the present G, and on fingertip, tissue and
     friction. `held` is the moment from which the force on the hand was computed."""
-    motion = (now[PLACE] - last[PLACE], now[PLACE + 1] - last[PLACE + 1], now[PLACE + 2] - last[PLACE + 2])
-    tip, deeper = now[COMPRESSION] - last[COMPRESSION], now[INDENTATION] - last[INDENTATION]
+    here, there = now.position, last.position
+    motion = (here[0] - there[0], here[1] - there[1], here[2] - there[2])
+    tip, deeper = now.compression - last.compression, now.indentation - last.indentation
     rubbed = dot(friction, motion)
     # along the mean normal; the part of the motion before first touch does not press
-    between = -0.5 * (dot(now[NORMAL:PUSH], motion) + dot(last[NORMAL:PUSH], motion))
-    pressed = between if last[PUSH] > 0.0 else 0.0 + tip + deeper
+    between = -0.5 * (dot(now.normal, motion) + dot(last.normal, motion))
+    pressed = between if last.push > 0.0 else 0.0 + tip + deeper
     return (
-        -dot(held[FORCE:ASKED], motion), -dot(held[ASKED:NORMAL], motion),
-        now[PUSH] * pressed - dot(along, motion) + rubbed, now[PUSH] * tip,
-        now[PUSH] * deeper - dot(along, motion), rubbed,
+        -dot(held.force, motion), -dot(held.asked, motion),
+        now.push * pressed - dot(along, motion) + rubbed, now.push * tip,
+        now.push * deeper - dot(along, motion), rubbed,
     )  # fmt: skip
 
 
 @kernel
 def _add_step(account, work, stored):
     """Add the work [J] of a step on a part, and set the energy [J] stored at its end."""
-    account[WORK] += work
-    account[STORED] = stored
+    account.work += work
+    account.stored = stored
     if not math.isnan(stored):
-        account[HIGHEST] = max(account[HIGHEST], account[WORK] - stored)
+        account.highest = max(account.highest, account.work - stored)
 
 
 @kernel
 def _stored(account):
     """Stored energy [J] of a part; 0 if it does not report it."""
-    return account[STORED] if abs(account[STORED]) > 0.0 else 0.0
+    return account.stored if abs(account.stored) > 0.0 else 0.0
 
 
 @kernel
 def totals(ledger, row):
     """Stored and dissipated energy [J], summed over all fingers; `row` is that of the first finger's part."""
     account = ledger.accounts[row]
-    stored, dissipated = _stored(account), account[WORK] - _stored(account)
+    stored, dissipated = _stored(account), account.work - _stored(account)
     if row != TISSUE:
         for more in range(MORE + (row == FRICTION), ledger.rows, 2):
             account = ledger.accounts[more]
             stored += _stored(account)
-            dissipated += account[WORK] - _stored(account)
+            dissipated += account.work - _stored(account)
     return stored, dissipated
 
 
@@ -152,10 +162,10 @@ def worst(ledger):
     row = 0
     for k in range(max(ledger.rows, MORE)):
         account = ledger.accounts[k]
-        if math.isnan(account[STORED]):
-            account[GENERATED] = max(-account[WORK], 0.0)
+        if math.isnan(account.stored):
+            account.generated = max(-account.work, 0.0)
         else:
-            account[GENERATED] = max(account[HIGHEST] - (account[WORK] - _stored(account)), 0.0)
-        if account[GENERATED] > ledger.accounts[row, GENERATED]:
+            account.generated = max(account.highest - (account.work - _stored(account)), 0.0)
+        if account.generated > ledger.accounts[row].generated:
             row = k
-    return row, ledger.accounts[row, GENERATED]
+    return row, ledger.accounts[row].generated

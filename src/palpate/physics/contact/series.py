@@ -114,7 +114,8 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
     """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m],
     and -df/d(others) [1].
 
-    approach  [m]  e at the end of the step; no contact where e <= 0
+    approach  [m]  e at the end of the step; negative above the undeformed surface, where a body that another contact
+                   lifts is touched
     dt        [s]  T > 0; infinite gives the static split
     s1        [m]  fingertip compression before the step
     finger    (5)  the fingertip's law and its damping c1 [s/m], see `kernel_form`
@@ -132,7 +133,7 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
     kind, first, second, radius, c1 = int(finger[0]), finger[1], finger[2], finger[3], finger[4]
     r1 = free_recovery(s1, 0.0, c1, dt)
     r2 = indentation(others, dt, stiffness, exponent, c2, free, previous)
-    if not (approach > 0.0 and r1 + r2 < approach):
+    if not r1 + r2 < approach:
         return 0.0, r1, r2, 0.0
     # safeguarded Newton's method: the bracket [low, high] always contains the root
     low, high = r2, approach - r1

@@ -22,7 +22,7 @@ it is at most
     sqrt(-2 K E)        the force from which it can fall to zero at that slope while it dissipates just -E
 
 Only when the motion turns round it ends at once. After an outage and until contact ends it also rises at most at the
-rate `RISE`.
+rate `rise`.
 
 The damping acts on the last difference of positions, the velocity that the observer uses; a filtered velocity lags too
 much for a stiff wall. A displacement of about one encoder count is mostly rounding and would make the force noisy:
@@ -30,79 +30,108 @@ there the filtered velocity is used, with less damping because of its longer del
 """
 
 import math
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.compiler.records import clear, put, vector
 from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
-from palpate.physics.device.rendered import LEAP, LINE, SPAN, compensation, slope, soften, stiffest
+from palpate.physics.device.rendered import GAUGE, LEAP, SPAN, WALL, compensation, slope, soften, stiffest
 
-STIFFNESS, DAMPING, CONTACT_DAMPING, HYSTERESIS, MASS, DRAG, LIMIT, SLEW, RESOLUTION, OBSERVE, PASSIVE = range(11)
-"""Indices of the gains."""
-PLACE, FORCE, IMPULSE, ANCHOR, OFFSET, LOST, ENERGY, MODE, TIMES, WALL, GAUGE, BOOKED, WAY, DRAGGED, BRAKE = range(15)
-"""Rows of the state."""
-FREE, CONTACT = 0.0, 1.0
-SPEED = 3  # state[WAY] = last displacement that the observer counted [m], speed out of the surface [m/s]
+GAINS = {
+    "stiffness": (), "damping": (), "contact_damping": (),  # Kp [N/m], Kd, Kdc [N s/m]
+    "hysteresis": (), "resolution": (),  # [m]
+    "mass": (), "drag": (),  # [kg], [N s/m] of the device
+    "limit": (), "slew": (),  # [N], [N/s]
+    "observes": bool, "passive": bool,  # whether the observer is on, and the passivity control
+}  # fmt: skip
+"""Constants of the controller."""
+STATE = {
+    "started": bool, "contact": bool,  # whether a step has been made; the mode
+    "withheld": (),  # [1] fraction of the contact force that is withheld
+    "position": (3,), "force": (3,),  # [m], [N] of the last step
+    "anchor": (3,), "offset": (3,),  # [m] where free motion began; [N] decaying difference of the two laws
+    "touched": (3,), "approach": (),  # [m] position and approach when last touching
+    "energy": (), "rise": (),  # [J] observed; [N/s] bound on the rise of the added damping, 0: none
+    "impulse": (3,), "still": (),  # [N s] of the force in the time without movement; that time [s]
+    "counted": (3,), "displacement": (3,),  # [m] position and last displacement that the observer counted
+    "outward": (),  # [m/s] speed out of the surface
+    "clock": (), "last": (),  # [s] time; last step
+    "newest": int,  # newest row of the rings
+    "wall": WALL, "gauge": GAUGE,  # of the rendered force
+    "dragged": (3,), "brake": (3,),  # [m] point on a string, see `dragged`; [N] force of the damping
+}  # fmt: skip
+"""State of the controller."""
+
+
+class Past(NamedTuple):
+    """Ring buffers of the last d + 1 steps, for a delay of d samples: force [N], position [m], time [s]."""
+
+    force: Annotated[np.ndarray, "<f8", 2]
+    position: Annotated[np.ndarray, "<f8", 2]
+    time: Annotated[np.ndarray, "<f8", 1]
+
+
 SMOOTH = 0.5e-3  # [s] time constant of that speed's filter: one count per step is a high speed at a high rate
 FADE = 0.01  # [s] time constant with which the difference of the two laws decays after a change of mode
 FILTER_LAG = 8e-3  # [s] settling time of the encoder's observer after a change of speed
 RECOVERY = 10.0  # [N/s] by which the rendered force may rise without motion after an outage
 CARRIED = 1e-2  # [J] largest negative energy that is kept at a change of mode
-HEAD, STARTED = 1, 2  # state[MODE] = mode, index of the newest row of the rings, whether a step has been made,
-WITHHELD = 3  # and the fraction of the contact force that is withheld [1]
-STILL, TOUCHING, CLOCK, LAST = range(4)  # state[TIMES] = time without movement [s], approach when last touching [m],
-# time [s], last step [s]
-RISE = 2  # state[ENERGY] = observed energy [J], and the bound on the rise of the added damping [N/s] (0: none)
-PUSH, STAND, WHEN = 0, 3, 6  # first columns of force, position and time in the rings
 
 
-def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
-    """New state (15,4) and ring buffers (delay + 1, 7) of `haptic`: force [N] (3), position [m] (3) and time [s]."""
-    return np.zeros((15, 4)), np.zeros((delay + 1, 7))
+def rings(delay: int) -> Past:
+    """New ring buffers of `haptic` for a delay in samples."""
+    return Past(np.zeros((delay + 1, 3)), np.zeros((delay + 1, 3)), np.zeros(delay + 1))
 
 
 @kernel
-def fresh(state, past):
+def reset(state, past):
     """Reset the state and the rings to those before the first step."""
-    state[:, :] = 0.0
-    past[:, :] = 0.0
+    clear(state)
+    for row in range(len(past.time)):
+        past.time[row] = 0.0
+        for i in range(3):
+            past.force[row, i] = past.position[row, i] = 0.0
 
 
 @kernel
 def remember(state, past, dt):
-    """Append the last step to the ring `past` (d + 1, `PUSH` ... `WHEN`). Returns the row of the step d before it."""
-    newest = (int(state[MODE, HEAD]) + 1) % len(past)
-    state[MODE, HEAD] = newest
+    """Append the last step to the rings. Returns the row of the step d before it."""
+    newest = (state.newest + 1) % len(past.time)
+    state.newest = newest
     for i in range(3):
-        past[newest, PUSH + i], past[newest, STAND + i] = state[FORCE, i], state[PLACE, i]
-    past[newest, WHEN] = state[TIMES, CLOCK]
-    state[TIMES, CLOCK] += dt
-    return (newest + 1) % len(past)
+        past.force[newest, i], past.position[newest, i] = state.force[i], state.position[i]
+    past.time[newest] = state.clock
+    state.clock += dt
+    return (newest + 1) % len(past.time)
 
 
 @kernel
-def observe(state, before, x, y, z, dt, resolution):
-    """Passivity observer, E <- E - F . dx over the displacement since the last movement, with the force in the row
-    `before` of the rings; returns the velocity (vx, vy, vz) [m/s] of that displacement.
+def observe(state, force, x, y, z, dt, resolution):
+    """Passivity observer, E <- E - F . dx over the displacement since the last movement, with the force [N] (3) of the
+    delayed step; returns the velocity (vx, vy, vz) [m/s] of that displacement.
 
     The force is averaged over the time without movement before it (a lost sample, or less than one encoder count). A
     reversal by a single count is ignored: at rest between two counts it would be counted repeatedly, each time under
     the force that responds to it.
     """
     for i in range(3):
-        state[IMPULSE, i] += before[PUSH + i] * dt
-    state[TIMES, STILL] += dt
-    dx, dy, dz = x - state[BOOKED, 0], y - state[BOOKED, 1], z - state[BOOKED, 2]
+        state.impulse[i] += force[i] * dt
+    state.still += dt
+    counted, last = state.counted, state.displacement
+    dx, dy, dz = x - counted[0], y - counted[1], z - counted[2]
     length2 = dx * dx + dy * dy + dz * dz
-    back = dx * state[WAY, 0] + dy * state[WAY, 1] + dz * state[WAY, 2] < 0.0
+    back = dx * last[0] + dy * last[1] + dz * last[2] < 0.0
     if length2 == 0.0 or (back and length2 < 1.1 * resolution * resolution):
         return 0.0, 0.0, 0.0
-    elapsed = state[TIMES, STILL]
+    elapsed = state.still
     vx, vy, vz = dx / elapsed, dy / elapsed, dz / elapsed
-    state[ENERGY, 0] = absorbed(state[ENERGY, 0], state[IMPULSE, 0], state[IMPULSE, 1], state[IMPULSE, 2], vx, vy, vz)
-    state[IMPULSE, :], state[TIMES, STILL] = 0.0, 0.0
-    state[BOOKED, 0], state[BOOKED, 1], state[BOOKED, 2] = x, y, z
-    state[WAY, 0], state[WAY, 1], state[WAY, 2] = dx, dy, dz
+    state.energy = absorbed(state.energy, state.impulse[0], state.impulse[1], state.impulse[2], vx, vy, vz)
+    put(state.impulse, (0.0, 0.0, 0.0))
+    state.still = 0.0
+    put(counted, (x, y, z))
+    put(last, (dx, dy, dz))
     return vx, vy, vz
 
 
@@ -111,7 +140,7 @@ def dragged(point, n, place, play):
     """Distance [m] by which a finger at `place` [m] drags a point on a string of length `play` [m], in the plane with
     the normal n [1]. Steady sliding drags it by the whole motion; oscillations smaller than `play` do not move it.
 
-    point  (4)  [m] the point; changed in place
+    point  (3)  [m] the point; changed in place
     """
     wx, wy, wz = place[0] - point[0], place[1] - point[1], place[2] - point[2]
     along = wx * n[0] + wy * n[1] + wz * n[2]
@@ -123,77 +152,77 @@ def dragged(point, n, place, play):
 
 
 @kernel(error_model="numpy")
-def render(gains, state, before, force, n, approach, place, lag, dt):
+def render(gains, state, past, before, force, n, approach, place, lag, dt):
     """Rendered normal force [N] for a contact force [N], without and with compensation of the lag [s], see rendered.py.
 
-    before  (7)  row of the rings: an earlier position of the finger and its time
+    before  row of the rings `past` with an earlier position of the finger and its time
     """
-    wx, wy, wz = place[0] - state[PLACE, 0], place[1] - state[PLACE, 1], place[2] - state[PLACE, 2]
+    last = state.position
+    wx, wy, wz = place[0] - last[0], place[1] - last[1], place[2] - last[2]
     along = wx * n[0] + wy * n[1] + wz * n[2]
     sideways = 0.0
     if force > 0.0:
-        sideways = dragged(state[DRAGGED], n, place, SPAN * gains[RESOLUTION])
+        sideways = dragged(state.dragged, n, place, SPAN * gains.resolution)
     else:  # in air n is not valid: it is that of the last contact, or of a sleeping one
-        state[DRAGGED, 0], state[DRAGGED, 1], state[DRAGGED, 2] = place[0], place[1], place[2]
-    most = stiffest(gains[MASS], gains[DRAG], gains[RESOLUTION], lag)
-    if state[ENERGY, RISE] > 0.0:  # after an outage the force also rises while the finger rests
-        state[WALL, LINE] += RECOVERY * dt
-    shown = soften(state[WALL], force, approach, -along, sideways, most, gains[RESOLUTION], dt)
-    steepness = slope(state[GAUGE], shown, -along, SPAN * gains[RESOLUTION])
-    elapsed = state[TIMES, CLOCK] - before[WHEN]
+        put(state.dragged, place)
+    most = stiffest(gains.mass, gains.drag, gains.resolution, lag)
+    if state.rise > 0.0:  # after an outage the force also rises while the finger rests
+        state.wall.line += RECOVERY * dt
+    shown = soften(state.wall, force, approach, -along, sideways, most, gains.resolution, dt)
+    steepness = slope(state.gauge, shown, -along, SPAN * gains.resolution)
+    elapsed = state.clock - past.time[before]
     if shown == 0.0 or not elapsed > 0.0:
         return shown, shown
-    sx, sy, sz = place[0] - before[3], place[1] - before[4], place[2] - before[5]
+    former = past.position[before]
+    sx, sy, sz = place[0] - former[0], place[1] - former[1], place[2] - former[2]
     speed = (sx * n[0] + sy * n[1] + sz * n[2]) / elapsed
-    state[WAY, SPEED] += (speed - state[WAY, SPEED]) * -math.expm1(-dt / SMOOTH)
-    leaving = max(state[WAY, SPEED], 0.0)
-    return shown, max(shown - compensation(min(steepness, most), lag, gains[DRAG]) * leaving, 0.0)
+    state.outward += (speed - state.outward) * -math.expm1(-dt / SMOOTH)
+    leaving = max(state.outward, 0.0)
+    return shown, max(shown - compensation(min(steepness, most), lag, gains.drag) * leaving, 0.0)
 
 
 @kernel
-def assist(gains, mode, state, i, position, velocity):
+def assist(gains, contact, state, i, position, velocity):
     """Component i [N] of the spring and damper terms: -Kp (x - xd) - Kd v in free motion, -Kdc v in contact.
 
     position [m], velocity [m/s] of that component;  gains, state as in `haptic`
     """
-    if mode == FREE:
-        return -gains[STIFFNESS] * (position - state[ANCHOR, i]) - gains[DAMPING] * velocity
-    return -gains[CONTACT_DAMPING] * velocity
+    if not contact:
+        return -gains.stiffness * (position - state.anchor[i]) - gains.damping * velocity
+    return -gains.contact_damping * velocity
 
 
 @kernel
 def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
-    """Update the mode; returns `FREE` or `CONTACT`.
+    """Update the mode; returns whether it is contact.
 
     approach [m] s1 + s2;  x, y, z [m] position;  vx, vy, vz [m/s] velocity;  gains, state as in `haptic`
     """
-    mode = state[MODE, 0]
+    contact, touched = state.contact, state.touched
+    new = touching
     if touching:
-        new = CONTACT
-        state[LOST, 0], state[LOST, 1], state[LOST, 2], state[TIMES, TOUCHING] = x, y, z, approach
-    elif mode == CONTACT:
-        dx, dy, dz = x - state[LOST, 0], y - state[LOST, 1], z - state[LOST, 2]
-        away = math.sqrt(dx * dx + dy * dy + dz * dz) > state[TIMES, TOUCHING] + gains[HYSTERESIS]
-        new = FREE if away else CONTACT
-    else:
-        new = FREE
-    if new != mode:
+        put(touched, (x, y, z))
+        state.approach = approach
+    elif contact:
+        dx, dy, dz = x - touched[0], y - touched[1], z - touched[2]
+        new = not math.sqrt(dx * dx + dy * dy + dz * dz) > state.approach + gains.hysteresis
+    if new != contact:
         position, velocity = (x, y, z), (vx, vy, vz)
         for i in range(3):
-            old = assist(gains, mode, state, i, position[i], velocity[i])
-            state[ANCHOR, i] = position[i]
-            state[OFFSET, i] += old - assist(gains, new, state, i, position[i], velocity[i])
-        whole = state[MODE, WITHHELD] == 0.0  # an outage does not end a touch
-        state[ENERGY, 0] = min(max(state[ENERGY, 0], -CARRIED), 0.0 if whole else state[ENERGY, 0])
-        state[MODE, 0] = new
-        if new == FREE and whole:
-            state[ENERGY, RISE] = 0.0
+            old = assist(gains, contact, state, i, position[i], velocity[i])
+            state.anchor[i] = position[i]
+            state.offset[i] += old - assist(gains, new, state, i, position[i], velocity[i])
+        whole = state.withheld == 0.0  # an outage does not end a touch
+        state.energy = min(max(state.energy, -CARRIED), 0.0 if whole else state.energy)
+        state.contact = new
+        if not new and whole:
+            state.rise = 0.0
     return new
 
 
 @kernel(error_model="numpy")
 def brake(gains, state, w, v, way, lag, usual, dt):
-    """Force [N] (x, y, z) of the damping, see above; updates state[BRAKE].
+    """Force [N] (x, y, z) of the damping, see above; updates `state.brake`.
 
     w      [m/s]  (3) of the last displacement, if the observer counted it in this step
     v      [m/s]  (3) filtered
@@ -203,23 +232,23 @@ def brake(gains, state, w, v, way, lag, usual, dt):
     """
     wx, wy, wz = w
     slow = 2.0 * lag / usual  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
-    stable = most = 0.5 * gains[MASS] / slow
+    stable = most = 0.5 * gains.mass / slow
     speed = math.sqrt(wx * wx + wy * wy + wz * wz)
     path = dt * speed
-    if path < 1.5 * gains[RESOLUTION]:
-        most = 0.5 * gains[MASS] / (slow + FILTER_LAG / dt)
+    if path < 1.5 * gains.resolution:
+        most = 0.5 * gains.mass / (slow + FILTER_LAG / dt)
         wx, wy, wz = v
         speed = math.sqrt(wx * wx + wy * wy + wz * wz)
         path = FILTER_LAG * speed
     alpha = 0.0
-    if path >= 1.5 * gains[RESOLUTION]:  # smaller displacements are rounding
-        alpha = dissipation(state[ENERGY, 0], dt, speed * speed, most)
-    resolution = gains[RESOLUTION]
-    steepest = LEAP / resolution if resolution > 0.0 else stiffest(gains[MASS], gains[DRAG], resolution, lag)
-    bx, by, bz = state[BRAKE, 0], state[BRAKE, 1], state[BRAKE, 2]
+    if path >= 1.5 * gains.resolution:  # smaller displacements are rounding
+        alpha = dissipation(state.energy, dt, speed * speed, most)
+    resolution = gains.resolution
+    steepest = LEAP / resolution if resolution > 0.0 else stiffest(gains.mass, gains.drag, resolution, lag)
+    bx, by, bz = vector(state.brake)
     reach = steepest * way
-    rise = min(reach, state[ENERGY, RISE] * dt) if state[ENERGY, RISE] > 0.0 else reach
-    force = min(alpha * speed, math.sqrt(2.0 * steepest * max(-state[ENERGY, 0], 0.0)))
+    rise = min(reach, state.rise * dt) if state.rise > 0.0 else reach
+    force = min(alpha * speed, math.sqrt(2.0 * steepest * max(-state.energy, 0.0)))
     force = min(force, math.sqrt(bx * bx + by * by + bz * bz) + rise)
     share = force / speed if speed > 0.0 else 0.0
     tx, ty, tz = -share * wx, -share * wy, -share * wz
@@ -227,7 +256,7 @@ def brake(gains, state, w, v, way, lag, usual, dt):
     bx, by, bz = clamp(bx, by, bz, stable / dt * speed)
     if bx * wx + by * wy + bz * wz > 0.0:  # the motion turned round
         bx, by, bz = tx, ty, tz
-    state[BRAKE, 0], state[BRAKE, 1], state[BRAKE, 2] = bx, by, bz
+    put(state.brake, (bx, by, bz))
     return bx, by, bz
 
 
@@ -235,8 +264,9 @@ def brake(gains, state, w, v, way, lag, usual, dt):
 def haptic(gains, state, past, normal_force, n, friction, approach, position, velocity, dt):
     """One step of the controller, see the equations above: (fx, fy, fz [N], in contact, E [J]). Updates the state.
 
-    gains         (11)   Kp [N/m], Kd [N s/m], Kdc [N s/m], hysteresis [m], mass [kg], drag [N s/m], limit [N],
-                         slew [N/s], resolution [m], whether the observer is on, whether the passivity control is on
+    gains                `GAINS`
+    state                `STATE`, changed in place
+    past                 `Past`, changed in place
     normal_force  [N]    f_n along n [1] (3)
     friction      [N]    f_t (3) of the finger on the tissue
     approach      [m]    s1 + s2
@@ -246,59 +276,59 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     The force is zero if an input is not finite.
     """
     if not 0.0 < dt < math.inf:
-        return state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[MODE, 0] == CONTACT, state[ENERGY, 0]
+        return state.force[0], state.force[1], state.force[2], state.contact, state.energy
     x, y, z = position
     vx, vy, vz = velocity
     if not abs(x + y + z + vx + vy + vz + normal_force + approach) < math.inf:
-        state[FORCE, :] = 0.0
-        return 0.0, 0.0, 0.0, state[MODE, 0] == CONTACT, state[ENERGY, 0]
+        put(state.force, (0.0, 0.0, 0.0))
+        return 0.0, 0.0, 0.0, state.contact, state.energy
     wx, wy, wz = 0.0, 0.0, 0.0
     # 1. first step: set the anchor and all past positions to the present one
-    if state[MODE, STARTED] == 0.0:
-        state[MODE, STARTED] = 1.0
+    if not state.started:
+        state.started = True
         for i in range(3):
-            state[ANCHOR, i] = state[PLACE, i] = state[BOOKED, i] = state[DRAGGED, i] = position[i]
-        for row in range(len(past)):
+            state.anchor[i] = state.position[i] = state.counted[i] = state.dragged[i] = position[i]
+        for row in range(len(past.time)):
             for i in range(3):
-                past[row, STAND + i] = position[i]
+                past.position[row, i] = position[i]
     # 2. passivity observer: the energy that the force has generated since the start, by positions
-    before = past[remember(state, past, dt)]
-    if gains[OBSERVE] != 0.0:
-        wx, wy, wz = observe(state, before, x, y, z, dt, gains[RESOLUTION])
+    before = remember(state, past, dt)
+    if gains.observes:
+        wx, wy, wz = observe(state, past.force[before], x, y, z, dt, gains.resolution)
     # Ignore a single late step: its lag would lower the stiffness, and a hand at rest would lose part of its force.
-    last = state[TIMES, LAST]
+    last = state.last
     usual = last if 0.0 < 3.0 * last < dt else dt
-    state[TIMES, LAST] = dt
-    lag = (len(past) - 0.5) * usual
-    mx, my, mz = x - state[PLACE, 0], y - state[PLACE, 1], z - state[PLACE, 2]
+    state.last = dt
+    lag = (len(past.time) - 0.5) * usual
+    mx, my, mz = x - state.position[0], y - state.position[1], z - state.position[2]
     way = math.sqrt(mx * mx + my * my + mz * mz)
     # 3. rendered contact force: as computed, or what the device can render without generating energy
     touching = normal_force > 0.0
     shown = damped = normal_force
-    if gains[PASSIVE] != 0.0:
-        shown, damped = render(gains, state, before, normal_force, n, approach, position, lag, dt)
-    state[PLACE, 0], state[PLACE, 1], state[PLACE, 2] = x, y, z
+    if gains.passive:
+        shown, damped = render(gains, state, past, before, normal_force, n, approach, position, lag, dt)
+    put(state.position, (x, y, z))
     # 4. mode, its spring and damper, and the decaying difference from the former mode
-    mode = switch(gains, state, touching, approach, x, y, z, vx, vy, vz)
+    contact = switch(gains, state, touching, approach, x, y, z, vx, vy, vz)
     fade = math.exp(-dt / FADE)
-    fx = assist(gains, mode, state, 0, x, vx) + state[OFFSET, 0]
-    fy = assist(gains, mode, state, 1, y, vy) + state[OFFSET, 1]
-    fz = assist(gains, mode, state, 2, z, vz) + state[OFFSET, 2]
+    fx = assist(gains, contact, state, 0, x, vx) + state.offset[0]
+    fy = assist(gains, contact, state, 1, y, vy) + state.offset[1]
+    fz = assist(gains, contact, state, 2, z, vz) + state.offset[2]
     for i in range(3):
-        state[OFFSET, i] *= fade
+        state.offset[i] *= fade
     if touching:
-        given = 1.0 - state[MODE, WITHHELD]
+        given = 1.0 - state.withheld
         share = given * min(shown / normal_force, 1.0)
         damped *= given
         fx += damped * n[0] - share * friction[0]
         fy += damped * n[1] - share * friction[1]
         fz += damped * n[2] - share * friction[2]
     # 5. passivity controller: a damper on the measured velocity w dissipates the generated energy
-    if gains[PASSIVE] != 0.0:
+    if gains.passive:
         bx, by, bz = brake(gains, state, (wx, wy, wz), velocity, way, lag, usual, dt)
         fx, fy, fz = fx + bx, fy + by, fz + bz
     # 6. limits of force and of its rate
-    fx, fy, fz = clamp(fx, fy, fz, gains[LIMIT])
-    fx, fy, fz = slew(fx, fy, fz, state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], gains[SLEW] * dt)
-    state[FORCE, 0], state[FORCE, 1], state[FORCE, 2] = fx, fy, fz
-    return fx, fy, fz, mode == CONTACT, state[ENERGY, 0]
+    fx, fy, fz = clamp(fx, fy, fz, gains.limit)
+    fx, fy, fz = slew(fx, fy, fz, state.force[0], state.force[1], state.force[2], gains.slew * dt)
+    put(state.force, (fx, fy, fz))
+    return fx, fy, fz, contact, state.energy

@@ -14,10 +14,9 @@ PhD thesis, University of Maryland, 1997.
 """
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
-
-import numpy as np
+from typing import NamedTuple
 
 from palpate.compiler.dot import cross, dot
 from palpate.compiler.kernel import kernel
@@ -26,6 +25,24 @@ HOME = (0.0, 0.0, 0.11)
 TOLERANCE = 1e-9  # [rad] forward kinematics stop here
 LONGEST_STEP = 0.020  # [m] largest Newton step
 ITERATIONS = 40
+
+Three = tuple[float, float, float]
+
+
+class Geometry(NamedTuple):
+    """Constants of the kernels, see `FalconGeometry`."""
+
+    a: float
+    b: float
+    c: float
+    length: float  # d + e
+    offset: float  # f - s
+    r: float
+    cos_phi: Three
+    sin_phi: Three
+    zero: float
+    encoder_count: float
+    limit: float
 
 
 @dataclass(frozen=True)
@@ -45,21 +62,23 @@ class FalconGeometry:
     f: float = -0.025
     r: float = 0.0400
     s: float = -0.02309
-    phi: tuple[float, float, float] = (math.radians(105.0), math.radians(-15.0), math.radians(-135.0))
+    phi: Three = (math.radians(105.0), math.radians(-15.0), math.radians(-135.0))
     zero: float = math.radians(35.0)
     count: float = 2.0 * math.pi / 1280.0 * 0.01425 / 0.110
     limit: float = 0.4096
 
     @cached_property
-    def geometry(self) -> np.ndarray:
-        """The constants as one array (15) for the kernels."""
-        a, b, c, d, e, f, r, s, phi, zero, count, limit = astuple(self)
-        turned = [g(angle) for angle in phi for g in (math.cos, math.sin)]
-        return np.array([a, b, c, d + e, f - s, r, *turned, zero, count, limit])
+    def geometry(self) -> Geometry:
+        """The constants for the kernels."""
+        first, second, third = self.phi
+        return Geometry(
+            self.a, self.b, self.c, self.d + self.e, self.f - self.s, self.r,
+            (math.cos(first), math.cos(second), math.cos(third)), (math.sin(first), math.sin(second), math.sin(third)),
+            self.zero, self.count, self.limit,
+        )  # fmt: skip
 
 
 FALCON = FalconGeometry()
-ZERO, COUNT, LIMIT = 12, 13, 14  # indices in the geometry array
 
 
 @kernel
@@ -69,8 +88,8 @@ def leg(geometry, i, x, y, z):
     t3 = acos(v/b)    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
     t2 = atan2(w - a sin t1, X - a cos t1)
     """
-    a, b, c, length0, offset, r = geometry[0], geometry[1], geometry[2], geometry[3], geometry[4], geometry[5]
-    cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
+    a, b, c, length0, offset, r = geometry.a, geometry.b, geometry.c, geometry.length, geometry.offset, geometry.r
+    cos_phi, sin_phi = geometry.cos_phi[i], geometry.sin_phi[i]
     u = cos_phi * x + sin_phi * y - r
     v = -sin_phi * x + cos_phi * y + offset
     if not abs(v) <= b:
@@ -99,10 +118,10 @@ def link(geometry, i, t1, t2, t3):
     As a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw, row i of the Jacobian G of the
     driven angles, dt1/dt = G dx/dt, is vector / lever; it has no bound where a leg is stretched or folded.
     """
-    cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
+    cos_phi, sin_phi = geometry.cos_phi[i], geometry.sin_phi[i]
     sin_t3 = math.sin(t3)
     u, v, w = math.cos(t2) * sin_t3, math.cos(t3), math.sin(t2) * sin_t3
-    lever = geometry[0] * math.sin(t2 - t1) * sin_t3
+    lever = geometry.a * math.sin(t2 - t1) * sin_t3
     return cos_phi * u - sin_phi * v, sin_phi * u + cos_phi * v, w, lever
 
 

@@ -11,7 +11,7 @@ import math
 
 from palpate.compiler.dot import cross, dot
 from palpate.compiler.kernel import kernel
-from palpate.physics.device.falcon import LIMIT, links
+from palpate.physics.device.falcon import links
 
 FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
 DAMPING = 0.05  # [1] largest damping of that inverse
@@ -49,7 +49,7 @@ def torque_kernel(geometry, fx, fy, fz, x, y, z):
         t0, t1, t2 = dot(c0, force) / volume, dot(c1, force) / volume, dot(c2, force) / volume
     else:
         t0, t1, t2 = damped(n0, n1, n2, force, DAMPING * (1.0 - abs(volume) / FLAT))
-    return (True, *saturate(levers[0] * t0, levers[1] * t1, levers[2] * t2, geometry[LIMIT]))
+    return (True, *saturate(levers[0] * t0, levers[1] * t1, levers[2] * t2, geometry.limit))
 
 
 @kernel

@@ -13,11 +13,20 @@ import math
 import numpy as np
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.device.falcon import ZERO, leg, reachable
+from palpate.compiler.records import put, vector
+from palpate.physics.device.falcon import leg, reachable
 from palpate.physics.device.falcon_statics import force_kernel, saturate
 
-MASS, DRAG, STIFFNESS, DAMPING, RESOLUTION, LIMIT = range(6)  # indices in the constants
-POSITION, VELOCITY, CLOCK = range(3)  # rows of the state; the clock's row: time [s], segment of the path
+GRIP = {
+    "mass": (), "drag": (), "stiffness": (), "damping": (),  # m [kg], b [N s/m] of the device; k [N/m], c [N s/m]
+    "resolution": (), "limit": (),  # [rad] encoder count, 0: not rounded; [N m] of the motors
+}  # fmt: skip
+"""Constants of a grip."""
+MOTION = {
+    "position": (3,), "velocity": (3,), "time": (), "segment": int,  # [m], [m/s], [s]; segment of the path
+    "propagator": (3, 3), "length": (),  # the last one, and the length of its step [s]
+}  # fmt: skip
+"""State of a grip."""
 LINEAR, MINIMUM_JERK = 0, 1
 SUBSTEP = 1e-3  # [s]
 MOST_SUBSTEPS = 1000
@@ -84,62 +93,60 @@ def wanted(time, ends, points, shapes):
 
 
 @kernel
-def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1, t2, dt):
+def grip_kernel(geometry, grip, motion, ends, points, shapes, t0, t1, t2, dt):
     """Move the grip of a Falcon by one step under motor torques; returns its driven angles [rad].
 
-    constants  (6)    m [kg], b, k [N/m], c [N s/m], encoder count [rad] (0: not rounded), motor limit [N m]
-    state      (3,3)  position [m], velocity [m/s], (time [s], segment, -); changed in place
-    memory     (4,3)  the last propagator, and the length of its step [s]; zeros to begin with
+    geometry, grip, motion  `falcon.Geometry`, `GRIP`, `MOTION`; the motion is changed in place
     The limit of the legs' reach acts as an end stop: the grip stays at its last position, at rest.
     """
     if 0.0 < dt < math.inf:
         dt = min(dt, LONGEST)
-        t0, t1, t2 = saturate(t0, t1, t2, constants[LIMIT])
+        t0, t1, t2 = saturate(t0, t1, t2, grip.limit)
         count = int(min(max(math.ceil(dt / SUBSTEP - 1e-6), 1), MOST_SUBSTEPS))
         h = dt / count
-        mass, drag = constants[MASS], constants[DRAG]
-        e = memory[:3]
-        if memory[3, 0] != h:
-            e = propagator((drag + constants[DAMPING]) / mass, constants[STIFFNESS] / mass, h)
+        mass, drag = grip.mass, grip.drag
+        e = motion.propagator
+        if motion.length != h:
+            made = propagator((drag + grip.damping) / mass, grip.stiffness / mass, h)
             for i in range(9):
-                memory[i // 3, i % 3] = e[i // 3, i % 3]
-            memory[3, 0] = h
-        begin = state[CLOCK, 0]
+                e[i // 3, i % 3] = made[i // 3, i % 3]
+            motion.length = h
+        begin, position, velocity = motion.time, motion.position, motion.velocity
         _, px, py, pz = wanted(begin, ends, points, shapes)
         for i in range(1, count + 1):
             now = begin + dt * i / count
             segment, qx, qy, qz = wanted(now, ends, points, shapes)
-            x, y, z = state[POSITION, 0], state[POSITION, 1], state[POSITION, 2]
+            x, y, z = position[0], position[1], position[2]
             _, fx, fy, fz = force_kernel(geometry, t0, t1, t2, x, y, z)
-            x, ux = advance(e, h, mass, drag, fx, x, state[VELOCITY, 0], px, qx, constants)
-            y, uy = advance(e, h, mass, drag, fy, y, state[VELOCITY, 1], py, qy, constants)
-            z, uz = advance(e, h, mass, drag, fz, z, state[VELOCITY, 2], pz, qz, constants)
+            x, ux = advance(e, h, mass, drag, fx, x, velocity[0], px, qx, grip)
+            y, uy = advance(e, h, mass, drag, fy, y, velocity[1], py, qy, grip)
+            z, uz = advance(e, h, mass, drag, fz, z, velocity[2], pz, qz, grip)
             if reachable(geometry, x, y, z):
-                state[POSITION, 0], state[POSITION, 1], state[POSITION, 2] = x, y, z
-                state[VELOCITY, 0], state[VELOCITY, 1], state[VELOCITY, 2] = ux, uy, uz
+                put(position, (x, y, z))
+                put(velocity, (ux, uy, uz))
             else:
-                state[VELOCITY, 0] = state[VELOCITY, 1] = state[VELOCITY, 2] = 0.0
+                put(velocity, (0.0, 0.0, 0.0))
             px, py, pz = qx, qy, qz
-            state[CLOCK, 0], state[CLOCK, 1] = now, segment
-    return angles(geometry, constants, state)
+            motion.time, motion.segment = now, segment
+    return angles(geometry, grip, motion)
 
 
 @kernel
-def angles(geometry, constants, state):
+def angles(geometry, grip, motion):
     """The driven angles [rad] of a grip as its encoders count them; arguments as of `grip_kernel`."""
-    x, y, z = state[POSITION, 0], state[POSITION, 1], state[POSITION, 2]
+    x, y, z = vector(motion.position)
     return (
-        encoded(geometry, constants[RESOLUTION], leg(geometry, 0, x, y, z)[1]),
-        encoded(geometry, constants[RESOLUTION], leg(geometry, 1, x, y, z)[1]),
-        encoded(geometry, constants[RESOLUTION], leg(geometry, 2, x, y, z)[1]),
+        encoded(geometry, grip.resolution, leg(geometry, 0, x, y, z)[1]),
+        encoded(geometry, grip.resolution, leg(geometry, 1, x, y, z)[1]),
+        encoded(geometry, grip.resolution, leg(geometry, 2, x, y, z)[1]),
     )
 
 
 @kernel
-def advance(e, h, mass, drag, force, x, v, p, q, constants):
+def advance(e, h, mass, drag, force, x, v, p, q, grip):
     """One axis over a step h [s]: (position [m], velocity [m/s]); the target moves from p to q at constant speed."""
     rate = (q - p) / h
-    if constants[STIFFNESS] == 0.0 and constants[DAMPING] == 0.0:
+    if grip.stiffness == 0.0 and grip.damping == 0.0:
         p, q, rate = 0.0, 0.0, 0.0  # no hand holds the grip
     y, u, a = x - p, (v - rate) * h, (force - drag * rate) / mass * h * h
     return (q + e[0, 0] * y + e[0, 1] * u + e[0, 2] * a, rate + (e[1, 0] * y + e[1, 1] * u + e[1, 2] * a) / h)
@@ -150,4 +157,4 @@ def encoded(geometry, resolution, angle):
     """The angle [rad] in whole encoder counts of `resolution` [rad] from the encoder's zero; unrounded for 0."""
     if resolution == 0.0:
         return angle
-    return geometry[ZERO] + resolution * np.rint((angle - geometry[ZERO]) / resolution)
+    return geometry.zero + resolution * np.rint((angle - geometry.zero) / resolution)

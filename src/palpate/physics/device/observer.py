@@ -29,6 +29,7 @@ Control Systems Technology 8 (2000) 1003-1009, for the encoder's resolution as t
 import math
 
 from palpate.compiler.kernel import kernel
+from palpate.compiler.records import clear
 
 BANDWIDTH = 220.0  # [1/s] least w
 FASTEST = 15.0  # [1] largest w over the least
@@ -38,55 +39,60 @@ FADE = 0.04  # [s] time constant with which the difference of mean and reading d
 BAND, TURNED_BAND = 1.5, 2.5  # [counts] largest span of the readings of a rest, before and after a reversal
 CELL = 0.2  # [counts] distance from the reading within which a position agrees with it
 FAR = 4.0  # [counts] largest distance from the reading
-PLACE, SPEED, TREND, LOW, HIGH, HELD, MEAN, AWAY, LAST, WAY, TURNED, RISE = range(12)
+AXIS = {
+    "position": (), "speed": (), "trend": (), "acceleration": (),  # x, v, p, a
+    "low": (), "high": (),  # readings of the band
+    "rest": (), "mean": (), "fading": (),  # [s] within the band; mean of its readings; difference of a former mean
+    "last": (), "direction": (), "turned": bool,  # reading; sign of its last change; whether it changed in the band
+}  # fmt: skip
+"""State of an axis, in the unit of its readings."""
 
 
 @kernel
 def begin(axis, reading):
-    """Reset an axis (12) to rest at a reading, in its unit."""
-    axis[:] = 0.0
-    axis[PLACE] = axis[LOW] = axis[HIGH] = axis[MEAN] = axis[LAST] = reading
+    """Reset an axis to rest at a reading, in its unit."""
+    clear(axis)
+    axis.position = axis.low = axis.high = axis.mean = axis.last = reading
 
 
 @kernel
 def settle(axis, reading, count, dt):
     """Stage 1: the reading, replaced by the mean at rest, and the weight [1] of the mean; arguments as of `follow`."""
-    last = axis[LAST]
+    last = axis.last
     if reading != last:
         way = math.copysign(1.0, reading - last)
-        if way * axis[WAY] < 0.0:
-            axis[TURNED] = 1.0
-        axis[WAY], axis[LAST] = way, reading
-    axis[AWAY] *= math.exp(-dt / FADE)
-    share = min(max((axis[HELD] - REST) / BLEND, 0.0), 1.0)
-    low, high = min(axis[LOW], reading), max(axis[HIGH], reading)
-    if high - low > (TURNED_BAND if axis[TURNED] != 0.0 else BAND) * count:
-        axis[AWAY] = min(max(axis[AWAY] + share * (axis[MEAN] - reading), -count), count)
+        if way * axis.direction < 0.0:
+            axis.turned = True
+        axis.direction, axis.last = way, reading
+    axis.fading *= math.exp(-dt / FADE)
+    share = min(max((axis.rest - REST) / BLEND, 0.0), 1.0)
+    low, high = min(axis.low, reading), max(axis.high, reading)
+    if high - low > (TURNED_BAND if axis.turned else BAND) * count:
+        axis.fading = min(max(axis.fading + share * (axis.mean - reading), -count), count)
         low, high = min(last, reading), max(last, reading)
         if high - low > BAND * count:
             low = high = reading
-        axis[HELD] = axis[TURNED] = share = 0.0
-        axis[MEAN] = reading
+        axis.rest = share = 0.0
+        axis.turned = False
+        axis.mean = reading
     else:
-        axis[HELD] += dt
-        axis[MEAN] += (reading - axis[MEAN]) * dt / axis[HELD]
-        share = min(max((axis[HELD] - REST) / BLEND, 0.0), 1.0)
-    axis[LOW], axis[HIGH] = low, high
-    return reading + share * min(max(axis[MEAN] - reading, -count), count) + axis[AWAY], share
+        axis.rest += dt
+        axis.mean += (reading - axis.mean) * dt / axis.rest
+        share = min(max((axis.rest - REST) / BLEND, 0.0), 1.0)
+    axis.low, axis.high = low, high
+    return reading + share * min(max(axis.mean - reading, -count), count) + axis.fading, share
 
 
 @kernel
 def follow(axis, reading, count, dt):
     """The estimate x after a reading, in its unit: one implicit Euler step of both stages.
 
-    axis   (12)  x, speed v, trend p; lowest and highest reading of the band, time [s] within it, mean of the readings,
-                 decaying difference of a former mean; the last reading, the sign of its last change, whether that sign
-                 has changed within the band; acceleration a; changed in place
-    count        of the encoder, above 0
-    dt     [s]   since the last reading, above 0
+    axis        `AXIS`, changed in place
+    count       of the encoder, above 0
+    dt     [s]  since the last reading, above 0
     """
     seen, share = settle(axis, reading, count, dt)
-    x, v = axis[PLACE], axis[SPEED]
+    x, v = axis.position, axis.speed
     expected = x + v * dt
     free = (1.0 - share) * CELL * count
     wanted = min(max(expected, seen - free), seen + free)
@@ -94,16 +100,16 @@ def follow(axis, reading, count, dt):
     w = BANDWIDTH * min(max(1.0, miss * math.sqrt(miss)), FASTEST)
     # Implicit Euler: stable for any step, and x changes by v dt exactly.
     a, b = 4.0 * w * dt, w * (1.5 + w * dt * (1.0 + 0.25 * w * dt))
-    v = (v + a * (axis[TREND] + axis[RISE] * dt + b * (wanted - x))) / (1.0 + a * (1.0 + b * dt))
+    v = (v + a * (axis.trend + axis.acceleration * dt + b * (wanted - x))) / (1.0 + a * (1.0 + b * dt))
     x += v * dt
-    axis[RISE] += 0.25 * w * w * w * dt * (wanted - x)
-    axis[TREND] += (axis[RISE] + w * w * (wanted - x)) * dt
-    if axis[TREND] * axis[WAY] < 0.0:
-        axis[TREND] = axis[RISE] = 0.0
-    axis[RISE] *= 1.0 - share
+    axis.acceleration += 0.25 * w * w * w * dt * (wanted - x)
+    axis.trend += (axis.acceleration + w * w * (wanted - x)) * dt
+    if axis.trend * axis.direction < 0.0:
+        axis.trend = axis.acceleration = 0.0
+    axis.acceleration *= 1.0 - share
     if not abs(x - reading) <= FAR * count:
         x = min(max(x, reading - FAR * count), reading + FAR * count) if abs(x) < math.inf else reading
-        v = (x - axis[PLACE]) / dt
-        axis[TREND] = axis[RISE] = 0.0
-    axis[PLACE], axis[SPEED] = x, v
+        v = (x - axis.position) / dt
+        axis.trend = axis.acceleration = 0.0
+    axis.position, axis.speed = x, v
     return x

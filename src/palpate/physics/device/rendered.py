@@ -17,14 +17,19 @@ J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound
 """
 
 from palpate.compiler.kernel import kernel
+from palpate.compiler.records import clear
 
 SHARE = 0.01
 MOST = 1e12  # [N/m]
 LEAP = 0.1  # [N] largest change of force over one step of the position
 SPAN = 8.0  # [1] steps of the device's position over which a slope is measured
 FORGET = 0.01  # [s] time below the line after which the line is dropped
-LINE, LAW, CUT, BELOW = range(4)  # of the wall
-SLOPE, DEPTH, FROM, AT = range(4)  # of the gauge
+WALL = {"line": (), "law": (), "cut": bool, "below": ()}
+"""The line [N] that bounds the force, the last contact force [N], whether the line is active, and the time [s] that the
+force has been below it."""
+GAUGE = {"slope": (), "depth": (), "mark": (), "mark_force": ()}
+"""The slope [N/m], the depth since contact began [m], and the depth [m] and force [N] from which the slope is measured.
+"""
 
 
 @kernel(error_model="numpy")
@@ -42,52 +47,51 @@ def soften(wall, force, approach, way, sideways, most, step, dt):
     When the finger moves out by one `step` [m] of the position, the force also falls at most at that slope in this time
     step: the damping of the contact would otherwise turn the jump into a force drop that throws the finger back in.
 
-    wall      (4)  the line [N] that bounds the force, the last contact force [N], whether the line is active, and the
-                   time [s] that the force has been below it; changed in place
+    wall           `WALL`, changed in place
     approach  [m]  since first contact
     way       [m]  motion into the surface since the last step
     sideways  [m]  motion along the surface since then, without the oscillation of a finger at rest: under a law far
                    above the line it would raise the force and sustain itself
     dt        [s]
     """
-    least = max(wall[LAW] + most * (way - sideways), 0.0) if -1.5 * step < way < 0.0 < force else 0.0
-    if wall[CUT] != 0.0:
+    least = max(wall.law + most * (way - sideways), 0.0) if -1.5 * step < way < 0.0 < force else 0.0
+    if wall.cut:
         # Outwards along the same slope, but not faster than the law falls.
-        change = max(most * way, min(force - wall[LAW], 0.0))
-        wall[LINE] = max(wall[LINE] + change + most * sideways, 0.0)
+        change = max(most * way, min(force - wall.law, 0.0))
+        wall.line = max(wall.line + change + most * sideways, 0.0)
     elif way == 0.0:
-        wall[LINE] = force
+        wall.line = force
     else:
-        wall[LINE] = wall[LAW] + most * (max(way, 0.0) + sideways)
-    wall[LINE] = min(wall[LINE], most * approach)  # part of the first step into contact was through air
-    wall[LAW] = force
-    if force > wall[LINE]:
-        wall[CUT], wall[BELOW] = 1.0, 0.0
-        return wall[LINE]
-    wall[BELOW] += dt
-    if wall[BELOW] > FORGET:
-        wall[CUT] = 0.0
-    return max(force, min(least, wall[LINE]))
+        wall.line = wall.law + most * (max(way, 0.0) + sideways)
+    wall.line = min(wall.line, most * approach)  # part of the first step into contact was through air
+    wall.law = force
+    if force > wall.line:
+        wall.cut, wall.below = True, 0.0
+        return wall.line
+    wall.below += dt
+    if wall.below > FORGET:
+        wall.cut = False
+    return max(force, min(least, wall.line))
 
 
 @kernel
 def slope(gauge, force, way, span):
     """Slope [N/m] of the rendered force over the last `span` [m], at first since contact began; 0 without contact.
 
-    gauge  (4)  the slope, the depth since contact began, and the reference depth [m] and force [N]; changed in place
+    gauge       `GAUGE`, changed in place
     way    [m]  motion into the surface since the last step
     """
     if not force > 0.0:
-        gauge[:] = 0.0
+        clear(gauge)
         return 0.0
-    gauge[DEPTH] += way
-    length = gauge[DEPTH] - gauge[FROM]
-    first = gauge[FROM] == 0.0 and gauge[AT] == 0.0
+    gauge.depth += way
+    length = gauge.depth - gauge.mark
+    first = gauge.mark == 0.0 and gauge.mark_force == 0.0
     if length != 0.0 and (abs(length) >= span or (first and length > 0.0)):  # exact positions: span is 0
-        gauge[SLOPE] = max((force - gauge[AT]) / length, 0.0)
+        gauge.slope = max((force - gauge.mark_force) / length, 0.0)
     if abs(length) >= span:
-        gauge[FROM], gauge[AT] = gauge[DEPTH], force
-    return gauge[SLOPE]
+        gauge.mark, gauge.mark_force = gauge.depth, force
+    return gauge.slope
 
 
 @kernel

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
-from palpate.physics.device.controller import buffers, haptic
+from palpate.physics.device.controller import GAINS, STATE, haptic, rings
 from palpate.physics.device.stability import held
 
 
@@ -47,7 +48,7 @@ def advance(x, v, force, mass, drag, coulomb, dt):
 
 @kernel
 def _run(device, wall, gains, state, past, controlled, steps, lost, out):
-    mass, drag, coulomb, resolution = device[0], device[1], device[2], device[3]
+    mass, drag, coulomb, resolution = device.mass, device.drag, device.coulomb, device.resolution
     stiffness, damping, delay, order, push, begin, speed, twosided = wall
     x, v, force, energy, seen = begin, -speed, 0.0, 0.0, begin
     seen_at, last = np.full(int(order) + 1, begin), int(order)
@@ -75,7 +76,7 @@ def _run(device, wall, gains, state, past, controlled, steps, lost, out):
             place, velocity = (0.0, 0.0, seen), (0.0, 0.0, rate)
             force = haptic(gains, state, past, force, normal, zero, max(-seen, 0.0), place, velocity, dt)[2]
         elif twosided == 0.0:
-            force = min(force, device[4])
+            force = min(force, device.limit)
         out[i, 0], out[i, 1], out[i, 2] = x, force, energy
         if not abs(x) < 1e3:
             out[i:, 0] = math.inf
@@ -101,14 +102,15 @@ def run(
     stiffness [N/m], damping [N s/m] of the wall on the mean of `order` differences; delay [1] samples; lost (k) bool,
     samples that repeat the previous one; push [N] of the hand; free: no hand and a two-sided wall; begin [m] start
     """
-    gains = np.array([0.0, 0.0, 0.0, device.resolution, device.mass, device.drag, device.limit, device.slew,
-                      device.resolution, 1.0, 1.0])  # fmt: skip
-    state, past = buffers(delay)
+    gains = blank_record(
+        GAINS, hysteresis=device.resolution, mass=device.mass, drag=device.drag, limit=device.limit, slew=device.slew,
+        resolution=device.resolution, observes=True, passive=True,
+    )  # fmt: skip
     speed = 0.0 if free else 0.05
     wall = (stiffness, damping, float(delay), float(order), 0.0 if free else push, begin, speed, float(free))
     out = np.zeros((len(steps), 3))
     missing = np.zeros(len(steps), dtype=np.bool_) if lost is None else lost
-    _run(np.array(device), wall, gains, state, past, controlled, steps, missing, out)
+    _run(device, wall, gains, blank_record(STATE), rings(delay), controlled, steps, missing, out)
     return out
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.compiler.exact import arctan2
+from palpate.physics.geometry.pieces import pieces
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,22 @@ class Mesh:
         length = np.linalg.norm(total, axis=1)
         total[length == 0] = (0.0, 0.0, 1.0)
         return total / np.where(length > 0, length, 1.0)[:, None]
+
+    @cached_property
+    def thicknesses(self) -> np.ndarray:
+        """Mean thickness [m] (V) of the piece to which each vertex belongs, twice its volume over its area: that of a
+        plate, the radius of a tube, two thirds of the radius of a ball; inf for an open piece, and without a
+        triangle."""
+        label = pieces(self.triangles, len(self.vertices))
+        area = np.bincount(label, 0.5 * np.linalg.norm(self.face_vectors, axis=1))
+        middle = self.vertices - self.vertices.mean(axis=0)
+        volume = np.bincount(label, np.einsum("ij,ij->i", self.face_vectors, middle[self.triangles[:, 0]])) / 6.0
+        holder = np.full(len(self.vertices), -1)
+        holder[self.triangles] = label[:, None]
+        ends, count = self.edges
+        mean = 2.0 * np.abs(volume) / np.maximum(area, 1e-300)
+        mean[holder[ends[count == 1]]] = np.inf
+        return np.where(holder < 0, np.inf, mean[holder])
 
 
 def plane(size: float, count: int) -> Mesh:

@@ -4,7 +4,6 @@ import numpy as np
 import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import arctan2
-from palpate.physics.geometry.mesh import Mesh
 
 
 def pieces(triangles: np.ndarray, vertices: int) -> np.ndarray:
@@ -32,21 +31,6 @@ def winding(points: np.ndarray, triangles: np.ndarray, at: np.ndarray) -> float:
     ab, bc, ca = dots
     triple = np.einsum("ij,ij->i", a, np.cross(b, c))
     return float(arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2.0 * np.pi))
-
-
-def thicknesses(mesh: Mesh) -> np.ndarray:
-    """Mean thickness [m] (V) of the piece to which each vertex belongs, twice its volume over its area: that of a
-    plate, the radius of a tube, two thirds of the radius of a ball; inf for an open piece, and without a triangle."""
-    label = pieces(mesh.triangles, len(mesh.vertices))
-    area = np.bincount(label, 0.5 * np.linalg.norm(mesh.face_vectors, axis=1))
-    middle = mesh.vertices - mesh.vertices.mean(axis=0)
-    volume = np.bincount(label, np.einsum("ij,ij->i", mesh.face_vectors, middle[mesh.triangles[:, 0]])) / 6.0
-    holder = np.full(len(mesh.vertices), -1)
-    holder[mesh.triangles] = label[:, None]
-    ends, count = mesh.edges
-    mean = 2.0 * np.abs(volume) / np.maximum(area, 1e-300)
-    mean[holder[ends[count == 1]]] = np.inf
-    return np.where(holder < 0, np.inf, mean[holder])
 
 
 def parents(points: np.ndarray, triangles: np.ndarray, piece: np.ndarray) -> np.ndarray:

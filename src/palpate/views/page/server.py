@@ -33,6 +33,7 @@ RENDERERS = "/frames"
 SHARED = ("page.css", "scene.js", "charts.js", "panel.js")  # static files of all pages
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 PATIENCE = 30.0  # [s] timeout of opening and closing the server
+_USER = os.getuid() if hasattr(os, "getuid") else None  # of this process
 RELOAD = 2.0  # [s] without a page after which the page counts as closed, not reloaded
 
 
@@ -179,7 +180,7 @@ class PageServer:
             origin = request.headers.get("Origin")
             here = (*LOOPBACK, connection.local_address[0])  # valid hosts of the page's URL
             strange = origin is not None and urlsplit(origin).hostname not in here
-            strange |= _user(connection.remote_address, connection.local_address) not in (None, 0, os.getuid())
+            strange |= _user(connection.remote_address, connection.local_address) not in (None, 0, _USER)
             known = hmac.compare_digest(given.encode(), self.token.encode())
         except (ValueError, MultipleValuesError):  # malformed, not from a browser: http://[::1, two origins
             return _reply(HTTPStatus.BAD_REQUEST, b"invalid address or Origin\n")

@@ -1,8 +1,8 @@
 """Replaces the devices of a graph by hands that follow the page's pointers, and selects what the page shows."""
 
 import contextlib
-import os
 import socket
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import msgspec
 import yaml
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.imports import full_name
 from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
@@ -181,7 +182,7 @@ def _receptors(planned: Plan, node: str) -> Receptors:
 def _place(planned: Plan) -> Placement:
     """Nodes that run at every tick share one process on a dedicated core with priority over the browser; the others use
     the other cores."""
-    cores = sorted(os.sched_getaffinity(0))
+    cores = usable_cores()
     slow = [name for name in planned.order if planned.graph.nodes[name].every > 1]
     loop = ProcessGroup("loop", [name for name in planned.order if name not in slow], core=(cores[-1],), priority=80)
     return Placement([loop, *([ProcessGroup("rest", slow, core=tuple(cores[:-1] or cores))] if slow else [])])
@@ -195,6 +196,8 @@ class Pointers:
     """
 
     def __init__(self, sockets: Sequence[Path], begins: Sequence[Vector3]) -> None:
+        if not hasattr(socket, "AF_UNIX"):
+            raise PageError(f"found {sys.platform} without Unix sockets; `palpate touch` needs Linux or macOS")
         self.sockets, self.begins = sockets, begins
         self._outlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._outlet.setblocking(False)

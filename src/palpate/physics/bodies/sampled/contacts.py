@@ -33,7 +33,7 @@ class SampledContacts(NamedTuple):
 
 
 @kernel(error_model="numpy")
-def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contacts):
+def step_all(model, dt, fields, active, vectors, matrices, room, state, contacts):
     """A step under all loads. Fills `contacts` except for forces and measures; other arguments as of `step.step`.
     Returns the number of evaluations of the energy, and whether the step converged."""
     held, load, touched, bent = fields[0], fields[1], fields[2], fields[3]
@@ -46,12 +46,12 @@ def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contac
         for v in range(len(m)):
             for a in range(3):
                 touched[v, a] += abs(m[v, a])
-    acting, used, settled = step.follow(model, dt, fields, active, vectors, matrices, room, numbers)
+    acting, used, settled = step.follow(model, dt, fields, active, vectors, matrices, room, state)
     # static correction: compliance R outside the reduced basis, scaled by gamma of its energy h.R h
     step.apply_residual_compliance(model.residual_compliance, held, active, acting, bent)
     strain = max(step.dot(held, bent, active, acting), 0.0) / (young * young)
     gam, dgam = step.gamma(strain, bend[0], bend[1], bend[2])
-    numbers[step.GAMMA] = gam
+    state.gamma = gam
     f_R_h = step.dot(load, bent, active, acting) / young
     step.project(model.modes, load, active, acting, loaded)
     for i in range(count):

@@ -5,9 +5,12 @@ Fletcher, D. Goldfarb, D. F. Shanno, 1970); when the iteration stalls it is reco
 reduces the energy. The number of evaluations is bounded, and the next call continues from the remaining residual.
 """
 
+from typing import Any
+
 import numpy as np
 
 from palpate.compiler.dot import inner, times
+from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.sampled.energy import forces, tangent
 
@@ -16,10 +19,13 @@ STALLED = 5  # Evaluations after which the tangent is recomputed
 MOST = 14  # Evaluations in a call outside real time
 EACH = 2  # Evaluations in a real-time step; the next step continues from the remaining residual
 
+BUDGET = {"evaluations": int, "length": ()}
+"""Of a call: maximum number of evaluations; first length of the line search, 1 unless the last call interrupted one."""
 
-def offline_budget() -> np.ndarray:
+
+def offline_budget() -> Any:
     """The budget of a call that is not in real time."""
-    return np.array([float(MOST), 1.0])
+    return blank_record(BUDGET, evaluations=MOST, length=1.0)
 
 
 @kernel(error_model="numpy")
@@ -81,11 +87,10 @@ def at_rest(H):
 def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
     """Iterate q (r,) to equilibrium under p (r,). Returns W there, number of evaluations, and whether it converged.
 
-    g (r,) and `energy` are the gradient of W and W at q, before and after; budget (2,): maximum number of evaluations,
-    of which at most `STALLED` without the tangent, and the first length of the line search, 1 unless the last call
-    interrupted one; H (r,r): inverse of the tangent; K, L (r,r) and vectors (4,r): workspace.
+    g (r,) and `energy` are the gradient of W and W at q, before and after; `budget` is a `BUDGET`, of whose evaluations
+    at most `STALLED` are without the tangent; H (r,r): inverse of the tangent; K, L (r,r) and vectors (4,r): workspace.
     """
-    r, most = len(q), int(budget[0])
+    r, most = len(q), budget.evaluations
     d, trial, slope, change = vectors[0], vectors[1], vectors[2], vectors[3]
     used, recomputed, reset = 0, False, False
     while True:
@@ -112,8 +117,8 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
                 invert(K, L, H)
                 continue
         # line search by Armijo's rule; `turned` is the slope at its end
-        length, before = budget[1], energy - work_of_load
-        budget[1] = 1.0
+        length, before = budget.length, energy - work_of_load
+        budget.length = 1.0
         while True:
             after = 0.0
             for i in range(r):
@@ -135,7 +140,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
                 shorter = min(max(shorter, 0.1), 0.5)
             length *= shorter
             if used >= most:
-                budget[1] = length
+                budget.length = length
                 return energy, used, False
         # accept; BFGS update of H by the step d and the change of the gradient, where the curvature is positive
         curve = size = 0.0

@@ -6,11 +6,12 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.dot import times
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.condensed_step import FORGOTTEN, LEAST_FORCE
 from palpate.physics.bodies.patch import normal_force, share_of
 from palpate.physics.bodies.sampled.energy import Points
-from palpate.physics.bodies.sampled.solve import EACH, at_rest, settle
+from palpate.physics.bodies.sampled.solve import BUDGET, EACH, at_rest, settle
 from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
 
 LEAST_COMPLIANCE = 1e-12  # [m/N] Lower limit for a patch; it keeps the law finite
@@ -35,9 +36,12 @@ class SampledModel(NamedTuple):
     retardation: float
 
 
-STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, ALLOWED, LENGTH = range(8)
-"""Numbers of a body: K, n, s_free and s of the last law, gamma, energy of the modes, and the budget of `solve.settle`:
-evaluations, and first length of the line search."""
+STATE = {
+    "stiffness": (), "exponent": (), "free": (), "now": (),  # K, n, s_free and s of the last law
+    "gamma": (), "energy": (), "budget": BUDGET,  # gamma; energy of the modes; budget of `solve.settle`
+}  # fmt: skip
+"""State of a body, in addition to its arrays."""
+STATE_TYPE = element_type(STATE)
 
 
 @kernel(error_model="numpy")
@@ -112,9 +116,9 @@ def dot(x, y, active, count):
 
 
 @kernel(error_model="numpy")
-def follow(model, dt, fields, active, vectors, matrices, room, numbers):
+def follow(model, dt, fields, active, vectors, matrices, room, state):
     """Update the load history h (Kelvin-Voigt retardation) and the equilibrium of the modes, dW/dq = Phi'h/E. Returns
-    the numbers of active vertices and of energy evaluations, and whether it converged. Arguments as of `step`."""
+    the state of active vertices and of energy evaluations, and whether it converged. Arguments as of `step`."""
     held, load, measure = fields[0], fields[1], fields[2]
     p, q, g, inverse = vectors[0], vectors[1], vectors[2], matrices[0]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
@@ -132,25 +136,25 @@ def follow(model, dt, fields, active, vectors, matrices, room, numbers):
         if size >= FORGOTTEN or touched > 0.0:
             active[count] = v
             count += 1
-    budget = numbers[ALLOWED:]
-    budget[0] = EACH
+    budget = state.budget
+    budget.evaluations = EACH
     if not loaded:  # at rest the tangent is known
         for k in range(len(q)):
             p[k] = q[k] = g[k] = 0.0
         at_rest(inverse)
-        numbers[ENERGY] = 0.0
+        state.energy = 0.0
         return count, 0, True
     project(model.modes, held, active, count, p)
     for k in range(len(q)):
         p[k] /= model.young
-    numbers[ENERGY], used, settled = settle(
-        model.points, room, p, q, g, inverse, matrices[1], matrices[2], vectors[3:], numbers[ENERGY], budget
+    state.energy, used, settled = settle(
+        model.points, room, p, q, g, inverse, matrices[1], matrices[2], vectors[3:], state.energy, budget
     )
     return count, used, settled
 
 
 @kernel(error_model="numpy")
-def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
+def step(model, force, dt, fields, active, vectors, matrices, room, state):
     """A step under one contact, whose load and shares are in `fields`. Returns the number of evaluations of the energy,
     and whether the step converged.
 
@@ -159,14 +163,14 @@ def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
     active   [1]   (V,)     workspace, active vertices
     vectors  (9,r)          Phi'h/E, the modal coordinates q, the gradient of W there, and workspace
     matrices (3,r,r)        inverse of the tangent d2W/dq2, and workspace
-    room, numbers           workspace of the energy; see the names above
+    room, state             workspace of the energy; `STATE`
     """
     residual, modes, bend, young = model.residual_compliance, model.modes, model.bend, model.young
     held, load, measure, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, inverse = vectors[0], vectors[1], matrices[0]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     r = len(q)
-    count, used, settled = follow(model, dt, fields, active, vectors, matrices, room, numbers)
+    count, used, settled = follow(model, dt, fields, active, vectors, matrices, room, state)
     # static correction: compliance R outside the reduced basis, scaled by gamma of its energy h.R h
     apply_residual_compliance(residual, held, active, count, bent)
     strain = max(dot(held, bent, active, count), 0.0) / (young * young)
@@ -188,7 +192,7 @@ def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
     for k in range(r):
         m_D_h += K_inv_c[k] * p[k]
     m_D_h += gam * m_R_h + dgam * m_R_h * strain
-    numbers[GAMMA] = gam
+    state.gamma = gam
     # the same for the unit normal force and for the rest of the load
     apply_residual_compliance(residual, measure, active, count, bent)
     compliance = compliance / young + gam * dot(measure, bent, active, count) / young + dgam * m_R_h * m_R_h / young
@@ -207,8 +211,8 @@ def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
     rubs = max(tangential, 0.0) / f_n
     free = _ray(keep, s, modal_linear + m_R_h, m_D_h) + take * min(tangential, 0.0)
     slope = 1.0 / max(take * (compliance + rubs), LEAST_COMPLIANCE)
-    numbers[STIFFNESS], numbers[EXPONENT] = fit_terminal(free, max(s_next, free + LEAST_DEPTH), slope, f_n)
-    numbers[FREE], numbers[NOW] = free, s
+    state.stiffness, state.exponent = fit_terminal(free, max(s_next, free + LEAST_DEPTH), slope, f_n)
+    state.free, state.now = free, s
     return used, settled
 
 
