@@ -6,7 +6,7 @@ python benchmarks/probes.py balls [maps] [first seed]
 Organs: a ball of 8 mm pressed 0.8 mm; Young's modulus of 5 to 50 kPa at the median place, a factor of 1.1 to 1.8 as its
 standard deviation between places, noise of 0.5 to 3 % of the peak, touch points within 0.1 mm, zeros of the force with
 the standard deviation of the noise. "independent": places of independent modulus; "smooth": with the covariance of a
-field whose length is a tenth of the organ. The smooth mean is that of the process, not of the probed region.
+field whose length is 10 % of the organ. The smooth mean is that of the process, not of the probed region.
 Balls: the probes of a ball of 4 mm on 36 x 15 mm, one stiff ball of 2.5 to 4 mm radius, its top 0.5 to 2 mm deep.
 """
 

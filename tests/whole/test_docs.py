@@ -72,6 +72,9 @@ NOT_RUN = {
     "palpate experiment --analyse": "data of the reader; tests/cli/commands/test_experiment.py",
     "palpate fit tissue press.csv --columns": "presses of the reader; tests/models/fit",
     "palpate fit tissue A1.csv": "the same",
+    "palpate fit tissue probes.csv": "probes of the reader; tests/models/fit/test_probes.py",
+    "palpate fit map probes.csv": "the same",
+    "palpate run nodule --scene map/scene.yaml": "a map of fit map; tests/models/fit/test_probes.py",
     "palpate fit finger presses.csv": "presses of the reader; tests/models/fit/test_fit_finger.py",
 }
 PAGE_VERBS = ("palpate touch", "palpate view", "palpate run kidney --view")
@@ -125,6 +128,8 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "mine.yaml").write_text("extends: kidney\n")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "scene.yaml").write_text("extends: kidney\n")
+    (tmp_path / "map").mkdir()
+    (tmp_path / "map" / "scene.yaml").write_text("extends: nodule\n")
     press = [f"own,1,{0.1 * k:.1f},{5.0},{3e3 * (1e-4 * k) ** 1.5:.6g}" for k in range(40)]
     (tmp_path / "press.csv").write_text("\n".join(["subject,session,depth [mm],rate [mm/s],force [N]", *press]))
     (tmp_path / "runs").mkdir()

@@ -113,7 +113,7 @@ def test_unusable_places_are_refused(tmp_path, change, message):
         read_probes(tmp_path / "a.csv", {}, {}, convert)
 
 
-def test_a_field_predicts_held_out_places_with_its_own_uncertainty():
+def test_a_field_predicts_held_out_places_with_its_uncertainty():
     random = np.random.default_rng(5)
     places = np.column_stack([random.uniform(0.0, 0.1, (120, 2)), np.zeros(120)])
     true = np.linalg.cholesky(matern(cdist(places, places), 0.5, 0.03) + 1e-9 * np.eye(120)) @ random.standard_normal(

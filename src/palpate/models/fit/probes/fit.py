@@ -141,7 +141,7 @@ def _held_out(probes: Probes, fit: PooledFit, report: Callable[[str, float], obj
 
 
 def grid(ground: Ground, count: int) -> np.ndarray:
-    """Coordinates (k,2) [m] in the mean plane, within a mean spacing of the probed places."""
+    """Coordinates (k,2) [m] along the axes of the ground, within 1.5 spacings of the probed places."""
     plane = ground.plane
     low, high = plane.min(axis=0), plane.max(axis=0)
     step = float((high - low).max()) / count
