@@ -15,7 +15,7 @@ import msgspec
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.classes import ClassError, body, find_class
-from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_areas
+from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_surfaces
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
@@ -146,7 +146,7 @@ def load(
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, connections, faults)
-        notes += unlike_areas(may, connections)
+        notes += unlike_surfaces(may, connections)
         notes += unknown_delays(may, connections, contents.rate)
         notes += restless(may, connections, contents.rate)
     if any(change.keys == ("wanted",) for change in changes):

@@ -1,6 +1,5 @@
 """The reduced finite-element body (docs/equations/reduced-fe.md)."""
 
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,11 +8,12 @@ import numpy as np
 
 from palpate.compiler.entry_point import NO_FLOATS
 from palpate.compiler.exact import exp, product
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import CompiledNode, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import SEVERAL, make_room
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, unknown_vertex, vertex_error
+from palpate.nodes.base.kernels import ieee_kernel, kernel
+from palpate.nodes.base.node import once_per_class
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.nodes.base.surface import LEVEL, SURFACES, rotation_matrix, surface_mesh
@@ -145,17 +145,19 @@ class ReducedFE(CompiledNode, WithNodule):
     def _make(self, count: int) -> None:
         self._count = count
         make_room(self, count)
-        body = under(*self._organ[:3], count)
+        model, ground, fine = self._organ[:3]
+        body = under(model, ground, fine, count)
         self.hold("body", body)
         self.hold("coupling", body.coupling)
 
     def _made(self, basis: Basis | None = None) -> Any:
         """The part of the body that is independent of the number of contacts."""
-        basis, given = self._placed(basis)
+        placed, given = self._placed(basis)
+        assert isinstance(placed, Basis)  # `_sampled` has its `_made`
         large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
-        return condensed_body(basis, *given, *law, start=self._start(basis, given))
+        return condensed_body(placed, *given, *law, start=self._start(placed, given))
 
     def start_key(self, basis: Basis, given: tuple[Mesh, float, float, float, float]) -> str:
         """Key of the results of a start. They depend neither on the modulus nor on the retardation time."""
@@ -180,9 +182,12 @@ class ReducedFE(CompiledNode, WithNodule):
                     return False
         return out.delayed == oldest(load) and condensed.is_still(body)
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         body = _condensed_of(own.body)
+        if unknown_vertex(load, len(body.fine.nodes)):
+            own.fault = NO_VERTEX
+            return
         for i in range(load.count):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
@@ -204,6 +209,9 @@ class ReducedFE(CompiledNode, WithNodule):
         for cause, *found in self.own["cautions"][: self.own["causes"]] if hasattr(self, "own") else ():
             self._note_once(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
         return super().notes()
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        return vertex_error(self.surface, len(self.mesh().vertices), messages[0])
 
     def _apart(self) -> np.ndarray | None:
         """Distance [m] (V,) of each vertex of the basis to the nearest change of modulus; None: homogeneous."""
@@ -368,12 +376,15 @@ class _Sampled:
     def _make(self: Any, count: int) -> None:
         self._count = count
         make_room(self, count)
-        basis, given = self._organ
-        self.hold("body", sampled_body(basis, *given, contacts=count))
+        basis, (mesh, young, retardation, radius, reach) = self._organ
+        self.hold("body", sampled_body(basis, mesh, young, retardation, radius, reach, count))
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         body = _sampled_of(own.body)
+        if unknown_vertex(load, len(body.fine.nodes)):
+            own.fault = NO_VERTEX
+            return
         for i in range(load.count):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
@@ -384,7 +395,7 @@ class _Sampled:
         send(own, load, count, out, dt)
 
 
-@cache
+@once_per_class
 def _sampled(kind: type[ReducedFE]) -> type[ReducedFE]:
     """The node class of the sampled model."""
     return (

@@ -9,8 +9,9 @@
     palpate.Study("kidney", over={"tissue.stiffness": [2e3, 4e3]}).run("out/").table()      # many runs on all cores
     palpate.Ensemble("kidney", 256, {"tissue.stiffness": stiffness}).run()      # many runs in parallel in this process
 
-The public API is `__all__` and the packages `palpate.physics` (formulas), `palpate.models.fe` (finite elements),
-`palpate.messages` and `palpate.nodes` (for custom nodes). Each name is imported on first use.
+The public API is `__all__` here and in the packages `palpate.messages` and `palpate.nodes` (for custom nodes),
+`palpate.physics` (laws), `palpate.models.fe` (finite elements) and `palpate.gym`. Everything else is internal and may
+change. Each name is imported on first use.
 """
 
 from __future__ import annotations

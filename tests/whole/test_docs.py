@@ -67,6 +67,7 @@ NOT_RUN = {
     "palpate run cartesian --set device.use=force_dimension": "a device; tests/drivers/test_vendor_library.py",
     "palpate fit record press.csv --subject gel --session 1 --set sensor.port=192": "two devices",
     "palpate run kidney --set scene.finger.band=true --set band.model": "a file of fit force; tests/models/fit",
+    "palpate study kidney-stiffness --scheduler": "a cluster; tests/studies/test_cluster.py",
     "palpate experiment kidney-stiffness": "a page; tests/views, tests/cli/commands/test_experiment.py",
     "palpate experiment --analyse": "data of the reader; tests/cli/commands/test_experiment.py",
     "palpate fit tissue press.csv --columns": "presses of the reader; tests/models/fit",

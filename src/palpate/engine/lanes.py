@@ -223,16 +223,14 @@ class Lanes:
             node: Any = self.segment.slots[place].node
             if type(node).notes is Node.notes:
                 continue
-            if start:
+            own = self.own(lane, place)
+            texts = _notes(node, own)  # the record decides whether there is a line, the settings are only named in it
+            if texts and start:
                 known = self._noting[place]
                 if known is None or known[0] is not image:
                     known = self._noting[place] = image, image.started()
-                node = known[1]
-            before = node._record.copy()
-            node._notes, node._noted = [], set()
-            node._record[:] = self.own(lane, place)
-            lines += [(image.job.name, text) for text in node.notes()]
-            node._record[:] = before
+                texts = _notes(known[1], own)
+            lines += [(image.job.name, text) for text in texts]
         return lines
 
     @property
@@ -242,6 +240,17 @@ class Lanes:
         private = sum(written(block) for block in self._blocks if block is not None)
         arrays = {address_of(array): array.nbytes for node in images.values() for array in node.shared}
         return private, sum(arrays.values())
+
+
+def _notes(node: Any, own: np.ndarray) -> list[str]:
+    """Lines for the user of a node, with this record."""
+    record = node._record.view(np.uint8)  # copies of fields would take 0.1 ms
+    before = record.copy()
+    node._notes, node._noted = [], set()
+    record[:] = own.view(np.uint8)
+    lines: list[str] = node.notes()
+    record[:] = before
+    return lines
 
 
 def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:

@@ -96,7 +96,7 @@ def wanted(time, ends, points, shapes):
 def grip_kernel(geometry, grip, motion, ends, points, shapes, t0, t1, t2, dt):
     """Move the grip of a Falcon by one step under motor torques; returns its driven angles [rad].
 
-    geometry, grip, motion  `falcon.GEOMETRY`, `GRIP`, `MOTION`; the motion is changed in place
+    geometry, grip, motion  `falcon.Geometry`, `GRIP`, `MOTION`; the motion is changed in place
     The limit of the legs' reach acts as an end stop: the grip stays at its last position, at rest.
     """
     if 0.0 < dt < math.inf:

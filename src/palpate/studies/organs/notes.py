@@ -20,10 +20,10 @@ from palpate.launch.run.reports import Note, Report
 from palpate.launch.run.work.simulated import run_simulated
 from palpate.launch.run.work.worker import Worker
 from palpate.physics.geometry.mesh import Mesh
-from palpate.studies.organs.invariants import EVERY, MOVES, PATCH
+from palpate.studies.organs.invariants import EVERY, MOVES
 from palpate.studies.organs.runs import launch
 from palpate.studies.organs.touches import Touch
-from palpate.studies.organs.trace import LEAST_FORCE, Trace, length
+from palpate.studies.organs.trace import LEAST_FORCE, PATCH, Trace, length
 
 DEEP = 0.1  # [m] of the search for the other side
 

@@ -98,8 +98,11 @@ def _analyse(folder: Path, as_json: bool) -> None:
     heads = ["who", "block", ">trials", "number", ">estimate", ">95 % interval"]
     tasks = ", ".join(dict.fromkeys(one.task for one in outcomes))
     console(soft_wrap=True).print(table(heads, rows, title=tasks, fixed=("number", ">95 % interval")))
-    for one in files:
-        say(one)
+    for one in outcomes:
+        for note in one.notes:
+            say(f"{one.participant}, {one.block}: {note}")
+    for file in files:
+        say(file)
 
 
 def _shown(number: IntervalEstimate) -> list[str]:
