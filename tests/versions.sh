@@ -19,7 +19,7 @@ for python in $pythons; do
         echo "== Python $python, $resolution"
         "$uv" venv -q --python "$python" "$folder/$name" &&
             VIRTUAL_ENV="$folder/$name" "$uv" pip install -q --resolution "$resolution" -e . &&
-            VIRTUAL_ENV="$folder/$name" "$uv" pip install -q pytest pytest-timeout hypothesis &&
+            VIRTUAL_ENV="$folder/$name" "$uv" pip install -q pytest pytest-timeout hypothesis msgpack &&
             VIRTUAL_ENV="$folder/$name" "$uv" pip list 2>/dev/null |
                 grep -E "^(numpy|scipy|numba|pyzmq|msgspec) " &&
             "$folder/$name/bin/python" -m pytest -q -p no:cacheprovider "$@" || failed="$failed $name"
