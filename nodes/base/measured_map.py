@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy  # loads its subpackages on first use
 
 from palpate.nodes.base.node import SettingError
 from palpate.physics.table_file import read_table
@@ -34,10 +34,10 @@ def measured_factor(file: str, vertices: np.ndarray) -> np.ndarray:
     if len(wrong):
         raise SettingError(f"setting 'measured_map': {file}, row {lines[wrong[0]]}: found the factor "
                            f"{rows[wrong[0], 3]:g}, expected {LOWEST:g} to {HIGHEST:g}")  # fmt: skip
-    tree = cKDTree(rows[:, :3])
+    tree = scipy.spatial.cKDTree(rows[:, :3])
     spacing = float(np.median(tree.query(rows[:, :3], 2)[0][:, 1]))
     apart, nearest = tree.query(vertices)
-    near = apart < 2.0 * max(spacing, float(np.median(cKDTree(vertices).query(vertices, 2)[0][:, 1])))
+    near = apart < 2.0 * max(spacing, float(np.median(scipy.spatial.cKDTree(vertices).query(vertices, 2)[0][:, 1])))
     if not near.any():
         raise SettingError(f"setting 'measured_map': {file}: its places lie {1e3 * apart.min():.3g} mm and more from "
                            "the surface; expected the frame of the surface")  # fmt: skip
