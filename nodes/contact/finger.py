@@ -74,7 +74,8 @@ def step_length(finger, proximity, dt):
     depth = depth_of(proximity)
     rate = (depth - finger.depth) / dt
     rate_before, dt_before = finger.rate, finger.length
-    finger.usual = min(finger.usual, dt)
+    if finger.usual == math.inf:
+        finger.usual = dt  # the nominal step; a sample that follows a late one comes sooner, which is not usual
     finger.depth, finger.rate, finger.length = depth, rate, dt
     if dt <= LATE * finger.usual or not rate > 0.0:
         return dt
