@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.studies.organs.pairs import compared
 from palpate.studies.organs.report import NAMES, line, text
-from palpate.studies.organs.search import BODIES, search, varied, worsened
+from palpate.studies.organs.search import BODIES, Results, search, tried, varied, worsened
 from palpate.studies.organs.touches import Setting, drawn
 from palpate.studies.organs.zoo import USUAL, ZOO, chosen
 
@@ -67,6 +67,15 @@ def test_touches_begin_outside(folder):
         setting = Setting(name, USUAL)
         begins = np.array([drawn(setting, rng).fingers[0].begin for _ in range(30)])
         assert (setting.closest().find(begins)[3] > 4e-3).all()
+
+
+def test_a_patch_wider_than_the_body_is_noted_on_a_rigid_body(folder):
+    """The note is printed at the start of a run; the search took only the notes of its motion."""
+    touch = drawn(Setting("ball-5", 600, "Rigid", rate=500.0), np.random.default_rng(6))
+    found = Results()
+    tried([touch], folder, found, notes=True)
+    (note,) = found.noted["ball-5", "Rigid", "patch"][1][:1]
+    assert "patch of 8 mm is wider than the organ, 10 mm across" in note and not found.silent
 
 
 def test_the_local_search_finds_a_worse_touch(folder):

@@ -64,6 +64,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
     """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, u, v, signed distance.
 
     state  (3)  u and v of the last foot point, and 1; 0 in the last place if there is no last foot point
+    work   afterwards begins with the normal [1] (3) at the nearest point
     """
     p0, p1, p2 = min(max(p0, -FAR), FAR), min(max(p1, -FAR), FAR), min(max(p2, -FAR), FAR)
     here, there = d[0], d[1]
@@ -121,6 +122,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
     if best < distance - hysteresis:
         u, v = best_u, best_v
         evaluate(data, layout, u, v, work, here)
+    work[0], work[1], work[2] = n0, n1, n2
     n0, n1, n2 = normal_of(data, layout, u, v, here)
     state[0], state[1], state[2] = u, v, 1.0
     foot[0], foot[1], foot[2] = here[0, 0], here[0, 1], here[0, 2]

@@ -11,8 +11,9 @@ The *target* is the nearest point while the tool is outside. After the tool has 
 * else none: the foot does not move, and the gap is measured along its normal.
 
 This ends when the tool is outside as seen from the side of entry, or far beyond the other side. A tool that starts
-inside, or jumps, has no side of entry: its foot is the nearest point. Past the border of a sheet the gap is the
-distance.
+inside, or jumps, has no side of entry: its foot is the nearest point. The other side may be nearer by the hysteresis of
+the search before the foot changes; until then the gap is the distance of the foot, not of the other side. Past the
+border of a sheet the gap is the distance.
 
 **The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
@@ -39,7 +40,7 @@ from palpate.physics.geometry.closest import FAR, track
 from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_mesh
 from palpate.physics.geometry.newton import newton
 from palpate.physics.geometry.nurbs import normal_of
-from palpate.physics.geometry.pseudonormal import normal_at, signed_distance
+from palpate.physics.geometry.pseudonormal import face_normal, normal_at, signed_distance
 
 JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
@@ -127,6 +128,13 @@ def _regular(foot, moved, p, memory):
         memory[INSIDE] = 0.0
         return True
     return foot[8] <= 0.0 and not _tool_turn(foot, memory)
+
+
+@kernel
+def _keep_side(p, nearest, foot):
+    """The gap is that of the foot if the nearest point, with the normal `nearest` [1] (3), is on the other side."""
+    if foot[3] * nearest[0] + foot[4] * nearest[1] + foot[5] * nearest[2] < TURNED:
+        foot[8] = -np.sqrt((p[0] - foot[0]) ** 2 + (p[1] - foot[1]) ** 2 + (p[2] - foot[2]) ** 2)
 
 
 @kernel
@@ -222,6 +230,8 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
         for k in range(3):
             along += (p[k] - foot[k]) * foot[3 + k]
         _at_border(p, along, foot)
+    if inside and foot[8] <= 0.0:
+        _keep_side(p, (work[0], work[1], work[2]), foot)
     exists = _regular(foot, moved, p, memory)
     memory[PASSED] = 0.0 if exists else 1.0
     if not exists:
@@ -254,6 +264,8 @@ def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, fo
     if memory[OPEN] == 1.0:
         _, v, w, place = _on_triangle(points, cells, work[0], p[0], p[1], p[2])
         _at_border(p, signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], foot), foot)
+    if inside and foot[8] <= 0.0 and work[1] != work[0]:
+        _keep_side(p, face_normal(points, cells, work[1]), foot)
     exists = _regular(foot, moved, p, memory)
     memory[PASSED] = 0.0 if exists else 1.0
     if not exists:

@@ -37,7 +37,10 @@ side     while the nearest point of the surface has moved continuously since the
          may be smaller, so that the hand gains no energy (`geometry.proxy`), until the finger has moved by five times
          the difference. Over an edge the nearest point's direction
          turns by more than w/R, the most that `still` allows the normal: it may be behind by the difference, until the
-         finger has moved by R for each radian of it.
+         finger has moved by R for each radian of it. A finger that enters along the bisector of an edge is equally near
+         to two faces, 90 degrees apart: the foot stays on its face until another is nearer by the hysteresis h
+         (`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both directions,
+         the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its face.
 finite   no lane stops, and every value is finite.
 """
 
@@ -204,6 +207,25 @@ def _between(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.arccos(np.clip(one @ other, -1.0, 1.0)))
 
 
+def _on_other_face(trace: Trace, tick: int, away: np.ndarray, gap: float) -> float:
+    """Angle [rad] of the normal to the direction from a face that the foot is on; inf if it is on none that is as near
+    as the nearest point, by the hysteresis.
+
+    away, gap  [1] (3), [m]  direction from the nearest point of the finger, and its signed distance
+    """
+    p, foot = trace["finger.position"][tick], trace["collision.foot"][tick]
+    far, hysteresis = float(length(p - foot)), float(trace.nodes["collision"]["hysteresis"])
+    toward = (foot - p) / max(far, ON)
+    turned = 1.0 - float(np.clip(-np.sign(gap) * (toward @ away), -1.0, 1.0))
+    if far > abs(gap) + hysteresis or turned < 1.0 - np.cos(STEEPEST):
+        return np.inf
+    place = p + toward * min(hysteresis / turned, far)
+    there, _, _, left = trace.closest(place[None])
+    if abs(left[0]) <= ON:
+        return np.inf
+    return _between((place - there[0]) / left[0], trace["contact.normal"][tick])
+
+
 def side(trace: Trace) -> Score:
     every, p = trace.ticks(EVERY), trace["finger.position"]
     ticks = np.arange(0, len(p), every)
@@ -242,6 +264,8 @@ def side(trace: Trace) -> Score:
             if edge:  # how far it is from the arc between this direction and the interpolated normal
                 angle += _between(normal[i], trace["contact.normal"][k]) - _between(away[i], normal[i])
                 angle *= 0.5
+            if angle > STEEPEST:
+                angle = min(angle, _on_other_face(trace, int(k), away[i], float(gap[i])))
             most = STEEPEST + behind
             found = max(found, Score(angle / most, k * trace.step, angle, most), key=lambda s: s.score)
     return found

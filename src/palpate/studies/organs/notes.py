@@ -26,6 +26,7 @@ from palpate.studies.organs.touches import Touch
 from palpate.studies.organs.trace import LEAST_FORCE, PATCH, Trace, length
 
 DEEP = 0.1  # [m] of the search for the other side
+WIDER = "wider than the organ"  # in the note of `nodes.spread`
 
 
 def reasons(trace: Trace, mesh: Mesh) -> list[str]:
@@ -56,7 +57,8 @@ def _thickness(foot: np.ndarray, normal: np.ndarray, closest: Callable[..., tupl
 
 
 def noted(touch: Touch, folder: Path) -> list[str]:
-    """The notes that a single run of the touch prints while it runs, without those of its start.
+    """The notes that a single run of the touch prints while it runs, and of those of its start the one on its patch:
+    a patch wider than the body is known before the run.
 
     GraphError, NodeError: the setting is refused.
     """
@@ -76,7 +78,7 @@ def noted(touch: Touch, folder: Path) -> list[str]:
         worker.begin(0)
         for slot in worker.slots:
             texts += slot.node.notes()
-        started = set(texts)
+        started = {text for text in texts if WIDER not in text}
         run_simulated(worker, 0)
         for slot in worker.slots:
             texts += slot.node.notes()
