@@ -16,6 +16,7 @@ change. Each name is imported on first use.
 
 from __future__ import annotations
 
+import os as _os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,6 +30,10 @@ if TYPE_CHECKING:
     from palpate.stepping import Tick
     from palpate.studies.sweeps.study import Study
     from palpate.views.run import Comparison, Run
+
+# A checkout without symbolic links, as on Windows, has text files in place of the links to folders at the top.
+if _os.path.isfile(_os.path.join(__path__[0], "nodes")):
+    __path__.append(_os.path.dirname(_os.path.dirname(__path__[0])))
 
 __all__ = [
     "Comparison", "Ensemble", "PalpateError", "PalpateWarning", "RecordedStream", "Run", "Samples", "Study", "Tick",

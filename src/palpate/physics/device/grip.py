@@ -105,12 +105,14 @@ def grip_kernel(geometry, grip, motion, ends, points, shapes, t0, t1, t2, dt):
         count = int(min(max(math.ceil(dt / SUBSTEP - 1e-6), 1), MOST_SUBSTEPS))
         h = dt / count
         mass, drag = grip.mass, grip.drag
+        # exact propagator of the linear grip, computed again if the substep changes
         e = motion.propagator
         if motion.length != h:
             made = propagator((drag + grip.damping) / mass, grip.stiffness / mass, h)
             for i in range(9):
                 e[i // 3, i % 3] = made[i // 3, i % 3]
             motion.length = h
+        # substeps, with the motors' force at the start of each
         begin, position, velocity = motion.time, motion.position, motion.velocity
         _, px, py, pz = wanted(begin, ends, points, shapes)
         for i in range(1, count + 1):

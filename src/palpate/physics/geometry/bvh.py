@@ -233,11 +233,13 @@ def _topology(points, cells, star_at, star):
         y = side[0, 2] * side[1, 0] - side[0, 0] * side[1, 2]
         z = side[0, 0] * side[1, 1] - side[0, 1] * side[1, 0]
         length = np.sqrt(x * x + y * y + z * z)
+        # a degenerate triangle has no normal; its kind names its longest side
         longest = 0 if square[0] >= max(square[1], square[2]) else (1 if square[1] >= square[2] else 2)
         if 0.5 * length <= FLAT * square[longest]:
             cells[t, KIND] = 1 + longest
             continue
         cells[t, KIND] = 0
+        # add the normal to the corners, weighted by the angle there
         for i in range(3):
             j = (i + 2) % 3
             cosine = -(side[i, 0] * side[j, 0] + side[i, 1] * side[j, 1] + side[i, 2] * side[j, 2])

@@ -174,6 +174,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
     count = 0
     for c in range(clusters):
         b = 5 * samples + 4 * c
+        # skip a cluster whose bounding sphere is out of reach
         x, y, z = seeds[b] - p0, seeds[b + 1] - p1, seeds[b + 2] - p2
         far = reach + seeds[b + 3]
         if x * x + y * y + z * z >= far * far:
@@ -182,6 +183,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
             f = _square(seeds, k, p0, p1, p2)
             if f >= limit or (count == STARTS and f >= work[at + 2 * count - 2]):
                 continue
+            # keep a sample that is nearer than its neighbours and belongs to no known minimum
             lowest = True
             for j in range(index[links + k], index[links + k + 1]):
                 if _square(seeds, index[links + samples + 1 + j], p0, p1, p2) < f - slack:
@@ -189,6 +191,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
                     break
             if not lowest or _belongs(seeds, k, f, here[0, 0], here[0, 1], here[0, 2], distance * distance):
                 continue
+            # insert it into the sorted list
             count = min(count + 1, STARTS)
             place = count - 1
             while place > 0 and work[at + 2 * place - 2] > f:

@@ -224,6 +224,7 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`; dt [s]."""
     p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
     moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
+    # 1. the nearest point; past the border of a sheet the gap is the distance
     track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, foot)
     if memory[OPEN] == 1.0:
         along = 0.0
@@ -232,6 +233,7 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
         _at_border(p, along, foot)
     if inside and foot[8] <= 0.0:
         _keep_side(p, (work[0], work[1], work[2]), foot)
+    # 2. if its normal is reversed: the local minimum next to the last target, or none
     exists = _regular(foot, moved, p, memory)
     memory[PASSED] = 0.0 if exists else 1.0
     if not exists:
@@ -249,6 +251,7 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
         elif not exists:
             foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
         state[0], state[1] = foot[6], foot[7]
+    # 3. move the foot to the target at limited speed
     if not _end(p, moved, inside, exists, dt, foot, memory):
         foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
     memory[PLACE], memory[PLACE + 1] = foot[6], foot[7]
