@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.models.fit.probes.pooled import Rows
+from palpate.models.fit.probes.pooled import LEAST_PROBES, Rows
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import LABELS
 from palpate.models.fit.tissue.table import Convert, columns_of, factor_of, numbers_of, table_of
@@ -16,7 +16,7 @@ from palpate.physics.table_file import Table
 
 PROBE = "probe"
 SPARSE = 40  # Most rows of a probe; longer presses are fitted one by one
-LEAST, LEAST_ROWS = 8, 4  # probes, and rows of a probe
+LEAST_ROWS = 4  # of a probe
 PLACE, NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 CLEAR = 5.0  # [1] Least largest force of a probe, over the noise of the file
 WIDEST = 1.0  # [m] of the probed region
@@ -56,8 +56,11 @@ def read_probes(
     labels = [names.index(name) for name in (PROBE, *LABELS) if name in names]
     cells = [row for _, row in table.rows]
     keys = [" ".join(row[k].strip() for k in labels if k < len(row)) for row in cells]
-    groups = {key: [i for i, other in enumerate(keys) if other == key] for key in dict.fromkeys(keys) if key}
-    if len(groups) < LEAST or np.median([len(group) for group in groups.values()]) > SPARSE:
+    groups: dict[str, list[int]] = {}
+    for i, key in enumerate(keys):
+        if key:
+            groups.setdefault(key, []).append(i)
+    if len(groups) < LEAST_PROBES or np.median([len(group) for group in groups.values()]) > SPARSE:
         return None
     found = columns_of(path, table, {key: value for key, value in columns.items() if key != "time"})
     found.pop("time", None)
@@ -87,9 +90,9 @@ def read_probes(
             dropped.append(f"{path.name}, probe {name}: the force rises by {rise:.2g} N, expected more than {CLEAR:g} "
                            f"times the noise of {noise:.2g} N")  # fmt: skip
             kept.pop(name)
-    if len(kept) < LEAST:
+    if len(kept) < LEAST_PROBES:
         raise SessionError(
-            f"{path}: {len(kept)} of {len(groups)} probes remain, expected at least {LEAST}: {dropped[0]}"
+            f"{path}: {len(kept)} of {len(groups)} probes remain, expected at least {LEAST_PROBES}: {dropped[0]}"
         )
     rows_of = Rows.of([depth[order] for order in kept.values()], [force[order] for order in kept.values()])
     first = [order[0] for order in kept.values()]

@@ -64,8 +64,10 @@ def map(
     check_new([out / name for name in (*report.WRITTEN, *report.MAP)], force)
     probes = PressReader(columns.split(","), unit or [], False, dialect).probes(file)
     if probes is None:
-        raise SessionError(f"{file}: found few presses or many rows in each, expected 8 probes and more with up to 40 "
-                           "rows each, with a column probe or press. One press: palpate fit tissue")  # fmt: skip
+        raise SessionError(
+            f"{file}: found no table of sparse probes, expected columns of depth and force and a column probe or press, "
+            "with 8 probes and more of up to 40 rows each. One press: palpate fit tissue"
+        )
     deepest = length("--depth-limit", depth_limit) if depth_limit else math.inf
     with steps(f"fit map: {len(probes.names)} probes", 1, silent=as_json, timed=False) as done:
         found = fit_map(probes, made, law, deepest=deepest, ratio=ball_ratio, report=done)
