@@ -10,7 +10,6 @@ import pytest
 import palpate
 from palpate.launch.run import lane_blocks
 from palpate.launch.run.tasks import spread
-from palpate.launch.run.tasks.local import local
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.store import Store
 
@@ -28,12 +27,6 @@ TOUCH = {"duration": 0.02, "sets": ("scene.hand.begin=[0, 0, 0.1085]",)}
 def study(write):
     graph = write("ball.yaml", BALL)
     return lambda **over: palpate.Study(graph, {"ball.young": list(np.linspace(1e4, 2e4, 12)), **over}, KEEP)
-
-
-@pytest.fixture(scope="module")
-def pool(tmp_path_factory):
-    with local(2, tmp_path_factory.mktemp("local") / "workers.log") as workers:
-        yield workers
 
 
 @pytest.fixture

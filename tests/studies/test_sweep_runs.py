@@ -17,7 +17,6 @@ from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.lane_values import extremes
 from palpate.launch.run.tasks import runner
-from palpate.launch.run.tasks.local import local
 from palpate.physics.errors import PalpateError, RunError
 from palpate.studies.sweeps import lane as lanes
 from palpate.studies.sweeps import recorded as recording
@@ -32,13 +31,6 @@ wanted: [ball]
 run: {duration: 5 ms}
 """
 OVER = {"ball.young": [1e4, 2e4, 4e4], "ball.depth": ["1 mm", "2 mm"]}
-
-
-@pytest.fixture(scope="module")
-def pool(tmp_path_factory):
-    """Two worker processes for all tests that leave them alive."""
-    with local(2, tmp_path_factory.mktemp("local") / "workers.log") as workers:
-        yield workers
 
 
 @pytest.fixture

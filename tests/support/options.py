@@ -6,24 +6,13 @@ Prints the outcome of each run. RUNS is a file with a JSON list of runs: graph, 
 `--set`.
 """
 
-import hashlib
 import json
 import sys
 import warnings
 from pathlib import Path
 
 import numpy as np
-
-
-def digests(file):
-    """Digests of the bytes of each stream of a recording."""
-    from mcap.reader import make_reader
-
-    streams = {}
-    with open(file, "rb") as opened:
-        for _, channel, message in make_reader(opened).iter_messages():
-            streams.setdefault(channel.topic, hashlib.sha256()).update(message.data)
-    return {name: one.hexdigest()[:16] for name, one in sorted(streams.items())}
+from same_bytes import digests
 
 
 def outcome(graph, scene, duration, sets, file):

@@ -82,8 +82,8 @@ def test_a_contact_without_force_changes_nothing(model):
     foundation, by 25 %."""
     _, (alone,) = pressed(slab(model), [(-0.006, 0.0)], [0.6])
     for place in ((-0.02, 0.0), (-0.006, 0.003), (0.006, 0.002)):
-        _, (beside, _) = pressed(slab(model), [(-0.006, 0.0), place], [0.6, 0.0])
-        assert beside == approx(alone, rel=1e-12)
+        _, (shared, _) = pressed(slab(model), [(-0.006, 0.0), place], [0.6, 0.0])
+        assert shared == approx(alone, rel=1e-12)
 
 
 def test_the_coupling_is_reciprocal_up_to_rounding():

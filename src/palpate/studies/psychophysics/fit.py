@@ -75,7 +75,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted function: the medians of a, b and the rates, with intervals of a and b.
+    """A fitted function: the medians of a and b with their intervals, and the mean rates.
 
     limits  what the answers do not determine
     grid    the posterior
