@@ -65,8 +65,8 @@ def map(
     probes = PressReader(columns.split(","), unit or [], False, dialect).probes(file)
     if probes is None:
         raise SessionError(
-            f"{file}: found no table of sparse probes, expected columns of depth and force and a column probe or press, "
-            "with 8 probes and more of up to 40 rows each. One press: palpate fit tissue"
+            f"{file}: found no table of sparse probes, expected columns of depth and force and a column probe or "
+            "press, with 8 probes and more of up to 40 rows each. One press: palpate fit tissue"
         )
     deepest = length("--depth-limit", depth_limit) if depth_limit else math.inf
     with steps(f"fit map: {len(probes.names)} probes", 1, silent=as_json, timed=False) as done:
