@@ -25,9 +25,9 @@ import psutil
 
 import palpate
 import palpate.physics
-from palpate.launch.run.lanes import extremes
-from palpate.studies.sweeps.local import local
-from palpate.studies.sweeps.point import Task, compute
+from palpate.launch.run.lane_values import extremes
+from palpate.launch.run.tasks.local import local
+from palpate.studies.sweeps.task import PointTask
 
 
 def used() -> float:
@@ -76,14 +76,14 @@ def loops(given: argparse.Namespace) -> None:
     stiffness = {"linspace": [130, 390, given.points]}
     study = palpate.Study("kidney", {"tissue.stiffness": stiffness}, duration=given.duration)
     varied = {path: extremes(values) for path, values in study.space.columns().items()}
-    task = Task(study.launch, study.keep, study._about["versions"], None, varied)
+    task = PointTask(study.launch, study.keep, None, varied)
     print(f"kidney, {given.duration:g} s of simulated time a point, {given.points} points, {given.rounds} rounds; "
           f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")  # fmt: skip
-    compute(task, study.points[0])
+    list(task.compute(study.points[:1]))
 
     def loop() -> None:
         for point in study.points:
-            compute(task, point)
+            list(task.compute([point]))
 
     times: dict[str, list[tuple[float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:

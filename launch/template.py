@@ -124,7 +124,7 @@ def node_files(name: str, takes: type[Message], sends: type[Message], compiled: 
         "title": title, "module": module, "port": module_name(takes.__name__), "answer": answer, "given": given,
         "takes": takes.__name__, "sends": sends.__name__,
         "messages": ", ".join(sorted({takes.__name__, sends.__name__})),
-        "filled": _filled(takes, sends) if compiled else "", "parent": "CompiledNode" if compiled else "Node",
+        "filled": _message_lines(takes, sends) if compiled else "", "parent": "CompiledNode" if compiled else "Node",
         "base": _COMPILED if compiled else "from palpate.nodes import Node\n",
     }  # fmt: skip
     is_body = (takes, sends) == (Load, Surface) and not compiled
@@ -139,12 +139,13 @@ def _example(kind: type[Message], indent: int) -> str:
     """Python text of a message at rest, one required field per line with its unit."""
     at_rest = kind.example(loaded=False)
     lines = [
-        f"{' ' * (indent + 4)}{f.name}={_text(f, getattr(at_rest, f.name))},  # [{f.unit}]\n" for f in _required(kind)
+        f"{' ' * (indent + 4)}{f.name}={_text(f, getattr(at_rest, f.name))},  # [{f.unit}]\n"
+        for f in _required_fields(kind)
     ]
     return f"{kind.__name__}(\n{''.join(lines)}{' ' * indent})" if lines else f"{kind.__name__}()"
 
 
-def _filled(takes: type[Message], sends: type[Message]) -> str:
+def _message_lines(takes: type[Message], sends: type[Message]) -> str:
     """The same message as lines of a kernel. ValueError: a message that a record does not support."""
     try:
         layout(takes)
@@ -152,10 +153,10 @@ def _filled(takes: type[Message], sends: type[Message]) -> str:
     except TypeError as error:
         raise ValueError(f"{error}. Or a node in Python: without --compiled") from None
     at_rest = sends.example(loaded=False)
-    return "".join(f"        {_assigned(f, getattr(at_rest, f.name))}\n" for f in _required(sends))
+    return "".join(f"        {_assignment_of(f, getattr(at_rest, f.name))}\n" for f in _required_fields(sends))
 
 
-def _assigned(field: Field, value: Any) -> str:
+def _assignment_of(field: Field, value: Any) -> str:
     name, unit = f"out.{field.name}", f"  # [{field.unit}]"
     if field.dtype is not None:
         return f"{name}.shape[0] = 0{unit}"
@@ -168,7 +169,7 @@ def _assigned(field: Field, value: Any) -> str:
     return f"{', '.join(f'{name}[{i}]' for i in range(len(value)))} = {', '.join(map(repr, value))}{unit}"
 
 
-def _required(kind: type[Message]) -> list[Field]:
+def _required_fields(kind: type[Message]) -> list[Field]:
     needed = {field.name for field in msgspec.structs.fields(kind) if field.required}
     return [field for field in fields(kind) if field.name in needed]
 

@@ -60,7 +60,7 @@ class FakeBus:
         """Set the value of a held input."""
         if name not in self.ports:
             raise KeyError(f"{type(self.node).__name__} has no input {name!r}; inputs: {', '.join(self.ports)}")
-        self.held[name] = _arrived(message, self.ports[name])
+        self.held[name] = _stamp_message(message, self.ports[name])
 
     def drop(self, count: int = 1) -> None:
         """Lose the next `count` driving messages."""
@@ -138,7 +138,7 @@ class FakeBus:
         given = dict(self.held)
         if driving is not None:
             name, port = next(iter(self.ports.items()))
-            given[name] = _arrived([*driving] if port.many else driving[0], port)
+            given[name] = _stamp_message([*driving] if port.many else driving[0], port)
             tick, self.at = driving[0].tick, driving[0].time
         else:
             tick, self.at = self.tick, nanoseconds(self.tick, self.rate)
@@ -166,7 +166,7 @@ class FakeBus:
         """Nothing to send: the outputs are read from the slot."""
 
 
-def _arrived(given: Given, port: Port) -> Given:
+def _stamp_message(given: Given, port: Port) -> Given:
     if port.many:
         several = [given] if isinstance(given, Message) else given or []
         return [None if each is None else unpack(pack(each), port.type) for each in several]

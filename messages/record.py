@@ -114,7 +114,7 @@ def reader(kind: type[Message]) -> Callable[[Any], Message]:
     are copied."""
     record = layout(kind)
     format_, filled, at, given = "=?7xqqqq", 40, 5, ["tick=v[1]", "time=v[2]", "delayed=v[4] or UNSET"]
-    known: dict[str, Any] = {"kind": kind, "copied": _copied, "UNSET": msgspec.UNSET}
+    known: dict[str, Any] = {"kind": kind, "copied": _copy_array, "UNSET": msgspec.UNSET}
     for field in fields(kind):
         dtype, offset = record.fields[field.name][:2]  # type: ignore[index]
         codes = _codes(dtype)
@@ -177,7 +177,7 @@ def _empty(kind: type[Message], field: Field) -> np.ndarray:
     return empty
 
 
-def _copied(address: int, shape: tuple[int, ...], empty: np.ndarray) -> np.ndarray:
+def _copy_array(address: int, shape: tuple[int, ...], empty: np.ndarray) -> np.ndarray:
     count = math.prod(shape)
     if not count:
         return empty

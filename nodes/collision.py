@@ -10,11 +10,11 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, longs, put, vector
 from palpate.messages import Pose, Proximity
 from palpate.messages.record import array_handle
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
+from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, refinement, surface_patch
 from palpate.physics.geometry import mesh as meshes
 from palpate.physics.geometry.closest import ClosestPoint

@@ -4,11 +4,11 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import CompiledNode, Out, Wants
 from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, faded, paced, shared
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.device.controller import (
     GAINS,
     STATE,
@@ -66,7 +66,7 @@ def forget_credit(own, released, dt):
     own.credit[0] = min(own.credit[0], state.energy)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def share_of(own, lacks, pausing, released, touching, dt):
     """The gain [1] of force and limit in this step.
 
@@ -100,7 +100,7 @@ def share_of(own, lacks, pausing, released, touching, dt):
     return gain.value
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def weigh(own, wall, dt):
     """Average the contact's force and its withheld part, and set a flag if the withheld share is too large."""
     kept = (wall.law, max(wall.law - wall.line, 0.0) if wall.cut else 0.0)
@@ -176,7 +176,7 @@ class Haptic(CompiledNode):
     def replaces(self) -> None:
         self.own["replaces"] = True
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(
         own,
         contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "lateral_force")],

@@ -146,11 +146,11 @@ class BundleContact(Node):
         summary = self.state.summary
         return Slip(
             contacts=summary.contacts, limited=summary.limited, deeper=self.depth > self.reach * (1 + 1e-9),
-            iterations=summary.iterations, residual=summary.residual, **self._slipped(),
+            iterations=summary.iterations, residual=summary.residual, **self._sliding_parts(),
         )  # fmt: skip
 
     @part("slip", "fraction", "front", "incipient", "gross", "first", "path", "state", "points", otherwise=NO_SLIP)
-    def _slipped(self) -> dict[str, Any]:
+    def _sliding_parts(self) -> dict[str, Any]:
         """Sliding parts of the contact, with onset and path of each node."""
         s = self.state
         contacts, slips = s.summary.contacts, s.summary.slips

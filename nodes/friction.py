@@ -6,10 +6,11 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from palpate.compiler.kernel import CompiledKernel, kernel
+from palpate.compiler.kernel import CompiledKernel
 from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Friction, Proximity
 from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import SLID, slid
 from palpate.physics import friction
 from palpate.physics.friction import bristle, coulomb, elastoplastic, lugre, unrest
@@ -86,10 +87,10 @@ class _Sliding(CompiledNode):
 
 def _compute(law: type) -> CompiledKernel:
     """The kernel of a law's node."""
-    step, stored = bristle.stepper(law), getattr(law, "stored", _untold)
-    tells = hasattr(law, "stored")
+    step, stored = bristle.stepper(law), getattr(law, "stored", _stores_nothing)
+    stores = hasattr(law, "stored")
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(
         own,
         contact: Annotated[Contact, Wants("normal", "force")],
@@ -111,14 +112,14 @@ def _compute(law: type) -> CompiledKernel:
         put(out.force, force)
         put(out.bristle, z)
         out.stick = stick
-        if tells and own.energy:
+        if stores and own.energy:
             one(out.stored, stored(own, z, own.load) + own.spare)
 
     return compute
 
 
 @kernel
-def _untold(law, z, load):
+def _stores_nothing(law, z, load):
     return 0.0
 
 

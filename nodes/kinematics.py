@@ -4,15 +4,16 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.compiler.kernel import kernel
-from palpate.compiler.records import put, vector
+from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import CompiledNode, Out, Wants
-from palpate.physics.device.falcon import FALCON, GEOMETRY, HOME
+from palpate.nodes.base.kernels import kernel
+from palpate.physics.device.falcon import FALCON, HOME, Geometry
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.tracking import TRACK, pose, pose_falcon
 
 ZERO = (0.0, 0.0, 0.0)
+geometry_of = unpacking(Geometry)
 WRONG_DEVICE = 1  # fault: not three numbers
 
 
@@ -79,18 +80,18 @@ class FalconKinematics(_Tracker):
 
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
 
-    State = _Tracker.State | {"geometry": GEOMETRY}
+    State = _Tracker.State | {"geometry": form(Geometry)}
     home = HOME
 
     def start(self) -> None:
         super().start()
-        self.own["geometry"] = FALCON.geometry
+        self.hold("geometry", FALCON.geometry)
 
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("joints", "homed")], out: Out[Pose], dt):
         if sampled(own, state, state.joints.count, out, dt):
             given = own.track, own.resolution, own.speed_limit, own.clock
-            seen = pose_falcon(*given, vector(state.joints.values), own.geometry)
+            seen = pose_falcon(*given, vector(state.joints.values), geometry_of(own.geometry))
             send(own, seen, age_of(own, state), out)
 
     def explain(self, fault: int, *messages: DeviceState) -> Exception:
@@ -126,11 +127,11 @@ class FalconStatics(CompiledNode):
 
     origin: Annotated[Vector3, "m"] = ZERO
 
-    State = {"geometry": GEOMETRY}
+    State = {"geometry": form(Geometry)}
 
     def start(self) -> None:
         super().start()
-        self.own["geometry"] = FALCON.geometry
+        self.hold("geometry", FALCON.geometry)
 
     @kernel
     def compute(
@@ -143,6 +144,8 @@ class FalconStatics(CompiledNode):
         torques = ZERO
         if force.there:
             f, p, o = force.force, pose.position, own.origin
-            _, t0, t1, t2 = torque_kernel(own.geometry, f[0], f[1], f[2], p[0] - o[0], p[1] - o[1], p[2] - o[2])
+            _, t0, t1, t2 = torque_kernel(
+                geometry_of(own.geometry), f[0], f[1], f[2], p[0] - o[0], p[1] - o[1], p[2] - o[2]
+            )
             torques = (t0, t1, t2)
         put(out.torques, torques)

@@ -6,11 +6,11 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import array_of, nth, vector
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
 from palpate.messages.ledger import PARTS
 from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
+from palpate.nodes.base.kernels import kernel
 from palpate.physics.contact import ledger
 
 ZERO = (0.0, 0.0, 0.0)

@@ -6,12 +6,13 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel as compiled
 from palpate.compiler.records import floats, form, lend_first, put, unpacking, vector
 from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import ARRAY, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, faded
 from palpate.nodes.base.area import WithArea
+from palpate.nodes.base.kernels import ieee_kernel
+from palpate.nodes.base.kernels import kernel as compiled
 from palpate.nodes.base.samples import sample_of
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.area import radius_at
@@ -97,7 +98,7 @@ class Kernel(CompiledNode, WithArea):
             return False
         return vector(own.foot) == vector(contact.foot) and vector(own.normal) == vector(contact.normal)
 
-    @compiled(error_model="numpy")
+    @ieee_kernel
     def compute(
         own,
         contact: Annotated[Contact, Wants("foot", "normal", "force", "compression", "indentation")],

@@ -7,12 +7,12 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, lend_first, put, vector
 from palpate.messages import Contact, Friction, Proximity, Vector3
 from palpate.messages.record import array_handle
 from palpate.messages.vibration import Vibration
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError, Wants
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import SLID, slid
 from palpate.nodes.base.texture_file import read_texture, tabulated
 from palpate.physics.device import random_numbers
@@ -27,7 +27,7 @@ LOCK = 2e-3  # [m] path on which a deviation of the integrated path from the pla
 Positive, Share = msgspec.Meta(gt=0), msgspec.Meta(ge=0, le=1)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def slide(own, friction, contact, proximity, dt):
     """Sliding speed [m/s], bound of the fluctuation [N], sliding direction (3) [1], and time [s] since the last sample
     of the position, 0 if it is repeated.
@@ -51,7 +51,7 @@ def slide(own, friction, contact, proximity, dt):
     return sliding, bound, (v[0] / speed, v[1] / speed, v[2] / speed), moved
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def block(own, dt):
     """Number of samples that end in this step, and the time [s] of the first one from the start of the step."""
     before, due = own.begun, own.begun + dt * own.sampling
@@ -60,7 +60,7 @@ def block(own, dt):
     return min(count, floats(own.samples).shape[0]), (1.0 - before) / own.sampling
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def send(own, friction, count, bound, direction, amplitude, sliding, dt, first, out, vibration):
     """Scale, limit and send the samples; add their mean to the friction."""
     samples, upright, total, before = floats(own.samples), floats(own.upright), 0.0, own.amplitude
@@ -240,7 +240,7 @@ class Spectral(_TextureNode):
         slid(own.motion, proximity, dt)
         return True
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(
         own, friction: Annotated[Friction, FRICTION], contact: Annotated[Contact, PRESS],
         proximity: Annotated[Proximity, SLIP], out: Out[Friction], vibration: Out[Vibration], dt,
@@ -322,7 +322,7 @@ class Autoregressive(_TextureNode):
         self.own["sampling"], self.own["random"] = texture.sampling, seeded(self.seed)
         self.own["unit"] = self.mass if texture.quantity == "acceleration" else 1.0
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(
         own, friction: Annotated[Friction, FRICTION], contact: Annotated[Contact, PRESS],
         proximity: Annotated[Proximity, SLIP], out: Out[Friction], vibration: Out[Vibration], dt,
@@ -353,7 +353,7 @@ class Autoregressive(_TextureNode):
         send(own, friction, count, bound, d, amplitude, sliding, dt, first, out, vibration)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def cell(line, x):
     """Cell of x in an ascending, evenly spaced row (n), and the fraction [1] of the cell below x."""
     n = len(line)

@@ -2,6 +2,7 @@
 # The tests under instructions other than those that palpate pins: tests/portability.sh [pytest arguments]
 # No test may need the last bits of one processor. An hour for the whole suite; golden recordings are compared within
 # their tolerance. Settings of a newer processor than this one are passed over by the libraries.
+# `tests/arm64.sh` compares bytes with an emulated 64-bit ARM processor; `tests/versions.sh` runs other Pythons and libraries.
 set -u
 cd "$(dirname "$0")/.."
 failed=""

@@ -2,9 +2,10 @@
 
 `python -m build` calls it; `python -m build -C kernels=no` leaves the kernels out, so that the wheel fits any machine.
 The kernels are compiled from the content of the wheel and stored in `palpate/compiler/compiled`, where palpate looks
-before its cache.
+before its cache. A checkout without symbolic links builds the same files.
 """
 
+import contextlib
 import os
 import platform
 import shutil
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,8 @@ from setuptools.build_meta import *  # noqa: F403
 
 PLATFORM = "manylinux_2_17_x86_64"  # kernels need no C library; those of numba's wheels are newer
 SHIPPED = "palpate/compiler/compiled"
+LINKED = ("graphs", "launch", "messages", "nodes")  # folders at the top, linked from src/palpate
+NEEDED = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "docs/release", "src")
 
 
 def get_requires_for_build_wheel(config_settings: Any = None) -> list[str]:
@@ -33,8 +37,39 @@ def get_requires_for_build_wheel(config_settings: Any = None) -> list[str]:
 
 def build_wheel(wheel_directory: str, config_settings: Any = None, metadata_directory: Any = None) -> str:
     """The name of the wheel in the folder."""
-    name = build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
+    wheel_directory = os.path.abspath(wheel_directory)
+    with _whole_tree():
+        name = build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
     return _add_kernels(Path(wheel_directory, name)) if _with_kernels(config_settings) else name
+
+
+def build_sdist(sdist_directory: str, config_settings: Any = None) -> str:
+    """The name of the archive of sources in the folder. It contains folders in place of links."""
+    sdist_directory = os.path.abspath(sdist_directory)
+    with _whole_tree():
+        return build_meta.build_sdist(sdist_directory, config_settings)
+
+
+@contextlib.contextmanager
+def _whole_tree() -> Iterator[None]:
+    """Build in a folder whose src/palpate has all packages: this one, or a temporary copy if git or an archive has
+    written text files in place of the links, as on Windows."""
+    if not any(Path("src/palpate", name).is_file() for name in LINKED):
+        yield
+        return
+    with tempfile.TemporaryDirectory() as temporary:
+        copy = Path(temporary, "palpate")
+        for name in NEEDED:
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            if Path(name).is_dir():
+                shutil.copytree(name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+            else:
+                shutil.copy(name, copy / name)
+        for name in LINKED:
+            (copy / "src/palpate" / name).unlink()
+            shutil.copytree(name, copy / "src/palpate" / name, ignore=shutil.ignore_patterns("__pycache__"))
+        with contextlib.chdir(copy):
+            yield
 
 
 def _with_kernels(settings: Any) -> bool:

@@ -29,7 +29,7 @@ HOLDS = (
     "palpate/py.typed",
 )
 """Required files of the wheel."""
-KERNELS = "palpate/physics/compiled/kernels-"
+KERNELS = "palpate/compiler/compiled/kernels-"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 """Versions of Python with a wheel that contains compiled kernels."""
 

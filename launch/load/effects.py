@@ -54,7 +54,7 @@ def apply(switched: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults:
     for name, choice in switched.items():
         parts = [(spec, effect) for spec in nodes.values() for effect in effects(spec.cls) if effect.name == name]
         if not parts:
-            if name not in known() or not (choice.on and _filled(name, nodes)):
+            if name not in known() or not (choice.on and _fills_effect(name, nodes)):
                 _unknown(name, choice, faults)
             continue
         for spec, effect in parts:
@@ -72,7 +72,7 @@ def apply(switched: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults:
             faults.add(f"effects: {name} is on, but {at} is at the value without it", "Change its value.", choice.place)
 
 
-def _filled(name: str, nodes: dict[str, NodeSpec]) -> bool:
+def _fills_effect(name: str, nodes: dict[str, NodeSpec]) -> bool:
     """Whether a node without declared parts sends a message with the fields that show an effect."""
     shown = {field for _, effect in known()[name] for field in effect.fields}
     plain = [spec for spec in nodes.values() if all(effect.how != "part" for effect in effects(spec.cls))]

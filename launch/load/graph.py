@@ -15,7 +15,7 @@ import msgspec
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.classes import ClassError, body, find_class
-from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_areas
+from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_surfaces
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
@@ -146,7 +146,7 @@ def load(
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, connections, faults)
-        notes += unlike_areas(may, connections)
+        notes += unlike_surfaces(may, connections)
         notes += unknown_delays(may, connections, contents.rate)
         notes += restless(may, connections, contents.rate)
     if any(change.keys == ("wanted",) for change in changes):
@@ -155,7 +155,7 @@ def load(
         holder = YamlSource({"wanted": list(wanted)}, {(): Location("wanted")})
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
-    found_wanted = _wanted(holder, kinds, unclear, faults)
+    found_wanted = _parse_wanted(holder, kinds, unclear, faults)
     notes += _half_emulated(nodes)
     recorded = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
     graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, tuple(notes), organ)
@@ -229,7 +229,7 @@ def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[
             unclear.add(name)
             continue
         try:
-            cls = find_class(line_keys.use, _expected(name, given))
+            cls = find_class(line_keys.use, _expected_types(name, given))
         except ClassError as error:
             unclear.add(name)
             faults.add(str(error), error.cure, source.place("nodes", name, "use"), node=name)
@@ -238,7 +238,7 @@ def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[
     return drafts, unclear
 
 
-def _expected(name: str, nodes: dict[str, Any]) -> Iterator[type[Message]]:
+def _expected_types(name: str, nodes: dict[str, Any]) -> Iterator[type[Message]]:
     """The message types that other nodes expect of a node; computed only for the error of a missing class."""
     for line in nodes.values():
         given = line.get("in") if isinstance(line, dict) else None
@@ -302,7 +302,7 @@ def _check_fields(spec: NodeSpec, line: YamlSource, kinds: Kinds, unclear: set[s
                    line.place("fields"), node=spec.name, setting="fields")  # fmt: skip
 
 
-def _wanted(holder: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
+def _parse_wanted(holder: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
     """The wanted streams; None: all, or not given."""
     given = holder.data.get("wanted")
     if given is None or given == "all":

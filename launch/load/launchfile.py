@@ -185,7 +185,7 @@ def _run(source: YamlSource, path: Path, kind: type[_RunKeys]) -> LaunchFile:
     faults = Faults()
     given = fill(kind, source, faults) or _RunKeys()
     wanted = (given.wanted,) if isinstance(given.wanted, str) else given.wanted
-    record, only = _recorded(given.record, source, path, faults)
+    record, only = _parse_record(given.record, source, path, faults)
 
     def file(key: str, name: str, folder: Path) -> Path | None:
         return faults.keep(find_file, name, folder, path.parent, source.place(key), key)
@@ -240,7 +240,7 @@ def _nearest_base(path: Path) -> LaunchFile | None:
     return None
 
 
-def _recorded(given: str | None, source: YamlSource, path: Path, faults: Faults) -> tuple[Path | None, str | None]:
+def _parse_record(given: str | None, source: YamlSource, path: Path, faults: Faults) -> tuple[Path | None, str | None]:
     """File and selection of `record:`. A word of `RECORDED` means a file named after the launch file."""
     if given in RECORDED:
         return Path(f"{path.stem}.mcap"), given

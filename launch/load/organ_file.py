@@ -56,7 +56,8 @@ class OrganFile:
         sizes = " or ".join(f"--unit {u} ({1e3 * size * UNITS[u]:.3g} mm across)" for u in fits)
         if not fits:
             raise MeshError(
-                f"--organ {self.file}: its coordinates span {size:.3g}, which is implausible in every unit; {expected}"
+                f"--organ {self.file}: its coordinates span {size:.6g}, which is implausible in every unit; "
+                f"{expected}. Export it again in millimetres"
             )
         if self.unit is None:
             raise MeshError(f"--organ {self.file}: the file has no unit, and several are plausible: {sizes}")

@@ -6,7 +6,6 @@
 Placement never changes what is computed.
 """
 
-import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Annotated
 
 import msgspec
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.faults import Fault, Faults, GraphError, choices
 from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.files import PLACES, find_file
@@ -99,7 +99,7 @@ def auto(plan: Plan, times: Mapping[str, float] | None = None, cores: Collection
            path gets the last core
     cores  usable cores; None: those of this process
     """
-    times, free = times or {}, sorted(os.sched_getaffinity(0) if cores is None else cores)[:-1]
+    times, free = times or {}, sorted(usable_cores() if cores is None else cores)[:-1]
     path, period = force_path(plan), 1e6 / plan.graph.rate
     now = {edge.producer for name in path for edge in plan.edges[name] if not edge.loop}
     costs = {name: 1e6 * times.get(name, 0.0) / plan.graph.nodes[name].every for name in path}

@@ -33,7 +33,9 @@ def plan(graph: Graph) -> Plan:
         if spec.observer and spec.off is None
     }
     observers = {name: tuple(s for s in streams if s in listen) for name, listen in observed.items()}
-    return Plan(graph, list(edges), _skipped(graph, running), edges, _wanted(graph, edges, streams), observers)
+    return Plan(
+        graph, list(edges), _skipped_nodes(graph, running), edges, _wanted_fields(graph, edges, streams), observers
+    )
 
 
 def check_stored(plan: Plan) -> None:
@@ -68,7 +70,7 @@ def _order(graph: Graph, running: set[str]) -> Iterator[str]:
                 heappush(ready, place[reader])
 
 
-def _wanted(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: list[str]) -> dict[str, frozenset[str]]:
+def _wanted_fields(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: list[str]) -> dict[str, frozenset[str]]:
     """Body fields of each stream that a node reads or an effect needs.
 
     All fields of a stream are computed if it is wanted by name or read only by observers. Of other streams an observer
@@ -139,7 +141,7 @@ def _running(graph: Graph) -> set[str]:
     return running
 
 
-def _skipped(graph: Graph, running: set[str]) -> dict[str, str]:
+def _skipped_nodes(graph: Graph, running: set[str]) -> dict[str, str]:
     reasons = {}
     read_by: dict[str, dict[str, None]] = {}
     for name, spec in graph.nodes.items():

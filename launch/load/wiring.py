@@ -198,12 +198,12 @@ def _path(after: dict[str, list[str]], before: dict[str, list[str]], start: str,
     The search first runs from both ends in turn: without a path it ends when the smaller of the two regions is known.
     """
     ahead, behind = {start: ""}, {end: ""}
-    for forward, backward in zip(_reached(after, ahead), _reached(before, behind), strict=False):
+    for forward, backward in zip(_reachable_from(after, ahead), _reachable_from(before, behind), strict=False):
         if forward == end or backward == start or forward in behind or backward in ahead:
             break
     else:
         return None
-    for node in _reached(after, ahead):
+    for node in _reachable_from(after, ahead):
         if node == end:
             break
     path = [end]
@@ -212,7 +212,7 @@ def _path(after: dict[str, list[str]], before: dict[str, list[str]], start: str,
     return path[::-1]
 
 
-def _reached(edges: dict[str, list[str]], found: dict[str, str]) -> Iterator[str]:
+def _reachable_from(edges: dict[str, list[str]], found: dict[str, str]) -> Iterator[str]:
     """The nodes that edges lead to from those in `found`, breadth first, themselves included. `found` gets each of them
     with the node before it."""
     queue = list(found)

@@ -1,7 +1,6 @@
 """Builds the job of each worker from a plan and a placement."""
 
-import os
-
+from palpate.compiler.cores import usable_cores
 from palpate.engine.graph import places
 from palpate.engine.job import Job, node_job, observer_job
 from palpate.engine.plan import Plan, force_path
@@ -98,7 +97,7 @@ def _cores(on_path: bool, apart: bool, groups: int) -> tuple[int, ...] | None:
     apart  paced nodes without others, on the real clock. They get another core: if processes of real-time priority use
            a core completely, the kernel stops them for 50 ms of each second, in which the device would keep its torque
     """
-    if groups < 2 or len(cores := sorted(os.sched_getaffinity(0))) < 2:
+    if groups < 2 or len(cores := usable_cores()) < 2:
         return None
     if not on_path:
         return tuple(cores[:-1])

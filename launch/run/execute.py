@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
 import socket
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from rich.console import Console
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.faults import Fault, GraphError
 from palpate.engine.graph import Graph
 from palpate.engine.job import Job
@@ -33,6 +36,7 @@ from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
 from palpate.records.format.claim import claimed
+from palpate.records.format.mcap_append import NOTES, append_metadata
 from palpate.records.format.mcap_file import lacking
 
 if TYPE_CHECKING:  # these modules need POSIX and are imported only for runs with several processes
@@ -138,7 +142,7 @@ def execute(
     # Place the nodes and make the jobs of the workers, with the provenance for the recording.
     # More processes on the force path than cores wait for one another: 9 processes on 2 cores do not keep 1 kHz.
     crowded = fit_cores and launch.place is None and clock == "real"
-    crowded = crowded and len(force_path(planned)) > len(os.sched_getaffinity(0))
+    crowded = crowded and len(force_path(planned)) > len(usable_cores())
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
@@ -176,7 +180,16 @@ def execute(
     if clock == "simulated" and not (fused or joined or launch.pace or result.interrupted) and result.ok:
         result.notes += faster_fused(result)
     kept = verdict(result, planned, ticks) if clock == "real" else None
-    return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+    outcome = RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+    if launch.record is not None and result.ticks and outcome.notes:
+        _store_notes(launch.record, outcome.notes)
+    return outcome
+
+
+def _store_notes(recording: Path, notes: Sequence[RunNote]) -> None:
+    """Add the notes to a recording, unless it lacks its end."""
+    with contextlib.suppress(OSError, ValueError):
+        append_metadata(recording, NOTES, {"notes": json.dumps([[n.text, n.node, n.time] for n in notes])})
 
 
 def faster_fused(result: Result) -> list[str]:
@@ -209,6 +222,7 @@ def _in_processes(
     address: str | None,
     key: keys.Key | None,
 ) -> Result:
+    _check_system()
     from palpate.launch.run.launcher import Launcher, silent
 
     _open_files(len(work))
@@ -232,6 +246,17 @@ def _in_processes(
         died=lambda death: print_death(death, screen.console) if screen else None,
     )
     return launcher.run()
+
+
+def _check_system() -> None:
+    """RunError: this system cannot start the processes of a run and connect them."""
+    missing = [] if hasattr(os, "fork") else ["fork"]
+    missing += [] if hasattr(socket, "AF_UNIX") else ["Unix sockets"]
+    if missing:
+        raise RunError(
+            f"found {sys.platform} without {' and '.join(missing)}; nodes in processes and the real clock need Linux or"
+            " macOS. One process on simulated time runs here: --fused --clock simulated"
+        )
 
 
 def _reachable(work: list[Job], joined: frozenset[str], network: Network) -> list[Job]:

@@ -1,15 +1,23 @@
 """Runs any number of lanes in blocks, so that their memory is bounded."""
 
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.launch.load.dependencies import digest
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.lane_values import LanePreparation, identity
 from palpate.launch.run.lanes import LaneRun, Prepared
-from palpate.physics.errors import PalpateError
+from palpate.launch.run.tasks.task import Beat
+from palpate.launch.run.work.compiling import compiling
+from palpate.physics.errors import PalpateError, RunError
 
 LANES = 2048
 """Maximum number of lanes in a block: with 25 to 240 kB a lane, at most 0.5 GB."""
+STEPS = 1_000_000  # Maximum number of ticks of all lanes of a block, which a core computes in 2 to 10 s
 RESULTS = 1 << 28  # [bytes] Maximum size of the results of a block
 
 
@@ -30,69 +38,68 @@ class Block(NamedTuple):
     memory: tuple[int, int]
 
 
+@dataclass(frozen=True)
+class LaneKeep:
+    """What is kept of lanes.
+
+    fields  stream and name of each field
+    ticks   number of ticks of a lane;  every, rows  as for `LaneRun`
+    """
+
+    fields: list[tuple[str, str]]
+    ticks: int
+    every: int = 1
+
+    @property
+    def rows(self) -> int:
+        return -(-self.ticks // self.every)
+
+
+def block_size(lanes: int, row: int, ticks: int) -> int:
+    """Number of lanes in a block; the last one may be smaller. `row`: size of the kept fields of a lane [bytes]."""
+    most = max(1, min(LANES, RESULTS // max(row, 1), STEPS // ticks))
+    return -(-lanes // -(-lanes // most))
+
+
 class LaneBlocks:
     """Lanes of one structure.
 
     prepared  prepares a lane by its number; PalpateError: it is refused
-    lanes     number of lanes;  row  [bytes] of the kept fields of one lane
-    keep, rows, every  as for `LaneRun`
+    first     a lane with this structure
+    lanes     number of lanes;  size  number of lanes in a block
     """
 
     def __init__(
-        self,
-        prepared: Callable[[int], Prepared],
-        lanes: int,
-        row: int,
-        keep: list[tuple[str, str]],
-        rows: int,
-        every: int,
+        self, prepared: Callable[[int], Prepared], first: Prepared, lanes: int, size: int, keep: LaneKeep
     ) -> None:
-        self._prepared, self.lanes, self._keep, self._rows, self._every = prepared, lanes, keep, rows, every
-        count = -(-lanes // max(1, min(LANES, RESULTS // max(row, 1))))
-        self.size = -(-lanes // count)
-        """Number of lanes in a block; the last one may be smaller."""
+        self._prepared, self._first, self.lanes, self.size, self._keep = prepared, first, lanes, size, keep
+        self.checked = range(min(lanes, LANES))
+        """Lanes that are prepared before anything runs."""
+        self._run: LaneRun | None = None
 
-    def run(self, ticks: int, threads: int | None, done: Callable[[float], None], begin: int = 0) -> Iterator[Block]:
-        """Run all lanes from lane `begin` on for this number of ticks; `done` takes the share of all lanes that is
-        done. NodeError: a node of the first lane does not start."""
-        total = self.lanes * ticks
+    def run(self, firsts: Sequence[int], threads: int | None, done: Callable[[float], None]) -> Iterator[Block]:
+        """Run the blocks that begin with these lanes; `done` takes the number of lanes that have run. NodeError: a node
+        of the first lane does not start."""
+        before = 0
 
-        def report(first: int) -> Callable[[int], None]:
-            return lambda ran: done((first * ticks + ran) / total)
+        def report(ran: int) -> None:
+            done(before + ran / self._keep.ticks)
 
-        run: LaneRun | None = None
         try:
-            for first in range(begin, self.lanes, self.size):
-                count = min(self.size, self.lanes - first)
-                prepared, refused = self._take(first, count)
-                if run is None:
-                    run = LaneRun(prepared, self._keep, self._rows, self._every)
-                else:
-                    run.restart(prepared)
-                run.failures.update(refused)
-                run.run(ticks, threads, report(first))
-                yield self._block(run, first, count)
+            for first in firsts:
+                yield self.block(first, threads, report)
+                before += min(self.size, self.lanes - first)
         finally:
-            if run is not None:
-                run.close()
+            self.close()
 
-    def _take(self, first: int, count: int) -> tuple[list[Prepared], dict[int, Exception]]:
-        """The lanes of a block, and why lanes are refused. Refused lanes, and those that a last block lacks, have the
-        settings of another one."""
-        prepared: list[Prepared | None] = []
-        refused: dict[int, Exception] = {}
-        for lane in range(count):
-            try:
-                prepared.append(self._prepared(first + lane))
-            except PalpateError as error:
-                prepared.append(None)
-                refused[lane] = error
-        spare = next((one for one in prepared if one is not None), None) or self._prepared(0)
-        missing = (self.size if first else count) - count
-        refused |= {count + n: PalpateError("not a lane") for n in range(missing)}
-        return [one or spare for one in (*prepared, *[None] * missing)], refused
-
-    def _block(self, run: LaneRun, first: int, count: int) -> Block:
+    def block(self, first: int, threads: int | None, done: Callable[[int], None]) -> Block:
+        """Run the block that begins with this lane; `done` as for `LaneRun.run`."""
+        given = [self._lane(lane) for lane in range(first, min(first + self.size, self.lanes))]
+        if self._run is None:
+            self._run = LaneRun([self._first], self._keep.fields, self._keep.rows, self._keep.every, self.size)
+        run, count = self._run, len(given)
+        run.restart(given)
+        run.run(self._keep.ticks, threads, done)
         failures = {first + lane: str(error) for lane, error in sorted(run.failures.items()) if lane < count}
         notes = [
             (first + lane, node, text)
@@ -101,3 +108,60 @@ class LaneBlocks:
             for node, text in run.lanes.notes(lane)
         ]
         return Block(first, [column[:count] for column in run.lanes.columns], failures, notes, run.lanes.memory)
+
+    def _lane(self, lane: int) -> Prepared | PalpateError:
+        try:
+            return self._prepared(lane)
+        except PalpateError as error:
+            return error
+
+    def close(self) -> None:
+        """Stop the nodes."""
+        if self._run is not None:
+            self._run.close()
+            self._run = None
+
+
+@dataclass
+class LaneTask:
+    """Blocks of lanes for other processes. An item is the first lane of a block and, by path, a value for each of its
+    lanes.
+
+    first, extremes  see `LanePreparation`
+    lanes, size      see `LaneBlocks`
+    identity         hash of everything that determines the results of lane 0
+    """
+
+    launch: LaunchFile
+    first: Mapping[str, Any]
+    extremes: Mapping[str, tuple[float, ...]]
+    lanes: int
+    size: int
+    keep: LaneKeep
+    identity: str
+    limit: float | None = None
+
+    @cached_property
+    def _prepare(self) -> LanePreparation:
+        return LanePreparation(self.launch, self.keep.fields, self.first, self.extremes)
+
+    @cached_property
+    def _blocks(self) -> LaneBlocks:
+        return LaneBlocks(self._prepare, self._prepare.first, self.lanes, self.size, self.keep)
+
+    def check(self) -> None:
+        """RunError: this machine has other files than the one that made the task."""
+        try:
+            same = digest(identity(self._prepare.first)) == self.identity
+        except PalpateError as error:
+            raise RunError(f"the graph does not load here: {error}") from None
+        if not same:
+            raise RunError("the graph or a file that it names has other contents here; expected a shared folder")
+
+    def compute(
+        self, items: Sequence[tuple[int, Mapping[str, Sequence[Any]]]], beat: Beat
+    ) -> Iterator[tuple[int, Block]]:
+        for place, (begin, over) in enumerate(items):
+            self._prepare.give(begin, over)
+            with compiling(lambda count: beat()):
+                yield place, self._blocks.block(begin, 1, lambda ran: beat())

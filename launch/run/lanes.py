@@ -1,11 +1,9 @@
 """Runs many lanes (`engine/lanes.py`) of a graph file in parallel in this process, on simulated time."""
 
-import math
-import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -13,27 +11,23 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.engine.faults import GraphError, Location
+from palpate.compiler.cores import usable_cores
 from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.lanes import Lanes, NodeImage, Pool
 from palpate.engine.plan import Plan
 from palpate.engine.segment import CompiledSegment, record_of
 from palpate.engine.slot import NodeError
-from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import fused
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapted
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.logger import Mcap
 from palpate.physics.errors import ArgumentError, PalpateError
-
-KNOWN = 256  # Maximum number of loaded graphs that a `Preparation` keeps
 
 
 @dataclass(frozen=True)
@@ -78,123 +72,6 @@ def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | 
     return Prepared(graph, msgspec.structs.replace(job, observers=()))
 
 
-def extremes(values: Sequence[Any]) -> tuple[float, ...]:
-    """The least and the greatest of the values of a path, and 0 if it is one of the values; () unless all are finite
-    floats."""
-    if not all(type(value) is float and math.isfinite(value) for value in values):
-        return ()
-    return tuple({min(values), max(values)} | {0.0} & set(values))
-
-
-class Preparation:
-    """Prepares runs of one graph that differ in the values of paths.
-
-    load      prepare the run with these values by path; GraphError, ArgumentError: it is invalid
-    extremes  by path, see `extremes`
-
-    A graph takes about 10 ms to load. If the extreme values of a path appear unchanged in settings of nodes, its other
-    values are written to these settings without loading the graph again; the nodes' constructors check them.
-    """
-
-    def __init__(self, load: Callable[[Mapping[str, Any]], Prepared], extremes: Mapping[str, tuple[float, ...]]):
-        self._load, self._extremes = load, {path: values for path, values in extremes.items() if values}
-        self._known: dict[str, Prepared] = {}
-        self._groups: dict[str, list[Any]] = {}
-        """By the values of all other paths: the first values with them, and the settings that each path reaches."""
-
-    def __call__(self, values: Mapping[str, Any]) -> Prepared:
-        """The run with these values. GraphError, ArgumentError: it is invalid."""
-        name = repr([value for path, value in values.items() if path not in self._extremes])
-        group = self._groups.get(name)
-        if group is None:
-            loaded = self._loaded(values)
-            self._groups[name] = [values, None]
-            return loaded
-        first, reached = group
-        base = self._loaded(first)
-        if reached is None:
-            reached = group[1] = self._reached(first, base)
-        one = self._loaded({path: first[path] if path in reached else value for path, value in values.items()})
-        if one.structure != base.structure:
-            return self._loaded(values)
-        nodes = list(one.job.nodes)
-        for path, places in reached.items():
-            for place, name in places:
-                settings = {**nodes[place].settings, name: values[path]}
-                nodes[place] = msgspec.structs.replace(nodes[place], settings=settings)
-        return Prepared(one.graph, msgspec.structs.replace(one.job, nodes=tuple(nodes)))
-
-    def _loaded(self, values: Mapping[str, Any]) -> Prepared:
-        key = repr(values)
-        if key not in self._known:
-            if len(self._known) >= KNOWN:
-                self._known.clear()
-                self._groups.clear()
-            self._known[key] = self._load(values)
-        return self._known[key]
-
-    def _reached(self, first: Mapping[str, Any], base: Prepared) -> dict[str, set[tuple[int, str]]]:
-        """For each path, the settings that equal its value. Paths that change anything else are left out."""
-        reached: dict[str, set[tuple[int, str]]] = {}
-        for path, values in self._extremes.items():
-            try:
-                others = [(self._loaded({**first, path: value}), value) for value in values]
-            except PalpateError:
-                continue
-            targets = [_follows(base, other, first[path], value) for other, value in others]
-            found = {setting for target in targets for setting in target or ()}
-            if None not in targets and found.isdisjoint(set().union(*reached.values())):
-                reached[path] = found
-        return reached
-
-
-def with_values(launch: LaunchFile, values: Mapping[str, Any], lane: int) -> LaunchFile:
-    """The run of a lane with these values by path."""
-    places = ((path, Location(f"lane {lane}, {path}")) for path in values)
-    return launch.but(
-        overrides=[Override(tuple(p.split(".")), YamlSource(values[p], {(): place})) for p, place in places]
-    )
-
-
-class LanePreparation:
-    """Prepares lanes of a run by their number.
-
-    over  by path one value per lane
-    """
-
-    def __init__(self, launch: LaunchFile, over: Mapping[str, Sequence[Any]], keep: Sequence[tuple[str, str]]) -> None:
-        self._launch, self._over, self._keep, self._lane = launch, over, keep, 0
-        self._prepare = Preparation(self._load, {path: extremes(values) for path, values in over.items()})
-
-    def __call__(self, lane: int) -> Prepared:
-        """A lane. GraphError, ArgumentError: what is wrong with it; names it."""
-        self._lane = lane  # `_load` names it in faults of a value, but not in what a value does to a node
-        try:
-            return self._prepare({path: values[lane] for path, values in self._over.items()})
-        except GraphError as error:
-            if not self._over or all(str(fault.place).startswith("lane ") for fault in error.faults):
-                raise
-            raise GraphError(replace(fault, text=f"lane {lane}: {fault.text}") for fault in error.faults) from None
-
-    def _load(self, values: Mapping[str, Any]) -> Prepared:
-        return prepare(with_values(self._launch, values, self._lane), self._keep)
-
-
-def _follows(base: Prepared, other: Prepared, usual: float, value: float) -> set[tuple[int, str]] | None:
-    """The settings (index of the node, name) that equal `usual` in `base` and `value` in `other`; None if the two
-    differ in anything else."""
-    if other.structure != base.structure:
-        return None
-    found = set()
-    for place, (before, after) in enumerate(zip(base.job.nodes, other.job.nodes, strict=True)):
-        for name in before.settings.keys() | after.settings.keys():
-            if before.settings.get(name) != after.settings.get(name):
-                if (before.settings.get(name), after.settings.get(name)) != (usual, value):
-                    return None
-                found.add((place, name))
-    return found
-
-
 def check_compiled(planned: Plan) -> None:
     """ArgumentError: a node of the plan cannot run in a lane."""
     name = planned.graph.path.stem
@@ -216,13 +93,20 @@ class LaneRun:
     keep      stream and name of the fields to record
     rows      number of values to record of each field: the last ones of a run
     every     divisor of the ticks whose values are recorded
+    count     maximum number of lanes of a later `restart`; None: the number of lanes
 
     `failures` has the error of each lane that did not start or that stopped, by lane number; a lane that is in it
-    before `run` does not run, and its values are NaN. NodeError: a node of the
-    first lane does not start.
+    before `run` does not run, and its values are NaN. NodeError: a node of the first lane does not start.
     """
 
-    def __init__(self, prepared: Sequence[Prepared], keep: Sequence[tuple[str, str]], rows: int, every: int = 1):
+    def __init__(
+        self,
+        prepared: Sequence[Prepared],
+        keep: Sequence[tuple[str, str]],
+        rows: int,
+        every: int = 1,
+        count: int | None = None,
+    ) -> None:
         self.failures: dict[int, Exception] = {}
         worker = Worker(prepared[0].job, None, lambda report: None)
         worker.start()
@@ -230,18 +114,21 @@ class LaneRun:
         assert isinstance(segment, CompiledSegment) and segment.alone(), worker.parts
         self.worker, self.segment, self._pool = worker, segment, Pool()
         self._images: dict[Any, NodeImage] = {}
-        self.lanes = Lanes(segment, len(prepared))
+        self.lanes = Lanes(segment, count or len(prepared))
         self.lanes.keep([(record_of(worker.outputs[stream]), name) for stream, name in keep], rows, every)
-        self._prepared = prepared
+        self._prepared: Sequence[Prepared | PalpateError] = prepared
         self.restart()
 
-    def restart(self, prepared: Sequence[Prepared] = ()) -> None:
-        """Reset all lanes to their start. New lanes, if given, replace the settings; they have the same structure.
-        Images of settings that are no longer used are dropped."""
+    def restart(self, prepared: Sequence[Prepared | PalpateError] = ()) -> None:
+        """Reset all lanes to their start. New lanes, if given, replace the settings; they have the same structure. An
+        error in place of a lane is its failure. Images of settings that are no longer used are dropped."""
         self._prepared = prepared or self._prepared
         self.failures.clear()
         former, self._images = self._images, {}
         for lane, one in enumerate(self._prepared):
+            if isinstance(one, PalpateError):
+                self.failures[lane] = one
+                continue
             try:
                 images = [self.image(place, node, former) for place, node in enumerate(one.job.nodes)]
                 self.lanes.place(lane, images)
@@ -271,7 +158,7 @@ class LaneRun:
 
         On KeyboardInterrupt the threads are stopped before it is raised.
         """
-        todo = iter([lane for lane in range(self.lanes.count) if lane not in self.failures])
+        todo = iter([lane for lane in range(len(self._prepared)) if lane not in self.failures])
         lock, ran = threading.Lock(), [0]
 
         # Each thread runs one lane after another, in blocks of ticks that take about `BLOCK` seconds at most.
@@ -294,7 +181,7 @@ class LaneRun:
                         block = adapted(block, took)
                     now = reached
 
-        count = min(threads or len(os.sched_getaffinity(0)), self.lanes.count)
+        count = min(threads or len(usable_cores()), self.lanes.count)
         pool = LaneThreads(count)
         try:
             pool.run([work] * count, lambda: done(ran[0]))
@@ -302,7 +189,7 @@ class LaneRun:
             pool.close()
         done(ran[0])
         # Results of a failed lane are NaN from the failed tick on.
-        for lane in range(self.lanes.count):
+        for lane in range(len(self._prepared)):
             reached = 0
             if lane not in self.failures:
                 if (error := self.lanes.failure(lane)) is None:

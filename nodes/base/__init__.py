@@ -1,8 +1,8 @@
 """Base classes of nodes: settings, ports, state; and code that several nodes share."""
 
 from palpate.nodes.base.block import Block
-from palpate.nodes.base.compiled import ARRAY, TABLE, CompiledNode, Part
-from palpate.nodes.base.effect import Calibrated, Effect, Switch, effects, part
+from palpate.nodes.base.compiled import ARRAY, TABLE, CompiledNode
+from palpate.nodes.base.effect import Calibrated, Effect, Part, Switch, effects, part
 from palpate.nodes.base.node import (
     InputError,
     Node,

@@ -5,7 +5,7 @@ Kernels on groups of a state: `PACE`, `GAIN`, `FADED`.
 
 from typing import Any
 
-from palpate.compiler.kernel import kernel
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 
 FALL = 4e-3
 """[s] Time in which a force falls to zero after an input of its computation is missing. Together with the hold time of
@@ -38,7 +38,7 @@ def paced(pace, dt):
     return pause
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def shared(gain, present, dt):
     """The gain after a step of dt [s]."""
     if not present:

@@ -18,7 +18,6 @@ number and returns; `explain` converts the number to an exception.
 """
 
 import contextlib
-import functools
 import inspect
 import math
 import typing
@@ -30,27 +29,11 @@ import numpy as np
 from palpate.compiler.fields import field_list
 from palpate.messages import Message, MessageError
 from palpate.messages.record import KINDS, ROOM, array_handle, blank, layout, reader, writer
-from palpate.nodes.base.effect import Effect
-from palpate.nodes.base.node import OUT, Node, Port, inputs, outputs, settings
+from palpate.nodes.base.effect import Part
+from palpate.nodes.base.node import OUT, Node, Port, inputs, once_per_class, outputs, settings
 
 ARRAY, TABLE = array_handle(1), array_handle(2)
 """Types of fields of a state: an array with one or two axes, set by `CompiledNode.hold`."""
-
-
-class Part:
-    """Part of a compiled node that is computed only if one of `fields` is read; `own.NAME` is its flag in the kernel.
-
-    effect  name of its effect
-    about   description, one sentence
-    also    fields of other effects that need it
-    """
-
-    def __init__(self, effect: str, *fields: str, about: str, also: tuple[str, ...] = ()) -> None:
-        self.part = Effect(effect, "part", fields, about=about, also=also)
-
-    def wanted(self, node: Node) -> bool:
-        """Whether one of its fields is read."""
-        return node.wanted is None or not node.wanted.isdisjoint((*self.part.fields, *self.part.also))
 
 
 class CompiledNode(Node):
@@ -183,7 +166,7 @@ def _counts(messages: Sequence[Any]) -> list[int]:
     return [len(m) if isinstance(m, list) else 1 for m in messages]
 
 
-@functools.cache
+@once_per_class
 def record(kind: type[CompiledNode]) -> np.dtype:
     """The record `own` of a node class: `fault`, numeric settings, parts, state. TypeError: invalid state."""
     own: list[tuple[Any, ...]] = [("fault", "<i8")]
@@ -222,7 +205,7 @@ def several(kind: type[Message]) -> np.dtype:
     return np.dtype([("count", "<i8"), ("at", "<i8", (ROOM,)), ("like", layout(kind))], align=True)
 
 
-@functools.cache
+@once_per_class
 def code(kind: type[CompiledNode], name: str) -> int:
     """Address of the machine code of a kernel of a node class: `compute` or `idle`."""
     from palpate.compiler.records import address  # the compiler is slow to import
@@ -245,7 +228,7 @@ class Records:
         kind = type(node)
         ports = inputs(kind)
         self._fill = [[_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)]
-        self._ports = [_gathered(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
+        self._ports = [_port_argument(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
         self._out = [blank(output) for output in outputs(kind)]
         for out in self._out:
             out["tick"] = out["time"] = -1
@@ -296,7 +279,7 @@ def _inlet(port: Port) -> tuple[Any, Any, np.ndarray]:
     return writer(port.type, port.wants), one.view(np.uint8).data, one["there"]
 
 
-def _gathered(port: Port, fill: list[Any]) -> np.ndarray:
+def _port_argument(port: Port, fill: list[Any]) -> np.ndarray:
     """The kernel's argument for a port."""
     records = [there.base for _, _, there in fill]
     if not port.many:

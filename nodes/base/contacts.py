@@ -1,12 +1,14 @@
 """Shared by bodies that accept several contacts."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from palpate.compiler.kernel import kernel
-from palpate.compiler.records import floats, lend
+from palpate.compiler.records import floats, integers, lend, nth
 from palpate.messages import Load, Surface
 from palpate.nodes.base.compiled import TABLE, CompiledNode
-from palpate.nodes.base.node import Node, inputs
+from palpate.nodes.base.kernels import kernel
+from palpate.nodes.base.node import Node, SettingError, inputs
 
 SEVERAL = {"laws": TABLE, "slopes": TABLE, "coupling": TABLE}
 """The fields of `Surface` for several contacts."""
@@ -29,6 +31,29 @@ def send_laws(own, out):
         lend(out.laws, own.laws)
         lend(out.slopes, own.slopes)
         lend(out.coupling, own.coupling)
+
+
+NO_VERTEX = 1  # fault: a load on an unknown vertex
+
+
+@kernel
+def unknown_vertex(load, count):
+    """Whether a load is on a vertex that a surface of `count` vertices does not have: an index out of bounds, which
+    would read and write other memory."""
+    for i in range(load.count):
+        for j in integers(nth(load, i).nodes):
+            if not 0 <= j < count:
+                return True
+    return False
+
+
+def vertex_error(surface: str, count: int, loads: Sequence[Load]) -> SettingError:
+    """The error of a body for `NO_VERTEX`."""
+    nodes = next(n for each in loads if len(n := each.nodes) and not 0 <= n.min() <= n.max() < count)
+    return SettingError(
+        f"Load.nodes: found nodes {nodes.min()} ... {nodes.max()}, the surface has {count} vertices "
+        f"({surface!r}); give the node that spreads the load the same surface"
+    )
 
 
 def press(body: Node, *loads: Load, dt: float) -> Surface:

@@ -65,6 +65,24 @@ class Effect:
     also: tuple[str, ...] = ()  # output fields of other effects that need it
 
 
+class Part:
+    """Part of a node that is computed only if one of `fields` is read. In a compiled node, `own.NAME` is its flag in
+    the kernel; in a node in Python, see `part`.
+
+    effect  name of its effect
+    about   description, one sentence
+    also    fields of other effects that need it
+    """
+
+    def __init__(self, effect: str, *fields: str, about: str, also: tuple[str, ...] = ()) -> None:
+        self.part = Effect(effect, "part", fields, about=about, also=also)
+        self._needed = frozenset((*fields, *also))
+
+    def wanted(self, node: Node) -> bool:
+        """Whether one of its fields is read."""
+        return node.wanted is None or not node.wanted.isdisjoint(self._needed)
+
+
 def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) -> Callable[[Method], Method]:
     """Mark of a method that computes an effect; it runs only if one of the output fields `fields` or `also` is read.
 
@@ -74,14 +92,13 @@ def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) 
     """
 
     def mark(method: Method) -> Method:
-        needed = frozenset((*fields, *also))
+        marked = Part(effect, *fields, about=summary(method), also=also)
 
         @functools.wraps(method)
         def where_wanted(self: Node, *given: Any) -> Any:
-            wanted = self.wanted
-            return otherwise if wanted is not None and wanted.isdisjoint(needed) else method(self, *given)
+            return method(self, *given) if marked.wanted(self) else otherwise
 
-        where_wanted.part = Effect(effect, "part", fields, about=summary(method), also=also)  # type: ignore[attr-defined]
+        where_wanted.part = marked.part  # type: ignore[attr-defined]
         return typing.cast(Method, where_wanted)
 
     return mark

@@ -124,7 +124,7 @@ def _read_once(path: str, piece: int, *stamp: object) -> Triangles:
     if merged:
         triangles = _distinct(same[triangles])
         notes.append(f"{merged} vertices at open edges are merged with one within {NEAR:g} of its longest side")
-    triangles, more = _chosen(path, vertices, triangles, piece)
+    triangles, more = _choose_pieces(path, vertices, triangles, piece)
     used, triangles = np.unique(triangles, return_inverse=True)
     found = vertices[used], triangles.reshape(-1, 3).astype(np.int32)
     for array in found:
@@ -132,7 +132,7 @@ def _read_once(path: str, piece: int, *stamp: object) -> Triangles:
     return Triangles(*found, (*notes, *more))
 
 
-def _chosen(path: str, vertices: np.ndarray, triangles: np.ndarray, piece: int) -> tuple[np.ndarray, list[str]]:
+def _choose_pieces(path: str, vertices: np.ndarray, triangles: np.ndarray, piece: int) -> tuple[np.ndarray, list[str]]:
     """The triangles of the chosen pieces, and notes on the others. SettingError: no such piece, or two coincide."""
     label = pieces(triangles, len(vertices))
     count = int(label.max()) + 1

@@ -208,12 +208,12 @@ class Observer(Node):
         """
 
 
-def _once(read: F) -> F:
+def once_per_class(read: F) -> F:
     """Cache the result per class: loading a graph reads the same annotations about 100 times."""
     return cast(F, cache(read))
 
 
-@_once
+@once_per_class
 def settings(kind: type[Node]) -> dict[str, Setting]:
     """The settings of a node class by name, base class first. TypeError: a setting without a unit."""
     by_name = {}
@@ -260,7 +260,7 @@ def convert(setting: Setting, value: Any) -> Any:
         raise SettingError(f"setting {setting.name!r} [{setting.unit}]: found {value!r}. {text}.") from None
 
 
-@_once
+@once_per_class
 def inputs(kind: type[Node]) -> tuple[Port, ...]:
     """The input ports of a node class, the driving one first. TypeError: an argument of `step` that is not a
     message."""
@@ -291,7 +291,7 @@ def inputs(kind: type[Node]) -> tuple[Port, ...]:
     return tuple(ports)
 
 
-@_once
+@once_per_class
 def outputs(kind: type[Node]) -> tuple[type[Message], ...]:
     """The message types that a node class sends, in order. TypeError: a return annotation that is not a message, a
     tuple of messages or None."""

@@ -5,8 +5,8 @@ sample then differs by the motion of a longer time than one step. Time and age o
 samples. State of the kernels: `sampled`, an int [ns], -1 before the first sample. `slid` has the state `SLID`.
 """
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import nth, put, vector
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 
 GAP = 1.5  # [1] a sample that follows the last one after more steps than this ends a gap
 SLID = {"sampled": int, "at": (3,)}  # [ns]; [m] position of the finger at the last sample
@@ -39,7 +39,7 @@ def since(state, sample, dt):
     return (state.sampled - before) * 1e-9
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def slid(state, proximity, dt):
     """Time [s] from the last sample of the finger's position to this one, 0 if it is not newer, and the velocity [m/s]
     (3) along the surface in that time.

@@ -89,7 +89,7 @@ class OnThinnedSurface(OnSurface):
 
     def mesh(self) -> Mesh:
         """The mesh of these vertices, the same object for all nodes of a process with these settings."""
-        return _thinned(*self._surface, _content(self.surface), self.spacing)
+        return _thinned_mesh(*self._surface, _content(self.surface), self.spacing)
 
 
 def surface_mesh(
@@ -115,7 +115,7 @@ def surface_mesh(
 
     SettingError: unknown surface, or a file that cannot be used.
     """
-    return _placed(surface, vertices, position, rotation, file_unit, piece, refine, _content(surface))
+    return _placed_mesh(surface, vertices, position, rotation, file_unit, piece, refine, _content(surface))
 
 
 def _content(surface: str) -> bytes:
@@ -130,7 +130,7 @@ def _content(surface: str) -> bytes:
 
 
 @lru_cache(maxsize=4)
-def _placed(
+def _placed_mesh(
     surface: str,
     vertices: int,
     position: Vector3,
@@ -148,7 +148,7 @@ def _placed(
     else:
         from palpate.nodes.base.mesh_file import UNITS, read_mesh  # its package is an extra
 
-        _known(surface)
+        _check_name(surface)
         if file_unit not in UNITS:
             raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
         mesh = read_mesh(surface, UNITS[file_unit], piece)
@@ -158,11 +158,11 @@ def _placed(
     return Mesh(np.ascontiguousarray(product(mesh.vertices, turn.T) + np.asarray(position)), mesh.triangles)
 
 
-surface_mesh.cache_clear = _placed.cache_clear  # type: ignore[attr-defined]
+surface_mesh.cache_clear = _placed_mesh.cache_clear  # type: ignore[attr-defined]
 
 
 @lru_cache(maxsize=4)
-def _thinned(
+def _thinned_mesh(
     surface: str,
     vertices: int,
     position: Vector3,
@@ -174,7 +174,7 @@ def _thinned(
     spacing: float,
 ) -> Mesh:
     """`OnThinnedSurface.mesh` of a file with this digest."""
-    return thinned(_placed(surface, vertices, position, rotation, file_unit, piece, refine, content), spacing)
+    return thinned(_placed_mesh(surface, vertices, position, rotation, file_unit, piece, refine, content), spacing)
 
 
 @lru_cache(maxsize=4)
@@ -214,7 +214,7 @@ def complete(surface: Surface, points: np.ndarray) -> Surface:
 def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL) -> NurbsPatch:
     """The NURBS patch of a built-in surface at its position. SettingError: unknown surface, or a mesh."""
     if surface not in SURFACES:
-        _known(surface)
+        _check_name(surface)
         raise SettingError(
             f"setting 'surface': {surface!r} is a mesh file, expected one of {', '.join(SURFACES)}. "
             "Use collision.Mesh for a mesh file."
@@ -232,7 +232,7 @@ def _patch(surface: str) -> NurbsPatch:
     return sphere(THICKNESS / 2) if surface == "sphere" else plane_patch(PLANE_SIZE)
 
 
-def _known(surface: str) -> None:
+def _check_name(surface: str) -> None:
     """SettingError where a name is neither a built-in surface nor looks like a path."""
     if not Path(surface).suffix:
         raise SettingError(

@@ -2,9 +2,9 @@
 
 import math
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.nodes.base.absence import FALL
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.bodies.place_energy import bounded, on_hand
 from palpate.physics.contact.end_rate import COURSE, advance
 from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
@@ -59,7 +59,7 @@ def depth_of(proximity):
     return proximity.approach - proximity.separation
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def step_length(finger, proximity, dt):
     """Length [s] of the step for the damping: `dt` since the last sample, except after a gap in which the finger
     approached.
@@ -74,7 +74,8 @@ def step_length(finger, proximity, dt):
     depth = depth_of(proximity)
     rate = (depth - finger.depth) / dt
     rate_before, dt_before = finger.rate, finger.length
-    finger.usual = min(finger.usual, dt)
+    if finger.usual == math.inf:
+        finger.usual = dt  # the nominal step; a sample that follows a late one comes sooner, which is not usual
     finger.depth, finger.rate, finger.length = depth, rate, dt
     if dt <= LATE * finger.usual or not rate > 0.0:
         return dt
@@ -83,7 +84,7 @@ def step_length(finger, proximity, dt):
     return min(dt * rate / end, REST) if end > 0.0 else REST
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def law_now(finger, law, step, relaxation, age, dt, moved, length):
     """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] with the effective length `length` [s].
 
@@ -102,7 +103,7 @@ def law_now(finger, law, step, relaxation, age, dt, moved, length):
     return k, n, c, free, own
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
     """Returns whether a force must be solved for, and approach [m], length of the step [s] and law for it.
 
@@ -147,7 +148,7 @@ def start_of(finger):
     return finger.course.ahead * finger.compression
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness, pressed, solved, dt):
     """The contact of this step: force [N], indentation [m], rates of compression and indentation [m/s], force along
     the surface [N] (3).

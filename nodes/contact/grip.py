@@ -6,12 +6,12 @@ from typing import Annotated
 import msgspec
 
 from palpate.compiler.exact import hypot
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, nth
 from palpate.messages import Load
 from palpate.messages.grip import Grip as GripMessage
 from palpate.messages.record import ROOM
 from palpate.nodes.base import CompiledNode, Out
+from palpate.nodes.base.kernels import ieee_kernel
 from palpate.physics.contact.grip import grip_force
 
 
@@ -27,7 +27,7 @@ class Grip(CompiledNode):
     State = {"foot": (ROOM, 3), "forces": (ROOM, 3), "one": (3,), "rubbed": (3,)}
     """Points [m] and forces [N] of the fingers that press; force of one [N]; sum along the surface [N]."""
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load | None], out: Out[GripMessage], dt):
         force, rubbed, pressing = own.one, own.rubbed, 0
         rubbed[:] = 0.0

@@ -5,11 +5,11 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, nth, put, vector
 from palpate.messages import Contact, Contacts, Proximity, Surface
 from palpate.messages.record import ROOM
 from palpate.nodes.base import TABLE, CompiledNode, InputError, Out, Wants
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of, since
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
@@ -82,7 +82,7 @@ class Joint(Series):
             own.finger[i].sampled = sample_of(nth(proximity, i))
         return True
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(
         own,
         proximity: list[Proximity],

@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Proximity, Surface
 from palpate.nodes.base import CompiledNode, InputError, Out, Part, Switch, Wants
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of, since
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
@@ -93,7 +93,7 @@ class Series(CompiledNode):
         own.finger.sampled = sample_of(proximity)
         return True
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, proximity: Proximity, body: Annotated[Surface | None, BODY], out: Out[Contact], dt):
         law = law_of(body)
         if body.there and not finger.in_range(law, body.step, body.relaxation):

@@ -3,10 +3,10 @@
 from typing import Annotated
 
 from palpate.compiler.exact import hypot
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import nth, put, vector
 from palpate.messages import Contact, Friction
 from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.nodes.base.kernels import ieee_kernel
 
 
 class Sum(CompiledNode):
@@ -19,7 +19,7 @@ class Sum(CompiledNode):
 
     State = {"total": (3,), "along": (3,), "lengths": (4,)}  # sums over the organs
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(
         own,
         contact: list[Contact],

@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.exact import row_times
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Calibrated, CompiledNode, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
@@ -23,7 +23,6 @@ OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")
 
 
 _bed_of = unpacking(beams.BeamFoundation)
-NO_VERTEX = 1  # fault: a load on an unknown vertex
 
 
 class BeamBundle(CompiledNode, WithNodule):
@@ -42,7 +41,8 @@ class BeamBundle(CompiledNode, WithNodule):
     relaxations: Annotated[Vector, "s", Switch("relaxation"), OF_TISSUE] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3  # Of the patch of the terminal law before the first load
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    """Of the patch of the terminal law before the first load: that of `spread.Kernel`."""
 
     shape = Part(
         "shape", "nodes", "displacement", also=("pressure",), about="The vertices of the surface that are displaced."
@@ -122,15 +122,13 @@ class BeamBundle(CompiledNode, WithNodule):
                     return False
         return True
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         bed, places = _bed_of(own.bed), floats(own.places)
         if dt > 0.0:
-            for i in range(load.count):
-                for j in integers(nth(load, i).nodes):
-                    if not 0 <= j < len(bed.beams.areas):
-                        own.fault = NO_VERTEX
-                        return
+            if unknown_vertex(load, len(bed.beams.areas)):
+                own.fault = NO_VERTEX
+                return
             for i in range(load.count):
                 each = nth(load, i)
                 beams.bear(bed, i, integers(each.nodes), floats(each.forces), vector(each.foot), vector(each.normal))
@@ -177,9 +175,4 @@ class BeamBundle(CompiledNode, WithNodule):
         return super().notes()
 
     def explain(self, fault: int, *messages: Any) -> Exception:
-        count = len(self._bed.beams.areas)
-        nodes = next(n for each in messages[0] if len(n := each.nodes) and not 0 <= n.min() <= n.max() < count)
-        return SettingError(
-            f"Load.nodes: found nodes {nodes.min()} ... {nodes.max()}, the surface has {count} vertices "
-            f"({self.surface!r}); give the node that spreads the load the same surface"
-        )
+        return vertex_error(self.surface, len(self._bed.beams.areas), messages[0])

@@ -1,7 +1,7 @@
 """The mass-spring body (docs/equations/mass-spring.md)."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -9,11 +9,12 @@ import scipy  # imports its slow submodules at their first use
 
 from palpate.compiler.exact import exp, log, row_times
 from palpate.compiler.fields import blank_record, element_type
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
-from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
+from palpate.nodes.base.kernels import ieee_kernel, kernel
+from palpate.nodes.base.measured_map import measured_factor
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.nodes.deformation.reduced_fe import ReducedFE
@@ -61,6 +62,9 @@ class MassSpring(CompiledNode, WithNodule):
     without nodule, and a force along the surface indents too, as it does on a slanted or narrow part of an organ. K is
     then the stiffness on a half-space, and the finger is pushed towards softer places."""
 
+    measured_map: Annotated[str, "1"] = ""
+    """File of `palpate fit map`, whose factor multiplies K at the places that it covers."""
+
     energy = Part(
         "energy", "stored",
         about="The energy of the law of the normal force, K s^(n+1)/(n+1), summed over the contacts.",
@@ -89,7 +93,7 @@ class MassSpring(CompiledNode, WithNodule):
         if self.area != "fixed":
             self._notes.append("MassSpring: its force law K s^n stays; scene.surface.area changes only its surface")
         mapped = self.stiffness_map == "basis"
-        self._hardness = self.hardness() if self.nodule_radius > 0.0 or mapped else None
+        self._hardness = self.hardness() if self.nodule_radius > 0.0 or mapped or self.measured_map else None
         if self._hardness is not None:
             self.hold("hard", self._hardness)
         if self._hardness is not None and mapped:
@@ -107,8 +111,11 @@ class MassSpring(CompiledNode, WithNodule):
             self._reference().basis()
 
     def hardness(self) -> np.ndarray:
-        """Factor [1] (V) on K of each surface vertex, of nodule and stiffness map. SettingError: no basis is stored."""
+        """Factor [1] (V) on K of each surface vertex, of nodule and maps. SettingError: no basis is stored, or the file
+        cannot be used."""
         factor = super().hardness()
+        if self.measured_map:
+            factor = factor * measured_factor(self.measured_map, self.mesh().vertices)
         if self.stiffness_map == "basis":
             factor = factor * exp((2.0 * self.exponent - 1.0) * log(self._field()[0]))
         return factor
@@ -141,6 +148,9 @@ class MassSpring(CompiledNode, WithNodule):
                 "organ: the force is meaningless there. Take deformation.ReducedFE"
             )
         return super().notes()
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        return vertex_error(self.surface, len(self.mesh().vertices), messages[0])
 
     def bases(self) -> list[ReducedFE]:
         """The bodies whose bases this node reads."""
@@ -178,8 +188,11 @@ class MassSpring(CompiledNode, WithNodule):
                 return False
         return out.delayed == oldest(load)
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
+        if unknown_vertex(load, own.thick.shape[0]):
+            own.fault = NO_VERTEX
+            return
         # normal forces, and coupling of overlapping patches
         laws, coupling, forces, acting = floats(own.laws), floats(own.coupling), floats(own.forces), floats(own.acting)
         several = load.count > 1

@@ -1,9 +1,9 @@
 """Kernels that compute the answer of the reduced bodies from the state of their node."""
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, lend_first, nth, put, vector
 from palpate.nodes.base import ARRAY
 from palpate.nodes.base.contacts import send_laws
+from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies.condensed_step import excesses
@@ -12,7 +12,7 @@ from palpate.physics.bodies.patch import add_pressure
 PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; work array; [Pa]
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def caution_once(own, contacts):
     """Store each new cause of extrapolation for a note, as in `ReducedFE.State`."""
     for cause in range(len(own.cautions)):
@@ -29,7 +29,7 @@ def caution_once(own, contacts):
             own.causes += 1
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def along_the_surface(own, body, load, out):
     """Send the tangential energy gradient and the shape operator at each contact with a load."""
     slopes = floats(own.slopes)
@@ -51,7 +51,7 @@ def along_the_surface(own, body, load, out):
                 out.shape_operator.values[k] = slopes[0, 3 + k]
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def send(own, load, count, out, dt):
     """Send the laws, and displacement and pressure of the `count` displaced vertices."""
     send_laws(own, out)

@@ -1,6 +1,5 @@
 """The reduced finite-element body (docs/equations/reduced-fe.md)."""
 
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,11 +8,12 @@ import numpy as np
 
 from palpate.compiler.entry_point import NO_FLOATS
 from palpate.compiler.exact import exp, product
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import CompiledNode, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import SEVERAL, make_room
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, unknown_vertex, vertex_error
+from palpate.nodes.base.kernels import ieee_kernel, kernel
+from palpate.nodes.base.node import once_per_class
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.nodes.base.surface import LEVEL, SURFACES, rotation_matrix, surface_mesh
@@ -110,7 +110,7 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def __new__(cls, **given: Any) -> "ReducedFE":
         sampled = given.get("model", cls.model) == "sampled"
-        return super().__new__(_sampled(cls) if sampled else cls)
+        return super().__new__(_sampled_class(cls) if sampled else cls)
 
     def start(self) -> None:
         super().start()
@@ -145,17 +145,19 @@ class ReducedFE(CompiledNode, WithNodule):
     def _make(self, count: int) -> None:
         self._count = count
         make_room(self, count)
-        body = under(*self._organ[:3], count)
+        model, ground, fine = self._organ[:3]
+        body = under(model, ground, fine, count)
         self.hold("body", body)
         self.hold("coupling", body.coupling)
 
     def _made(self, basis: Basis | None = None) -> Any:
         """The part of the body that is independent of the number of contacts."""
-        basis, given = self._placed(basis)
+        placed, given = self._placed(basis)
+        assert isinstance(placed, Basis)  # `_sampled_class` has its `_made`
         large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
-        return condensed_body(basis, *given, *law, start=self._start(basis, given))
+        return condensed_body(placed, *given, *law, start=self._start(placed, given))
 
     def start_key(self, basis: Basis, given: tuple[Mesh, float, float, float, float]) -> str:
         """Key of the results of a start. They depend neither on the modulus nor on the retardation time."""
@@ -180,9 +182,12 @@ class ReducedFE(CompiledNode, WithNodule):
                     return False
         return out.delayed == oldest(load) and condensed.is_still(body)
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         body = _condensed_of(own.body)
+        if unknown_vertex(load, len(body.fine.nodes)):
+            own.fault = NO_VERTEX
+            return
         for i in range(load.count):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
@@ -205,6 +210,9 @@ class ReducedFE(CompiledNode, WithNodule):
             self._note_once(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
         return super().notes()
 
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        return vertex_error(self.surface, len(self.mesh().vertices), messages[0])
+
     def _apart(self) -> np.ndarray | None:
         """Distance [m] (V,) of each vertex of the basis to the nearest change of modulus; None: homogeneous."""
         if self.surface == "fingertip" or not (self.nodule_radius > 0 or self.capsule_thickness > 0):
@@ -217,8 +225,12 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def nodule_centre(self) -> Vector3:
         """Centre of the nodule [m], in the frame of the surface, rounded to `GRID`."""
+        return self.in_its_frame(self.centre())
+
+    def in_its_frame(self, place: np.ndarray) -> Vector3:
+        """A place in the world [m] (3) in the frame of the surface, rounded to `GRID`."""
         turn, origin = self._placing()
-        x, y, z = (GRID * np.rint((self.centre() - origin) @ turn / GRID) + 0.0).tolist()  # no -0, another key
+        x, y, z = (GRID * np.rint((place - origin) @ turn / GRID) + 0.0).tolist()  # no -0, another key
         return x, y, z
 
     def _placing(self) -> tuple[np.ndarray, np.ndarray]:
@@ -325,10 +337,12 @@ class ReducedFE(CompiledNode, WithNodule):
         """Note the error of the basis of a file."""
         error = (basis_store.about(self._path) or {}).get("error") or {}
         if self.model != "sampled" and {"mean", "worst", "vertices"} <= error.keys():
+            at = [f"{1e3 * error[x]:.4g}" for x in "xyz" if x in error]  # older bases do not have it
+            where = f", near ({', '.join(at)}) mm in the file" if at else ""
             self._note_once(
                 f"ReducedFE: the basis of {_name(self.surface)} has {error['vertices']:.0f} vertices. Estimated error "
                 f"of the stiffness under a patch of {1e3 * self.radius:.3g} mm, from a basis of half as many: "
-                f"{error['mean']:.1%} on average, {error['worst']:.1%} at the worst place"
+                f"{error['mean']:.1%} on average, {error['worst']:.1%} at the worst place{where}"
             )
 
     def _nearest(self) -> str:
@@ -368,12 +382,15 @@ class _Sampled:
     def _make(self: Any, count: int) -> None:
         self._count = count
         make_room(self, count)
-        basis, given = self._organ
-        self.hold("body", sampled_body(basis, *given, contacts=count))
+        basis, (mesh, young, retardation, radius, reach) = self._organ
+        self.hold("body", sampled_body(basis, mesh, young, retardation, radius, reach, count))
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         body = _sampled_of(own.body)
+        if unknown_vertex(load, len(body.fine.nodes)):
+            own.fault = NO_VERTEX
+            return
         for i in range(load.count):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
@@ -384,8 +401,8 @@ class _Sampled:
         send(own, load, count, out, dt)
 
 
-@cache
-def _sampled(kind: type[ReducedFE]) -> type[ReducedFE]:
+@once_per_class
+def _sampled_class(kind: type[ReducedFE]) -> type[ReducedFE]:
     """The node class of the sampled model."""
     return (
         kind if issubclass(kind, _Sampled) else type(kind.__name__, (_Sampled, kind), {"__module__": kind.__module__})

@@ -4,11 +4,11 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, nth, one, vector
 from palpate.messages import Load, Surface
 from palpate.nodes.base import CompiledNode, Out
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies.mass_spring import normal_force
 
@@ -24,7 +24,7 @@ class Rigid(CompiledNode):
     def resize(self, counts: list[int]) -> None:
         make_room(self, counts[0])
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         laws, stored = floats(own.laws), 0.0
         for i in range(load.count):

@@ -5,10 +5,10 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, put, vector
 from palpate.nodes.base import CompiledNode
-from palpate.nodes.device.hand import HELD_GRIP, HeldGrip, check_reach, hold_grip, moved
+from palpate.nodes.base.kernels import kernel
+from palpate.nodes.device.hand import HELD_GRIP, HeldGrip, check_reach, geometry_of, hold_grip, moved
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.grip import LINEAR
@@ -43,7 +43,7 @@ def follow(own, goal, torque, force, out, dt):
         torques = vector(torque.torques)
     elif force.there:
         f, at = force.force, own.motion.position
-        _, t0, t1, t2 = torque_kernel(own.geometry, f[0], f[1], f[2], at[0], at[1], at[2])
+        _, t0, t1, t2 = torque_kernel(geometry_of(own.geometry), f[0], f[1], f[2], at[0], at[1], at[2])
         torques = (t0, t1, t2)
     points = floats(own.points)
     own.motion.time, own.motion.segment = 0.0, 0

@@ -6,15 +6,16 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
-from palpate.compiler.records import floats, integers
+from palpate.compiler.records import floats, form, integers, unpacking
 from palpate.messages import Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node, SettingError
-from palpate.physics.device.falcon import FALCON, GEOMETRY, HOME, leg
+from palpate.nodes.base.kernels import kernel
+from palpate.physics.device.falcon import FALCON, HOME, Geometry, leg
 from palpate.physics.device.grip import GRIP, LINEAR, MINIMUM_JERK, MOTION, grip_kernel
 
+geometry_of = unpacking(Geometry)
 HELD_GRIP = {
-    "geometry": GEOMETRY, "grip": GRIP, "motion": MOTION, "ends": ARRAY, "points": TABLE, "shapes": ARRAY,
+    "geometry": form(Geometry), "grip": GRIP, "motion": MOTION, "ends": ARRAY, "points": TABLE, "shapes": ARRAY,
 }  # fmt: skip
 """State of a simulated grip, for `physics.device.grip.grip_kernel`."""
 
@@ -86,7 +87,8 @@ def check_reach(grip: HeldGrip, name: str, point: Vector3) -> np.ndarray:
 def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: np.ndarray) -> None:
     """Initialize a grip with `HELD_GRIP` and the settings of `HeldGrip`: at rest at the start of its path."""
     own, given = node.own, ("mass", "damping", "hand_stiffness", "hand_damping", "resolution")
-    own["geometry"], own["grip"] = FALCON.geometry, (*(getattr(node, name) for name in given), FALCON.limit)
+    own["grip"] = (*(getattr(node, name) for name in given), FALCON.limit)
+    node.hold("geometry", FALCON.geometry)
     own["motion"]["position"] = points[0]
     node.hold("ends", ends)
     node.hold("points", points)
@@ -97,7 +99,7 @@ def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: 
 def moved(own, torques, dt):
     """Move the grip by one step of dt [s] under motor torques [N m] (3). Returns its driven angles [rad]."""
     return grip_kernel(
-        own.geometry, own.grip, own.motion, floats(own.ends), floats(own.points),
+        geometry_of(own.geometry), own.grip, own.motion, floats(own.ends), floats(own.points),
         integers(own.shapes), torques[0], torques[1], torques[2], dt,
     )  # fmt: skip
 

@@ -5,13 +5,14 @@ import math
 import os
 import socket
 import stat
+import sys
 from typing import Annotated
 
 import msgspec
 
-from palpate.compiler.kernel import kernel
 from palpate.messages import DeviceState, Force, Pointed, Torque, Vector3
 from palpate.nodes.base import Node, Out, SettingError
+from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.device.follower import Follower, follow
 from palpate.physics.device.falcon import HOME
 
@@ -49,6 +50,8 @@ class Pointer(Node):
 
     def start(self) -> None:
         self.stop()
+        if not hasattr(socket, "AF_UNIX"):
+            raise SettingError(f"setting 'socket': found {sys.platform} without Unix sockets, expected Linux or macOS")
         self.last = PointerSample(0, self.begin)
         self.foreign = self.reported = 0
         try:
@@ -117,7 +120,7 @@ class Mouse(Follower):
     lag: Annotated[float, "s", msgspec.Meta(gt=0, le=1)] = 0.03
     speed: Annotated[float, "m/s", msgspec.Meta(gt=0, le=2)] = 0.5
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, pointer: Pointed, torque: Torque | None, force: Force | None, out: Out[DeviceState], dt):
         p, q, origin = own.goal, pointer.position, own.origin
         away = (q[0] - origin[0] - p[0], q[1] - origin[1] - p[1], q[2] - origin[2] - p[2])

@@ -5,12 +5,12 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, put, vector
 from palpate.messages import DeviceState, Torque
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
 from palpate.nodes.base.absence import FADED, FALL, PACE, begin, faded, paced
-from palpate.nodes.device.hand import HELD_GRIP, SimulatedOperator, check_reach, hold_grip, moved
+from palpate.nodes.base.kernels import kernel
+from palpate.nodes.device.hand import HELD_GRIP, SimulatedOperator, check_reach, geometry_of, hold_grip, moved
 from palpate.physics.device import random_numbers
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.grip import angles
@@ -67,7 +67,7 @@ class Simulated(SimulatedOperator, CompiledNode):
         reports = floats(own.reports)
         count = len(reports)
         if own.newest < 0:
-            first = angles(own.geometry, own.grip, own.motion)
+            first = angles(geometry_of(own.geometry), own.grip, own.motion)
             for i in range(count):
                 put(reports[i], first)
             put(own.last, first)

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.messages import DeviceState, Force, Torque
 from palpate.nodes.base import Out
+from palpate.nodes.base.kernels import kernel
 from palpate.nodes.device.follower import Follower, follow
 
 

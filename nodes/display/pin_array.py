@@ -10,6 +10,7 @@ from palpate.compiler.exact import length, product
 from palpate.messages import Contact, Pins, Surface, Vector3
 from palpate.nodes.base import SettingError, Wants
 from palpate.nodes.base.surface import OnThinnedSurface
+from palpate.physics.contact.subsurface import next_axis
 from palpate.physics.display import shape_display as pads
 from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.display.pins import Drives, drive, pin_grid
@@ -25,8 +26,9 @@ class PinArray(OnThinnedSurface):
     last two render structures below the surface; only they use the settings of the surface and the input `surface`.
     While it is missing, or for "pressure" contains no pressure, the source is the force, and `valid` is false.
 
-    The pins are in the tangent plane at the contact: rows along the world's x axis (y axis if the normal is within 26
-    degrees of x), columns along normal × row. `pad` names the fingerpad; `pad_b`, `pad_m` and `pad_radius` replace
+    The pins are in the tangent plane at the contact: rows along the world's x axis at the first contact (y axis if the
+    normal is within 26 degrees of x), columns along normal × row. They turn with the normal by the smallest rotation,
+    as the receptors of tactile.Stress do. `pad` names the fingerpad; `pad_b`, `pad_m` and `pad_radius` replace
     single parameters of it.
     """
 
@@ -70,6 +72,7 @@ class PinArray(OnThinnedSurface):
         self.shown = np.zeros(len(self.grid))
         self.shape = np.zeros(len(self.grid))
         self.actuator = 0.0
+        self.frame: np.ndarray | None = None
         self._notes, self._cautioned = [], False
         times = self.rise_time, self.fall_time
         self.drives = Drives(self.stroke, self.travel, self.rate, self.actuator_rate, *times, self.resolution)
@@ -95,6 +98,7 @@ class PinArray(OnThinnedSurface):
         touching = contact.force > 0.0
         approach, valid = self._from_force(contact.force if touching else 0.0)
         if self.shows != "force":
+            self.frame = next_frame(self.frame, contact.normal)
             approach = max(contact.compression + contact.indentation, 0.0)
             valid = surface is not None
             if surface is not None and touching:
@@ -126,7 +130,8 @@ class PinArray(OnThinnedSurface):
 
     def _from_surface(self, contact: Contact, surface: Surface, approach: float) -> None:
         self._check(surface)
-        foot, frame = np.array(contact.foot), tangent_frame(contact.normal)
+        foot, frame = np.array(contact.foot), self.frame
+        assert frame is not None
         _, near = self.tree.query(foot + product(self.grid, frame[:2]), k=min(NEIGHBOURS, len(self.points)))
         near = near.reshape(len(self.grid), -1)
         self.moved[surface.nodes] = surface.displacement
@@ -138,8 +143,9 @@ class PinArray(OnThinnedSurface):
         if len(surface.pressure) != len(surface.nodes) or not len(surface.nodes):
             return False
         self._check(surface)
+        assert self.frame is not None
         area = self.areas[surface.nodes]
-        places = product(self.points[surface.nodes] - np.array(contact.foot), tangent_frame(contact.normal)[:2].T)
+        places = product(self.points[surface.nodes] - np.array(contact.foot), self.frame[:2].T)
         radii = 1.2 * np.sqrt(area)
         heights_from_pressure(
             self.grid, places, surface.pressure * area, radii, self.finger.b, self.finger.m, self.shape
@@ -152,6 +158,17 @@ class PinArray(OnThinnedSurface):
                 f"settings 'surface', 'vertices': surface {self.surface!r} has {len(self.points)} vertices, but the"
                 f" tissue sends vertex {surface.nodes.max()}; give both nodes the same surface"
             )
+
+
+def next_frame(frame: np.ndarray | None, normal: Vector3) -> np.ndarray:
+    """The frame (3, 3) of `tangent_frame`, turned from the last normal to this one by the smallest rotation; None: the
+    first."""
+    if frame is None:
+        return tangent_frame(normal)
+    if tuple(frame[2]) == tuple(normal):
+        return frame
+    row = np.array(next_axis(tuple(frame[0]), tuple(frame[2]), tuple(normal)))
+    return np.stack([row, np.cross(np.asarray(normal, float), row), np.asarray(normal, float)])
 
 
 def tangent_frame(normal: Vector3) -> np.ndarray:

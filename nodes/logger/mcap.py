@@ -34,7 +34,7 @@ HEAD_LENGTH = HEAD.itemsize - 9  # [B] of a head, without kind and length of its
 CHECK = 0.2  # [s] between the recorded messages of a stream that can be recomputed
 
 
-class _Recorded:
+class RecordedStream:
     """One recorded stream.
 
     channel   its number in the file
@@ -63,31 +63,33 @@ class _Recorded:
         self.next = self.due = self.first = self.received = self.count = self.gaps = 0
         self.last: deque[int] = deque(maxlen=LATEST)
 
-    def take(self, ticks: np.ndarray) -> np.ndarray | bool:
-        """Count messages of these ascending ticks, as `Mcap.observe` counts one. Returns which of them to write."""
-        begin, end = int(ticks[0]), int(ticks[-1]) + 1
-        if self.keep == self.every == 1 and self.received and begin == self.next and end - begin == len(ticks):
-            self.next = end
+    def take(self, tick: int) -> bool:
+        """Count a message. Returns whether to write it."""
+        if self.skip > 1 and tick % self.skip:
+            return False
+        if tick != self.next:
+            self.gaps += max(0, (tick - self.next) // self.every)
+        self.next = tick + self.every
+        self.first = self.first if self.received else tick
+        self.received += 1
+        self.last.append(tick)
+        if self.keep > 1:
+            if tick < self.due:
+                return False
+            self.due = tick - tick % self.keep + self.keep  # also if the clock skipped the tick `due`
+        self.count += 1
+        return True
+
+    def take_all(self, ticks: np.ndarray) -> np.ndarray | bool:
+        """Count messages of these ascending ticks. Returns which of them to write."""
+        begin, end = int(ticks[0]), int(ticks[-1]) + self.every
+        if self.keep == 1 and self.received and begin == self.next and end - begin == self.every * len(ticks):
+            self.next = end  # none is missing
             self.received += len(ticks)
             self.count += len(ticks)
-            self.last.extend(range(max(begin, end - LATEST), end))
+            self.last.extend(ticks[-LATEST:].tolist())
             return True
-        taken = np.full(len(ticks), True) if self.skip == 1 else ticks % self.skip == 0
-        ticks = ticks[taken]
-        if not len(ticks):
-            return taken
-        expected = np.concatenate(([self.next], ticks[:-1] + self.every))
-        self.gaps += int(np.maximum(0, (ticks - expected) // self.every).sum())
-        self.next = int(ticks[-1]) + self.every
-        self.first = self.first if self.received else int(ticks[0])
-        self.received += len(ticks)
-        self.last.extend(ticks[-LATEST:].tolist())
-        if self.keep > 1:
-            period = ticks // self.keep
-            taken[taken] = period > np.concatenate(([self.due // self.keep - 1], period[:-1]))
-            self.due = max(self.due, int(period[-1] + 1) * self.keep)
-        self.count += int(taken.sum())
-        return taken
+        return np.array([self.take(tick) for tick in ticks.tolist()])
 
 
 class Mcap(Observer):
@@ -118,7 +120,7 @@ class Mcap(Observer):
         for name, keep in self.thin.items():
             if keep < 1:
                 raise SettingError(f"thin: {name}: found {keep}, expected to keep each n-th message, n from 1")
-        self._recorded: dict[str, _Recorded] = {}
+        self._recorded: dict[str, RecordedStream] = {}
         self._steps: dict[str, int] = {}
         self._times: dict[str, dict[str, float]] = {}
         self._since: dict[str, int] = {}
@@ -147,7 +149,7 @@ class Mcap(Observer):
             channel = self._writer.add_channel(
                 stream.name, "msgpack", schemas[stream.type], {**about, "thin": str(thin)}
             )
-            self._recorded[stream.name] = _Recorded(channel, stream.every, thin, simulated, heads)
+            self._recorded[stream.name] = RecordedStream(channel, stream.every, thin, simulated, heads)
         self._due = time.monotonic() + self.within
         self._live = not simulated
 
@@ -157,26 +159,16 @@ class Mcap(Observer):
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         recorded = self._recorded.get(stream)
-        if recorded is None or (recorded.skip > 1 and tick % recorded.skip) or self._behind():
+        if recorded is None or self._behind():
             return
-        if tick != recorded.next:
-            recorded.gaps += max(0, (tick - recorded.next) // recorded.every)
-        recorded.next = tick + recorded.every
-        recorded.received += 1
-        if recorded.received == 1:
-            recorded.first = tick
-        recorded.last.append(tick)
-        if recorded.keep > 1:
-            if tick >= recorded.due:
-                recorded.due = tick - tick % recorded.keep + recorded.keep  # also if the clock skipped the tick `due`
-            elif recorded.heads:
-                payload = head_alone(payload)
-            else:
+        if not recorded.take(tick):
+            if not recorded.heads:
                 return
+            recorded.count += 1
+            payload = head_alone(payload)
         at = _TIME.decode(payload).time
         try:
             self._writer.add_message(recorded.channel, tick, at if at > 0 else 0, payload)
-            recorded.count += 1
             if time.monotonic() > self._due:
                 self._on_time()
         except OSError as error:
@@ -195,7 +187,7 @@ class Mcap(Observer):
         ticks, ends = block.entries["tick"][rows], np.cumsum(counts).tolist()
         for one, begin, end in zip(recorded, [0, *ends], ends, strict=False):
             if one is not None and begin < end:
-                kept[rows[begin:end]] = one.take(ticks[begin:end])
+                kept[rows[begin:end]] = one.take_all(ticks[begin:end])
         entries = block.entries[kept]
         try:
             if len(entries):
@@ -231,12 +223,12 @@ class Mcap(Observer):
             return  # a late message of a dead predecessor
         if message.since > since:
             self._since[node] = message.since
-            self._restarted(node, message.since, message.steps)
+            self._record_restart(node, message.since, message.steps)
         self._steps[node] = message.steps
         if message.median > 0.0:  # not in a replay
             self._times[node] = {"steps": message.steps, "median": message.median, "p99": message.p99}
 
-    def _restarted(self, node: str, since: int, steps: int) -> None:
+    def _record_restart(self, node: str, since: int, steps: int) -> None:
         """Record the tick `since` at which a node restarted with a new state, so that a replay restarts it there.
 
         Messages of the restarted node may arrive before its health, which takes another path. Their number is counted

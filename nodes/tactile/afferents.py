@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, integers, lend, lend_first, longs
 from palpate.messages import MessageError, Spikes, Subsurface
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
+from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import GAP, sample_of
 from palpate.nodes.base.samples import since as elapsed
 from palpate.physics.afferents import fibre, population
@@ -94,7 +94,7 @@ class Afferents(CompiledNode):
         except (OSError, ValueError) as error:
             raise SettingError(f"setting {'units' if self.units else 'densities'!r}: {error}") from None
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, stress: Annotated[Subsurface, Wants("points", "stress", "deflection")], out: Out[Spikes], dt):
         # place the receptors in the grid of the stress at the first message
         tensor, at = floats(stress.stress), floats(own.at)

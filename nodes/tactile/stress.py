@@ -7,10 +7,10 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.exact import product
-from palpate.compiler.kernel import kernel as compiled
 from palpate.compiler.records import floats, lend, put, vector
 from palpate.messages import Load, Subsurface, Vector
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
+from palpate.nodes.base.kernels import ieee_kernel
 from palpate.physics.contact import subsurface
 from palpate.physics.contact.deflection import surface_under_patch
 
@@ -92,7 +92,7 @@ class Stress(CompiledNode):
             f"leave out 'spacing', or set {250 * self.radius:.3g} mm or less"
         )
 
-    @compiled(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: Annotated[Load, Wants("forces", "normal")], out: Out[Subsurface], dt):
         out.delayed = load.delayed
         axis = subsurface.next_axis(vector(own.axis), vector(own.normal), vector(load.normal))

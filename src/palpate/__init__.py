@@ -9,12 +9,14 @@
     palpate.Study("kidney", over={"tissue.stiffness": [2e3, 4e3]}).run("out/").table()      # many runs on all cores
     palpate.Ensemble("kidney", 256, {"tissue.stiffness": stiffness}).run()      # many runs in parallel in this process
 
-The public API is `__all__` and the packages `palpate.physics` (formulas), `palpate.models.fe` (finite elements),
-`palpate.messages` and `palpate.nodes` (for custom nodes). Each name is imported on first use.
+The public API is `__all__` here and in the packages `palpate.messages` and `palpate.nodes` (for custom nodes),
+`palpate.physics` (laws), `palpate.models.fe` (finite elements) and `palpate.gym`. Everything else is internal and may
+change. Each name is imported on first use.
 """
 
 from __future__ import annotations
 
+import os as _os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -28,6 +30,10 @@ if TYPE_CHECKING:
     from palpate.stepping import Tick
     from palpate.studies.sweeps.study import Study
     from palpate.views.run import Comparison, Run
+
+# A checkout without symbolic links, as on Windows, has text files in place of the links to folders at the top.
+if _os.path.isfile(_os.path.join(__path__[0], "nodes")):
+    __path__.append(_os.path.dirname(_os.path.dirname(__path__[0])))
 
 __all__ = [
     "Comparison", "Ensemble", "PalpateError", "PalpateWarning", "RecordedStream", "Run", "Samples", "Study", "Tick",

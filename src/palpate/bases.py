@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import functools
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from palpate.engine.graph import Graph
@@ -48,10 +49,21 @@ def build_for_each(
     points    values of each point by path
     report    called with the reason why a basis cannot be built; None: SettingError
     """
-    for values in _differing(points):
+    kept: Callable[[str], bool] | None = None
+    seen: set[str] = set()
+    for values in points:
+        # load only the first of the points whose values agree in all that a basis depends on
+        if kept is not None:
+            key = repr([values[path] for path in values if kept(path)])
+            if key in seen:
+                continue
+            seen.add(key)
         graph = None
         with contextlib.suppress(PalpateError):
             graph = launched(values).load()
+        if kept is None and graph is not None:
+            kept = _depends(graph, values)
+            seen.add(repr([values[path] for path in values if kept(path)]))
         try:
             if graph is not None:
                 build_missing(graph, quiet)
@@ -61,18 +73,24 @@ def build_for_each(
             report(str(error))
 
 
-def _differing(points: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
-    """The first of the points whose values agree in all that a basis depends on."""
+@functools.cache
+def depends(path: str) -> bool:
+    """Whether a basis may depend on a path of an override."""
     from palpate.nodes.deformation.reduced_fe import BUILT_FROM, NODULE
 
-    ends, seen = {"use", *BUILT_FROM, *NODULE}, set()
-    for values in points:
-        names = ((path, path.split(".")) for path in values)
-        depends = [path for path, parts in names if parts[-1] in ends or any(part in PARTS for part in parts)]
-        key = repr([values[path] for path in depends])
-        if key not in seen:
-            seen.add(key)
-            yield values
+    parts = path.split(".")
+    return parts[-1] in {"use", *BUILT_FROM, *NODULE} or any(part in PARTS for part in parts)
+
+
+def _depends(graph: Graph, paths: Iterable[str]) -> Callable[[str], bool]:
+    """Whether a basis of this graph, or of one that differs in the values of these paths, depends on a path. Place and
+    turn of an organ matter only with a nodule."""
+    bodies = [spec for spec in graph.nodes.values() if hasattr(spec.cls, "bases")]
+    if not bodies and not any(path.endswith(".use") for path in paths):
+        return lambda path: False
+    if not bodies or any("nodule" in path for path in paths) or any(b.settings.get("nodule_radius") for b in bodies):
+        return depends
+    return lambda path: path.split(".")[-1] not in ("position", "rotation") and depends(path)
 
 
 def _missing(graph: Graph) -> list[Any]:

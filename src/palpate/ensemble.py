@@ -9,20 +9,22 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from palpate.bases import build_for_each
+from palpate.bases import build_for_each, depends
 from palpate.calling import Organ, described
 from palpate.compiler import kernel_cache
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
-from palpate.launch.load.dependencies import digest, files_of
-from palpate.launch.run.lane_blocks import LaneBlocks
-from palpate.launch.run.lanes import LanePreparation, Prepared, with_values
+from palpate.launch.load.dependencies import digest
+from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneKeep, LaneTask, block_size
+from palpate.launch.run.lane_values import LanePreparation, extremes, identity, shown, with_values
+from palpate.launch.run.lanes import Prepared
 from palpate.launch.run.notes import RunNote, warn
 from palpate.launch.run.progress import StageBars
+from palpate.launch.run.tasks.spread import Executor, Finished, spread
+from palpate.launch.run.tasks.task import Ended, about
 from palpate.messages import Field, fields
 from palpate.messages.record import layout
 from palpate.nodes.base import settings
@@ -72,47 +74,43 @@ class Ensemble:
         base = launch.load()
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
         self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
-        points = ({path: values[lane] for path, values in self.over.items()} for lane in range(lanes))
+        several = range(lanes) if any(map(depends, self.over)) else range(1)
+        points = ({path: values[lane] for path, values in self.over.items()} for lane in several)
         build_for_each(lambda values: with_values(launch, values, 0), points, not sys.stderr.isatty())
         self._units = {path: unit for path in self.over if (unit := _unit(path, base))}
-        self._keep = [_kept(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
+        self._keep = [_kept_field(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
         if not self._keep:
             raise ArgumentError("keep: found nothing, expected a list such as ['contact.force']")
         self.rate = base.rate
         """Rate of ticks [Hz]."""
         self.ticks = max(1, round(launch.duration * self.rate))
         rows = -(-self.ticks // every)
-        self._names = [(stream, field.name) for stream, field in self._keep]
-        self._fields = []
+        names, self._fields = [(stream, field.name) for stream, field in self._keep], list[KeptField]()
         for stream, field in self._keep:
             dtype = layout(base.streams[stream])[field.name]
             shape, unit = (rows, *dtype.shape), field.unit
             self._fields.append(KeptField(f"{stream}.{field.name}", dtype.base, shape, unit, tuple(field.words)))
         self._row = sum(field.dtype.itemsize * math.prod(field.shape) for field in self._fields)
-        self._prepare = LanePreparation(launch, self.over, self._names)
-        self._first: Prepared | None = None
+        first = {path: values[0] for path, values in self.over.items()}
+        varied = {path: extremes(values) for path, values in self.over.items()}
+        self._lane = LanePreparation(launch, names, first, varied)
+        self._lane.give(0, self.over)
+        kept, size = LaneKeep(names, self.ticks, every), block_size(lanes, self._row, self.ticks)
         self._prepared: list[Prepared] = []
-        self._blocks = LaneBlocks(self._lane, lanes, self._row, self._names, rows, every)
-        self._prepared = [self._lane(lane) for lane in range(self._blocks.size)]
+        self._blocks = LaneBlocks(self._checked, self._lane.first, lanes, size, kept)
+        self._prepared = [self._lane(lane) for lane in self._blocks.checked]
+        same = digest(identity(self._lane.first))
+        self._task = LaneTask(launch, first, varied, lanes, size, kept, same)
 
-    def _lane(self, lane: int) -> Prepared:
+    def _checked(self, lane: int) -> Prepared:
         """A lane. GraphError, ArgumentError: it is refused."""
-        if lane < len(self._prepared):
-            return self._prepared[lane]
-        one = self._prepare(lane)
-        first = self._first = self._first or one
-        if one.structure != first.structure or one.job.rate != self.rate:
-            raise ArgumentError(
-                f"lane {lane} ({self.settings(lane)}): found other nodes, streams or rates than in lane 0 "
-                f"({self.settings(0)}), expected lanes that differ in settings alone; make an ensemble of each kind"
-            )
-        return one
+        return self._prepared[lane] if lane < len(self._prepared) else self._lane(lane)
 
     def settings(self, lane: int) -> str:
         """The settings of a lane that differ from the graph, as text."""
-        return ", ".join(f"{path}={values[lane]}" for path, values in self.over.items()) or "the settings of the graph"
+        return shown({path: values[lane] for path, values in self.over.items()})
 
-    def run(self, *, out: str | Path | None = None, quiet: bool = False) -> Any:
+    def run(self, *, out: str | Path | None = None, quiet: bool = False, executor: Executor | None = None) -> Any:
         """Run all lanes from the start.
 
         Returns an xarray Dataset with the dimensions `lane` and `time` [s], and `axis` for vectors. Without xarray it
@@ -125,6 +123,8 @@ class Ensemble:
         out    folder of a zarr store to write, in bounded memory for any number of lanes. Ctrl-C keeps whole blocks of
                lanes; the same call continues an unfinished store. The Dataset reads from it
         quiet  no progress bar
+        executor  what computes blocks of lanes, anything with `submit`: an executor of `concurrent.futures`, mpi4py or
+               loky, a `dask.distributed.Client`; None: the threads of this process. The results are the same
 
         ArgumentError: the results do not fit into the memory, or `out` has something else. RunError: all lanes failed.
         KeyboardInterrupt: Ctrl-C, within 0.1 s.
@@ -132,7 +132,7 @@ class Ensemble:
         time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
         if out is None:
             self._check_room()
-            columns, errors = self._in_memory(quiet)
+            columns, errors = self._in_memory(quiet, executor)
             self._report()
             warn(self.notes)
             return self._dataset(time, columns, errors)
@@ -141,7 +141,7 @@ class Ensemble:
             Path(out), self._identity(), self.count, self._blocks.size, time, self._fields, coordinates, self.name
         )
         try:
-            self._run(store.write, quiet, store.done)
+            self._run(store.write, quiet, executor, store.missing)
         finally:
             store.close()
         self._report()
@@ -150,7 +150,7 @@ class Ensemble:
 
         return xarray.open_zarr(out, consolidated=False, chunks=None)
 
-    def _in_memory(self, quiet: bool) -> tuple[list[np.ndarray], list[str]]:
+    def _in_memory(self, quiet: bool, executor: Executor | None) -> tuple[list[np.ndarray], list[str]]:
         """The kept fields of all lanes, and their errors."""
         columns: list[np.ndarray] = []
         errors = [""] * self.count
@@ -165,30 +165,70 @@ class Ensemble:
             for lane, text in failed.items():
                 errors[lane] = text
 
-        self._run(take, quiet)
+        self._run(take, quiet, executor, range(0, self.count, self._blocks.size))
         return columns, errors
 
     def _run(
-        self, take: Callable[[int, Sequence[np.ndarray], Mapping[int, str]], None], quiet: bool, begin: int = 0
+        self,
+        take: Callable[[int, Sequence[np.ndarray], Mapping[int, str]], None],
+        quiet: bool,
+        executor: Executor | None,
+        firsts: Sequence[int],
     ) -> None:
-        """Run the lanes from `begin` on, and give each block of results away."""
-        self.memory, self.notes = (0, 0), []
-        failed: dict[int, str] = {}
-        end = nanoseconds(self.ticks, self.rate) * 1e-9
+        """Run the blocks that begin with these lanes, and give the results of each away."""
+        self.memory = 0, 0
+        self.notes: list[RunNote] = []
+        self._failed: dict[int, str] = {}
+        self._ran = sum(self._width(first) for first in firsts)
+        end, before = nanoseconds(self.ticks, self.rate) * 1e-9, self.count - self._ran
         with StageBars(quiet or not sys.stderr.isatty()) as bars:
-            shown = bars.begin(f"{self.count} lanes of {self.name}")
-            begun, before = perf_counter(), begin / self.count
+            bar = bars.begin(f"{self.count} lanes of {self.name}")
+            begun = perf_counter()
 
-            def done(share: float) -> None:
-                rate = (share - before) * self.count * self.ticks / (perf_counter() - begun)
-                shown(share, f"{rate:.3g} touch-steps/s")
+            def done(lanes: float) -> None:
+                rate = lanes * self.ticks / (perf_counter() - begun)
+                bar((before + lanes) / self.count, f"{rate:.3g} touch-steps/s")
 
-            for block in self._blocks.run(self.ticks, self._threads, done, begin):
+            def add(block: Block) -> None:
                 take(block.first, block.columns, block.errors)
                 self.memory = max(self.memory, block.memory)
                 self.notes += [RunNote(sys.intern(text), node, end, lane) for lane, node, text in block.notes]
-                failed |= block.errors
-        self._failed, self._ran = failed, self.count - begin
+                self._failed |= block.errors
+
+            if executor is None:
+                for block in self._blocks.run(firsts, self._threads, done):
+                    add(block)
+            else:
+                self._spread(executor, firsts, add, done)
+        self.notes.sort(key=lambda note: note.lane or 0)
+        self._failed = dict(sorted(self._failed.items()))
+
+    def _width(self, first: int) -> int:
+        """Number of lanes of the block that begins with this lane."""
+        return min(self._blocks.size, self.count - first)
+
+    def _spread(
+        self, executor: Executor, firsts: Sequence[int], add: Callable[[Block], None], done: Callable[[float], None]
+    ) -> None:
+        """Run blocks on an executor."""
+        ran, ended = 0, ""
+
+        def finished(blocks: Finished) -> None:
+            nonlocal ran, ended
+            for (first, _), found in blocks:
+                count = self._width(first)
+                if isinstance(found, Ended):
+                    ended = f"lanes {first} to {first + count - 1}: {found.why}"
+                    continue
+                add(found)
+                ran += count
+                done(ran)
+
+        slices = [slice(first, first + self._width(first)) for first in firsts]
+        items = [(part.start, {path: values[part] for path, values in self.over.items()}) for part in slices]
+        spread(executor, about(), self._task, items, finished)
+        if ended:
+            raise RunError(f"{ended}; the other lanes have run")
 
     def _check_room(self) -> None:
         """ArgumentError: the results of all lanes do not fit into the free memory."""
@@ -202,10 +242,9 @@ class Ensemble:
 
     def _identity(self) -> str:
         """Hash of everything that determines the results."""
-        job = msgspec.to_builtins(self._prepared[0].job, enc_hook=str)
-        files = sorted(files_of(self._prepared[0].graph))
         kept = [(field.name, field.dtype.str, field.shape) for field in self._fields]
-        return digest([kernel_cache.key(), job, files, self.over, self.count, self._every, kept, self._blocks.size])
+        lane = identity(self._lane.first)
+        return digest([kernel_cache.key(), *lane, self.over, self.count, self._every, kept, self._blocks.size])
 
     def _dataset(self, time: np.ndarray, columns: Sequence[np.ndarray], errors: list[str]) -> Any:
         """The results as a Dataset, or as a dictionary without xarray."""
@@ -270,7 +309,7 @@ def _each(path: str, given: Any, lanes: int) -> list[Any]:
     return [value.tolist() if isinstance(value, np.ndarray | np.generic) else value for value in plain]
 
 
-def _kept(text: str, graph: Graph) -> tuple[str, Field]:
+def _kept_field(text: str, graph: Graph) -> tuple[str, Field]:
     """The stream and the field of "stream.field". ArgumentError: it does not exist, or its size varies."""
     stream, _, name = str(text).rpartition(".")
     if stream not in graph.streams:

@@ -54,7 +54,7 @@ class Tick:
             raise ArgumentError(f"no stream {stream!r}. {choices('Streams', str(stream), self.streams)}")
         return self._worker.outputs[stream].last
 
-    def __getattr__(self, name: str) -> Message | None:
+    def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
         try:

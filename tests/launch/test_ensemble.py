@@ -9,6 +9,7 @@ import pytest
 
 import palpate
 from palpate.launch.load.launchfile import find
+from palpate.launch.run import lane_values
 from palpate.launch.run import lanes as running
 from palpate.physics.errors import ArgumentError, RunError
 
@@ -247,8 +248,8 @@ def test_no_kernel_writes_to_shared_arrays():
 
 def test_numbers_that_reach_settings_unchanged_load_the_graph_only_a_few_times(monkeypatch):
     loads = []
-    prepare = running.prepare
-    monkeypatch.setattr(running, "prepare", lambda launch, keep: loads.append(1) or prepare(launch, keep))
+    prepare = lane_values.prepare
+    monkeypatch.setattr(lane_values, "prepare", lambda launch, keep: loads.append(1) or prepare(launch, keep))
     drawn = np.random.default_rng(2)
     over = {"tissue.stiffness": drawn.uniform(1e3, 2e3, 40), "scene.finger.finger_damping": drawn.uniform(5, 9, 40),
             "device.seed": list(range(40))}  # fmt: skip
@@ -269,12 +270,16 @@ def test_results_do_not_depend_on_the_number_of_graphs_in_memory(monkeypatch, kn
     values = [11.0, 10.0, 9.0, 8.0, 7.0, 6.0]
     over = {"tissue.use": tissues * 2, "scene.finger.finger_damping": values}
     expected = [one.job for one in prepared(over)]
-    monkeypatch.setattr(running, "KNOWN", known)
+    monkeypatch.setattr(lane_values, "KNOWN", known)
     assert [one.job for one in prepared(over)] == expected
     found = [[node.settings.get("finger_damping") for node in job.nodes if node.name == "contact"] for job in expected]
     assert found == [[value] for value in values]
 
 
 def prepared(over):
-    prepare = running.LanePreparation(find("kidney").but(duration=0.1, overrides=TOUCH), over, [("contact", "force")])
-    return [prepare(lane) for lane in range(LANES)]
+    launch = find("kidney").but(duration=0.1, overrides=TOUCH)
+    prepare = lane_values.Preparation(
+        lambda values: lane_values.prepare(lane_values.with_values(launch, values, 0), [("contact", "force")]),
+        {path: lane_values.extremes(values) for path, values in over.items()},
+    )
+    return [prepare({path: values[lane] for path, values in over.items()}) for lane in range(LANES)]

@@ -66,7 +66,7 @@ def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blo
     with pytest.raises(KeyboardInterrupt):
         touches().run(out=tmp_path / "t.zarr", quiet=True)
     part = xarray.open_zarr(tmp_path / "t.zarr", consolidated=False, chunks=None)
-    assert part.attrs["lanes_done"] == 4
+    assert part.attrs["lanes_done"] == [[0, 4]]
     assert np.isnan(part["contact.force"].values[4:]).all() and not np.isnan(part["contact.force"].values[:4]).any()
     ended = touches().run(out=tmp_path / "t.zarr", quiet=True)
     assert len(ran) == 4  # one whole block, the interrupted one, two more
@@ -121,7 +121,7 @@ def test_words_are_stored_as_words(tmp_path):
 
 MEASURED = """
 import sys, numpy as np, palpate
-from palpate.launch.run.lane_blocks import LaneBlocks
+from palpate.launch.run.lane_blocks import LaneBlocks, LaneKeep
 
 def resident():
     with open("/proc/self/statm") as file:
@@ -132,8 +132,8 @@ for lanes in (20, 20, 1020):  # the first run also loads kernels and meshes
     over = {"scene.finger.finger_damping": np.linspace(6.0, 10.0, lanes)}
     asked = palpate.Ensemble("kidney", lanes, over, duration=0.01, sets=["scene.hand.begin=[0, 0, 0.1085]"],
                              tissue=f"deformation.{sys.argv[1]}")
-    blocks = LaneBlocks(asked._lane, lanes, asked._row, asked._names, 2, 5)
-    for block in blocks.run(10, 1, lambda share: None):
+    blocks = LaneBlocks(asked._lane, asked._lane.first, lanes, lanes, LaneKeep([("contact", "force")], 10, 5))
+    for block in blocks.run([0], 1, lambda ran: None):
         used[lanes], stated = resident(), block.memory[0] / lanes
 print((used[1020] - used[20]) / 1000, stated)
 """

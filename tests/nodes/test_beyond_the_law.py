@@ -30,7 +30,7 @@ def pressed(*depths, **settings):
     bus = FakeBus(Series(**settings), body=PLATE)
     printed = []
     for depth in depths:
-        near = msgspec.structs.replace(Proximity.example(loaded=True), approach=depth, tick=-1, time=-1)
+        near = msgspec.structs.replace(Proximity.example(loaded=True), approach=depth, separation=0.0, tick=-1, time=-1)
         (contact,) = bus.publish(near)
         printed.append((bus.node.notes(), bus.node.condition(), contact))
     return printed

@@ -10,6 +10,7 @@ from palpate.messages import Contact, Pins, Surface, pack
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.display import PinArray, tangent_frame
+from palpate.nodes.display.pin_array import next_frame
 from palpate.nodes.sensor import ForceSensor
 from palpate.physics.display.pins import pin_grid
 from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement
@@ -180,6 +181,21 @@ def test_a_body_of_another_mesh_is_an_error_with_a_remedy():
 def test_the_frame_of_the_pins_is_orthonormal_and_right_handed(normal):
     frame = tangent_frame(normal)
     assert frame @ frame.T == approx(np.eye(3), abs=1e-9) and np.linalg.det(frame) == approx(1.0)
+
+
+def test_the_frame_of_the_pins_turns_continuously_with_the_normal():
+    """A rule by the normal alone turned it by 90 degrees where the normal comes within 26 degrees of x."""
+    frame, turns = None, []
+    for angle in np.linspace(0.0, 1.5, 400):
+        normal = (np.sin(angle) * np.cos(0.3), np.sin(angle) * np.sin(0.3), np.cos(angle))
+        last, frame = frame, next_frame(frame, normal)
+        assert frame @ frame.T == approx(np.eye(3), abs=1e-9) and frame[2] == approx(normal)
+        turns.append(0.0 if last is None else np.abs(frame - last).max())
+    assert max(turns) < 1.01 * 1.5 / 399
+    # back on the same path: no turn about the normal is left
+    for angle in np.linspace(1.5, 0.0, 400):
+        frame = next_frame(frame, (np.sin(angle) * np.cos(0.3), np.sin(angle) * np.sin(0.3), np.cos(angle)))
+    assert frame == approx(tangent_frame((0.0, 0.0, 1.0)), abs=1e-9)
 
 
 @pytest.mark.parametrize(

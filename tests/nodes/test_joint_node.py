@@ -113,6 +113,29 @@ def test_without_the_body_all_forces_are_zero_within_8_ms():
     assert gone[-1] == (0.0, 0.0) and (np.diff(gone, axis=0) <= 0.0).all()
 
 
+def test_a_lifted_body_is_touched_before_its_undeformed_surface():
+    """Two springs in series from the place where the body is: 2 mm above its undeformed surface."""
+    series, law = Series(finger_law="power", finger_power_stiffness=3e3, finger_damping=0.0), dict(LAW, damping=0.0)
+    series.start()
+    law |= {"rest_indentation": -2e-3, "previous_indentation": -2e-3}
+    found = {}
+    for tick, depth in enumerate((-3e-3, -2e-3, -1e-3, 0.0, 1e-3)):
+        contact = series.step(near(depth, tick=tick), tissue(**law), dt=1e-3)
+        found[depth] = contact.force
+        assert contact.compression + contact.indentation == pytest.approx(max(depth, -2e-3), abs=1e-12)
+    for depth, force in found.items():
+        assert force == pytest.approx(3e3 * max(0.5 * (depth + 2e-3), 0.0) ** 1.5, rel=1e-9)
+
+
+def test_a_lifted_body_that_disappears_leaves_no_force_after_8_ms():
+    series, law = Series(), LAW | {"rest_indentation": -3e-3, "previous_indentation": -3e-3}
+    series.start()
+    for tick in range(5):
+        pressed = series.step(near(-0.5e-3, tick=tick), tissue(tick=tick - 1, **law), dt=1e-3).force
+    gone = [series.step(near(-0.5e-3, tick=5 + k), None, dt=1e-3).force for k in range(9)]
+    assert pressed > 0.05 and gone[0] > 0.0 and gone[-1] == 0.0 and (np.diff([pressed, *gone]) <= 0.0).all()
+
+
 def test_the_joint_sleeps_only_if_all_fingers_are_far_and_at_rest():
     joint, body = Joint(), tissue(2, np.eye(2))
     joint.start()

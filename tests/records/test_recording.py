@@ -18,15 +18,17 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
+import palpate
 from palpate import messages
 from palpate.cli.__main__ import app
 from palpate.engine.faults import GraphError
-from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.run.execute import execute
 from palpate.messages import DeviceState, Health, Message, pack
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.fill import recover
+from palpate.records.format.mcap_append import append_metadata
 from palpate.records.format.mcap_file import LIBRARY, SEAL, McapRecords
 from palpate.records.format.mcap_writer import CHUNK_SIZE, IN_FLIGHT
 from palpate.records.player import plan_of
@@ -546,3 +548,36 @@ def test_a_payload_of_the_wrong_type_is_an_error_with_the_stream(tmp_path):
         list(recording.messages("device"))
     with pytest.raises(RecordingError, match="no stream"):
         next(recording.payloads("nothing"))
+
+
+@pytest.mark.parametrize("record", ["all", "sources"])
+def test_the_notes_of_a_run_are_in_its_recording(tmp_path, record):
+    """With the node and the time; the file stays complete, and its other records are as before."""
+    file = tmp_path / "touch.mcap"
+    stiff = find("kidney").but(overrides=["tissue.stiffness=9e3", "scene.hand.begin=[0, 0, 0.1085]"], duration=0.1)
+    outcome = execute(stiff.but(record=file, place="fused", only=None if record == "all" else record))
+    run = palpate.open(file)
+    assert run.notes == outcome.notes and any("stiffer than" in note for note in run.notes)
+    assert [(n.node, n.time) for n in run.notes] == [(n.node, n.time) for n in outcome.notes]
+    assert not run._recording.ending and not outcome.lacking
+    with open(file, "rb") as opened:
+        summary = make_reader(opened, validate_crcs=True).get_summary()
+        assert summary.statistics.metadata_count == len(summary.metadata_indexes)
+        messages = [message.data for *_, message in make_reader(opened, validate_crcs=True).iter_messages()]
+    for number in range(3):
+        append_metadata(file, f"more-{number}", {"text": "a" * number})
+    with open(file, "rb") as opened:
+        reader = make_reader(opened, validate_crcs=True)
+        assert [message.data for *_, message in reader.iter_messages()] == messages
+        assert [each.name for each in reader.iter_metadata()][-3:] == ["more-0", "more-1", "more-2"]
+    assert palpate.open(file).notes == run.notes
+
+
+def test_notes_are_not_added_to_a_file_without_its_end(tmp_path, short_kidney):
+    whole = short_kidney.read_bytes()
+    for count in (0, 8, 100, len(whole) // 2, len(whole) - 1):
+        file = tmp_path / "cut.mcap"
+        file.write_bytes(whole[:count])
+        with pytest.raises(ValueError, match="found no"):
+            append_metadata(file, "palpate.notes", {"notes": "[]"})
+        assert file.read_bytes() == whole[:count]

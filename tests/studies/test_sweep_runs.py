@@ -15,13 +15,13 @@ import pytest
 import palpate
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.lanes import extremes
+from palpate.launch.run.lane_values import extremes
+from palpate.launch.run.tasks import runner
 from palpate.physics.errors import PalpateError, RunError
-from palpate.studies.sweeps import point as point_process
-from palpate.studies.sweeps import runner
-from palpate.studies.sweeps.local import local
-from palpate.studies.sweeps.point import Task, compute
+from palpate.studies.sweeps import lane as lanes
+from palpate.studies.sweeps import recorded as recording
 from palpate.studies.sweeps.store import Store
+from palpate.studies.sweeps.task import PointTask
 
 KEEP = ("peak ball.force", "mean ball.force", "at 2 ms ball.indentation", "curve ball.force")
 BALL = """
@@ -31,13 +31,6 @@ wanted: [ball]
 run: {duration: 5 ms}
 """
 OVER = {"ball.young": [1e4, 2e4, 4e4], "ball.depth": ["1 mm", "2 mm"]}
-
-
-@pytest.fixture(scope="module")
-def pool(tmp_path_factory):
-    """Two worker processes for all tests that leave them alive."""
-    with local(2, tmp_path_factory.mktemp("local") / "workers.log") as workers:
-        yield workers
 
 
 @pytest.fixture
@@ -52,6 +45,12 @@ def printed():
 
 def hertz(young, depth, radius=8e-3, poisson=0.5):
     return 4.0 / 3.0 * young / (1.0 - poisson**2) * math.sqrt(radius) * depth**1.5
+
+
+def compute(task, *points):
+    """The results of points in this process."""
+    found = dict(task.compute(points))
+    return [found[place] for place in range(len(points))]
 
 
 def computed(study, folder, pool, **options):
@@ -104,25 +103,26 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(pool, tmp_path):
         assert np.asarray(run.contact.force).tobytes() == curve.tobytes()
 
 
-def test_a_lane_gives_the_results_of_a_separate_run(monkeypatch):
-    """Two structures in turn, so that lanes are reused; the results equal those of recorded runs, byte for byte."""
+def test_lanes_give_the_results_of_separate_runs(monkeypatch):
+    """Two structures, lanes that are used again; the results equal those of recorded runs, byte for byte."""
     over = {"tissue.use": ["deformation.MassSpring", "deformation.Rigid"], "hand": [press(0.05), press(0.08)]}
     keep = ("peak contact.force", "at 0.1 s controller.force[2]", "mean controller.force", "curve contact.indentation")
     study = palpate.Study("kidney", over, keep, duration=0.15)
-    task, recorded, execute = Task(study.launch, study.keep, {}, None), [], point_process.execute
+    task, ran, execute = PointTask(study.launch, study.keep), [], recording.execute
     points = [study.points[place] for place in (0, 2, 1, 3)]
     compute(task, points[0])  # compiles
-    monkeypatch.setattr(point_process, "execute", lambda *given: recorded.append(given) or execute(*given))
-    monkeypatch.setattr(point_process, "_warm", lambda *given: None)
-    lanes = [compute(task, point) for point in points]
-    assert not recorded
-    monkeypatch.setattr(point_process, "_as_lane", lambda *given: None)
-    for lane, point in zip(lanes, points, strict=True):
-        single = compute(task, point)
-        assert lane.error == single.error == "" and lane.numbers == single.numbers and lane.numbers
-        for name, curve in single.curves.items():
-            assert all(a.tobytes() == b.tobytes() for a, b in zip(curve, lane.curves[name], strict=True))
-    assert len(recorded) == 4 and len({lane.numbers["peak contact.force"] for lane in lanes}) > 2
+    monkeypatch.setattr(recording, "execute", lambda *given: ran.append(given) or execute(*given))
+    for module in (recording, lanes):
+        monkeypatch.setattr(module, "warm", lambda *given: None)
+    together, one_by_one = compute(task, *points), [compute(task, point)[0] for point in points]
+    assert not ran
+    monkeypatch.setattr(lanes, "compute", lambda *given: ())
+    for place, single in enumerate(compute(task, *points)):
+        for lane in (together[place], one_by_one[place]):
+            assert lane.error == single.error == "" and lane.numbers == single.numbers and lane.numbers
+            for name, curve in single.curves.items():
+                assert all(a.tobytes() == b.tobytes() for a, b in zip(curve, lane.curves[name], strict=True))
+    assert len(ran) == 4 and len({lane.numbers["peak contact.force"] for lane in together}) > 2
 
 
 @pytest.mark.parametrize(("values", "loaded"), [([20.0, 30.0, 24.0, 23.0, 28.0], 4), ([20.0, -1.0, 24.0], 9)])
@@ -132,11 +132,11 @@ def test_numbers_that_reach_settings_unchanged_load_the_graph_a_few_times(monkey
     study, loads = palpate.Study("kidney", {**over, "hand": [press(0.05)]}, ("peak contact.force",), duration=0.15), []
     varied = {path: extremes(values) for path, values in study.space.columns().items()}
     points = study.points
-    single = [compute(Task(study.launch, study.keep, {}, None), point) for point in points]
+    single = [compute(PointTask(study.launch, study.keep), point)[0] for point in points]
     load = LaunchFile.load
     monkeypatch.setattr(LaunchFile, "load", lambda launch: loads.append(1) or load(launch))
-    task = Task(study.launch, study.keep, {}, None, varied)
-    several = [compute(task, point) for point in points]
+    task = PointTask(study.launch, study.keep, None, varied)
+    several = compute(task, *points)
     assert [one.numbers for one in several] == [one.numbers for one in single]
     assert [one.error for one in several] == [one.error for one in single]
     assert len({one.numbers["peak contact.force"] for one in several if not one.error}) == 2 * sum(
@@ -209,9 +209,9 @@ def test_the_compilation_of_kernels_is_not_counted(ball, tmp_path, monkeypatch):
     """Neither while this process compiles them nor while it waits for another one that does."""
     folder = tmp_path / "kernels-of-this-test"
     folder.mkdir()
-    monkeypatch.setattr(point_process.kernel_cache, "folder", lambda: folder)
-    monkeypatch.setattr(point_process, "_warmed", set())
-    monkeypatch.setattr(point_process, "execute", lambda *_: numba.njit(lambda x: x + 1.0)(1.0))
+    monkeypatch.setattr(recording.kernel_cache, "folder", lambda: folder)
+    monkeypatch.setattr(recording, "_warmed", set())
+    monkeypatch.setattr(recording, "execute", lambda *_: numba.njit(lambda x: x + 1.0)(1.0))
     graph = LaunchFile(graph=ball)
     reported = []
     with open(folder / "warm.lock", "a") as held:
@@ -222,9 +222,9 @@ def test_the_compilation_of_kernels_is_not_counted(ball, tmp_path, monkeypatch):
             if len(reported) == 3:
                 fcntl.flock(held, fcntl.LOCK_UN)
 
-        point_process._warm(graph, graph.load(), begins)
+        recording.warm(graph, graph.load(), begins)
     assert len(reported) == 4 and [file.name for file in folder.glob("warm-*")]
-    point_process._warm(graph, graph.load(), begins)
+    recording.warm(graph, graph.load(), begins)
     assert len(reported) == 4
 
 
@@ -344,7 +344,7 @@ def test_a_full_disk_is_not_an_error_of_the_point(ball, tmp_path):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
-        done = compute(Task(study.launch, study.keep, {}, None), study.points[0])
+        done = compute(PointTask(study.launch, study.keep), study.points[0])[0]
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert done.lost and not done.error

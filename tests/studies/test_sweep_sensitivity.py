@@ -10,8 +10,8 @@ from nodes_for_studies import Ball, Ishigami
 import palpate
 from palpate.physics.errors import ArgumentError
 from palpate.studies.sweeps.axes import Space, axis
-from palpate.studies.sweeps.point import Task, compute
 from palpate.studies.sweeps.sensitivity import cube, indices
+from palpate.studies.sweeps.task import PointTask
 
 BALL = """
 nodes:
@@ -122,8 +122,8 @@ def test_a_study_finds_the_exponents_of_hertz(write, tmp_path):
     from palpate.studies.sweeps.store import Store
 
     store = Store(tmp_path / "out")  # one after another, in this process
-    for point in study.points:
-        store.add(study.base, point, compute(Task(study.launch, study.keep, {}, None), point), "here")
+    done = dict(PointTask(study.launch, study.keep).compute(study.points))
+    store.add(study.base, [(point, done[place]) for place, point in enumerate(study.points)])
     store.flush()
     store.close()
     study.folder = tmp_path / "out"

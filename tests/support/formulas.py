@@ -155,7 +155,7 @@ def torus(major: float, minor: float):
     if not 0 < minor < major:
         raise ValueError(f"minor radius: found {minor}, expected between 0 and the major radius {major}")
     circle, weights, knots = nurbs_fit._arc(4)
-    tube = nurbs_fit._revolved(major + minor * circle[:, 0], minor * circle[:, 1], weights, knots)
+    tube = nurbs_fit._revolve_profile(major + minor * circle[:, 0], minor * circle[:, 1], weights, knots)
     return replace(tube, closed_v=True)
 
 

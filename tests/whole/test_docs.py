@@ -64,12 +64,17 @@ NOT_RUN = {
     "palpate run falcon --set device.firmware=nvent_firmware.bin": "a device",
     "palpate run kidney --set device.use=device.Falcon --clock real": "a device",
     "palpate run falcons --set device-thumb.port=SERIAL": "two devices",
+    "palpate run cartesian --set device.use=force_dimension": "a device; tests/drivers/test_vendor_library.py",
     "palpate fit record press.csv --subject gel --session 1 --set sensor.port=192": "two devices",
     "palpate run kidney --set scene.finger.band=true --set band.model": "a file of fit force; tests/models/fit",
+    "palpate study kidney-stiffness --scheduler": "a cluster; tests/studies/test_cluster.py",
     "palpate experiment kidney-stiffness": "a page; tests/views, tests/cli/commands/test_experiment.py",
     "palpate experiment --analyse": "data of the reader; tests/cli/commands/test_experiment.py",
     "palpate fit tissue press.csv --columns": "presses of the reader; tests/models/fit",
     "palpate fit tissue A1.csv": "the same",
+    "palpate fit tissue probes.csv": "probes of the reader; tests/models/fit/test_probes.py",
+    "palpate fit map probes.csv": "the same",
+    "palpate run nodule --scene map/scene.yaml": "a map of fit map; tests/models/fit/test_probes.py",
     "palpate fit finger presses.csv": "presses of the reader; tests/models/fit/test_fit_finger.py",
 }
 PAGE_VERBS = ("palpate touch", "palpate view", "palpate run kidney --view")
@@ -123,10 +128,14 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "mine.yaml").write_text("extends: kidney\n")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "scene.yaml").write_text("extends: kidney\n")
+    (tmp_path / "map").mkdir()
+    (tmp_path / "map" / "scene.yaml").write_text("extends: nodule\n")
     press = [f"own,1,{0.1 * k:.1f},{5.0},{3e3 * (1e-4 * k) ** 1.5:.6g}" for k in range(40)]
     (tmp_path / "press.csv").write_text("\n".join(["subject,session,depth [mm],rate [mm/s],force [N]", *press]))
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "kidney-rates.yaml").write_text("graph: kidney\nset: {friction.every: 10}\n")
+    example = ROOT / "docs" / "examples" / "force_dimension.py"
+    (tmp_path / example.name).write_text(example.read_text())
     for name, text in node_files("Liver", Load, Surface).items():
         (tmp_path / name).write_text(text)
     liver = surface_mesh("sphere", 600)  # [m]; the page's file is in mm

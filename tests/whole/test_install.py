@@ -55,9 +55,10 @@ PURPOSE = {
     ],
     # The first run compiles, which may exceed the time limit of a point.
     "study": ["palpate run kidney --fused -q --no-record --duration 0.01 && palpate study kidney-stiffness"],
+    "cluster": ["palpate study kidney-stiffness --scheduler tls://127.0.0.1:9"],
     "all": ["palpate doctor"],
 }
-"""Commands that need each extra. Without a device the error shows that the package is installed."""
+"""Commands that need each extra. Without a device or a cluster the error shows that the package is installed."""
 
 
 @pytest.fixture(scope="module")
@@ -140,8 +141,8 @@ def test_each_extra_alone_suffices_for_its_commands(wheel, bare, tmp_path, extra
         if extra == "all":
             short = re.findall(r"note +extra (\w+)", printed)
             assert set(short) <= {"bench"}, printed
-        elif extra == "devices":
-            assert "DeviceError" in printed and "is not installed" not in printed, printed
+        elif extra in ("devices", "cluster"):
+            assert re.search("DeviceError|no certificates", printed) and "is not installed" not in printed, printed
         else:
             assert done.returncode in (0, 124) and "is not installed" not in printed, f"{line}\n{printed}"
 

@@ -63,6 +63,67 @@ def test_a_wheel_for_one_python_without_kernels_is_an_error(tmp_path):
         release.check_wheel(wheel, "0.1.0")
 
 
+def test_the_release_looks_for_kernels_where_the_backend_writes_them():
+    backend = (ROOT / "docs" / "release" / "backend.py").read_text()
+    [shipped] = re.findall('^SHIPPED = "(.*)"$', backend, re.MULTILINE)
+    assert f"{shipped}/kernels-" == release.KERNELS
+
+
+LOAD = """
+import palpate, palpate.graphs, palpate.launch, palpate.nodes
+from palpate.messages import Contact
+print(palpate.__file__, palpate.nodes.__file__, sep="\\n")
+"""
+
+
+def check_import(folder, *files):
+    """The folder of palpate, first on the path, is imported; these files of it are used."""
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    done = subprocess.run([sys.executable, "-c", LOAD], cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str((folder / file).resolve()) for file in files]
+
+
+def clone_without_links(folder):
+    """A clone as git makes it on Windows by default: a link is a text file that contains the path of its target."""
+    subprocess.run(["git", "clone", "-q", "-c", "core.symlinks=false", str(ROOT), str(folder)], check=True)
+    assert (folder / "src" / "palpate" / "nodes").read_text() == "../../nodes"
+    return folder
+
+
+def test_a_checkout_without_links_can_be_imported(tmp_path):
+    clone = clone_without_links(tmp_path / "clone")
+    check_import(clone / "src", "palpate/__init__.py", "../nodes/__init__.py")
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_a_tree_without_links_builds_the_same_files(tmp_path):
+    linked, plain = tmp_path / "linked", clone_without_links(tmp_path / "plain")
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(linked)], check=True)
+    contents = []
+    for clone, forms in ((linked, ([],)), (plain, (["--sdist"], ["--wheel"]))):  # by default the sdist makes the wheel
+        for form in forms:
+            command = [sys.executable, "-m", "build", "-C", "kernels=no", *form]
+            done = subprocess.run(command, cwd=clone, capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr
+        assert not subprocess.run(["git", "status", "--porcelain"], cwd=clone, capture_output=True).stdout
+        (clone / "sources").mkdir()
+        [wheel], [sdist] = (clone / "dist").glob("*.whl"), (clone / "dist").glob("*.tar.gz")
+        zipfile.ZipFile(wheel).extractall(clone / "wheel")
+        subprocess.run(["tar", "xzf", sdist, "-C", clone / "sources"], check=True)
+        [sources] = (clone / "sources").iterdir()
+        check_import(clone / "wheel", "palpate/__init__.py", "palpate/nodes/__init__.py")
+        check_import(sources / "src", "palpate/__init__.py", "palpate/nodes/__init__.py")
+        shipped = [sources / name for name in ("src/palpate", "docs")]
+        files = {str(file.relative_to(sources)) for folder in shipped for file in folder.rglob("*") if file.is_file()}
+        contents.append(
+            (set(zipfile.ZipFile(wheel).namelist()), files - {file for file in files if "__pycache__" in file})
+        )
+    assert contents[0] == contents[1]
+    release.check_wheel(wheel, tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"])
+
+
 def test_the_recipe_has_the_requirements_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     recipe = yaml.safe_load((ROOT / "docs" / "release" / "recipe.yaml").read_text())

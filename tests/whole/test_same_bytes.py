@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -12,8 +13,9 @@ from same_bytes import digests
 
 from palpate.compiler.arithmetic import LEVEL, pinnable
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.studies.sweeps.point import Point, Task
-from palpate.studies.sweeps.runner import Runner
+from palpate.launch.run.tasks.runner import Runner
+from palpate.studies.sweeps.point import Point
+from palpate.studies.sweeps.task import PointTask
 
 GRAPH = Path(__file__).parents[1] / "golden" / "kidney.yaml"
 BODIES = [f"deformation.{name}" for name in ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")]
@@ -69,12 +71,12 @@ def test_run_command_line_apart_and_a_study_give_the_same_bytes(plain, tmp_path)
         assert digests(file) == library, way
     runner = Runner()
     try:
-        task = Task(LaunchFile(graph=GRAPH, duration=0.12), (), runner.about, None)
-        done = runner.run(task, Point(0, "", {}, {}, tmp_path / "point.mcap"))
+        task, point = PointTask(LaunchFile(graph=GRAPH, duration=0.12), ()), Point(0, "", {}, {}, tmp_path / "p.mcap")
+        done = pickle.loads(runner.run(pickle.dumps(task), [pickle.dumps(point)], None)[0])
     finally:
         runner.close()
     assert not done.error and not done.lost
-    assert digests(tmp_path / "point.mcap") == library
+    assert digests(tmp_path / "p.mcap") == library
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def resolve(
     """
     known = settings(cls)
     given: dict[str, tuple[Any, Location]] = {}
-    for mapping, path in _offered(name, line, scene, faults):
+    for mapping, path in _offered_mappings(name, line, scene, faults):
         for key, value in mapping.items():
             if value is None:
                 continue  # removed by a scene that extends another
@@ -75,7 +75,7 @@ def resolve(
     values = {}
     for key, value in filled.items():
         about = {"node": name, "setting": key, "unit": known[key].unit}
-        values[key] = _checked(known[key], value, given[key][1], about, faults)
+        values[key] = _check_setting(known[key], value, given[key][1], about, faults)
     if len(faults.entries) == count:
         try:
             node = cls(**values)
@@ -88,7 +88,7 @@ def resolve(
     return values
 
 
-def _checked(setting: Setting, value: Any, place: Location, about: dict[str, str], faults: Faults) -> Any:
+def _check_setting(setting: Setting, value: Any, place: Location, about: dict[str, str], faults: Faults) -> Any:
     """The value of one setting in its unit, as plain data; None and a fault if it is invalid."""
     try:
         value = in_si(setting.type, value, setting.unit)
@@ -101,7 +101,7 @@ def _checked(setting: Setting, value: Any, place: Location, about: dict[str, str
     return None
 
 
-def _offered(name: str, line: YamlSource, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
+def _offered_mappings(name: str, line: YamlSource, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
     """The mappings in `with:`: value and path in the scene ("" if written inline)."""
     given = line.data.get("with")
     mappings = []
@@ -174,7 +174,7 @@ def check_taken(
         path = f"{offer.path}.{offer.key}"
         known = (offer.path, offer.key) in knowing
         other = families[offer.cls].get(offer.key)
-        if offer.path and not (known or reaches(path) or other is None or _calibrated(other)):
+        if offer.path and not (known or reaches(path) or other is None or _calibration_of(other)):
             close = _closest(offer.key, offer.cls)
             about = f"{offer.node} ({offer.cls.__name__}) does not take from scene.{offer.path}: "
             left.setdefault((offer.node, about), []).append(f"{offer.key}{f' (it has {close})' if close else ''}")
@@ -197,7 +197,7 @@ def uncalibrated(name: str, cls: type[Node], set_keys: list[str], offers: Iterab
     given = {*set_keys, *(offer.key for offer in offers)}
     left: dict[Calibrated, list[str]] = {}
     for setting in settings(cls).values():
-        if setting.name not in given and (mark := _calibrated(setting)):
+        if setting.name not in given and (mark := _calibration_of(setting)):
             left.setdefault(mark, []).append(setting.name)
     for mark, names in left.items():
         yield (
@@ -206,7 +206,7 @@ def uncalibrated(name: str, cls: type[Node], set_keys: list[str], offers: Iterab
         )
 
 
-def _calibrated(setting: Setting) -> Calibrated | None:
+def _calibration_of(setting: Setting) -> Calibrated | None:
     """The mark of a setting that is calibrated for one tissue."""
     return next((mark for mark in setting.marks if isinstance(mark, Calibrated)), None)
 

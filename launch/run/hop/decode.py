@@ -161,7 +161,7 @@ def _absent(form, step, to):
 
 
 @kernel
-def _used(head, at, end):
+def _read_used(head, at, end):
     """Read the ticks of the inputs as the mask of the available ones; the address after them, or 0."""
     count, at = entries(at, end, 0x90, 0xDC)
     present = np.int64(0)
@@ -238,7 +238,7 @@ def decode(form_address, record, at, end, arena, room):
         if step.kind == ARRAY:
             at, arena = _array(form, step, to, at, end, arena, limit - arena)
         elif step.kind == USED:
-            at = _used(head, at, end)
+            at = _read_used(head, at, end)
         else:
             at = _value(form, step, to, at, end)
         if at == 0:

@@ -34,7 +34,7 @@ _NOW = socket.MSG_DONTWAIT
 _SHORT = tuple(bytes((0, size)) for size in range(256))  # headers of short frames, by size
 
 
-def _framed(data: bytes) -> bytes:
+def _frame_of(data: bytes) -> bytes:
     size = len(data)
     return (_SHORT[size] if size <= 255 else b"\2" + size.to_bytes(8, "big")) + data
 
@@ -108,7 +108,7 @@ class Sender:
         return self._far is not None
 
     def framed(self, payload: bytes) -> bytes:
-        return _framed(self.topic + payload)
+        return _frame_of(self.topic + payload)
 
     def write(self, reader: ReaderConnection, data: bytes, sent: int) -> None:
         """Send a frame, of which `sent` bytes were sent before, to one reader."""
@@ -191,7 +191,7 @@ class Outlet:
                     if reader.queued and reader.queued + len(data) > QUEUE:
                         reader.dropped += 1
                     else:
-                        reader.keep(_framed(data))
+                        reader.keep(_frame_of(data))
             if reader.rest:
                 self._unfinished.add(reader)
         self.tend()

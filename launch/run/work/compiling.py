@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
+from palpate.compiler.cores import usable_cores
+
 LONGEST = 1800.0  # [s] limit for the compilation of one function, also on a slow or loaded machine
 
 
@@ -60,7 +62,7 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
         helped = mmap.mmap(-1, 1)  # number compiled by the second process
 
         def on_start(self, event: Any) -> None:
-            if self.helper is None and others and hasattr(os, "fork") and len(os.sched_getaffinity(0)) > 1:
+            if self.helper is None and others and hasattr(os, "fork") and len(usable_cores()) > 1:
                 with warnings.catch_warnings():  # about threads: only the live view has one, the child does not use it
                     warnings.simplefilter("ignore", DeprecationWarning)
                     self.helper = os.fork()

@@ -34,16 +34,16 @@ def environment() -> dict[str, str]:
 
     The matrices are small; several threads mostly wait for each other (measured: 10 x slower on a loaded machine).
     """
-    return {**os.environ, **dict.fromkeys(_THREADS, "1"), **_pinned()}
+    return {**os.environ, **dict.fromkeys(_THREADS, "1"), **_is_pinned()}
 
 
 def pin() -> None:
     """Pin this process; call it before numpy is imported. Linear algebra uses one thread unless the environment sets
     another number."""
-    os.environ.update({**dict.fromkeys(_THREADS, "1"), **os.environ, **_pinned()})
+    os.environ.update({**dict.fromkeys(_THREADS, "1"), **os.environ, **_is_pinned()})
 
 
-def _pinned() -> dict[str, str]:
+def _is_pinned() -> dict[str, str]:
     if not pinnable():
         return {}
     return {"OPENBLAS_CORETYPE": CORE, "NPY_DISABLE_CPU_FEATURES": _newer(), **_KERNELS}

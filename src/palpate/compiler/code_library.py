@@ -89,7 +89,7 @@ class Library(JITCodeLibrary):
     def finalize(self) -> None:
         """Generate machine code."""
         self._raise_if_finalized()
-        names = self._loaded[0] if self._loaded is not None else _defined(self._final_module)
+        names = self._loaded[0] if self._loaded is not None else _defined_functions(self._final_module)
         parts = self.parts().values()
         for part in self._part().values() if self._loaded is not None else ():
             if defined := [f.name for f in part.functions if f.name in names and not f.is_declaration]:
@@ -146,7 +146,7 @@ class Library(JITCodeLibrary):
         if self._finalized:
             return self.name, "object", (self._get_compiled_object(), _names(self._final_module))
         parts = {digest: part.as_bitcode() for digest, part in self.parts().items()}
-        return self.name, "parts", (_defined(self._final_module), parts)
+        return self.name, "parts", (_defined_functions(self._final_module), parts)
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:
@@ -170,7 +170,7 @@ def _part(module: Any) -> dict[str, Any]:
     return {hashlib.sha256(module.as_bitcode()).hexdigest(): module}
 
 
-def _defined(module: Any) -> list[str]:
+def _defined_functions(module: Any) -> list[str]:
     return [f.name for f in module.functions if not f.is_declaration and f.linkage == llvm.Linkage.external]
 
 

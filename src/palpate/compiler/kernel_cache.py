@@ -56,7 +56,7 @@ def _folder(given: str) -> Path:
     refused = ""
     for place in [Path(given), *places] if given else places:
         try:
-            path = _made(place, name)
+            path = _make_folder(place, name)
         except OSError as error:
             if given or (place / name).exists():
                 refused = refused or f"{place if given else place / name}: {error.strerror or error}"
@@ -72,7 +72,7 @@ def _folder(given: str) -> Path:
     return path
 
 
-def _made(place: Path, name: str) -> Path:
+def _make_folder(place: Path, name: str) -> Path:
     """The folder `name` in a location, created if necessary. OSError: cannot be used or may not be trusted."""
     if place.exists() and not place.is_dir():
         raise OSError("is not a folder")
@@ -121,12 +121,12 @@ def versions(minor: bool = False) -> str:
 def _clear(place: Path) -> None:
     """Remove all but the most recently used folders of this user. A process that still uses a removed one
     recompiles."""
-    folders = sorted(filter(_trusted, place.glob(f"{PREFIX}*")), key=_used, reverse=True)
+    folders = sorted(filter(_is_trusted, place.glob(f"{PREFIX}*")), key=_mark_used, reverse=True)
     for folder in folders[KEPT:]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _trusted(folder: Path) -> bool:
+def _is_trusted(folder: Path) -> bool:
     try:
         check_folder(folder)
     except OSError:
@@ -134,7 +134,7 @@ def _trusted(folder: Path) -> bool:
     return True
 
 
-def _used(folder: Path) -> float:
+def _mark_used(folder: Path) -> float:
     try:
         return folder.stat().st_mtime
     except FileNotFoundError:

@@ -141,7 +141,7 @@ def unpacking(kind: type) -> Any:
 
     @intrinsic(interpreted.unpacking(kind))
     def unpack(typing: Any, record: Any) -> Any:
-        return _type(kind)(record), lambda context, builder, _, given: _unpacked(context, builder, kind, given[0])
+        return _type(kind)(record), lambda context, builder, _, given: _unpack_member(context, builder, kind, given[0])
 
     return unpack
 
@@ -157,7 +157,7 @@ def _type(hint: Any) -> Any:
     return types.BaseTuple.from_types([_type(member) for _, member in _members(hint)], hint)
 
 
-def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
+def _unpack_member(context: Any, builder: Any, hint: Any, at: Any) -> Any:
     """The value of a member of a record at an address."""
     if hasattr(hint, "__metadata__"):
         return _array(context, builder, _type(hint), at)
@@ -171,7 +171,7 @@ def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
         record = form(hint)
         members = [(record.fields[name][1], member) for name, member in _members(hint)]  # type: ignore[index]
     values = [
-        _unpacked(context, builder, member, builder.gep(at, [ir.Constant(INTEGER, offset)]))
+        _unpack_member(context, builder, member, builder.gep(at, [ir.Constant(INTEGER, offset)]))
         for offset, member in members
     ]
     return context.make_tuple(builder, _type(hint), values)

@@ -88,7 +88,7 @@ def make_folder(folder: Path) -> None:
 def may_read(path: Path) -> bool:
     """Whether a file of the cache exists and is trusted. A warning reports one that is not trusted."""
     if path.is_symlink() or path.parent.is_symlink():
-        return _untrusted(path, "is a symbolic link")
+        return _trust_error(path, "is a symbolic link")
     try:
         with opened(path.parent) as at:
             descriptor = open_in(path.parent, path.name, at)
@@ -100,10 +100,10 @@ def may_read(path: Path) -> bool:
     except FileNotFoundError:
         return False
     except OSError as error:
-        return _untrusted(path, str(error) if isinstance(error, UntrustedError) else f"cannot be opened: {error}")
+        return _trust_error(path, str(error) if isinstance(error, UntrustedError) else f"cannot be opened: {error}")
 
 
-def _untrusted(path: Path, why: str) -> bool:
+def _trust_error(path: Path, why: str) -> bool:
     warn(f"{path} is not read: it or its folder {why}. {REMEDY}")
     return False
 

@@ -74,10 +74,10 @@ class ConnectedDevice:
 def devices() -> Iterator[ConnectedDevice]:
     for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
         ids = _word(folder / "idVendor"), _word(folder / "idProduct")
-        yield from (_found(k, folder) for k in KNOWN if (k.vendor, k.product) == ids)
+        yield from (_find_devices(k, folder) for k in KNOWN if (k.vendor, k.product) == ids)
 
 
-def _found(kind: Known, folder: Path) -> ConnectedDevice:
+def _find_devices(kind: Known, folder: Path) -> ConnectedDevice:
     bus, number = _word(folder / "busnum"), _word(folder / "devnum")
     if kind.through == "usb":
         file, port = str(DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3)), f"{bus}:{number}"

@@ -94,7 +94,7 @@ class Guard:
         """The limited command for `now` [ns]; `given` [ns]: when the command was given."""
         elapsed = (now - self._then) * 1e-9 if self._then else 0.0
         self._then = now
-        stopped, wanted = bool(self.why(now, given)), self._limited(command)
+        stopped, wanted = bool(self.why(now, given)), self._limit_command(command)
         if self._stopped and not stopped and self._sent:
             self._share = 1.0
             self._rest = tuple(s - self.gain * w for s, w in zip(self._sent, wanted, strict=True))
@@ -106,7 +106,7 @@ class Guard:
         self._share = max(0.0, self._share - elapsed / FALL)
         if self._share > 0.0:
             both = zip(wanted, self._rest, strict=True)
-            sent = self._limited(tuple(self.gain * w + self._share * r for w, r in both))
+            sent = self._limit_command(tuple(self.gain * w + self._share * r for w, r in both))
         else:
             sent = tuple(self.gain * w for w in wanted)
         power = self._power(sent)
@@ -115,7 +115,7 @@ class Guard:
         self._sent = sent
         return sent
 
-    def _limited(self, command: tuple[float, ...]) -> tuple[float, ...]:
+    def _limit_command(self, command: tuple[float, ...]) -> tuple[float, ...]:
         """The command, at most the largest; 0 if a value is not finite."""
         largest = max(map(abs, command), default=0.0)
         if largest == 0.0 or not all(map(math.isfinite, command)):

@@ -54,10 +54,10 @@ class NodeImage:
                 private[path] = array
         # The image: the record, then the memory of the private arrays without overlaps.
         spans = _spans([array for array in private.values() if array.nbytes])
-        at, places = _aligned(record.nbytes), list[int]()
+        at, places = _align_size(record.nbytes), list[int]()
         for begin, end in spans:
             places.append(at)
-            at += _aligned(end - begin)
+            at += _align_size(end - begin)
         self.size = at
         image = np.zeros(-(-at // PAGE) * PAGE, np.uint8)
         image[: record.nbytes] = record.view(np.uint8)
@@ -117,8 +117,8 @@ class Lanes:
         """
         arrays = [array for array in self.segment.tables() if array.nbytes]
         records = [slot.node._record for slot in self.segment.slots]  # type: ignore[attr-defined]
-        places = np.cumsum([0, *(_aligned(array.nbytes, WORD) for array in arrays)])
-        image = np.zeros(_aligned(int(places[-1])), np.uint8)
+        places = np.cumsum([0, *(_align_size(array.nbytes, WORD) for array in arrays)])
+        image = np.zeros(_align_size(int(places[-1])), np.uint8)
         for place, array in zip(places.tolist(), arrays, strict=False):
             image[place : place + array.nbytes] = array.view(np.uint8).ravel()
         words, self._image = image.view(np.int64), image
@@ -178,7 +178,7 @@ class Lanes:
         are written, and all others share pages."""
         sizes = np.array([node.size for node in nodes])
         order = np.argsort(sizes, kind="stable")
-        ends = len(self._image) + np.cumsum([_aligned(size) for size in sizes[order].tolist()])
+        ends = len(self._image) + np.cumsum([_align_size(size) for size in sizes[order].tolist()])
         parts = np.empty(len(nodes), np.int64)
         parts[order] = [len(self._image), *ends[:-1]]
         return parts, int(ends[-1])
@@ -223,16 +223,14 @@ class Lanes:
             node: Any = self.segment.slots[place].node
             if type(node).notes is Node.notes:
                 continue
-            if start:
+            own = self.own(lane, place)
+            texts = _notes(node, own)  # the record decides whether there is a line, the settings are only named in it
+            if texts and start:
                 known = self._noting[place]
                 if known is None or known[0] is not image:
                     known = self._noting[place] = image, image.started()
-                node = known[1]
-            before = node._record.copy()
-            node._notes, node._noted = [], set()
-            node._record[:] = self.own(lane, place)
-            lines += [(image.job.name, text) for text in node.notes()]
-            node._record[:] = before
+                texts = _notes(known[1], own)
+            lines += [(image.job.name, text) for text in texts]
         return lines
 
     @property
@@ -242,6 +240,17 @@ class Lanes:
         private = sum(written(block) for block in self._blocks if block is not None)
         arrays = {address_of(array): array.nbytes for node in images.values() for array in node.shared}
         return private, sum(arrays.values())
+
+
+def _notes(node: Any, own: np.ndarray) -> list[str]:
+    """Lines for the user of a node, with this record."""
+    record = node._record.view(np.uint8)  # copies of fields would take 0.1 ms
+    before = record.copy()
+    node._notes, node._noted = [], set()
+    record[:] = own.view(np.uint8)
+    lines: list[str] = node.notes()
+    record[:] = before
+    return lines
 
 
 def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:
@@ -264,5 +273,5 @@ def _offset(dtype: np.dtype, path: str) -> int:
     return at
 
 
-def _aligned(size: int, unit: int = LINE) -> int:
+def _align_size(size: int, unit: int = LINE) -> int:
     return -(-size // unit) * unit

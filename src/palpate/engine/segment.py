@@ -46,7 +46,7 @@ class Entrance(NamedTuple):
 
     def message(self) -> Message | None:
         """The message in the record."""
-        return _seen(self.record.ctypes.data, self.port)
+        return _read_message(self.record.ctypes.data, self.port)
 
 
 class CompiledSegment:
@@ -205,7 +205,7 @@ class CompiledSegment:
         if tick % SAMPLE:
             self._call(tick, 1)
         else:
-            self._timed(tick)
+            self._time_tick(tick)
         self.ended(tick, host)
 
     def resume(self, tick: int) -> None:
@@ -228,7 +228,7 @@ class CompiledSegment:
     def run_many(self, tick: int, ticks: int) -> None:
         """Run `ticks` ticks of the simulated clock, if the segment is `alone`. Their messages may remain in the journal
         until `hand_over`. NodeError: a node failed."""
-        self._timed(tick)
+        self._time_tick(tick)
         if ticks > 1:
             self._call(tick + 1, ticks - 1)
         self.copy_times()
@@ -304,7 +304,7 @@ class CompiledSegment:
                     record, write = self._inlets[place][n][3], self._inlets[place][n][0]  # type: ignore[index]
                     yield Entrance(port, lines[n : n + 1], self.where[0] + place * ROW.itemsize, record, write)
 
-    def _timed(self, tick: int) -> None:
+    def _time_tick(self, tick: int) -> None:
         """Run one tick node by node and record the duration of each step."""
         clock = self._clock
         for place, slot in enumerate(self.slots):
@@ -353,11 +353,11 @@ def failure(slot: Slot, node: Any, rows: int, clock: int) -> NodeError:
     at = view(clock, CLOCK)[0]
     tick, row = int(at["tick"]), view(rows, ROW, int(at["failed"]) + 1)[-1]
     lines = view(row["input"], INPUT, row["inputs"])
-    messages = [_seen(int(line["record"]), port) for line, port in zip(lines, slot.inputs, strict=True)]
+    messages = [_read_message(int(line["record"]), port) for line, port in zip(lines, slot.inputs, strict=True)]
     try:
         if at["why"] == RAISED or node.own["fault"]:
             fault, node.own["fault"] = int(node.own["fault"]), 0
-            given = _grouped(messages, slot.counts)
+            given = _group_by_port(messages, slot.counts)
             if fault:
                 raise node.explain(fault, *given)
             node.step(*given, dt=1.0 / float(at["rate"]))  # raises the exception of the compiled code, with its text
@@ -385,7 +385,7 @@ def _memory(address: int, kind: type[Message]) -> memoryview:
     return view(address, layout(kind)).view(np.uint8).data
 
 
-def _seen(record: int, port: Input) -> Message | None:
+def _read_message(record: int, port: Input) -> Message | None:
     """The message of an input from the record at an address."""
     memory = _memory(record, port.kind)
     message = reader(port.kind)(memory) if memory[0] else None
@@ -433,7 +433,7 @@ def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], CompiledSegment
     return [make(part) if isinstance(part, list) else part for part in parts]
 
 
-def _grouped(messages: list[Any], counts: Sequence[int]) -> list[Any]:
+def _group_by_port(messages: list[Any], counts: Sequence[int]) -> list[Any]:
     """Group messages by port: one message, or a list of them."""
     given, at = [], 0
     for count in counts:

@@ -264,7 +264,7 @@ class Slot:
 
     def restart(self) -> None:
         """Stop the node and start it again. NodeError: it raised."""
-        with _blamed(self.name, "stop"):
+        with _blame_node(self.name, "stop"):
             self.node.stop()
         self.begin()
 
@@ -273,7 +273,7 @@ class Slot:
         self.due = 0
         for output in self.outputs:
             output.previous = output.last = None
-        with _blamed(self.name, "start"):
+        with _blame_node(self.name, "start"):
             self.node.start()
         self.forget()
 
@@ -354,7 +354,7 @@ class Slot:
 
 
 @contextmanager
-def _blamed(node: str, where: str) -> Iterator[None]:
+def _blame_node(node: str, where: str) -> Iterator[None]:
     """Turn any exception into the NodeError of a node."""
     try:
         yield
@@ -456,7 +456,7 @@ class ObserverSlot:
 
 def make(job: NodeJob | ObserverJob) -> Node:
     """Create the node of a job. NodeError: its class or its settings are wrong."""
-    with _blamed(job.name, "settings"):
+    with _blame_node(job.name, "settings"):
         node = load_class(job.cls)(**job.settings)
     if isinstance(job, NodeJob) and job.wanted is not None:
         node.wanted = frozenset(job.wanted)

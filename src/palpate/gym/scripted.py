@@ -52,7 +52,7 @@ class Search:
             self.felt.append((here[0], here[1], force[2]))
         if not self.corners:
             if self.found is None:
-                self.found = self._found()
+                self.found = self._mean_place()
             away = self.found - here[:2]  # not from the goal: the finger lags it by millimetres, because of friction
             near = float(np.hypot(*away)) < NEAR
             return _action(*np.clip(away / SETTLE, -STROKE, STROKE), 0.0, float(near))
@@ -64,7 +64,7 @@ class Search:
             self.corners.pop(0)
         return _action(*(move / self.period), 0.0, 0.0)
 
-    def _found(self) -> np.ndarray:
+    def _mean_place(self) -> np.ndarray:
         """Mean of the places, weighted with the force above the 90th percentile."""
         table = np.array(self.felt)
         weights = np.maximum(table[:, 2] - np.quantile(table[:, 2], 0.9), 0.0)

@@ -96,7 +96,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if not 0.0 < duration < math.inf:
             raise ArgumentError(f"duration: found {duration!r}, expected a time [s] above 0")
         launch = described(graph, scene=scene, duration=None, sets=(), nodes=nodes or {}, organ=organ)
-        devices = _simulated(launch.load())
+        devices = _simulated_hands(launch.load())
         launch = replace(launch, overrides=tuple(map(_without_path, launch.overrides)))
         self.stepper = Stepper(launch.but(overrides=[f"{name}.use=device.Steered" for name in devices]))
         self.hands = [_hand(self.stepper.plan, name) for name in devices]
@@ -176,7 +176,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             low, high = (np.add(held.begin, corner).tolist() for corner in ROOM)
             held.keep_within(low, high)
         self.tick = self.stepper.tick()
-        return self._observed(self.tick), {"time": self.tick.time}
+        return self._observe_tick(self.tick), {"time": self.tick.time}
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Run `ticks` ticks with this action. ArgumentError: no reset before, a wrong shape, or a NaN."""
@@ -197,7 +197,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         late = not over and tick.time >= self.duration
         if over or late:
             self._warn()
-        return self._observed(tick), reward, over, late, info
+        return self._observe_tick(tick), reward, over, late, info
 
     def render(self) -> np.ndarray | None:
         """Picture (240,320,3) of the scene from the side, see `gym.side_view`; None without a `render_mode`.
@@ -208,7 +208,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             return None
         if self.tick is None:
             raise ArgumentError("render: there is no episode; call reset() first")
-        tick, fingers = self.tick, [self._felt(self.tick, hand) for hand in self.hands]
+        tick, fingers = self.tick, [self._finger_state(self.tick, hand) for hand in self.hands]
         shapes = []
         for name in self.stepper.plan.order:
             node = self.stepper.node(name)
@@ -241,15 +241,15 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         assert isinstance(contact, Contact)
         return contact
 
-    def _observed(self, tick: Tick) -> dict[str, np.ndarray]:
-        felt = [self._felt(tick, hand) for hand in self.hands]
+    def _observe_tick(self, tick: Tick) -> dict[str, np.ndarray]:
+        felt = [self._finger_state(tick, hand) for hand in self.hands]
         parts = {
             name: np.array([_within(values[place], most) for values in felt], np.float32).reshape(self.shape)
             for place, (name, most) in enumerate(BOUNDS.items())
         }
         return parts | {name: np.array([value], np.float32) for name, value in self.targets().items()}
 
-    def _felt(self, tick: Tick, hand: Hand) -> tuple[Any, Any, Any]:
+    def _finger_state(self, tick: Tick, hand: Hand) -> tuple[Any, Any, Any]:
         """Position, velocity and force f_n n - f_t + a of a finger."""
         pose, contact = tick[hand.pose], self.contact_of(tick, hand)
         assert isinstance(pose, Pose)
@@ -268,7 +268,7 @@ def _without_path(override: str | Override) -> str | Override:
     return replace(override, value=YamlSource(begin, {(): override.place}))
 
 
-def _simulated(graph: Graph) -> list[str]:
+def _simulated_hands(graph: Graph) -> list[str]:
     """Names of the nodes that are simulated hands. ArgumentError: the graph has none."""
     names = [name for name, spec in graph.nodes.items() if issubclass(spec.cls, Simulated)]
     if not names:

@@ -3,7 +3,6 @@
 envs = gymnasium.make_vec("palpate/Press-v0", num_envs=256, vectorization_mode="vector_entry_point")
 """
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
@@ -15,6 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.lanes import NodeImage, Pool
 from palpate.engine.segment import record_of
 from palpate.gym.find_nodule import FindNodule
@@ -69,9 +69,9 @@ class VectorTouch(VectorEnv):
         self._goals: list[list[np.ndarray]] = [[]] * num_envs
         self._views: list[Any] = [None] * num_envs
         self._over: np.ndarray | None = None
-        count = min(num_envs, CHUNKS * (threads or len(os.sched_getaffinity(0))))
+        count = min(num_envs, CHUNKS * (threads or len(usable_cores())))
         self._chunks = np.array_split(np.arange(num_envs), count)
-        self._threads = LaneThreads(threads or len(os.sched_getaffinity(0)))
+        self._threads = LaneThreads(threads or len(usable_cores()))
         self._block = FIRST  # ticks of one call of compiled code
         self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
         self.observation_space = batch_space(first.observation_space, num_envs)
@@ -101,7 +101,7 @@ class VectorTouch(VectorEnv):
         for lane in np.flatnonzero(mask).tolist():
             self._begin(lane, seeds[lane], settings)
         self._over = np.zeros(self.num_envs, bool) if over is None else over & ~mask
-        return self._observed(), {"time": self._times(), "_time": mask}
+        return self._observe_all(), {"time": self._times(), "_time": mask}
 
     def _open(self, call: str) -> None:
         """ArgumentError: the environments are closed."""
@@ -143,7 +143,7 @@ class VectorTouch(VectorEnv):
             parts = [(int(chunk[0]), len(chunk)) for chunk in self._chunks]
         self._threads.run([self._work(*part) for part in parts])
         self._check(np.flatnonzero(~restarted & (self._lanes.ticks != before + self._ticks)))
-        return self._judged(actions, restarted)
+        return self._judge_step(actions, restarted)
 
     def _work(self, first: int, count: int) -> Work:
         """A step of `count` environments from `first` on, in calls of about `lane_threads.BLOCK` at most."""
@@ -226,7 +226,7 @@ class VectorTouch(VectorEnv):
         rate = self.tasks[0].stepper.rate
         return np.rint((self._lanes.ticks - 1) * 1e9 / rate) * 1e-9
 
-    def _judged(self, actions: np.ndarray, restarted: np.ndarray) -> Any:
+    def _judge_step(self, actions: np.ndarray, restarted: np.ndarray) -> Any:
         """Observations, rewards, ends and infos after a step, which has reset the environments `restarted`."""
         count, times = self.num_envs, self._times()
         rewards, over = np.zeros(count), np.zeros(count, bool)
@@ -243,9 +243,9 @@ class VectorTouch(VectorEnv):
                 infos[key][lane], infos[f"_{key}"][lane] = value, True
         late = ~over & ~restarted & (times >= self.tasks[0].duration)
         self._over = over | late
-        return self._observed(), rewards, over, late, infos
+        return self._observe_all(), rewards, over, late, infos
 
-    def _observed(self) -> dict[str, np.ndarray]:
+    def _observe_all(self) -> dict[str, np.ndarray]:
         found: dict[str, list[np.ndarray]] = {"position": [], "velocity": [], "force": []}
         for hand in self._hands:
             found["position"].append(self._columns[hand.pose, "position"])

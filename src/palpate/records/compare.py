@@ -131,7 +131,7 @@ def compare(
                     wall_after, cpu_after = _totals(player)
                     variant.whole.add(wall_after - wall)
                     variant.cpu.add(cpu_after - cpu)
-            sent = [[_sent(each, kind, tick) for kind in (Force, Contact, Surface)] for each in outputs]
+            sent = [[_sent_message(each, kind, tick) for kind in (Force, Contact, Surface)] for each in outputs]
             for variant, messages in zip(computed, sent, strict=True):
                 _add_differences(variant, messages, sent[0], tick % every == 0)
             on_tick(players)
@@ -166,7 +166,7 @@ def _totals(player: Player) -> tuple[int, int]:
     return sum(part.health.step.total for part in player.parts), sum(part.cpu.total for part in player.parts)
 
 
-def _sent(outputs: dict[type[Message], Output], kind: type[Message], tick: int) -> Any:
+def _sent_message(outputs: dict[type[Message], Output], kind: type[Message], tick: int) -> Any:
     message = outputs[kind].last if kind in outputs else None
     return message if message is not None and message.tick == tick else None
 

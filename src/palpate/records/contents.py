@@ -38,6 +38,7 @@ def contents(recording: Stored) -> dict[str, Any]:
         "rate": plan.get("rate"),
         **{key: about.get(key) for key in ("clock", "date", "commit", "versions", "machine", "arithmetic")},
         "restarted": recording.restarted,
+        "notes": [{"text": text, "node": node, "time": time} for text, node, time in recording.notes],
         "left_out": sorted(known - set(recording.streams)),
         "streams": streams,
     }

@@ -21,6 +21,7 @@ from palpate.messages import fields
 from palpate.physics.archive import replacing
 from palpate.records.differences import ELSEWHERE, Comparer, Difference, NodeReport, Report
 from palpate.records.format.head import PROFILE, head_of, is_head
+from palpate.records.format.mcap_append import NOTES
 from palpate.records.format.mcap_writer import McapWriter
 from palpate.records.player import Player, plan_of
 from palpate.records.stored import RecordingError, Stored
@@ -179,6 +180,8 @@ def begin_copy(recording: Stored, file: IO[bytes], about: dict[str, Any]) -> tup
     """A writer for a copy of a recording, and the channel number of each stream. `about` replaces the provenance."""
     writer = McapWriter(file, PROFILE)
     write_json(writer, "palpate.about", about)
+    if recording.notes:
+        write_json(writer, NOTES, {"notes": recording.notes})
     for node, ticks in recording.restarted.items():
         for tick in ticks:
             writer.add_metadata("palpate.restarted", {"node": node, "tick": str(tick)})

@@ -51,7 +51,7 @@ class LaneStore:
     ) -> None:  # fmt: skip
         with required("run(out=...)", "study", ArgumentError):
             import zarr
-        self.path, self._fields, self._size = path, fields, size
+        self.path, self._fields, self._lanes, self._size = path, fields, lanes, size
         try:
             if path.exists() and any(path.iterdir()) and not (path / STORE).exists():
                 raise ArgumentError(f"out: found other files in {path}, {EXPECTED}")
@@ -64,18 +64,18 @@ class LaneStore:
         self._lock = lock
         try:
             if (path / STORE).exists():
-                self._group = self._opened(zarr, identity)
+                self._group = self._open_store(zarr, identity)
             else:
                 self._group = zarr.create_group(path)
                 self._create(lanes, time, settings)
                 self._group.attrs.update({
-                    "graph": graph, "coordinates": " ".join(settings), "identity": identity, "lanes_done": 0,
+                    "graph": graph, "coordinates": " ".join(settings), "identity": identity, "lanes_done": [],
                 })  # fmt: skip
         except BaseException:
             self.close()
             raise
 
-    def _opened(self, zarr: Any, identity: str) -> Any:
+    def _open_store(self, zarr: Any, identity: str) -> Any:
         try:
             group = zarr.open_group(self.path, mode="r+")
             kept = group.attrs["identity"]
@@ -106,17 +106,27 @@ class LaneStore:
             array[:] = values
 
     @property
-    def done(self) -> int:
-        """Number of lanes whose results are complete."""
-        return int(self._group.attrs["lanes_done"])
+    def missing(self) -> list[int]:
+        """First lanes of the blocks without results."""
+        done = self._group.attrs["lanes_done"]
+        return [
+            first for first in range(0, self._lanes, self._size) if not any(begin <= first < end for begin, end in done)
+        ]
 
     def write(self, first: int, columns: Sequence[np.ndarray], errors: Mapping[int, str]) -> None:
-        """Write the results of a block, then count its lanes as done."""
+        """Write the results of a block, then count its lanes as done: `lanes_done` has the ranges, each from a lane up
+        to another one."""
         end = first + len(columns[0])
         for field, column in zip(self._fields, columns, strict=True):
             self._group[field.name][first:end] = field.shown(column)
         self._group["error"][first:end] = np.array([errors.get(lane, "") for lane in range(first, end)], object)
-        self._group.attrs["lanes_done"] = end
+        joined: list[list[int]] = []
+        for begin, stop in sorted([*self._group.attrs["lanes_done"], [first, end]]):
+            if joined and begin == joined[-1][1]:
+                joined[-1][1] = stop
+            else:
+                joined.append([begin, stop])
+        self._group.attrs["lanes_done"] = joined
 
     def close(self) -> None:
         """Let other processes write to the store."""

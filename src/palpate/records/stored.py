@@ -18,6 +18,7 @@ from palpate.engine.imports import full_name, recorded_class
 from palpate.messages import Message, MessageError, fields, unpack
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.readable import check_readable
+from palpate.records.format import mcap_append  # a constant pattern needs a dotted name
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION
 from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, McapRecords, declared, messages, opened
 
@@ -88,6 +89,7 @@ class Stored:
     counts     numbers of written and lost messages per stream; empty after a crash
     times      number and duration [s] (median, p99) of the steps per node; empty after a crash
     restarted  nodes that were restarted during the run, and their ticks
+    notes      lines for the user about the run: text, node and time [s]
     complete   False if the file is truncated or damaged: it is read up to there
     damage     position and kind of the damage; None: no damage
 
@@ -101,6 +103,7 @@ class Stored:
         self.counts: dict[str, dict[str, int]] = {}
         self.times: dict[str, dict[str, float]] = {}
         self.restarted: dict[str, list[int]] = {}
+        self.notes: list[tuple[str, str, float]] = []
         self.damage: Broken | None = None
         self.channels: dict[int, str] = {}  # number in the file -> stream
         try:
@@ -199,6 +202,9 @@ class Stored:
             match metadata.name:
                 case "palpate.about" | "palpate.counts" | "palpate.times" as name:
                     setattr(self, name.partition(".")[2], {key: json.loads(value) for key, value in entries.items()})
+                case mcap_append.NOTES:
+                    given = json.loads(entries["notes"])
+                    self.notes = [(str(text), str(node), float(time)) for text, node, time in given]
                 case "palpate.restarted":
                     self.restarted.setdefault(entries["node"], []).append(int(entries["tick"]))
 

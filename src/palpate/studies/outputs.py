@@ -28,7 +28,7 @@ class Outputs:
                 if kind is Surface:
                     left.update(*(ports[e.port].wants for e in plan.edges[reader] if e.stream == stream))
             shown = plan.wanted[stream] - left
-            self.shown += [(index, f) for f in fields(kind) if f.name in shown and _measured(f)]
+            self.shown += [(index, f) for f in fields(kind) if f.name in shown and _is_measured(f)]
         self.squares, self.peaks, self.count = [0.0] * len(self.shown), [0.0] * len(self.shown), 0
 
     def values(self, player: Player | None) -> list[Any]:
@@ -51,7 +51,7 @@ class Outputs:
         return max(shares, default=0.0)
 
 
-def _measured(field: Field) -> bool:
+def _is_measured(field: Field) -> bool:
     """Whether a field is a continuous quantity, not a count, index or word."""
     if field.dtype is not None:
         return field.dtype.kind == "f"

@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.launch.load.values.units import UnitError, convert, split
 from palpate.messages import Contact, Pose
+from palpate.models.fit.probes.read import Probes, read_probes
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import MeasuredPress, prepared, read_presses
 from palpate.physics.table_file import DIALECTS
@@ -37,10 +38,14 @@ class PressReader:
     def __call__(self, file: Path) -> list[MeasuredPress]:
         """All presses of a file. SessionError, RecordingError: the file is faulty."""
         if file.suffix == ".mcap":
-            return [self._recorded(file)]
+            return [self._read_press(file)]
         return read_presses(file, self.names, self.units, convert, self.dialect)
 
-    def _recorded(self, file: Path) -> MeasuredPress:
+    def probes(self, file: Path) -> Probes | None:
+        """The sparse probes of a file; None: few presses, or many rows in each. SessionError: the file is faulty."""
+        return None if file.suffix == ".mcap" else read_probes(file, self.names, self.units, convert, self.dialect)
+
+    def _read_press(self, file: Path) -> MeasuredPress:
         recording = Recording(file)
         contacts, poses = ([s for s, c in recording.streams.items() if c.type is kind] for kind in (Contact, Pose))
         if len(contacts) != 1 or len(poses) > 1:

@@ -203,7 +203,7 @@ def chosen(recording: Recording, error: float) -> Iterator[Rate]:
             ([rate.override(), *(other.override(1) for other in found if other.node != rate.node)], [rate])
             for rate in slower.values()
         ]
-        (_, *variants), outputs = _computed(recording, found, tries, watched)
+        (_, *variants), outputs = _compute_touch(recording, found, tries, watched)
         watched = []  # the reference is the same in each pass
         for (k, rate), variant, (output,) in zip(slower.items(), variants, outputs, strict=True):
             one = replace(rate, output_error=output.error, force_error=relative_error(variant))
@@ -248,12 +248,12 @@ def raised(rates: Sequence[Rate], one: Evaluation, error: float) -> list[Rate] |
 
 def tried(recording: Recording, rates: Sequence[Rate], texts: Sequence[str] = ()) -> Evaluation:
     """Errors of a recorded touch with these overrides, compared with all effects at every tick."""
-    (base, variant), (outputs,) = _computed(recording, rates, [(texts, rates)])
+    (base, variant), (outputs,) = _compute_touch(recording, rates, [(texts, rates)])
     overrides = {f"{rate.node}.every": rate.every for rate in rates}
     return Evaluation(overrides, outputs=tuple(output.error for output in outputs)).with_errors(base, variant)
 
 
-def _computed(
+def _compute_touch(
     recording: Recording,
     effects: Sequence[Rate],
     tries: Sequence[tuple[Sequence[str], Sequence[Rate]]],

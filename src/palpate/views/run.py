@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.engine.faults import choices
+from palpate.launch.run.notes import RunNote
 from palpate.physics.extras import required
 from palpate.records.reader import Recording
 from palpate.records.samples import RecordedStream, Samples
@@ -25,7 +26,6 @@ from palpate.records.stored import RecordingError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from palpate.launch.run.notes import RunNote
     from palpate.records.compare import Variant
     from palpate.views.page.server import PageServer
 
@@ -67,7 +67,7 @@ class Run:
     path     the file
     streams  names of the recorded streams
     about    provenance: resolved graph, versions, machine
-    notes    lines about the run, each with `node`, `time` [s] and `text`; none of a recording that was opened
+    notes    lines about the run, each with `node`, `time` [s] and `text`, as `palpate run` prints them
 
     RecordingError: the file is missing or not a recording.
     """
@@ -77,7 +77,7 @@ class Run:
         self._streams: dict[str, RecordedStream] = {}
         self.path = self._recording.path
         self.about: dict[str, Any] = self._recording.about
-        self.notes: list[RunNote] = []
+        self.notes: list[RunNote] = [RunNote(*note) for note in self._recording.notes]
 
     @property
     def streams(self) -> list[str]:

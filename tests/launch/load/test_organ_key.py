@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import palpate
-from palpate.bases import _differing
+from palpate import bases
 from palpate.cli.__main__ import app
 from palpate.compiler import kernel_cache
 from palpate.engine.faults import GraphError
@@ -111,7 +111,22 @@ def test_a_missing_basis_is_built_once_and_used(folder):
     assert basis.stat().st_mtime_ns == written
 
 
-def test_points_that_differ_in_what_a_basis_depends_on():
+@pytest.fixture
+def loaded(monkeypatch):
+    """The points whose graphs are loaded to look for missing bases, for a run with these overrides."""
+
+    def points_of(points, *overrides):
+        monkeypatch.setattr(bases, "build_missing", lambda *given: None)
+        seen = []
+        bases.build_for_each(
+            lambda values: seen.append(values) or find("kidney").but(overrides=overrides), points, True
+        )
+        return seen
+
+    return points_of
+
+
+def test_points_that_differ_in_what_a_basis_depends_on(loaded):
     """One point of each basis is loaded: a new modulus needs no basis, a new Poisson's ratio or nodule does."""
     common = {"tissue.young": 1e3, "scene.tissue.poisson": 0.4, "scene.nodule.depth": 5e-3, "tissue.use": "a"}
     changes = [
@@ -122,7 +137,18 @@ def test_points_that_differ_in_what_a_basis_depends_on():
         {"tissue.use": "b"},
     ]
     points = [common | change for change in changes]
-    assert list(_differing(points)) == [points[0], *points[2:]]
+    assert loaded(points) == [points[0], *points[2:]]
+
+
+def test_lanes_that_place_and_turn_an_organ_load_one_graph_for_its_basis(loaded):
+    """Each lane's graph was loaded twice, 10 ms each. A nodule stays where it is while the organ turns."""
+    points = [
+        {"scene.surface.rotation": [0.0, 0.0, 0.1 * k], "scene.surface.position": [0.0, 0.0, 0.0]} for k in range(9)
+    ]
+    assert loaded(points) == points[:1]
+    assert loaded(points, "tissue.use=deformation.ReducedFE") == points[:1]
+    nodule = ("tissue.use=deformation.ReducedFE", "tissue.nodule_radius=4 mm", "tissue.nodule_depth=8 mm")
+    assert loaded(points, *nodule) == points
 
 
 @pytest.mark.long

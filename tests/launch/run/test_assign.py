@@ -10,7 +10,7 @@ from palpate.launch.run.assign import PRIORITY, jobs
 
 def cores(monkeypatch, count: int, place: str, clock: str) -> dict[str, tuple[int, ...] | None]:
     """The cores of each group on a machine with this number of cores."""
-    monkeypatch.setattr(assign.os, "sched_getaffinity", lambda _: set(range(count)))
+    monkeypatch.setattr(assign, "usable_cores", lambda: list(range(count)))
     planned = plan(find("palpate-two").load())
     launch = find("palpate-two").but(place=place)
     return {job.group: job.core for job in jobs(planned, launch.placement(planned), clock=clock)}

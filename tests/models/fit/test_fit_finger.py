@@ -79,3 +79,34 @@ def test_the_named_fingers_are_ordered_and_shipped():
     force = {law: Series(finger_law=law)._elastic() for law in PEOPLE}
     assert PEOPLE["soft"][0] < PEOPLE["median"][0] < PEOPLE["stiff"][0]
     assert len(force) == 3 and len(set(force.values())) == 3
+
+
+def covered(fingers, presses, scatter, seed=1):
+    """Number of simulated fingers whose intervals contain b, and m: presses with other touch points and laws (relative
+    standard deviation `scatter` of b, 0.3 times that of m), noise of 2 mN."""
+    random, hits = np.random.default_rng(seed), np.zeros(2, int)
+    for _ in range(fingers):
+        truth, made = (random.uniform(15.0, 40.0), random.uniform(900.0, 1800.0)), []
+        for _ in range(presses):
+            b, m = truth * np.exp(scatter * np.array([1.0, 0.3]) * random.standard_normal(2))
+            travel = np.linspace(0.0, random.uniform(1.6e-3, 2.2e-3), 200)
+            force = b / m * np.expm1(m * np.maximum(travel - random.uniform(0.1e-3, 0.6e-3), 0.0))
+            force += 2e-3 * random.standard_normal(200)
+            made.append(FingerPress(travel, force - np.median(force[:5])))
+        found = fit_fingers([made]).intervals
+        hits += [low <= value <= high for value, (low, high) in zip(truth, found, strict=True)]
+    return hits.tolist()
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.2])
+def test_intervals_contain_the_law_of_the_finger(scatter):
+    """Of 20 fingers of three presses; at a coverage of 95 %, fewer than 16 have a probability of 1 in 400."""
+    assert min(covered(20, 3, scatter)) >= 16
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("presses", [3, 5, 10])
+@pytest.mark.parametrize("scatter", [0.0, 0.2])
+def test_intervals_contain_the_law_in_about_95_of_100_fingers(presses, scatter):
+    """Of 200 fingers; the jackknife of presses that differ is too narrow by some per cent."""
+    assert min(covered(200, presses, scatter)) >= 174

@@ -10,6 +10,7 @@ from palpate.messages import DeviceState, Health, pack
 from palpate.nodes.base import Block, Observer, Stream
 from palpate.nodes.base.block import ENTRY, MARGIN
 from palpate.nodes.logger import Mcap
+from palpate.nodes.logger.mcap import RecordedStream
 from palpate.records.format.mcap_writer import CHUNK_SIZE, IN_FLIGHT
 from palpate.records.stored import Stored
 
@@ -83,3 +84,21 @@ def test_a_slow_disk_loses_messages_of_a_live_run_and_never_stops_it(tmp_path, m
     assert stored.complete and 8 <= kept < 8 * 2 * IN_FLIGHT
     assert stored.counts["fast"] == {"count": kept, "lost": 1000 - kept}
     assert any("lacks messages" in note and "fast" in note for note in node.notes())
+
+
+@pytest.mark.parametrize(
+    ("every", "thin", "simulated"), [(1, 1, True), (1, 1, False), (5, 1, True), (1, 4, False), (3, 4, True)]
+)
+def test_a_block_of_ticks_is_counted_as_its_messages_are(every, thin, simulated):
+    rng = np.random.default_rng(every + thin)
+    one, other = (RecordedStream(0, every, thin, simulated, False) for _ in range(2))
+    at = 0
+    for _ in range(60):
+        steps = rng.choice([1, 1, 1, 2, 7], size=rng.integers(1, 30)) if rng.random() < 0.3 else np.ones(20, np.int64)
+        ticks = every * (at + np.cumsum(steps))
+        at = int(ticks[-1]) // every
+        kept = one.take_all(ticks)
+        assert np.array_equal(np.broadcast_to(kept, len(ticks)), [other.take(tick) for tick in ticks.tolist()])
+    for name in RecordedStream.__slots__:
+        assert getattr(one, name) == getattr(other, name), name
+    assert one.gaps > 0 and one.count > 0

@@ -76,6 +76,16 @@ def test_contacts_act_separately_far_apart_and_as_one_at_the_same_position(model
     assert shared == approx(one, rel=2e-3)
 
 
+@pytest.mark.parametrize("model", ["linear", "nonlinear"])
+def test_a_contact_without_force_changes_nothing(model):
+    """A patch that sticks held the organ against the force of another one, even without a force: on a ball on its
+    foundation, by 25 %."""
+    _, (alone,) = pressed(slab(model), [(-0.006, 0.0)], [0.6])
+    for place in ((-0.02, 0.0), (-0.006, 0.003), (0.006, 0.002)):
+        _, (shared, _) = pressed(slab(model), [(-0.006, 0.0), place], [0.6, 0.0])
+        assert shared == approx(alone, rel=1e-12)
+
+
 def test_the_coupling_is_reciprocal_up_to_rounding():
     """Betti: 1 N at A indents B as much as 1 N at B indents A, for the linear organ and patches that differ in position
     and load."""

@@ -118,7 +118,7 @@ def test_a_closed_cycle_of_indentation_by_a_finger_dissipates_energy(dt):
         last = e
         law = it.step(nodes, f * push, foot, n, dt) if f > 0 else it.step(nodes[:0], push[:0], foot, n, dt)
         assert np.isfinite(law).all() and law[0] > 0
-    assert f == 0.0
+    assert f < 1e-6  # in a step of 100 s the law is a tangent, which begins a little above the surface
     assert gained >= -1e-9
 
 

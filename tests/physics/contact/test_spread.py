@@ -14,7 +14,7 @@ from scipy.integrate import quad
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction
 from palpate.nodes.spread import Kernel
-from palpate.physics.contact.spread import FACES, KERNELS, kernel_values, nearest_triangle
+from palpate.physics.contact.spread import FACES, KERNELS, OFF, kernel_values, nearest_triangle
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, nearest_weights
 from palpate.studies.organs.shapes import boxes
@@ -205,3 +205,33 @@ def test_the_node_sends_the_force_on_the_body():
 def test_without_contact_the_load_is_empty():
     (load,) = FakeBus(Kernel(surface="plane", vertices=400)).publish(contact(0.0))
     assert load.nodes.size == 0 and load.forces.shape == (0, 3)
+
+
+def test_a_foot_off_the_surface_keeps_its_patch():
+    """The foot of a finger that follows the nearest point through the body: at the radius of the patch below the
+    surface its force was that of single nodes."""
+    mesh, radius = plane(0.1, 40_000), 8e-3
+    spreader = Spreader(mesh, radius)
+    area = math.pi * radius**2
+    for off in (0.0, 2e-3, 4e-3, 6e-3, 7.9e-3, 8.1e-3, 30e-3):
+        for side in (1.0, -1.0):
+            nodes, weights, forces = spread(spreader, (1e-3, 2e-3, side * off))
+            kept = 1.0 - min(off / radius, OFF) ** 2
+            assert len(nodes) * 0.1**2 / 40_000 == approx(kept * area, rel=0.03)
+            assert weights.max() < 3.3 / (kept * area) * 0.1**2 / 40_000  # the biweight has 3 times the mean
+            centre = weights @ mesh.vertices[nodes]
+            assert centre == approx((1e-3, 2e-3, 0.0), abs=2e-5)
+            assert forces.sum(axis=0) == approx((0.3, -0.2, -2.0), abs=1e-12)
+
+
+def test_the_weights_change_continuously_while_the_foot_crosses_a_ball():
+    mesh = bumpy(3000, 2)
+    spreader, before, change = Spreader(mesh, 8e-3), None, []
+    for x in np.linspace(-25e-3, 25e-3, 2001):
+        nodes, weights, _ = spread(spreader, (x, 1e-3, 2e-3), normal=(0.0, 0.6, 0.8))
+        now = np.zeros(len(mesh.vertices))
+        now[nodes] = weights
+        change += [np.abs(now - before).sum()] if before is not None else []
+        before = now
+    assert max(change) < 0.1  # steps of 25 um; in all 7
+    assert sum(change) > 1.0

@@ -95,6 +95,17 @@ def test_a_tool_driven_through_a_thin_body_is_pushed_back_completely(slab, drift
     assert (again[:, 5] > 0.9).all() and again[-1, 8] == approx(0.005, abs=2e-4)
 
 
+@pytest.mark.parametrize("form", ["mesh", "patch"])
+def test_the_gap_grows_steadily_through_the_middle_of_a_thin_body(form):
+    """Within the hysteresis beyond the middle the gap was that of the other side: it shrank by 0.1 mm and grew back."""
+    z = np.linspace(1e-3, -4e-3, 501)
+    path = np.column_stack([np.full(501, 1.1e-3), np.full(501, 0.7e-3), z])
+    feet = mesh_run(box(0.08, 5e-3), path) if form == "mesh" else patch_run(flat(0.04, 5e-3), path)
+    assert feet[:, 8] == approx(z, abs=2e-6)
+    back = mesh_run(box(0.08, 5e-3), path[[*range(400), *range(400, 0, -1)]])[:, 8]
+    assert back[400:] == approx(z[400:0:-1], abs=2e-6)
+
+
 @every_slab
 def test_the_proxy_slides_with_a_tool_on_the_other_side(slab):
     run, body = SLABS[slab]

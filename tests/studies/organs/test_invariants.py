@@ -129,6 +129,24 @@ def test_the_wrong_side_is_found(presses):
     assert "side" in broken(changed(presses, **{"contact.normal": aside}))[2]
 
 
+def test_a_foot_on_either_face_of_an_edge_is_on_the_right_side(folder):
+    """Found by random search: a finger enters along the bisector of an edge of the groove. To the other face it is
+    0.01 to 0.09 mm nearer, less than the hysteresis of 0.1 mm."""
+    path = [([-0.000919, 0.017256, 0.012998], 0.1563), ([-0.014514, 0.012001, -0.000487], 0.1986),
+            ([0.004432, 0.019325, 0.018306], 0.23)]  # fmt: skip
+    moves = tuple({"to": to, "time": time, "shape": "minimum-jerk"} for to, time in path)
+    finger = Finger((0.004432, 0.019325, 0.018306), (-0.005, 0.0157, -0.1011), moves)
+    (traces,) = run([Touch(Setting("groove", friction=""), (finger,))], folder)
+    (found,) = scores(traces)
+    assert not any(score.broken for score in found.values()), found
+    foot, normal = traces["collision.foot"].copy(), traces["contact.normal"].copy()
+    assert normal[0, 244] == approx((0.0, 0.0, 1.0), abs=1e-3) and foot[0, 244, 2] == approx(0.01)
+    (away,) = scores(changed(traces, **{"collision.foot": foot + (0.0, 0.0, 0.3e-3)}))
+    assert away["side"].value == approx(np.pi / 2, abs=0.01)  # off both faces: judged by the nearest
+    normal[0, 240:250] = (0.0, 1.0, 0.0)  # along the edge: that of neither face
+    assert "side" in broken(changed(traces, **{"contact.normal": normal}))[0]
+
+
 def test_values_that_are_not_numbers_and_lanes_that_stop_are_found(presses):
     bad = presses["contact.force"].copy()
     bad[0, 500] = np.nan
@@ -149,3 +167,13 @@ def test_a_touch_is_the_run_of_its_command(folder, tmp_path):
     given = np.asarray(alone["contact.force"])
     assert given.max() > 0.1
     assert given.tobytes() == traces["contact.force"][2, : len(given)].tobytes()
+
+
+def test_beams_that_recover_next_to_the_foot_do_not_delay_its_contact(folder):
+    """Found by random search: a finger touches again 4 mm from its last place, which was indented by 1.8 mm, the new
+    one by 1.0 mm: 0.34 N of contact force in one tick, of 0.07 N."""
+    rng = np.random.default_rng((3, 272))
+    touch = [drawn(Setting("box", body="BeamBundle", fingers=2), rng) for _ in range(54)][-1]
+    traces = run([touch], folder)
+    force = traces[0]["contact.force"][0]
+    assert np.diff(force[760:800]).max() < 0.02 and force[779] == approx(0.065, abs=0.005)

@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.studies.organs.pairs import refinement_scores, rotation_scores
+from palpate.studies.organs.pairs import compared
 from palpate.studies.organs.report import NAMES, line, text
-from palpate.studies.organs.search import search, varied, worsened
+from palpate.studies.organs.search import BODIES, Results, search, tried, varied, worsened
 from palpate.studies.organs.touches import Setting, drawn
 from palpate.studies.organs.zoo import USUAL, ZOO, chosen
 
@@ -69,6 +69,15 @@ def test_touches_begin_outside(folder):
         assert (setting.closest().find(begins)[3] > 4e-3).all()
 
 
+def test_a_patch_wider_than_the_body_is_noted_on_a_rigid_body(folder):
+    """The note is printed at the start of a run; the search took only the notes of its motion."""
+    touch = drawn(Setting("ball-5", 600, "Rigid", rate=500.0), np.random.default_rng(6))
+    found = Results()
+    tried([touch], folder, found, notes=True)
+    (note,) = found.noted["ball-5", "Rigid", "patch"][1][:1]
+    assert "patch of 8 mm is wider than the organ, 10 mm across" in note and not found.silent
+
+
 def test_the_local_search_finds_a_worse_touch(folder):
     results = search(chosen(["box"]), ["MassSpring"], 12, 1, folder, rate=1000.0, rough=1.0)
     listed = {name: results.worst["box", "MassSpring", name][0] for name in ("still",)}
@@ -91,14 +100,12 @@ def test_the_command_prints_json(folder, tmp_path):
     assert wrong.exit_code == 2
 
 
-def test_turning_organ_and_hand_together_changes_nothing(folder):
-    for touch, score in rotation_scores(Setting("ellipsoid"), 6, 1, folder):
-        assert not score.broken, touch.command(folder)
-
-
-def test_refining_a_mesh_of_a_smooth_convex_surface_converges(folder):
-    for touch, score in refinement_scores(Setting("ellipsoid"), 6, 1, folder):
-        assert not score.broken, (score, touch.command(folder))
+def test_turning_and_refining_change_little_for_every_body(folder):
+    found = list(compared(chosen(["ellipsoid", "sphere-nurbs"]), BODIES, 2, 1, folder))
+    of = {(one.invariant, one.touch.setting.surface, one.touch.setting.body) for one in found}
+    assert len(of) == 2 * 3 + 4  # ReducedFE has a basis of the patch only
+    for one in found:
+        assert one.score.value > 0.0 and not one.score.broken, (one.score, one.touch.command(folder))
 
 
 def test_every_surface_is_touched_or_refused(folder):

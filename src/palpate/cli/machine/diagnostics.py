@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from palpate.compiler.cores import usable_cores
 from palpate.physics.extras import EXTRAS, install, package_version
 
 TUNING = (
@@ -119,7 +120,7 @@ def _pictures() -> Diagnostic:
 
 
 def _cores() -> Diagnostic:
-    cores = sorted(os.sched_getaffinity(0))
+    cores = usable_cores()
     listing = f"{len(cores)} usable: {', '.join(map(str, cores))}"
     few = len(cores) < 2
     return Diagnostic(

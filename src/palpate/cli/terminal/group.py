@@ -101,7 +101,7 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
 
     sys.unraisablehook = dropped
     try:
-        with interrupts(end, (signal.SIGTERM, signal.SIGHUP)):
+        with interrupts(end, [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]):
             yield
     finally:
         sys.unraisablehook = before

@@ -103,7 +103,7 @@ class FalconDriver(PortDriver[Ftdi]):
             self.state, self.last = frames.HOMING | frames.RED, None
             return DeviceSample(now, buttons=reading.buttons, homed=False)
         self.state = frames.HOMING | frames.GREEN  # the firmware requires that the homing bit stays on
-        counts = self._believed(reading.counts, now)
+        counts = self._reject_outlier(reading.counts, now)
         if counts is None:
             return DeviceSample(now, buttons=reading.buttons, homed=False)
         a, b, c = (FALCON.zero + n * FALCON.count for n in counts)
@@ -112,7 +112,7 @@ class FalconDriver(PortDriver[Ftdi]):
             self.place = x, y, z
         return DeviceSample(now, (a, b, c), self.place, reading.buttons)
 
-    def _believed(self, counts: Counts, now: int) -> Counts | None:
+    def _reject_outlier(self, counts: Counts, now: int) -> Counts | None:
         """Outlier rejection: the counts, or the last valid ones if these are implausible. `BELIEVED` consistent samples
         in a row are accepted; None before the first of them.
 

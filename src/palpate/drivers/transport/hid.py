@@ -61,22 +61,22 @@ class UsbHid:
                 why = "no permission. `palpate devices --install-udev` writes the rule; then plug it in again."
             raise DeviceError(f"the {name} at {path}: {why}") from None
 
-    def _gone(self) -> DeviceError:
+    def _gone_error(self) -> DeviceError:
         return DeviceError(f"the {self.name} is gone. Plug it in again.", lost=True)
 
     def write(self, report: bytes) -> None:
         try:
             sent = self.device.write(b"\0" + report)  # report number 0: reports without a number
         except (OSError, ValueError):
-            raise self._gone() from None
+            raise self._gone_error() from None
         if sent < 0:
-            raise self._gone()
+            raise self._gone_error()
 
     def read(self, size: int, timeout: float) -> bytes:
         try:
             return bytes(self.device.read(size, max(1, round(timeout * 1e3)) if timeout > 0.0 else 0))
         except (OSError, ValueError):
-            raise self._gone() from None
+            raise self._gone_error() from None
 
     def close(self) -> None:
         self.device.close()

@@ -25,7 +25,7 @@ class Udp:
         try:
             self.socket.send(data)
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._gone_error(error) from None
 
     def read(self, timeout: float) -> bytes:
         """One datagram; empty if none arrives within `timeout` [s]. DeviceError: refused."""
@@ -35,9 +35,9 @@ class Udp:
         except (TimeoutError, BlockingIOError):
             return b""
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._gone_error(error) from None
 
-    def _gone(self, error: OSError) -> DeviceError:
+    def _gone_error(self, error: OSError) -> DeviceError:
         return DeviceError(
             f"the {self.name} at {self.host} is gone: {error.strerror or error}. Check its power and cable.",
             lost=True,

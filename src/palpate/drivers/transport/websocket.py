@@ -20,7 +20,7 @@ class WebSocket:
         except (OSError, TimeoutError, self.errors.InvalidHandshake, self.errors.InvalidURI) as error:
             raise DeviceError(f"no {name} at {address}: {error}. Start it; `port` takes another address.") from None
 
-    def _gone(self) -> DeviceError:
+    def _gone_error(self) -> DeviceError:
         return DeviceError(f"the {self.name} at {self.address} is gone. Start it again.", lost=True)
 
     def write(self, text: str) -> None:
@@ -28,7 +28,7 @@ class WebSocket:
         try:
             self.link.send(text)
         except (self.errors.ConnectionClosed, OSError):
-            raise self._gone() from None
+            raise self._gone_error() from None
 
     def read(self, timeout: float) -> str:
         """One message; empty if none arrives within `timeout` [s]. DeviceError: the connection is lost."""
@@ -37,7 +37,7 @@ class WebSocket:
         except TimeoutError:
             return ""
         except (self.errors.ConnectionClosed, OSError):
-            raise self._gone() from None
+            raise self._gone_error() from None
         return message if isinstance(message, str) else message.decode(errors="replace")
 
     def close(self) -> None:

@@ -99,22 +99,24 @@ def built(node: ReducedFE, begin: Begin, check: bool = True) -> tuple[Basis | Sa
     """The basis and its errors [1] at held-out touches; {} without `check`.
 
     The error of the condensed basis of a file is estimated by the difference of its stiffness under a patch from that
-    of a basis with half the vertices, since the error is inversely proportional to their number. {} for built-in
-    surfaces.
+    of a basis with half the vertices, since the error is inversely proportional to their number; x, y, z [m]: the
+    worst place, in the surface's frame. {} for built-in surfaces.
     """
     if node.model == "sampled":
-        return _sampled(node, begin, check)
+        return _sample_organ(node, begin, check)
     reduced, count = node.reduced(), len(node.coarse_mesh().vertices)
-    basis = _condensed(node, begin, reduced)
+    basis = _condense_organ(node, begin, reduced)
     if node.surface in SURFACES or not check or count < FEWEST:
         return basis, {}
-    half = _condensed(node, begin, (reduced or count) // 2, "half the vertices, for the error: ")
+    half = _condense_organ(node, begin, (reduced or count) // 2, "half the vertices, for the error: ")
     stiffness, rough = node.stiffness_field(basis)[0], node.stiffness_field(half)[0]
     off = np.abs(rough / stiffness - 1.0)
-    return basis, {"mean": float(off.mean()), "worst": float(off.max()), "vertices": len(basis.vertices)}
+    x, y, z = node.in_its_frame(node.mesh().vertices[int(np.argmax(off))])
+    found = {"mean": float(off.mean()), "worst": float(off.max()), "vertices": len(basis.vertices)}
+    return basis, found | {"x": x, "y": y, "z": z}
 
 
-def _condensed(node: ReducedFE, begin: Begin, vertices: int | None, what: str = "") -> Basis:
+def _condense_organ(node: ReducedFE, begin: Begin, vertices: int | None, what: str = "") -> Basis:
     """The organ condensed to its surface; reduced to this number of vertices, None: as it is."""
     organ = of_organ(_organ(node, begin, vertices, what))
     condensing = begin("condensing", f"{what}{3 * len(organ.mesh.points)} degrees of freedom")
@@ -153,7 +155,7 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
         )
 
 
-def _sampled(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBasis, dict[str, float]]:
+def _sample_organ(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBasis, dict[str, float]]:
     """Press the full model and reduce it to modes; measure the errors at held-out touches."""
     finger = node.surface == "fingertip"
     body = (

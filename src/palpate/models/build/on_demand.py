@@ -22,6 +22,8 @@ from palpate.nodes.deformation.reduced_fe import BUILT_FROM, NODULE, ReducedFE
 
 def build(node: ReducedFE, begin: Begin) -> None:
     """Build a basis and store it in the cache. SettingError: it cannot be built."""
+    if sys.platform == "win32":
+        raise SettingError("found Windows, expected Linux or macOS: a missing basis is built in a process")
     reading, writing = os.pipe()
     path = os.pathsep.join(p for p in sys.path if p)
     try:

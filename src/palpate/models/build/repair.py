@@ -32,7 +32,7 @@ def repaired(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
     if not shared:
         triangles = outward(vertices, triangles)
         if border:
-            vertices, triangles, holes = _closed(vertices, triangles)
+            vertices, triangles, holes = _close_borders(vertices, triangles)
             done.append(f"{holes} hole{'s' * (holes > 1)} closed by fans")
             triangles = outward(vertices, triangles)
             shared = edge_counts(triangles, len(vertices))[1]
@@ -64,7 +64,7 @@ def _crosses(vertices: np.ndarray, triangles: np.ndarray) -> bool:
         return True
 
 
-def _closed(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+def _close_borders(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     """The mesh with each border closed by triangles to its mean point, and the number of borders."""
     sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
     key = np.sort(sides, axis=1) @ (len(vertices), 1)

@@ -48,9 +48,9 @@ def fit_sessions(
 
     SessionError: faults of the file, with row and column, or of the arguments.
     """
-    _known(mean, MODELS, "--mean")
-    _known(deviation, MODELS, "--deviation")
-    _known(protocol, get_args(Protocol), "--protocol")
+    _check_name(mean, MODELS, "--mean")
+    _check_name(deviation, MODELS, "--deviation")
+    _check_name(protocol, get_args(Protocol), "--protocol")
     if depth_limit is not None and not depth_limit > 0:
         raise SessionError(f"--depth-limit: found {depth_limit:g}, expected a depth > 0 [mm]")
     all_subjects, ignored = read_sessions(sessions, np.inf if depth_limit is None else depth_limit * 1e-3)
@@ -109,7 +109,7 @@ def _writing(path: Path) -> Iterator[None]:
         raise SessionError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _known(name: str | None, names: Iterable[str], option: str) -> None:
+def _check_name(name: str | None, names: Iterable[str], option: str) -> None:
     if name is not None and name not in names:
         raise SessionError(f"{option}: found {name!r}, expected one of {', '.join(names)}")
 

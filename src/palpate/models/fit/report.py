@@ -60,7 +60,7 @@ def parameters(title: str, fit: CurveFit) -> Table:
     table.add_column("parameter")
     for column in ("value", "std. error", "95 % interval"):
         table.add_column(column, justify="right")
-    for name, unit, value, error, (low, high) in _listed(fit):
+    for name, unit, value, error, (low, high) in _parameter_rows(fit):
         known = math.isfinite(error)
         limit = "  at the end of its range" if name in fit.at_limit else ""
         table.add_row(
@@ -72,7 +72,7 @@ def parameters(title: str, fit: CurveFit) -> Table:
     return table
 
 
-def _listed(fit: CurveFit) -> list[tuple[str, str, float, float, tuple[float, float]]]:
+def _parameter_rows(fit: CurveFit) -> list[tuple[str, str, float, float, tuple[float, float]]]:
     """Name, unit, value, standard error and interval of each parameter."""
     numbers = fit.parameters.tolist(), fit.errors.tolist(), map(tuple, fit.interval().tolist())
     return [(name, unit, *rest) for (name, unit), *rest in zip(fit.model.parameters.items(), *numbers, strict=True)]
@@ -85,7 +85,7 @@ def choice_notes(choices: list[Chosen]) -> list[str]:
         test, band = choice.force[choice.mean.model.name][2], choice.band
         text = f"test error {test * 1e3:.1f} mN, {100 * choice.test_share:.1f} % of the mean force"
         if choice.dropped:
-            low, high = _dropped(subject, choice).values()
+            low, high = _dropped_labels(subject, choice).values()
             text = f"dropped session {low} (smallest sum of force) and {high} (largest); {text}"
         if choice.deviation is None:
             notes.append(f"Subject {subject.name}: the sessions do not scatter, so there is no standard deviation.")
@@ -98,7 +98,7 @@ def choice_notes(choices: list[Chosen]) -> list[str]:
     return notes
 
 
-def _dropped(subject: Subject, choice: ModelChoice) -> dict[str, str]:
+def _dropped_labels(subject: Subject, choice: ModelChoice) -> dict[str, str]:
     """Labels of the dropped sessions, if any."""
     return dict(zip(("smallest", "largest"), (subject.sessions[i] for i in choice.dropped), strict=False))
 
@@ -108,7 +108,7 @@ def choice_data(choices: list[Chosen]) -> dict[str, Any]:
     return {
         subject.name: {
             "protocol": choice.protocol,
-            "dropped_sessions": _dropped(subject, choice),
+            "dropped_sessions": _dropped_labels(subject, choice),
             "band": choice.band._asdict(),
             "folds": [
                 {part: [subject.sessions[i] for i in rows] for part, rows in fold._asdict().items()}
@@ -129,7 +129,7 @@ def choice_data(choices: list[Chosen]) -> dict[str, Any]:
 def plain(fit: CurveFit) -> dict[str, Any]:
     """A fit as plain data."""
     found = {}
-    for name, unit, value, error, ends in _listed(fit):
+    for name, unit, value, error, ends in _parameter_rows(fit):
         known = {"error": error, "interval": list(ends)} if math.isfinite(error) else {"error": None, "interval": None}
         found[name] = {"value": value, "unit": unit, **known}
     about = {"model": fit.model.name, "formula": fit.model.formula, "rmse": fit.rmse}

@@ -48,7 +48,9 @@ def reconstruct(outlines: Outlines, grid: float = 4e-4) -> Rebuilt:
     last = _tip_is_last(outlines)
     side = -1 if last else 1
     order = range(len(outlines.skin) - 1, -1, -1) if last else range(len(outlines.skin))
-    curves = {name: [_placed(getattr(outlines, name)[k], side) for k in order] for name in ("skin", "tissue", "bone")}
+    curves = {
+        name: [_place_curve(getattr(outlines, name)[k], side) for k in order] for name in ("skin", "tissue", "bone")
+    }
     every = np.concatenate([c for c in curves["skin"] if c is not None])
     low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
     x = np.arange(low[0], high[0] + grid, grid)
@@ -88,7 +90,7 @@ def _nail(axes: str, side: int) -> np.ndarray | None:
     return np.array([0.0, 0.0, -sign]) if along == 0 else np.array([side * sign, 0.0, 0.0])
 
 
-def _placed(curve: np.ndarray | None, side: int) -> np.ndarray | None:
+def _place_curve(curve: np.ndarray | None, side: int) -> np.ndarray | None:
     """(row, column) of an image as (across, up); seen from behind if the order of the slices is reversed."""
     return None if curve is None else np.stack([side * curve[:, 1], -curve[:, 0]], axis=1)
 

@@ -86,10 +86,10 @@ def oriented(stack: Stack, axes: str, mirrored: bool | None) -> Stack:
         along, row, column = (np.array(DIRECTIONS[a]) for a in axes)
         mirrored, handed = bool(np.dot(np.cross(column, row), along) < 0), "stated"
     stack = dataclasses.replace(stack, axes=axes, handed=handed)
-    return _reversed(stack) if mirrored else stack
+    return _reverse_stack(stack) if mirrored else stack
 
 
-def _reversed(stack: Stack) -> Stack:
+def _reverse_stack(stack: Stack) -> Stack:
     axes = OPPOSITE[stack.axes[0]] + stack.axes[1:] if stack.axes else ""
     return dataclasses.replace(stack, volume=stack.volume[::-1], axes=axes)
 
@@ -110,7 +110,7 @@ def cross_sections(stack: Stack) -> Stack:
             stack, volume=stack.volume.transpose(order), spacing=(first, second, third), axes=axes
         )
         if along == 1:  # an odd permutation
-            stack = _reversed(stack)
+            stack = _reverse_stack(stack)
     return dataclasses.replace(stack, volume=np.ascontiguousarray(stack.volume))
 
 

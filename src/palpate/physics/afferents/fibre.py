@@ -89,7 +89,7 @@ def _noise(key, sample):
 
 
 @kernel
-def _weighed(x, positive, negative):
+def _weighted_input(x, positive, negative):
     return positive * x if x >= 0.0 else -negative * x
 
 
@@ -106,6 +106,7 @@ def advance(row, state, since, basis, key, sample, count, first, stride, target,
     z0, z1, z2, s, d, v, m = state[0], state[1], state[2], state[3], state[4], state[5], state[7]
     passed = since
     for k in range(count):
+        # Butterworth filter (transposed direct form II) of s and of the integral of d, and d from the latter
         x = before + step * (first + k * stride)
         y = row[0] * x + z0
         z0 = row[1] * x - row[4] * y + z1
@@ -118,18 +119,23 @@ def advance(row, state, since, basis, key, sample, count, first, stride, target,
         p2 = row[3] * x - row[6] * out
         speed = (out - w) * RATE
         w = out
+        # adaptation, and the current of the inputs
         m += row[19] * (y - m)
         static = max(y - row[20] * m, min(y, 0.0))
         current = (
-            _weighed(static, row[7], row[8]) + _weighed(speed, row[9], row[10]) + _weighed(speed - d, row[11], row[12])
+            _weighted_input(static, row[7], row[8])
+            + _weighted_input(speed, row[9], row[10])
+            + _weighted_input(speed - d, row[11], row[12])
         )
         s, d = y, speed
         current += row[15] * _noise(key, sample + k)
+        # saturation, and the currents after a spike
         if row[14] > 0.0:
             current *= row[14] / (row[14] + abs(current))
         if passed < len(basis):
             current += row[17] * basis[passed, 0] + row[18] * basis[passed, 1]
             passed += 1
+        # membrane, and spike
         v += current - v * row[16]
         if v > 1.0 and passed >= REFRACTORY:
             fired |= 1 << k

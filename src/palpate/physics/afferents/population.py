@@ -86,6 +86,7 @@ def place(points, at, corners, weights):
     """For each receptor, at [m] (n,3), fill `corners` and `weights` (n,8): grid points round it and their weights for
     trilinear interpolation of the stress. points [m] (p,3) of `tactile.Stress`: depth by depth, x by x. Returns (0, 0),
     or the fault and the receptor, such as (`OUTSIDE`, n)."""
+    # the grid: square layers of equal size, with one spacing in both directions
     total = len(points)
     layer = 0
     while layer < total and points[layer, 2] == points[0, 2]:
@@ -99,6 +100,7 @@ def place(points, at, corners, weights):
         if not step > 0.0 or abs(last[axis] - points[0, axis] - (side - 1) * step) > 1e-6 * step:
             return NO_GRID, 0
     for n in range(len(at)):
+        # cell of the receptor and fractions in it; the depths of the layers need not be equally spaced
         x, y = (at[n, 0] - points[0, 0]) / step, (at[n, 1] - points[0, 1]) / step
         i, j = min(max(int(x), 0), side - 2), min(max(int(y), 0), side - 2)
         x, y = x - i, y - j
@@ -113,6 +115,7 @@ def place(points, at, corners, weights):
             return OUTSIDE, n
         if bottom == top and abs(at[n, 2] - top) > slack * top:
             return OUTSIDE, n
+        # trilinear weights of the corners
         for c in range(8):
             dz, dx, dy = c >> 2, (c >> 1) & 1, c & 1
             corners[n, c] = (below if dz else above) * layer + (i + dx) * side + j + dy

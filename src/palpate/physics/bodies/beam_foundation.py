@@ -16,8 +16,8 @@ c is symmetric and, as each C_b is positive, |c_ij| <= sqrt(c_ii c_jj). The law 
 force f_i + sum_j O_ij f_j (`physics.contact.joint`).
 
 A missing load is a load of zero on the last patch, whose indentation is reported while it recovers. When the foot point
-moves away, this patch is blended into the one round the foot, over the distance `radius`. As the beams are independent,
-the displacement that is sent is limited (`stretch`); beams and law are not affected.
+moves away, this patch is blended into the one round the foot, over the distance `MERGES` x `radius`. As the beams are
+independent, the displacement that is sent is limited (`stretch`); beams and law are not affected.
 """
 
 import math
@@ -33,6 +33,9 @@ from palpate.physics.contact.spread import Spreader, spread, spreader
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.voigt import ViscoelasticMaterial, chain_compliance
 
+MERGES = 0.125
+"""[1] A patch this part of the radius away is indented by 97 % of the indentation under the load. A longer blend
+includes the indentation of another place, so that a finger touches too late and then too deep."""
 SHORTEST_STEP = 1e-5  # [s] A shorter step is computed as this long
 
 
@@ -178,8 +181,8 @@ def bear(foundation, contact, nodes, forces, foot, normal):
         contacts.borne[contact] = touched
         contacts.feet[contact, 0], contacts.feet[contact, 1], contacts.feet[contact, 2] = foot
     else:
-        near = distance(foot, contacts.feet[contact]) / foundation.radius if contacts.borne[contact] > 0 else math.inf
-        share = max(1.0 - near, 0.0)
+        away = distance(foot, contacts.feet[contact]) if contacts.borne[contact] > 0 else math.inf
+        share = max(1.0 - away / (MERGES * foundation.radius), 0.0)
         spreader = foundation.spreader
         count = spread(spreader, foot, normal, (0.0, 0.0, 0.0)) if share < 1.0 else 0
         touched = stepping.patch_between(

@@ -98,7 +98,7 @@ def foundation_step(dt, count, beams, moving, contacts):
         limited += _beam(active[k], dt, beams, moving)
     for i in range(len(contacts.forces)):
         for j in range(i):
-            contacts.cross[i, j] = contacts.cross[j, i] = _shared(i, j, dt, beams, moving, contacts)
+            contacts.cross[i, j] = contacts.cross[j, i] = _shared_compliance(i, j, dt, beams, moving, contacts)
     for i in range(len(contacts.forces)):
         _response(i, dt, beams, moving, contacts)
     kept = 0
@@ -164,7 +164,7 @@ def _shear_factor(force, along, softness, length):
 
 
 @kernel
-def _shared(i, j, dt, beams, moving, contacts):
+def _shared_compliance(i, j, dt, beams, moving, contacts):
     """Compliance c_ij [m/N] >= 0 between the patches of two contacts, summed over their common beams."""
     n, m, weight = contacts.normals[i], contacts.normals[j], moving.weight
     first, second = contacts.which[i], contacts.which[j]

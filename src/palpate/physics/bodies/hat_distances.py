@@ -115,6 +115,7 @@ def _potential(point, corner, out):
     height = dot(_minus(point, corner[0]), normal)
     foot = _minus(point, _times(normal, height))
     whole, first0, first1, first2 = 0.0, 0.0, 0.0, 0.0
+    # edge by edge: integrals of 1/r (`whole`), and of the in-plane vector from the foot over r (`first`)
     for k in range(3):
         begin = corner[k]
         along = _minus(corner[(k + 1) % 3], begin)
@@ -138,6 +139,7 @@ def _potential(point, corner, out):
         first0 += amount * outward[0]
         first1 += amount * outward[1]
         first2 += amount * outward[2]
+    # a coordinate is linear: its value at the foot times `whole`, plus its gradient times `first`
     for k in range(3):
         climb = _times(cross(normal, _minus(corner[(k + 2) % 3], corner[(k + 1) % 3])), 1.0 / double)
         out[k] = (1.0 + dot(_minus(foot, corner[k]), climb)) * whole + dot((first0, first1, first2), climb)

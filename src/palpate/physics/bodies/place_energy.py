@@ -70,6 +70,7 @@ def _soften(vertices, normals, model, spreader, compliances, sideways):
         size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
         normal = (n[0] / size, n[1] / size, n[2] / size)
         inward = (-normal[0], -normal[1], -normal[2])
+        # patch under a normal force at the vertex, and its measure on the coarse vertices
         count = spread(spreader, (vertices[v, 0], vertices[v, 1], vertices[v, 2]), normal, inward)
         if count == 0:
             continue
@@ -80,10 +81,12 @@ def _soften(vertices, normals, model, spreader, compliances, sideways):
                 b = model.corners[nodes[k], a]
                 measure[b, 0] += model.weights[nodes[k], a] * press
                 marked[b] = True
+        # list of the vertices with a measure
         for b in range(len(vertices)):
             if marked[b]:
                 order[touched], marked[b] = b, False
                 touched += 1
+        # compliance of the linear organ under the patch, and its lateral displacement over the indentation
         total = normal_force(forces, normal)
         radius, _ = load_radius(model.fine, nodes, forces, normal, total, model.true.least)
         narrowed = narrow_load(model, nodes, forces, normal, total, order, touched, measure, radius)

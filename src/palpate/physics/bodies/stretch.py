@@ -83,7 +83,7 @@ def _square(vectors, i):
 
 
 @kernel(error_model="numpy")
-def _allowed(a, b, cosine, most):
+def _shorten_pair(a, b, cosine, most):
     """Lengths of two vectors at a given angle, a >= b, shortened until their difference is at most `most`."""
     if a * a + b * b - 2.0 * a * b * cosine <= most * most * (1.0 + EXCESS):
         return a, b
@@ -126,7 +126,7 @@ def limit_stretch(vectors, count, limit, edges, place, nodes, room):
             across = math.sqrt(_square(vectors, i) * _square(vectors, j))
             along = vectors[i, 0] * vectors[j, 0] + vectors[i, 1] * vectors[j, 1] + vectors[i, 2] * vectors[j, 2]
             cosine = min(max(along / across, -1.0), 1.0) if across > 0.0 else 0.0
-            longer, shorter = _allowed(max(a, b), min(a, b), cosine, most)
+            longer, shorter = _shorten_pair(max(a, b), min(a, b), cosine, most)
             lengths[i], lengths[j] = (longer, shorter) if a >= b else (shorter, longer)
             if lengths[j] < b and not queued[j]:
                 queue[(head + waiting) % count], queued[j] = j, True

@@ -54,11 +54,11 @@ def ball(radius: float, modulus: float) -> AreaLaw:
 def fingertip(radius: float, modulus: float) -> AreaLaw:
     """The law of a fingertip of this radius of curvature [m] on a half-space of E* [Pa]."""
     forces, plate = map(np.array, PLATE)
-    return of_table(forces, _joined(forces, plate, radius, modulus))
+    return of_table(forces, _join_radii(forces, plate, radius, modulus))
 
 
 @kernel(error_model="numpy")
-def _joined(forces, plate, radius, modulus):
+def _join_radii(forces, plate, radius, modulus):
     """Radii (k,) [m] of the fingertip on a half-space from those on a plate [m] (k,); a kernel, since the last bits of
     numpy's powers depend on the processor."""
     radii = np.empty(len(forces))

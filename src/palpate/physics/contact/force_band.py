@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # loads its submodules when they are used
 
+from palpate.physics.arrays import Numbers
 from palpate.physics.contact.force_models import MODELS
 
 
@@ -35,7 +36,7 @@ PUBLISHED = Band("fourier", (1.694, -1.673, 0.1971, 422.8), "exponential", (0.02
 """
 
 
-def band_at(depth, band: Band = PUBLISHED):
+def band_at(depth: Numbers, band: Band = PUBLISHED) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(F, sigma, inside): mean [N], standard deviation [N] and whether the depth was measured, at each depth [m] (...).
 
     Outside the measured range the laws are evaluated at its end, without extrapolation, and `inside` is false.
@@ -48,7 +49,7 @@ def band_at(depth, band: Band = PUBLISHED):
     return np.maximum(mean, 0.0), np.maximum(deviation, 0.0), (depth >= 0.0) & (depth <= band.limit)
 
 
-def truncated_quantile(level, mean, deviation, freedom: float = 0.0):
+def truncated_quantile(level: Numbers, mean: Numbers, deviation: Numbers, freedom: float = 0.0) -> np.ndarray:
     """Quantile [N] (...) of mean + deviation t truncated to f >= 0, at the probability `level`.
 
         S(z) = (1 - level) (1 - S(-mean/deviation)),   f = mean + z deviation,   S(z) the survival function of t

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.compiler.exact import exp
+from palpate.physics.arrays import Numbers, Vector
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class ForceModel:
     def parameters(self) -> dict[str, str]:
         return self.linear | self.nonlinear
 
-    def __call__(self, depth, parameters) -> np.ndarray:
+    def __call__(self, depth: Numbers, parameters: Vector) -> np.ndarray:
         """y at each depth [m] (...)."""
         depth = np.asarray(depth, float)
         return self.predict(depth.ravel(), np.asarray(parameters, float)).reshape(depth.shape)
@@ -53,7 +54,7 @@ def _span(x: np.ndarray) -> float:
     return float(np.max(np.abs(x))) or 1.0
 
 
-def _gauss(x: np.ndarray, q, w) -> np.ndarray:
+def _gauss(x: np.ndarray, q: float, w: float) -> np.ndarray:
     return exp(-(((x - q) / w) ** 2))
 
 

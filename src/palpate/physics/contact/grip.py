@@ -34,6 +34,7 @@ def internal_forces(points, forces):
     their line is undetermined and has no effect.
     """
     count = len(points)
+    # forces without their mean, arms from the centre, and the remaining moment
     arm, left = points.copy(), forces.copy()
     for axis in range(3):
         centre, mean = points[:, axis].mean(), forces[:, axis].mean()
@@ -44,6 +45,7 @@ def internal_forces(points, forces):
     for i in range(count):
         _cross(arm[i], left[i], moment)
         scale += math.sqrt(dot(arm[i], arm[i]) * dot(left[i], left[i]))
+    # b (`turn`) by conjugate gradients
     turn, along, size = np.zeros(3), moment.copy(), dot(moment, moment)
     for _ in range(3):
         if size <= (BALANCED * scale) ** 2:

@@ -137,7 +137,7 @@ def _add_step(account, work, stored):
 
 
 @kernel
-def _stored(account):
+def _stored_energy(account):
     """Stored energy [J] of a part; 0 if it does not report it."""
     return account.stored if abs(account.stored) > 0.0 else 0.0
 
@@ -146,12 +146,12 @@ def _stored(account):
 def totals(ledger, row):
     """Stored and dissipated energy [J], summed over all fingers; `row` is that of the first finger's part."""
     account = ledger.accounts[row]
-    stored, dissipated = _stored(account), account.work - _stored(account)
+    stored, dissipated = _stored_energy(account), account.work - _stored_energy(account)
     if row != TISSUE:
         for more in range(MORE + (row == FRICTION), ledger.rows, 2):
             account = ledger.accounts[more]
-            stored += _stored(account)
-            dissipated += account.work - _stored(account)
+            stored += _stored_energy(account)
+            dissipated += account.work - _stored_energy(account)
     return stored, dissipated
 
 
@@ -165,7 +165,7 @@ def worst(ledger):
         if math.isnan(account.stored):
             account.generated = max(-account.work, 0.0)
         else:
-            account.generated = max(account.highest - (account.work - _stored(account)), 0.0)
+            account.generated = max(account.highest - (account.work - _stored_energy(account)), 0.0)
         if account.generated > ledger.accounts[row].generated:
             row = k
     return row, ledger.accounts[row].generated

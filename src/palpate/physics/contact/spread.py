@@ -7,6 +7,11 @@ R, so that the weights change continuously while the foot point moves. The weigh
 on any mesh. Nodes whose normal points away from the contact's normal, as on the back of a thin or folded body, are
 excluded: w_j is multiplied by x² (3 - 2x), where x = n_j.n / `FACES` < 1, so that a contact that turns at an edge adds
 and removes the side of the body continuously.
+
+A foot point that follows the finger to another part of the surface may lie off the surface (`geometry.proxy`), where
+few nodes are within R, or none. If the nearest node is at d_0 > a = `OFF` R, d_j² is reduced by d_0² - a²: the patch
+keeps (1 - `OFF`²)^½ = 87 % of its radius, and changes continuously. A point of the surface may be as far from all nodes
+as the radius of the circle round a triangle, so that a is at least that of the longest edge L, L/3^½.
 """
 
 import math
@@ -21,6 +26,7 @@ from palpate.physics.geometry.mesh_closest import nearest_weights
 
 KERNELS = ("biweight", "wendland", "cosine", "hertz")
 FACES = 0.5  # [1] cosine to the contact's normal below which a node bears less
+OFF = 0.5  # [1] of R, distance of the nearest node beyond which the foot counts as off the surface
 
 
 @kernel(error_model="numpy")
@@ -104,7 +110,8 @@ def nearest_triangle(point, normal, points, triangles, vectors):
 class Spreader(NamedTuple):
     """Tables of a mesh for the distribution of forces, and the last result; shape, first and order: see `cells`."""
 
-    scalars: Annotated[np.ndarray, "<f8", 1]  # R [m], kind (index into KERNELS), origin (3) and side [m] of the grid
+    scalars: Annotated[np.ndarray, "<f8", 1]
+    """R [m], kind (index into KERNELS), origin (3) and side [m] of the grid, longest edge of a triangle [m]."""
     shape: Annotated[np.ndarray, "<i8", 1]
     first: Annotated[np.ndarray, "<i4", 1]
     order: Annotated[np.ndarray, "<i4", 1]
@@ -133,30 +140,23 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     margin, size = 20 * float(np.max(high - low)), max(len(near), 3)
     vertices, triangles, faces = map(np.ascontiguousarray, (mesh.vertices, mesh.triangles, mesh.face_vectors))
+    edges = np.linalg.norm(np.diff(vertices[triangles[:, [0, 1, 2, 0]]], axis=1), axis=2)
+    scalars = np.array([radius, KERNELS.index(kernel), *origin, side, float(edges.max(initial=0.0))])
     return Spreader(
-        np.array([radius, KERNELS.index(kernel), *origin, side]), shape, first, order, near, vertices, triangles, faces,
+        scalars, shape, first, order, near, vertices, triangles, faces,
         np.stack([low - margin, high + margin]), np.zeros(size, np.int32), np.zeros(size), np.zeros((size, 3)),
     )  # fmt: skip
 
 
 @kernel(error_model="numpy")
-def spread(spreader, foot, normal, force, radius=0.0):
-    """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]. Returns their number.
-
-    normal: outward unit normal [1] (3) of the surface at the foot point;  radius [m]  R, 0: that of the spreader
-
-    If no node is in range, the force is distributed over the corners of the nearest triangle by the barycentric
-    coordinates of its point nearest to the foot. Else the work depends on the number of nodes near the foot, not on the
-    mesh.
-    """
-    s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
-    # the nodes within R, in the cells of the grid round the foot
+def _weigh(s, foot, normal, r, shift):
+    """Fill `nodes` and `weights` [m²] with the nodes that face `normal` and have d² - shift < R². Returns their number,
+    and the least d² [m²] of them; inf: none exists."""
     kind, shape, first, order, near = int(s.scalars[1]), s.shape, s.first, s.order, s.near
-    r = radius if radius > 0.0 else s.scalars[0]
-    lo, hi = _cells(foot, -r, s.scalars, shape), _cells(foot, r, s.scalars, shape)
-    count = 0
-    total = 0.0
-    reach = r * r
+    reach = r * r + shift
+    wide = r if shift == 0.0 else math.sqrt(reach)
+    lo, hi = _cells(foot, -wide, s.scalars, shape), _cells(foot, wide, s.scalars, shape)
+    count, least = 0, np.inf
     for i in range(lo[0], hi[0] + 1):
         for j in range(lo[1], hi[1] + 1):
             row = (i * shape[1] + j) * shape[2]
@@ -168,15 +168,57 @@ def spread(spreader, foot, normal, force, radius=0.0):
                 faces = near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]
                 if faces <= 0.0:
                     continue
-                weight = near[at, 6] * kernel_value(kind, math.sqrt(square) / r)
+                least = min(least, square)
+                weight = near[at, 6] * kernel_value(kind, math.sqrt(max(square - shift, 0.0)) / r)
                 if faces < FACES:
                     share = faces / FACES
                     weight *= share * share * (3.0 - 2.0 * share)
                 if weight > 0.0:
-                    nodes[count] = order[at]
-                    weights[count] = weight
-                    total += weight
+                    s.nodes[count], s.weights[count] = order[at], weight
                     count += 1
+    return count, least
+
+
+@kernel
+def _on_surface(s, r):
+    """Largest d_0² [m²] of a foot that counts as on the surface."""
+    return max((OFF * r) ** 2, s.scalars[6] ** 2 / 3.0)
+
+
+@kernel(error_model="numpy")
+def _off_surface(s, foot, normal, r):
+    """Fill `nodes` and `weights` for a foot without a node within R; returns their number, 0 if the foot lies on a
+    triangle that is larger than R, or no node faces `normal`."""
+    most, wide = 4.0 * (s.box[1, 0] - s.box[0, 0] + s.box[1, 1] - s.box[0, 1] + s.box[1, 2] - s.box[0, 2]), 2.0 * r
+    while wide < most:
+        count, least = _weigh(s, foot, normal, r, wide * wide - r * r)
+        if count > 0:
+            near = _on_surface(s, r)
+            return _weigh(s, foot, normal, r, least - near)[0] if least > near else 0
+        wide *= 2.0
+    return 0
+
+
+@kernel(error_model="numpy")
+def spread(spreader, foot, normal, force, radius=0.0):
+    """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]. Returns their number.
+
+    normal: outward unit normal [1] (3) of the surface at the foot point;  radius [m]  R, 0: that of the spreader
+
+    If no node is in range of a foot on the surface, the force is distributed over the corners of the nearest triangle
+    by the barycentric coordinates of its point nearest to the foot. Else the work depends on the number of nodes near
+    the foot, not on the mesh.
+    """
+    s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
+    r = radius if radius > 0.0 else s.scalars[0]
+    count, least = _weigh(s, foot, normal, r, 0.0)
+    if count == 0:
+        count = _off_surface(s, foot, normal, r)
+    elif least > _on_surface(s, r):
+        count, least = _weigh(s, foot, normal, r, least - _on_surface(s, r))
+    total = 0.0
+    for at in range(count):
+        total += weights[at]
     for at in range(count):
         weights[at] /= total
         for k in range(3):

@@ -16,10 +16,9 @@ PhD thesis, University of Maryland, 1997.
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 from palpate.compiler.dot import cross, dot
-from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
 
 HOME = (0.0, 0.0, 0.11)
@@ -27,11 +26,23 @@ TOLERANCE = 1e-9  # [rad] forward kinematics stop here
 LONGEST_STEP = 0.020  # [m] largest Newton step
 ITERATIONS = 40
 
-GEOMETRY = {
-    "a": (), "b": (), "c": (), "length": (), "offset": (), "r": (),  # [m] d + e, f - s
-    "cos_phi": (3,), "sin_phi": (3,), "zero": (), "count": (), "limit": (),
-}  # fmt: skip
-"""Constants of the kernels, see `FalconGeometry`."""
+Three = tuple[float, float, float]
+
+
+class Geometry(NamedTuple):
+    """Constants of the kernels, see `FalconGeometry`."""
+
+    a: float
+    b: float
+    c: float
+    length: float  # d + e
+    offset: float  # f - s
+    r: float
+    cos_phi: Three
+    sin_phi: Three
+    zero: float
+    encoder_count: float
+    limit: float
 
 
 @dataclass(frozen=True)
@@ -51,18 +62,19 @@ class FalconGeometry:
     f: float = -0.025
     r: float = 0.0400
     s: float = -0.02309
-    phi: tuple[float, float, float] = (math.radians(105.0), math.radians(-15.0), math.radians(-135.0))
+    phi: Three = (math.radians(105.0), math.radians(-15.0), math.radians(-135.0))
     zero: float = math.radians(35.0)
     count: float = 2.0 * math.pi / 1280.0 * 0.01425 / 0.110
     limit: float = 0.4096
 
     @cached_property
-    def geometry(self) -> Any:
-        """The constants for the kernels, `GEOMETRY`."""
-        return blank_record(
-            GEOMETRY, a=self.a, b=self.b, c=self.c, length=self.d + self.e, offset=self.f - self.s, r=self.r,
-            cos_phi=[math.cos(angle) for angle in self.phi], sin_phi=[math.sin(angle) for angle in self.phi],
-            zero=self.zero, count=self.count, limit=self.limit,
+    def geometry(self) -> Geometry:
+        """The constants for the kernels."""
+        first, second, third = self.phi
+        return Geometry(
+            self.a, self.b, self.c, self.d + self.e, self.f - self.s, self.r,
+            (math.cos(first), math.cos(second), math.cos(third)), (math.sin(first), math.sin(second), math.sin(third)),
+            self.zero, self.count, self.limit,
         )  # fmt: skip
 
 

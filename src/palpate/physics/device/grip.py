@@ -96,7 +96,7 @@ def wanted(time, ends, points, shapes):
 def grip_kernel(geometry, grip, motion, ends, points, shapes, t0, t1, t2, dt):
     """Move the grip of a Falcon by one step under motor torques; returns its driven angles [rad].
 
-    geometry, grip, motion  `falcon.GEOMETRY`, `GRIP`, `MOTION`; the motion is changed in place
+    geometry, grip, motion  `falcon.Geometry`, `GRIP`, `MOTION`; the motion is changed in place
     The limit of the legs' reach acts as an end stop: the grip stays at its last position, at rest.
     """
     if 0.0 < dt < math.inf:
@@ -105,12 +105,14 @@ def grip_kernel(geometry, grip, motion, ends, points, shapes, t0, t1, t2, dt):
         count = int(min(max(math.ceil(dt / SUBSTEP - 1e-6), 1), MOST_SUBSTEPS))
         h = dt / count
         mass, drag = grip.mass, grip.drag
+        # exact propagator of the linear grip, computed again if the substep changes
         e = motion.propagator
         if motion.length != h:
             made = propagator((drag + grip.damping) / mass, grip.stiffness / mass, h)
             for i in range(9):
                 e[i // 3, i % 3] = made[i // 3, i % 3]
             motion.length = h
+        # substeps, with the motors' force at the start of each
         begin, position, velocity = motion.time, motion.position, motion.velocity
         _, px, py, pz = wanted(begin, ends, points, shapes)
         for i in range(1, count + 1):

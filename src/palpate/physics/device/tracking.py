@@ -122,7 +122,7 @@ def pose_falcon(track, resolution, limit, t, angles, geometry):
     if kind == BAD:
         return hold(track)
     a0, a1, a2 = between(
-        track.axes, kind, angles, geometry.count if resolution > 0.0 else 0.0, (t - track.stamp) * 1e-9
+        track.axes, kind, angles, geometry.encoder_count if resolution > 0.0 else 0.0, (t - track.stamp) * 1e-9
     )
     seen = x, y, z
     if not (a0 == angles[0] and a1 == angles[1] and a2 == angles[2]):

@@ -56,13 +56,16 @@ def _run(device, wall, gains, state, past, controlled, steps, lost, out):
     normal, zero = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     for i in range(len(steps)):
         dt, before = steps[i], x
+        # the device under the held force, and the energy that this force has generated
         x, v = advance(x, v, force - push, mass, drag, coulomb, dt)
         energy += force * (x - before)
+        # delay line, then encoder; a lost sample repeats the last reading
         for k in range(len(line) - 1, 0, -1):
             line[k] = line[k - 1]
         line[0] = x
         if not lost[i]:
             seen = line[-1] if resolution == 0.0 else resolution * math.floor(line[-1] / resolution + 0.5)
+        # velocity over the last `order` samples; spring and damper of the wall
         for k in range(last):
             seen_at[k] = seen_at[k + 1]
         seen_at[last] = seen

@@ -6,6 +6,7 @@ import numpy as np
 
 from palpate.compiler.exact import exp
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Numbers, Points
 from palpate.physics.display.shape_display import bulge, deflection_under, press
 
 
@@ -21,7 +22,9 @@ def heights_from_force(distance, force, b, m, pad_curvature, compliance, tissue_
     return approach, radius
 
 
-def heights_from_surface(points, tissue, approach, pad_radius, neighbours):
+def heights_from_surface(
+    points: Numbers, tissue: Numbers, approach: float, pad_radius: float, neighbours: float
+) -> np.ndarray:
     """Deformation of the fingerpad [m] (n) at each pin due to a deformed tissue surface, never negative:
 
         u_f = <z + approach - r²/(2 R_f)>
@@ -39,7 +42,7 @@ def heights_from_surface(points, tissue, approach, pad_radius, neighbours):
     return np.maximum(z + approach - np.sum(points**2, axis=-1) / (2.0 * pad_radius), 0.0)
 
 
-def local_plane(points, places, values, width):
+def local_plane(points: Points, places: Points, values: np.ndarray, width: float) -> np.ndarray:
     """Linear moving least squares: the value (n) at `points` (n,2) from values (n,q) at `places` (n,q,2).
 
     Weights are Gaussian in the distance over `width`, relative to the nearest place, so that they do not vanish far

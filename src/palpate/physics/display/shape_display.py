@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Numbers
 
 VALID_RATIO = 0.5  # [1] Limit of a/R_f: Hertz theory requires a << R_f
 
@@ -133,7 +134,13 @@ def press(force: float, b: float, m: float, pad_curvature: float, compliance: fl
     return x, approach, math.sqrt(approach / curvature), pad, pad / softening, 1.0 / softening, curvature
 
 
-def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FINGERPADS["canonical"]) -> PadContact:
+def pad_contact(
+    force: Numbers,
+    modulus: Numbers,
+    poisson: Numbers = 0.5,
+    radius: Numbers = np.inf,
+    pad: Fingerpad = FINGERPADS["canonical"],
+) -> PadContact:
     """The fingerpad on tissue under each force: deflection, approach, contact radius and moduli (see the module).
 
     force    [N]   (...)  >= 0; zeros at 0
@@ -188,7 +195,7 @@ def bulge(r: float, a: float) -> float:
     return r * r * g / math.pi
 
 
-def pad_displacement(r, contact: PadContact):
+def pad_displacement(r: Numbers, contact: PadContact) -> np.ndarray:
     """Indentation u_f(r) [m] of the fingerpad's surface at r [m] (...) from the axis, which broadcasts with the state.
 
         u = share s(r, a)/R

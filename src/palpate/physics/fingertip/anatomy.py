@@ -10,10 +10,12 @@ adult index fingers.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from palpate.compiler.exact import exp
+from palpate.physics.arrays import Numbers
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
 
@@ -39,7 +41,7 @@ class Anatomy:
     bone_height: float = 0.0004  # of the bone's axis above the finger's
     bone_shift: float = 0.0006  # lateral, of the bone's axis (+x)
 
-    def axes(self, name: str, y):
+    def axes(self, name: str, y: Numbers) -> tuple[Any, ...]:
         """Half width, palmar and dorsal half depth, start and cap length of a surface at y [m] (...)."""
         y = np.asarray(y, float)
         if name == "bone":
@@ -53,7 +55,7 @@ class Anatomy:
         ones = np.ones_like(y)
         return ones * (self.width / 2 - less), palmar - less, ones * (self.dorsal - less), less, self.cap - less
 
-    def level(self, name: str, points) -> np.ndarray:
+    def level(self, name: str, points: Numbers) -> np.ndarray:
         """Approximate signed distance [m] (...) to a surface, exactly zero on it; arguments as of
         `FingertipSurfaces.level`."""
         x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)

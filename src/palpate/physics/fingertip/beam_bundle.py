@@ -46,10 +46,10 @@ class Bundle(NamedTuple):
 
 
 def bundle(
-    index,
+    index: np.ndarray,
     pitch: float,
-    heights,
-    lengths,
+    heights: np.ndarray,
+    lengths: np.ndarray,
     materials: tuple[ViscoelasticMaterial, ...] = (TISSUE,),
     lateral: str = "shear",
     lateral_elements: int | None = None,

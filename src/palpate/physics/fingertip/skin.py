@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Points, Triangles
 
 
 class Sheet(NamedTuple):
@@ -47,7 +48,9 @@ def grid_triangles(index: np.ndarray) -> np.ndarray:
     return np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
-def plane_stress_blocks(points, triangles, modulus, poisson, thickness):
+def plane_stress_blocks(
+    points: Points, triangles: Triangles, modulus: float, poisson: float, thickness: float
+) -> np.ndarray:
     """K_e of each triangle (E,9,2,2) [N/m].
 
     points [m] (N,2)   triangles [1] (E,3)   modulus [Pa]   poisson [1] in (-1, 1)   thickness [m]
@@ -70,7 +73,7 @@ def plane_stress_blocks(points, triangles, modulus, poisson, thickness):
     return np.ascontiguousarray(whole.reshape(-1, 3, 2, 3, 2).transpose(0, 1, 3, 2, 4)).reshape(-1, 9, 2, 2)
 
 
-def sheet(points, triangles, modulus, poisson, thickness) -> Sheet:
+def sheet(points: Points, triangles: Triangles, modulus: float, poisson: float, thickness: float) -> Sheet:
     """The sheet on given nodes; arguments as of `plane_stress_blocks`. Without triangles it exerts no force."""
     count = len(points)
     blocks = plane_stress_blocks(points, triangles, modulus, poisson, thickness)

@@ -65,9 +65,11 @@ def node_slip(a, b, d, x, y, limit):
     if radius <= 1e-14 * mean:
         s = (size - limit) / mean
         return x / (mean + limit / s), y / (mean + limit / s)
+    # components of r along the eigenvectors
     angle = 0.5 * math.atan2(b, half)
     c, n = math.cos(angle), math.sin(angle)
     p, q = c * x + n * y, c * y - n * x
+    # Newton's method on s; a step out of the bracket is replaced by a bisection
     lower, upper = (size - limit) / high, (size - limit) / low
     s = lower
     for _ in range(60):

@@ -16,6 +16,7 @@ import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import product
 from palpate.physics.archive import read_arrays
+from palpate.physics.arrays import Numbers
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.fingertip.beam_bundle import Bundle, bundle, check_count
 from palpate.physics.materials.voigt import BONE, SKIN, TISSUE, ViscoelasticMaterial
@@ -45,7 +46,7 @@ class FingertipSurfaces:
         size = (np.array(self.skin.shape) - 1) * self.spacing
         return self.origin + np.stack(np.meshgrid(*[(0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3) * size
 
-    def level(self, name: str, points) -> np.ndarray:
+    def level(self, name: str, points: Numbers) -> np.ndarray:
         """Signed distance [m] (...) to the surface "skin", "tissue" or "bone" at points [m] (..., 3)."""
         place = np.moveaxis((np.asarray(points, float) - self.origin) / self.spacing, -1, 0)
         return scipy.ndimage.map_coordinates(getattr(self, name), place, order=1, mode="nearest")
@@ -104,7 +105,7 @@ def plate_axes(angle: float) -> np.ndarray:
     return np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
 
 
-def cast(tip: FingertipSurfaces, x, y, angle: float = 0.0) -> Rays:
+def cast(tip: FingertipSurfaces, x: Numbers, y: Numbers, angle: float = 0.0) -> Rays:
     """Intersect the fingertip with lines along the plate's normal through (x, y) [m] (...) of the plate's frame.
 
     A line is sampled at half the grid's spacing; crossings are the zeros of the linearly interpolated distance. The
@@ -117,14 +118,14 @@ def cast(tip: FingertipSurfaces, x, y, angle: float = 0.0) -> Rays:
     plane = x[..., None] * axes[0] + y[..., None] * axes[1]
     points = plane[..., None, :] + z[:, None] * axes[2]
 
-    def borders(name):
+    def borders(name: str) -> tuple[np.ndarray, np.ndarray]:
         level = tip.level(name, points)
         inside = level < 0
         first = np.argmax(inside, axis=-1)
         last = inside.shape[-1] - 1 - np.argmax(inside[..., ::-1], axis=-1)
         hit = inside.any(axis=-1)
 
-        def crossing(k, away):
+        def crossing(k: np.ndarray, away: int) -> np.ndarray:
             k = np.clip(k, 0 if away > 0 else 1, len(z) - (2 if away > 0 else 1))
             a = np.take_along_axis(level, k[..., None], -1)[..., 0]
             b = np.take_along_axis(level, (k + away)[..., None], -1)[..., 0]

@@ -97,7 +97,7 @@ def stepper(kind: type[Any]) -> CompiledKernel:
         z, force, stick = advanced(law, z, v, load, dt, path)
         return z, force, stick, spare
 
-    answer = _rescaled(kind) if "rescale" in kind._fields else plain
+    answer = _rescale_bristles(kind) if "rescale" in kind._fields else plain
 
     @kernel(error_model="numpy")
     def step(law, z, a, last, slack, spare, b, slip, load, dt):
@@ -111,7 +111,7 @@ def stepper(kind: type[Any]) -> CompiledKernel:
     return step
 
 
-def _rescaled(kind: type[Any]) -> CompiledKernel:
+def _rescale_bristles(kind: type[Any]) -> CompiledKernel:
     """`advance` with bristles that shrink to s z, s < 1, where a rising load would give them more than the energy
     E = `spare` that it took while it fell. With the dissipation D of the step it ensures
 

@@ -155,7 +155,7 @@ def _discs(vertices, triangles, leaves, discs):
             for part in range(node * step, node * step + step):
                 if sums[part, 6] == 0.0:
                     continue
-                along, across, cosine = _seen(discs[part], discs[node])
+                along, across, cosine = _relative_disc(discs[part], discs[node])
                 sine = np.sqrt(max(1.0 - cosine * cosine, 0.0))
                 reach = discs[part, 6] * sine + discs[part, 7] * cosine
                 low, high = min(low, along - reach), max(high, along + reach)
@@ -210,7 +210,7 @@ def _corner(x, disc):
 
 
 @kernel
-def _seen(part, disc):
+def _relative_disc(part, disc):
     """Centre of a disc relative to another: along its axis, distance from it, and the cosine between both axes."""
     along, across = _corner(part, disc)
     return along, across, abs(part[3] * disc[3] + part[4] * disc[4] + part[5] * disc[5])
@@ -233,11 +233,13 @@ def _topology(points, cells, star_at, star):
         y = side[0, 2] * side[1, 0] - side[0, 0] * side[1, 2]
         z = side[0, 0] * side[1, 1] - side[0, 1] * side[1, 0]
         length = np.sqrt(x * x + y * y + z * z)
+        # a degenerate triangle has no normal; its kind names its longest side
         longest = 0 if square[0] >= max(square[1], square[2]) else (1 if square[1] >= square[2] else 2)
         if 0.5 * length <= FLAT * square[longest]:
             cells[t, KIND] = 1 + longest
             continue
         cells[t, KIND] = 0
+        # add the normal to the corners, weighted by the angle there
         for i in range(3):
             j = (i + 2) % 3
             cosine = -(side[i, 0] * side[j, 0] + side[i, 1] * side[j, 1] + side[i, 2] * side[j, 2])

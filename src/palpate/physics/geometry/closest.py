@@ -64,6 +64,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
     """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, u, v, signed distance.
 
     state  (3)  u and v of the last foot point, and 1; 0 in the last place if there is no last foot point
+    work   afterwards begins with the normal [1] (3) at the nearest point
     """
     p0, p1, p2 = min(max(p0, -FAR), FAR), min(max(p1, -FAR), FAR), min(max(p2, -FAR), FAR)
     here, there = d[0], d[1]
@@ -121,6 +122,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
     if best < distance - hysteresis:
         u, v = best_u, best_v
         evaluate(data, layout, u, v, work, here)
+    work[0], work[1], work[2] = n0, n1, n2
     n0, n1, n2 = normal_of(data, layout, u, v, here)
     state[0], state[1], state[2] = u, v, 1.0
     foot[0], foot[1], foot[2] = here[0, 0], here[0, 1], here[0, 2]
@@ -172,6 +174,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
     count = 0
     for c in range(clusters):
         b = 5 * samples + 4 * c
+        # skip a cluster whose bounding sphere is out of reach
         x, y, z = seeds[b] - p0, seeds[b + 1] - p1, seeds[b + 2] - p2
         far = reach + seeds[b + 3]
         if x * x + y * y + z * z >= far * far:
@@ -180,6 +183,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
             f = _square(seeds, k, p0, p1, p2)
             if f >= limit or (count == STARTS and f >= work[at + 2 * count - 2]):
                 continue
+            # keep a sample that is nearer than its neighbours and belongs to no known minimum
             lowest = True
             for j in range(index[links + k], index[links + k + 1]):
                 if _square(seeds, index[links + samples + 1 + j], p0, p1, p2) < f - slack:
@@ -187,6 +191,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
                     break
             if not lowest or _belongs(seeds, k, f, here[0, 0], here[0, 1], here[0, 2], distance * distance):
                 continue
+            # insert it into the sorted list
             count = min(count + 1, STARTS)
             place = count - 1
             while place > 0 and work[at + 2 * place - 2] > f:

@@ -52,7 +52,7 @@ def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work
 
     Descent from the last foot point over neighbouring triangles gives the point of the same branch, whose distance
     bounds the tree search. The foot point remains on its branch until the search finds one nearer by more than the
-    hysteresis [m]. The signed distance is that of the nearest point.
+    hysteresis [m]. The signed distance is that of the nearest point, on the triangle work[1].
     """
     p0, p1, p2 = min(max(p0, -FAR), FAR), min(max(p1, -FAR), FAR), min(max(p2, -FAR), FAR)
     last = work[0]
@@ -71,7 +71,7 @@ def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work
     else:
         signed = signed_distance(points, cells, star_at, star, local, v, w, place, p0, p1, p2, foot)
     normal_at(points, cells, local, v, w, foot)
-    work[0] = local
+    work[0], work[1] = local, t
     foot[6], foot[7], foot[8], foot[9] = v, w, signed, cells[local, ORIGIN]
 
 

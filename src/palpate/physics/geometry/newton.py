@@ -39,7 +39,7 @@ def _polar(data, layout, v):
 
 
 @kernel
-def _moved(data, layout, side, u, v, s1, s2):
+def _move_parameters(data, layout, side, u, v, s1, s2):
     """The parameters after a step (du, dv), or near a pole (radial, tangential) in units of v."""
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if side == 0.0:
@@ -60,7 +60,7 @@ def _moved(data, layout, side, u, v, s1, s2):
 
 @kernel
 def _model(data, layout, side, v, d, r0, r1, r2):
-    """Gradient (2), Hessian (3) and metric (3) of r.r / 2 in the coordinates of `_moved`."""
+    """Gradient (2), Hessian (3) and metric (3) of r.r / 2 in the coordinates of `_move_parameters`."""
     su = d[1, 0] * d[1, 0] + d[1, 1] * d[1, 1] + d[1, 2] * d[1, 2]
     sv = d[2, 0] * d[2, 0] + d[2, 1] * d[2, 1] + d[2, 2] * d[2, 2]
     suv = d[1, 0] * d[2, 0] + d[1, 1] * d[2, 1] + d[1, 2] * d[2, 2]
@@ -140,7 +140,7 @@ def _line(data, layout, p0, p1, p2, u, v, work, d):
 def newton(data, layout, p0, p1, p2, u, v, work, d):
     """Local minimum of the distance from p, by Newton's method from (u, v). Returns its u, v and squared distance [m²],
     and fills d (6,3) with the derivatives there."""
-    u, v = _moved(data, layout, 0.0, u, v, 0.0, 0.0)
+    u, v = _move_parameters(data, layout, 0.0, u, v, 0.0, 0.0)
     r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     steep = False
@@ -173,7 +173,7 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
                 break
             escapes += 1
             away = 0.05 * np.sqrt(f)
-            u, v = _moved(data, layout, side, u, v, away * e1 / np.sqrt(a11), away * e2 / np.sqrt(a22))
+            u, v = _move_parameters(data, layout, side, u, v, away * e1 / np.sqrt(a11), away * e2 / np.sqrt(a22))
             r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
             continue
         # Newton's direction, at most 25 % of the patch; steepest descent after a failed line search
@@ -187,7 +187,7 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
         share = 1.0
         taken = False
         for _ in range(40):
-            x, y = _moved(data, layout, side, u, v, share * s1, share * s2)
+            x, y = _move_parameters(data, layout, side, u, v, share * s1, share * s2)
             r0, r1, r2, new = _line(data, layout, p0, p1, p2, x, y, work, d)
             if side == 0.0 and not layout[nurbs.CLOSED_U] and x - u != share * s1:
                 slope = (g1 * (x - u)) / share + g2 * s2

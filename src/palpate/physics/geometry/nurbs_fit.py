@@ -18,7 +18,7 @@ def interpolate(points: np.ndarray, slopes: tuple[np.ndarray, np.ndarray]) -> Nu
     if min(points.shape[:2]) < 4:
         raise ValueError(f"points: found shape {points.shape}, expected at least 4 along each direction")
     control_v, knots_v = _open(np.swapaxes(points, 0, 1), slopes)
-    control, knots_u = _closed(np.swapaxes(control_v, 0, 1))
+    control, knots_u = _closed_cubics(np.swapaxes(control_v, 0, 1))
     return NurbsPatch(control, np.ones(control.shape[:2]), knots_u, knots_v, 3, 3, True, False)
 
 
@@ -27,7 +27,7 @@ def _even(count: int) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.full(count, 1.0 / count))[:-1], [1.0]])
 
 
-def _closed(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _closed_cubics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Control points (axis 0) and knots of the closed cubics through points (k,...)."""
     count = len(points)
     t = _even(count)[:-1]
@@ -77,7 +77,7 @@ def _arc(quarters: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.round(points, 15), weights, knots
 
 
-def _revolved(radius: np.ndarray, height: np.ndarray, weights: np.ndarray, knots: np.ndarray) -> NurbsPatch:
+def _revolve_profile(radius: np.ndarray, height: np.ndarray, weights: np.ndarray, knots: np.ndarray) -> NurbsPatch:
     """A profile of degree 2 (radius, height) revolved round z; u runs round the axis, v along the profile."""
     circle, circle_weights, circle_knots = _arc(4)
     points = np.empty((len(circle), len(radius), 3))
@@ -89,7 +89,7 @@ def _revolved(radius: np.ndarray, height: np.ndarray, weights: np.ndarray, knots
 def sphere(radius: float) -> NurbsPatch:
     """The exact sphere [m] round the origin, poles on the z axis at both ends of v."""
     arc, weights, knots = _arc(2)
-    return _revolved(arc[:, 1] * radius, -arc[:, 0] * radius, weights, knots)
+    return _revolve_profile(arc[:, 1] * radius, -arc[:, 0] * radius, weights, knots)
 
 
 def capsule(radius: float, length: float) -> NurbsPatch:
@@ -98,7 +98,7 @@ def capsule(radius: float, length: float) -> NurbsPatch:
     across = radius * np.array([0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
     along = np.array([-radius, -radius, 0.0, length / 2, length, length + radius, length + radius])
     knots = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 3.0]) / 3.0
-    return _revolved(across, along, np.array([1.0, half, 1.0, 1.0, 1.0, half, 1.0]), knots)
+    return _revolve_profile(across, along, np.array([1.0, half, 1.0, 1.0, 1.0, half, 1.0]), knots)
 
 
 def plane_patch(size: float) -> NurbsPatch:

@@ -11,8 +11,9 @@ The *target* is the nearest point while the tool is outside. After the tool has 
 * else none: the foot does not move, and the gap is measured along its normal.
 
 This ends when the tool is outside as seen from the side of entry, or far beyond the other side. A tool that starts
-inside, or jumps, has no side of entry: its foot is the nearest point. Past the border of a sheet the gap is the
-distance.
+inside, or jumps, has no side of entry: its foot is the nearest point. The other side may be nearer by the hysteresis of
+the search before the foot changes; until then the gap is the distance of the foot, not of the other side. Past the
+border of a sheet the gap is the distance.
 
 **The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
@@ -39,7 +40,7 @@ from palpate.physics.geometry.closest import FAR, track
 from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_mesh
 from palpate.physics.geometry.newton import newton
 from palpate.physics.geometry.nurbs import normal_of
-from palpate.physics.geometry.pseudonormal import normal_at, signed_distance
+from palpate.physics.geometry.pseudonormal import face_normal, normal_at, signed_distance
 
 JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
@@ -76,7 +77,7 @@ def memory(points: np.ndarray, border: bool = False, thickness: float = 0.0) -> 
 
 
 @kernel
-def _moved(p, memory):
+def _tool_motion(p, memory):
     """Motion of the tool since the last step [m]; inf at the first step and after a jump."""
     square = 0.0
     for k in range(3):
@@ -94,7 +95,7 @@ def _at_border(p, along, foot):
 
 
 @kernel
-def _turned(foot, memory):
+def _tool_turn(foot, memory):
     along = foot[3] * memory[NORMAL] + foot[4] * memory[NORMAL + 1] + foot[5] * memory[NORMAL + 2]
     return along < TURNED
 
@@ -118,7 +119,7 @@ def _regular(foot, moved, p, memory):
         memory[INSIDE] = 0.0
         return True
     if memory[INSIDE] == 0.0:
-        turned = _turned(foot, memory)
+        turned = _tool_turn(foot, memory)
         if memory[GAP] > 0.0 and (foot[8] <= 0.0 or (turned and memory[GAP] <= moved)):
             memory[INSIDE] = 1.0
             return not turned
@@ -126,7 +127,14 @@ def _regular(foot, moved, p, memory):
     if _outside(p, foot, memory):
         memory[INSIDE] = 0.0
         return True
-    return foot[8] <= 0.0 and not _turned(foot, memory)
+    return foot[8] <= 0.0 and not _tool_turn(foot, memory)
+
+
+@kernel
+def _keep_side(p, nearest, foot):
+    """The gap is that of the foot if the nearest point, with the normal `nearest` [1] (3), is on the other side."""
+    if foot[3] * nearest[0] + foot[4] * nearest[1] + foot[5] * nearest[2] < TURNED:
+        foot[8] = -np.sqrt((p[0] - foot[0]) ** 2 + (p[1] - foot[1]) ** 2 + (p[2] - foot[2]) ** 2)
 
 
 @kernel
@@ -207,21 +215,25 @@ def _end(p, moved, inside, exists, dt, foot, memory):
 
 
 @kernel
-def _limited(x):
+def _limit_motion(x):
     return min(max(x, -FAR), FAR)
 
 
 @kernel
 def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, memory, dt):
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`; dt [s]."""
-    p = (_limited(point[0]), _limited(point[1]), _limited(point[2]))
-    moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
+    p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
+    moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
+    # 1. the nearest point; past the border of a sheet the gap is the distance
     track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, foot)
     if memory[OPEN] == 1.0:
         along = 0.0
         for k in range(3):
             along += (p[k] - foot[k]) * foot[3 + k]
         _at_border(p, along, foot)
+    if inside and foot[8] <= 0.0:
+        _keep_side(p, (work[0], work[1], work[2]), foot)
+    # 2. if its normal is reversed: the local minimum next to the last target, or none
     exists = _regular(foot, moved, p, memory)
     memory[PASSED] = 0.0 if exists else 1.0
     if not exists:
@@ -231,7 +243,7 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
         foot[0], foot[1], foot[2] = d[0, 0, 0], d[0, 0, 1], d[0, 0, 2]
         foot[3], foot[4], foot[5], foot[6], foot[7] = n0, n1, n2, u, v
         foot[8] = (p[0] - foot[0]) * n0 + (p[1] - foot[1]) * n1 + (p[2] - foot[2]) * n2
-        exists = not _turned(foot, memory)
+        exists = not _tool_turn(foot, memory)
         if (foot[8] if exists else _held_gap(p, memory)) > 0.0:
             memory[INSIDE], exists = 0.0, True
             for k in range(len(foot)):
@@ -239,6 +251,7 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
         elif not exists:
             foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
         state[0], state[1] = foot[6], foot[7]
+    # 3. move the foot to the target at limited speed
     if not _end(p, moved, inside, exists, dt, foot, memory):
         foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
     memory[PLACE], memory[PLACE + 1] = foot[6], foot[7]
@@ -248,12 +261,14 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
 def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, foot, memory, dt):
     """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`;
     dt [s]."""
-    p = (_limited(point[0]), _limited(point[1]), _limited(point[2]))
-    moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
+    p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
+    moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
     track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, foot)
     if memory[OPEN] == 1.0:
         _, v, w, place = _on_triangle(points, cells, work[0], p[0], p[1], p[2])
         _at_border(p, signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], foot), foot)
+    if inside and foot[8] <= 0.0 and work[1] != work[0]:
+        _keep_side(p, face_normal(points, cells, work[1]), foot)
     exists = _regular(foot, moved, p, memory)
     memory[PASSED] = 0.0 if exists else 1.0
     if not exists:
@@ -263,7 +278,7 @@ def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, fo
         foot[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], foot)
         normal_at(points, cells, t, v, w, foot)
         work[0], foot[6], foot[7] = t, v, w
-        exists = foot[8] <= 0.0 and not _turned(foot, memory)
+        exists = foot[8] <= 0.0 and not _tool_turn(foot, memory)
         if not exists and _held_gap(p, memory) > 0.0:
             memory[INSIDE], work[0], exists = 0.0, local, True
             for k in range(len(foot)):

@@ -22,7 +22,8 @@ def foot_of(points, cells, t, v, w, foot):
 
 
 @kernel
-def _face(points, cells, t):
+def face_normal(points, cells, t):
+    """The normal [1] of a triangle; 0 of none and of one without area."""
     if t < 0 or cells[t, KIND] > 0:
         return 0.0, 0.0, 0.0
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
@@ -43,7 +44,7 @@ def normal_at(points, cells, t, v, w, foot):
     z = u * points[i, 5] + v * points[j, 5] + w * points[k, 5]
     length = np.sqrt(x * x + y * y + z * z)
     if length < 1e-6:
-        x, y, z = _face(points, cells, t)
+        x, y, z = face_normal(points, cells, t)
         length = np.sqrt(x * x + y * y + z * z)
         if length == 0.0:
             x, y, z, length = 0.0, 0.0, 1.0, 1.0
@@ -62,14 +63,14 @@ def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, fo
     r0, r1, r2 = p0 - foot[0], p1 - foot[1], p2 - foot[2]
     border = False
     if place == FACE:
-        x, y, z = _face(points, cells, t)
+        x, y, z = face_normal(points, cells, t)
     elif place >= EDGE:
         i = place - EDGE
         other = cells[t, ACROSS + i]
         border = other < 0
-        x, y, z = _face(points, cells, t)
+        x, y, z = face_normal(points, cells, t)
         for s in _beyond(cells, t, other):
-            a, b, c = _face(points, cells, s)
+            a, b, c = face_normal(points, cells, s)
             x, y, z = x + a, y + b, z + c
     else:
         a = cells[t, place - VERTEX]

@@ -48,7 +48,7 @@ def refined(mesh: Mesh, longest: float, most: int) -> Mesh:
         number[long] = len(points) + np.arange(len(along))
         half, (low, high) = number[straight & long], ends[straight & long].T
         sharp = np.concatenate([ends[straight & ~long], np.stack([low, half], 1), np.stack([high, half], 1)])
-        triangles = _divided(triangles, number[of])
+        triangles = _divide_triangles(triangles, number[of])
         points, normals = np.concatenate([points, middle]), np.concatenate([normals, facing])
     if len(points) == len(mesh.vertices):
         return mesh
@@ -128,7 +128,7 @@ def _halfway(
     return 0.5 * (low + high) + lift, _unit(both + _unit(both - slope[:, None] * along))
 
 
-def _divided(triangles: np.ndarray, middle: np.ndarray) -> np.ndarray:
+def _divide_triangles(triangles: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """The triangles divided at the new vertices in the middle of their edges (T,3), -1: none."""
     count = (middle >= 0).sum(axis=1)
     # turn each triangle so that its divided edges come first; of two, the edge that is not divided is the last

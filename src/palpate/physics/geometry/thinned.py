@@ -26,7 +26,7 @@ def thinned(mesh: Mesh, spacing: float) -> Mesh:
     """The mesh with vertices at least `spacing` [m] apart, less if fewer than `LEAST` would remain; unchanged if no
     region has more than `CROWDED` times the vertices that this requires."""
     spacing = min(spacing, float(np.sqrt(mesh.areas.sum() / LEAST)))
-    if not spacing > 0.0 or not _crowded(mesh, spacing):
+    if not spacing > 0.0 or not _is_crowded(mesh, spacing):
         return mesh
     star_at, star = stars(mesh.triangles, len(mesh.vertices))
     owner = _owners(mesh.vertices, mesh.triangles, star_at, star, spacing)
@@ -44,7 +44,7 @@ def thinned(mesh: Mesh, spacing: float) -> Mesh:
     return thin
 
 
-def _crowded(mesh: Mesh, spacing: float) -> bool:
+def _is_crowded(mesh: Mesh, spacing: float) -> bool:
     """Whether a region has more than `CROWDED` times the vertices that the spacing requires."""
     cell = ((mesh.vertices - mesh.vertices.min(axis=0)) / (REGION * spacing)).astype(np.int64)
     _, y, z = cell.max(axis=0) + 1

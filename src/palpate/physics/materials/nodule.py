@@ -16,8 +16,10 @@ nodule. The position and the trend with depth, size and ratio are reliable; for 
 
 import numpy as np
 
+from palpate.physics.arrays import Points, Vector
 
-def nodule_centre(vertices, normals, position, depth) -> np.ndarray:
+
+def nodule_centre(vertices: Points, normals: Points, position: Vector, depth: float) -> np.ndarray:
     """Centre [m] (3) of a nodule that lies `depth` [m] below the point of the surface at `position` [m] (3), along the
     normal of the nearest of its vertices [m] (V,3)."""
     nearest = int(np.argmin(np.sum((np.asarray(vertices) - position) ** 2, axis=1)))
@@ -26,7 +28,9 @@ def nodule_centre(vertices, normals, position, depth) -> np.ndarray:
     return np.asarray(position, float) - (above + depth) * normal
 
 
-def stiffness_map(vertices, normals, centre, radius, ratio, reach) -> np.ndarray:
+def stiffness_map(
+    vertices: Points, normals: Points, centre: Vector, radius: float, ratio: float, reach: float
+) -> np.ndarray:
     """Factor k [1] (V) on the stiffness of each surface vertex above a nodule; exactly 1 where none lies below.
 
     The column below a vertex runs along its inward normal; z1 and z2 are the depths where it enters and leaves the

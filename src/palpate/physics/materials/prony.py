@@ -17,7 +17,7 @@ from palpate.physics.materials.hyperelastic import MaterialError
 
 
 @kernel
-def _relaxed(shares, times, time, elastic):
+def _relaxed_kernel(shares, times, time, elastic):
     out = np.empty(len(elastic))
     history = shares * elastic[0]
     out[0] = elastic[0]
@@ -50,4 +50,4 @@ def relaxed(
         raise MaterialError(f"Prony shares {g.tolist()}: expected numbers >= 0 whose sum is below 1")
     if not (np.isfinite(tau).all() and (tau > 0).all()):
         raise MaterialError(f"Prony times {tau.tolist()} s: expected positive numbers")
-    return _relaxed(g, tau, np.ascontiguousarray(time, float), np.ascontiguousarray(elastic, float))
+    return _relaxed_kernel(g, tau, np.ascontiguousarray(time, float), np.ascontiguousarray(elastic, float))

@@ -56,7 +56,9 @@ class Layout:
         for field in declared:
             if field.dtype is not None:
                 self.arrays.setdefault(str(field.shape[0]), []).append(field)
-        self.width = {field.name: _fixed(field.shape if field.dtype is None else field.shape[1:]) for field in declared}
+        self.width = {
+            field.name: _fixed_size(field.shape if field.dtype is None else field.shape[1:]) for field in declared
+        }
         open_ = [field for field in declared if self.width[field.name] is None]
         self.inputs = 0
         filled: set[str] = set()
@@ -85,10 +87,10 @@ class Layout:
 
     def cells(self, message: Message) -> list[Any]:
         """The row of a message; None for missing elements."""
-        row: list[Any] = [message.tick, message.time / 1e9, message.time, *_filled(message.used, self.inputs)]
+        row: list[Any] = [message.tick, message.time / 1e9, message.time, *_fill_rows(message.used, self.inputs)]
         for field in self.plain:
             value = getattr(message, field.name)
-            row += _filled(value, self.width[field.name] or 0) if field.shape else [value]
+            row += _fill_rows(value, self.width[field.name] or 0) if field.shape else [value]
         return row
 
     def elements(self, arrays: list[Field]) -> Iterator[list[Any]]:
@@ -98,17 +100,17 @@ class Layout:
             values = (getattr(message, field.name) for field in arrays)
             parts = [value.reshape(len(value), -1).tolist() if len(value) else [] for value in values]
             for k, rows in enumerate(zip_longest(*parts, fillvalue=())):
-                numbers = [x for row, width in zip(rows, widths, strict=True) for x in _filled(row, width)]
+                numbers = [x for row, width in zip(rows, widths, strict=True) for x in _fill_rows(row, width)]
                 yield [message.tick, message.time / 1e9, message.time, k, *numbers]
 
 
-def _fixed(shape: Shape) -> int | None:
+def _fixed_size(shape: Shape) -> int | None:
     """Number of elements of a shape; None if it depends on the message."""
     known = [size for size in shape if isinstance(size, int)]
     return math.prod(known) if len(known) == len(shape) else None
 
 
-def _filled(values: Any, width: int) -> list[Any]:
+def _fill_rows(values: Any, width: int) -> list[Any]:
     return [*values, *([None] * (width - len(values)))]
 
 
@@ -131,7 +133,7 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
             pa.field(NANOSECONDS, pa.int64(), metadata={"unit": "ns"}),
             *(pa.field(f"used[{i}]", pa.int64()) for i in range(layout.inputs)),
             *(pa.field(c, _number(pa, f), metadata={"unit": f.unit}) for f in layout.plain for c in layout.titles(f)),
-            *(pa.field(f.label, _nested(pa, f), metadata={"unit": f.unit}) for f in arrays),
+            *(pa.field(f.label, _nested_type(pa, f), metadata={"unit": f.unit}) for f in arrays),
         ], metadata=metadata)  # fmt: skip
         path = folder / f"{name}.parquet"
         messages = layout.messages()
@@ -151,7 +153,7 @@ def _number(pa: Any, field: Field) -> Any:
     return {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}[kind]
 
 
-def _nested(pa: Any, field: Field) -> Any:
+def _nested_type(pa: Any, field: Field) -> Any:
     element = pa.from_numpy_dtype(field.dtype)
     for size in reversed(field.shape):
         element = pa.list_(element, size) if isinstance(size, int) else pa.list_(element)

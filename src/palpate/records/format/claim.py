@@ -40,7 +40,7 @@ def claimed(file: Path, force: bool = False) -> Iterator[bool]:
             raise ArgumentError(f"recording {file}: found a device, a pipe or a folder, expected the name of a file")
     file.parent.mkdir(parents=True, exist_ok=True)
     fresh = not file.exists()
-    opened = _locked(file)
+    opened = _lock_file(file)
     try:
         if not force:
             _check_content(file)  # another program may have written it meanwhile
@@ -65,7 +65,7 @@ def _check_content(file: Path) -> None:
         raise ArgumentError(f"recording {file}: found a file that is not a recording of palpate, {cure}")
 
 
-def _locked(file: Path) -> IO[bytes]:
+def _lock_file(file: Path) -> IO[bytes]:
     """The file at this path, locked. RunError: another process has locked it."""
     opened = opened_alone(file)
     if opened is None:

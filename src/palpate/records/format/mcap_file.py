@@ -93,7 +93,7 @@ class McapRecords:
             if kind == Opcode.CHUNK:
                 yield self.chunk(at)
             elif kind in _KINDS:
-                yield self._checked(at, _parse(at, _KINDS[kind], self._record(at)[1]))
+                yield self._check_record(at, _parse(at, _KINDS[kind], self._record(at)[1]))
             elif kind == Opcode.MESSAGE_INDEX:
                 self._check_index(at)
 
@@ -123,7 +123,7 @@ class McapRecords:
     def indexed(self) -> list[Schema | Channel | Metadata]:
         """Schemas, channels and metadata of a complete file, from the summary at its end. Broken: the file is truncated
         or damaged anywhere."""
-        self._checked(len(MAGIC), _parse(len(MAGIC), Header, self._record(len(MAGIC))[1]))
+        self._check_record(len(MAGIC), _parse(len(MAGIC), Header, self._record(len(MAGIC))[1]))
         start, crc = self._summary()
         if self.size - _FOOTER - start > MOST:
             raise Broken(start, f"the index at its end is longer than {MOST} bytes")
@@ -138,7 +138,7 @@ class McapRecords:
             if kind == Opcode.METADATA_INDEX:
                 place = _parse(at, MetadataIndex, content).offset
                 content = self._record(place)[1]
-                records.append(self._checked(place, _parse(place, Metadata, content)))
+                records.append(self._check_record(place, _parse(place, Metadata, content)))
             elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                 records.append(_parse(at, _KINDS[kind], content))
             else:
@@ -205,7 +205,7 @@ class McapRecords:
         self.file.seek(at)
         return self.file.read(length)
 
-    def _checked(self, at: int, record: Any) -> Any:
+    def _check_record(self, at: int, record: Any) -> Any:
         """The record; metadata without their checksum. Broken: the checksum does not match."""
         if isinstance(record, Header):
             self.is_sealed = record.library == LIBRARY

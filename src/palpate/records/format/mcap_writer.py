@@ -77,7 +77,7 @@ class McapWriter:
         self._counts: Counter[int] = Counter()
         self._declared, self._pieces = b"", list[Callable[[], Piece] | Piece]()
         self._size = 0
-        self._write(MAGIC, _bytes(records.Header(profile, LIBRARY)))
+        self._write(MAGIC, record_bytes(records.Header(profile, LIBRARY)))
 
     def add_schema(self, name: str, data: bytes) -> int:
         """Declare a JSON schema; returns its number."""
@@ -90,7 +90,7 @@ class McapWriter:
     def _declare(self, known: list[Any], record: Any) -> int:
         if self._size:
             self.close_chunk()
-        self._declared += _bytes(record)  # inside a chunk, so that the chunk's checksum covers it
+        self._declared += record_bytes(record)  # inside a chunk, so that the chunk's checksum covers it
         known.append(record)
         return len(known)
 
@@ -135,21 +135,21 @@ class McapWriter:
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Write metadata with their checksum after the messages so far."""
         self.flush()
-        record = _bytes(records.Metadata(name, {**data, SEAL: seal(name, data)}))
+        record = record_bytes(records.Metadata(name, {**data, SEAL: seal(name, data)}))
         self._metadata.append(records.MetadataIndex(self._at, len(record), name))
         self._write(record)
 
     def finish(self) -> None:
         """Write the summary, which completes the file."""
         self.flush()
-        self._write(_bytes(records.DataEnd(self._checksum)))
+        self._write(record_bytes(records.DataEnd(self._checksum)))
         start, summary, offsets = self._at, b"", b""
         for kind, group in self._summary():
-            packed = b"".join(map(_bytes, group))
+            packed = b"".join(map(record_bytes, group))
             if packed:
-                offsets += _bytes(records.SummaryOffset(kind, start + len(summary), len(packed)))
+                offsets += record_bytes(records.SummaryOffset(kind, start + len(summary), len(packed)))
             summary += packed
-        footer = _bytes(records.Footer(start, start + len(summary), 0))[:-4]
+        footer = record_bytes(records.Footer(start, start + len(summary), 0))[:-4]
         checksum = zlib.crc32(footer, zlib.crc32(summary + offsets))
         self._write(summary, offsets, footer, checksum.to_bytes(4, "little"), MAGIC)
         self.close()
@@ -230,7 +230,8 @@ def _entries(heads: np.ndarray, begin: int) -> Iterable[tuple[int, np.ndarray]]:
         yield channel, entries[channels == channel]
 
 
-def _bytes(record: records.McapRecord) -> bytes:
+def record_bytes(record: records.McapRecord) -> bytes:
+    """A record as bytes."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

@@ -60,7 +60,7 @@ APART = -1e-4
 _PRESS = ((0.0, APART, 0.0), (0.3, 5.5e-3, 0.0))
 
 
-def _placed(knots: tuple[tuple[float, float, float], ...], place: float) -> tuple[tuple[float, float, float], ...]:
+def _place_knots(knots: tuple[tuple[float, float, float], ...], place: float) -> tuple[tuple[float, float, float], ...]:
     return tuple((t, e, x + place) for t, e, x in knots)
 
 
@@ -103,7 +103,7 @@ TOUCHES: dict[str, BenchCase] = {
         ),
         BenchCase("nodule-centre", "pressed over a nodule", "slab", "soft", _PRESSED, "nodule-00", nodule=True),
         BenchCase(
-            "nodule-offset", "pressed 10 mm from a nodule", "slab", "soft", _placed(_PRESSED, 10e-3), "nodule-10",
+            "nodule-offset", "pressed 10 mm from a nodule", "slab", "soft", _place_knots(_PRESSED, 10e-3), "nodule-10",
             nodule=True,
         ),
         BenchCase(
@@ -112,7 +112,7 @@ TOUCHES: dict[str, BenchCase] = {
             "kidney", friction=True,
         ),
         BenchCase(
-            "edge", "pressed 10 mm from the border of the slab", "slab", "soft", _placed(_PRESSED, 40e-3), "edge"),
+            "edge", "pressed 10 mm from the border of the slab", "slab", "soft", _place_knots(_PRESSED, 40e-3), "edge"),
     )
 }  # fmt: skip
 

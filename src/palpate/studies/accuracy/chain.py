@@ -84,7 +84,7 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
     mesh = chain.mesh
     shapes = []
     if mesh is not None and touch.body != "kidney":
-        pressed = [_pressed(load, mesh.areas) for _, _, load, _ in first]
+        pressed = [_loaded_area(load, mesh.areas) for _, _, load, _ in first]
         values["area"], values["traction"] = np.array(pressed).T
         flat = mesh.vertices[:, :2]
         for k in np.linspace(0, len(times) - 1, LOOKS + 2).astype(int)[1:-1]:
@@ -138,7 +138,7 @@ class _MotionRows(CompiledNode):
             out.foot[i], out.normal[i], out.slip[i] = row[1 + i], row[4 + i], row[7 + i]
 
 
-def _pressed(load: Load | None, areas: np.ndarray) -> tuple[float, float]:
+def _loaded_area(load: Load | None, areas: np.ndarray) -> tuple[float, float]:
     """Loaded area [m²] and maximum pressure [Pa]."""
     if load is None or len(load.nodes) == 0:
         return 0.0, 0.0
@@ -210,7 +210,7 @@ class _Chain:
                 if keep:
                     sent: list[Any] = [output.last if output else None for output in self.outputs]
                     contact, friction, load, surface = sent
-                    copies = _copied(load, "nodes", "forces"), _copied(surface, "nodes", "displacement")
+                    copies = _copy_message(load, "nodes", "forces"), _copy_message(surface, "nodes", "displacement")
                     messages.append((contact, friction, *copies))
         finally:
             gc.enable()
@@ -236,7 +236,7 @@ def _slot(name: str, node: Node, friction: bool) -> Slot:
     return _Awake(NodeJob(name, "", {}, 1, tuple(wires), (name,)), node, ())
 
 
-def _copied(message: M, *arrays: str) -> M:
+def _copy_message(message: M, *arrays: str) -> M:
     """The message with copies of these arrays, whose buffers its sender reuses."""
     return msgspec.structs.replace(message, **{name: np.array(getattr(message, name)) for name in arrays})
 

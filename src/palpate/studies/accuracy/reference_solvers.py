@@ -33,8 +33,8 @@ def methods() -> list[Method]:
     """Full FE, and the reference solvers that are installed."""
     installed = {name: version for name, module in PEERS.items() if (version := module.version())}
     return [
-        Method("full-FE", "full FE", _pressed, _meshes("fe"), partial(_refuses, "fe")),
-        *(Method(name, f"{name} {version}", _pressed, _meshes(name.lower()), partial(_refuses, name.lower()),
+        Method("full-FE", "full FE", _press_case, _meshes("fe"), partial(_refuses, "fe")),
+        *(Method(name, f"{name} {version}", _press_case, _meshes(name.lower()), partial(_refuses, name.lower()),
                  source=(version,)) for name, version in installed.items()),
     ]  # fmt: skip
 
@@ -56,7 +56,7 @@ def _refuses(solver: str, touch: BenchCase) -> str:
     return "" if touch.body == "slab" or solver in ON_KIDNEY else "it has no mesh of the kidney"
 
 
-def _pressed(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
+def _press_case(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
     solver, cells = str(fidelity.settings["fe"]["solver"]), int(str(fidelity.settings["fe"]["cells"]))
     curves = [sites.computed(replace(SITES[name], cells=cells), solver) for name in on_path(touch.place)]
     curve, at = curves[0], reference.path_of(touch)

@@ -4,29 +4,43 @@ A score is a value over its bound: above 1 the invariant is broken.
 
 force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e, approach rate v and
          speed of the finger along the surface u of the last 60 ms (`reference`). At rest it is the quasi-static force
-         of the depth.
+         of the depth. v is a mean over 2 ms along the normal, or that of the finger towards the point of the surface
+         that is nearest now: one that slides into a wall, or starts, approaches at its speed. A patch that rolls over a
+         rim indents another face, whose tissue has not yielded: its rate e (omega - u/8 mm), omega the turn of the
+         normal, counts for a body with a memory of the place. Under two fingers e and v are those to the surface that
+         the other finger lifts, by at most 1.2 x its force by this law.
 hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv + v w/R + v at the first contact)
          + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + (f - f_0) W/2 ms + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
-                 appear: a foot that moves while the finger does not must not change the force;
+                 appear: a foot that moves while the finger does not must not change the force. A second finger that
+                 presses moves the surface: of its motion the part counts that the body at rest transmits;
          k = k1 k2/(k1 + k2), k1 = g'(s1) (1 + c v), k2 = 1.5 x the secant stiffness of the body: fingertip and body;
          f/R     the turn of the normal: a fingertip does not feel curvature below R, an eighth of its patch;
          B = K_body tau, what a change of the rate changes at once; c f on a rigid body;
          sigma   the bristles of LuGre, k_t the spring of Coulomb;
          f, f_0  1.2 x the force that depth and rate explain, as in `force`, and that of the depth alone, to which it
                  relaxes.
+         After a contact a force that still dissipates observed energy may fall to zero by 0.1 N per encoder step of the
+         motion (`device.controller`); at that slope, the greatest that the device renders, a contact would end, too.
 contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
 rubbing  friction <= (mu_s + sigma_2 v + 0.05) f + 0.02 N.
-still    the normal turns within 20 ms by at most w/R + 0.02, w the sum of the extents of the finger's motion in four
-         parts of 5 ms: a finger that turns round and goes back has moved.
+still    the normal turns within 20 ms by at most w/R + 0.02, w the sum of the extents of the finger's motion in eight
+         parts of 2.5 ms: a finger that turns round and goes back has moved. On a rigid body the fingertip, 10 kN/m at
+         6 N, and the hand, 0.15 kg, turn round in a quarter of 24 ms.
 energy   work of the force on the hand over a closed path <= 0.5 mJ + 2 % of the work that went to and fro.
 side     while the nearest point of the surface has moved continuously since the finger touched (in 4 and 20 ms at
          0.1 m/s, or twice as far as the finger along the surface; its direction by less than 60 degrees), the normal is
          within 0.35 rad of the direction from it, and the approach within 0.3 mm + 5 %. At an edge the interpolated
          normal differs from this direction; the normal is within 0.35 rad of the arc between both, and the approach
-         may be smaller, so that the hand gains no energy (`geometry.proxy`).
+         may be smaller, so that the hand gains no energy (`geometry.proxy`), until the finger has moved by five times
+         the difference. Over an edge the nearest point's direction
+         turns by more than w/R, the most that `still` allows the normal: it may be behind by the difference, until the
+         finger has moved by R for each radian of it. A finger that enters along the bisector of an edge is equally near
+         to two faces, 90 degrees apart: the foot stays on its face until another is nearer by the hysteresis h
+         (`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both directions,
+         the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its face.
 finite   no lane stops, and every value is finite.
 """
 
@@ -37,27 +51,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.physics.geometry.proxy import EASY, FASTEST
-from palpate.studies.organs.reference import at_rest
+from palpate.physics.geometry.proxy import EASY, FASTEST, REGAIN
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
-from palpate.studies.organs.trace import ABOVE, LEAST_FORCE, Trace, extent, greatest, length, traced
+from palpate.studies.organs.trace import (
+    LEAST_CURVATURE,
+    LEAST_FORCE,
+    ON,
+    Trace,
+    extent,
+    greatest,
+    length,
+    traced,
+)
 
 WINDOW = 1e-3  # [s] W
 SLOW = 5e-3  # [m/s]
-STILL, PARTS = 20e-3, 4  # [s], and parts of it
-PATCH = 8e-3  # [m]
-LEAST_CURVATURE = PATCH / 8.0  # [m] R
+STILL, PARTS = 20e-3, 8  # [s], and parts of it
 RELAXES = 2e-3  # [s]
 STIFFEST = 1e4  # [N/m] of a body; on a stiffer one the fingertip is the damper
 ROUNDED = 0.03  # [N] by which a force at an impact may exceed it, since the rate is a mean of `SMOOTH`
 LATERAL = 0.5  # [1] of the normal force
 ALLOWED = 0.1  # [N] change within 1 ms
+PASSIVE = 0.1  # [N] per encoder step, by which the force that dissipates energy changes
 CREDIT, SHARE = 0.5e-3, 0.02  # [J], [1] of a closed path
 STEEPEST = 0.35  # [rad]
 BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
-ON = 2e-5  # [m] from the surface within which the direction from the nearest point is not known
+NEAR = 2e-4  # [m] from the surface beyond which an edge is recognized by this direction
 MOVES = EASY  # [1] motion of the nearest point over that of the finger
 EVERY = 4e-3  # [s] between comparisons with the nearest point
 
@@ -86,29 +107,38 @@ def worst(trace: Trace, values: np.ndarray, bounds: np.ndarray, start: int = 0) 
 
 
 def force(trace: Trace) -> Score:
-    f, deep, fast, slides = trace["contact.force"], trace.deep, trace.fast, trace.slides
+    f, fast = trace["contact.force"], trace.fast
     # candidates: the largest force, and the largest for its depth, at any speed and of a slow finger
     found = Score(0.0, 0.0, 0.0, 0.0)
     share = np.where(f > LEAST_FORCE, f / (trace.explained + 1e-3), 0.0)
     slow = np.where(f > LEAST_FORCE, f / (trace.static + 1e-3), 0.0)
     for k in {int(np.argmax(f)), int(np.argmax(share)), int(np.argmax(np.where(fast < SLOW, slow, 0.0)))}:
         if f[k] > LEAST_FORCE:
-            bound = ABOVE * float(trace.place(k).force(deep[k], fast[k], float(slides[k]))) + ROUNDED
+            bound = trace.most(k) + ROUNDED
             if f[k] / bound > found.score:
                 found = Score(float(f[k] / bound), k * trace.step, float(f[k]), bound)
     return found
 
 
-def _change(trace: Trace, vector: np.ndarray) -> Score:
-    """Change of a force (T,3) within `WINDOW` against what the motion of the finger allows."""
+def _motion(trace: Trace, ticks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Path [m], change of velocity and speed [m/s] of the finger (T) within this number of ticks and two before."""
+    p, v = trace["finger.position"], trace["finger.velocity"]
+    path = np.concatenate([[0.0], np.cumsum(length(np.diff(p, axis=0)))])
+    back = np.maximum(np.arange(len(p)) - ticks - 2, 0)
+    return path - path[back], extent(v, ticks + 3), greatest(length(v), ticks + 3)
+
+
+def _change(trace: Trace, vector: np.ndarray, more: np.ndarray | float = 0.0) -> Score:
+    """Change of a force (T,3) within `WINDOW` against what the motion of the finger allows, and `more` [N] (T)."""
     n, p, f = trace.ticks(WINDOW), trace["finger.position"], trace["contact.force"]
     if len(p) <= n + 2 or not f.max() > LEAST_FORCE:
         return Score(0.0, 0.0, 0.0, 0.0)
     window = n * trace.step
-    way = np.concatenate([[0.0], np.cumsum(length(np.diff(p, axis=0)))])
-    back = np.maximum(np.arange(len(p)) - n - 2, 0)
-    moved = way - way[back]
-    turned, speed = extent(trace["finger.velocity"], n + 3), greatest(length(trace["finger.velocity"]), n + 3)
+    moved, turned, speed = _motion(trace, n)
+    if trace.carried > 0.0 and trace.other is not None:
+        presses = trace.carried * (greatest(trace.other["contact.force"], n + 3) > 0.0)
+        theirs = (presses * each for each in _motion(trace.other, n))
+        moved, turned, speed = (a + b for a, b in zip((moved, turned, speed), theirs, strict=True))
     begins = (f > 0.0) & (-greatest(-f, n + 3) <= 0.0)
     change = np.zeros(len(p))
     change[n:] = length(vector[n:] - vector[:-n])
@@ -121,11 +151,16 @@ def _change(trace: Trace, vector: np.ndarray) -> Score:
     bounds += viscous * (turned + speed * moved / LEAST_CURVATURE + speed * begins)
     bounds += usual * law.get("bristle_stiffness", 0.0) * moved
     bounds += usual * (law.get("bristle_damping", 0.0) + law.get("viscous", 0.0)) * turned
-    return worst(trace, change, bounds + np.maximum(usual - trace.static, 0.0) * window / RELAXES + ALLOWED)
+    return worst(trace, change, bounds + more + np.maximum(usual - trace.static, 0.0) * window / RELAXES + ALLOWED)
 
 
 def hand(trace: Trace) -> Score:
-    return _change(trace, trace["controller.force"])
+    n, felt, before = trace.ticks(WINDOW), trace["controller.force"], np.zeros(len(trace["contact.force"]))
+    before[n:] = length(felt[:-n]) if n < len(before) else 0.0
+    ended = greatest(trace["contact.force"], n + 3) <= 0.0
+    step = trace.nodes["controller"].get("resolution", 0.0)
+    falls = np.minimum(PASSIVE / step * _motion(trace, n)[0], before) if step > 0.0 else before
+    return _change(trace, felt, ended * falls)
 
 
 def contact(trace: Trace) -> Score:
@@ -172,6 +207,25 @@ def _between(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.arccos(np.clip(one @ other, -1.0, 1.0)))
 
 
+def _on_other_face(trace: Trace, tick: int, away: np.ndarray, gap: float) -> float:
+    """Angle [rad] of the normal to the direction from a face that the foot is on; inf if it is on none that is as near
+    as the nearest point, by the hysteresis.
+
+    away, gap  [1] (3), [m]  direction from the nearest point of the finger, and its signed distance
+    """
+    p, foot = trace["finger.position"][tick], trace["collision.foot"][tick]
+    far, hysteresis = float(length(p - foot)), float(trace.nodes["collision"]["hysteresis"])
+    toward = (foot - p) / max(far, ON)
+    turned = 1.0 - float(np.clip(-np.sign(gap) * (toward @ away), -1.0, 1.0))
+    if far > abs(gap) + hysteresis or turned < 1.0 - np.cos(STEEPEST):
+        return np.inf
+    place = p + toward * min(hysteresis / turned, far)
+    there, _, _, left = trace.closest(place[None])
+    if abs(left[0]) <= ON:
+        return np.inf
+    return _between((place - there[0]) / left[0], trace["contact.normal"][tick])
+
+
 def side(trace: Trace) -> Score:
     every, p = trace.ticks(EVERY), trace["finger.position"]
     ticks = np.arange(0, len(p), every)
@@ -180,11 +234,15 @@ def side(trace: Trace) -> Score:
     motion = length(step - np.einsum("ti,ti->t", step, normal[1:])[:, None] * normal[1:])
     away = (p[ticks] - foot) / np.where(np.abs(gap) > ON, gap, np.inf)[:, None]
     touching = (gap < THICKNESS) | (trace["collision.approach"][ticks] > 0.0)
-    found, regular = Score(0.0, 0.0, 0.0, 0.0), True
+    found, regular, behind, lost = Score(0.0, 0.0, 0.0, 0.0), True, 0.0, 0.0
     for i, k in enumerate(ticks):
         if not touching[i]:
-            regular = True
+            regular, behind, lost = True, 0.0, 0.0
             continue
+        if i > 0:
+            turn = max(_between(each[i - 1], each[i]) for each in ((normal, away) if abs(gap[i]) > ON else (normal,)))
+            behind = max(behind + turn - float(length(step[i - 1])) / LEAST_CURVATURE, 0.0)
+            lost = max(lost - REGAIN * float(length(step[i - 1])), 0.0)
         inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
         recent = [slice(max(0, i - n), i) for n in (1, round(STILL / EVERY))]
@@ -195,17 +253,21 @@ def side(trace: Trace) -> Score:
         if not regular or trace["contact.force"][k] < LEAST_FORCE:
             continue
         e, true = trace["collision.approach"][k], THICKNESS - gap[i]
-        edge = abs(gap[i]) > 1e-3 and away[i] @ normal[i] < np.cos(BENT)
+        edge = abs(gap[i]) > NEAR and away[i] @ normal[i] < np.cos(BENT)
         if edge and e < true:
+            lost = true - e
             continue
-        found = max(found, Score(abs(e - true) / (3e-4 + 0.05 * abs(true)), k * trace.step, float(abs(e - true)),
-                                 float(3e-4 + 0.05 * abs(true))), key=lambda s: s.score)  # fmt: skip
+        away_by, most = float(abs(e - true)), 3e-4 + 0.05 * abs(true) + (lost if e < true else 0.0)
+        found = max(found, Score(away_by / most, k * trace.step, away_by, most), key=lambda s: s.score)
         if abs(gap[i]) > 1e-3:
             angle = _between(away[i], trace["contact.normal"][k])
             if edge:  # how far it is from the arc between this direction and the interpolated normal
                 angle += _between(normal[i], trace["contact.normal"][k]) - _between(away[i], normal[i])
                 angle *= 0.5
-            found = max(found, Score(angle / STEEPEST, k * trace.step, angle, STEEPEST), key=lambda s: s.score)
+            if angle > STEEPEST:
+                angle = min(angle, _on_other_face(trace, int(k), away[i], float(gap[i])))
+            most = STEEPEST + behind
+            found = max(found, Score(angle / most, k * trace.step, angle, most), key=lambda s: s.score)
     return found
 
 
@@ -225,5 +287,5 @@ def judged(trace: Trace | None) -> dict[str, Score]:
 
 
 def scores(traces: Traces) -> list[dict[str, Score]]:
-    """The score of each invariant, for each touch of a batch."""
-    return [judged(trace) for trace in traced(traces, at_rest(traces))]
+    """The score of each invariant, for each touch of a batch of one finger."""
+    return [judged(trace) for trace in traced([traces])[0]]

@@ -20,12 +20,13 @@ from palpate.launch.run.reports import Note, Report
 from palpate.launch.run.work.simulated import run_simulated
 from palpate.launch.run.work.worker import Worker
 from palpate.physics.geometry.mesh import Mesh
-from palpate.studies.organs.invariants import EVERY, MOVES, PATCH
+from palpate.studies.organs.invariants import EVERY, MOVES
 from palpate.studies.organs.runs import launch
 from palpate.studies.organs.touches import Touch
-from palpate.studies.organs.trace import LEAST_FORCE, Trace, length
+from palpate.studies.organs.trace import LEAST_FORCE, PATCH, Trace, length
 
 DEEP = 0.1  # [m] of the search for the other side
+WIDER = "wider than the organ"  # in the note of `nodes.spread`
 
 
 def reasons(trace: Trace, mesh: Mesh) -> list[str]:
@@ -56,7 +57,8 @@ def _thickness(foot: np.ndarray, normal: np.ndarray, closest: Callable[..., tupl
 
 
 def noted(touch: Touch, folder: Path) -> list[str]:
-    """The notes that a single run of the touch prints while it runs, without those of its start.
+    """The notes that a single run of the touch prints while it runs, and of those of its start the one on its patch:
+    a patch wider than the body is known before the run.
 
     GraphError, NodeError: the setting is refused.
     """
@@ -76,7 +78,7 @@ def noted(touch: Touch, folder: Path) -> list[str]:
         worker.begin(0)
         for slot in worker.slots:
             texts += slot.node.notes()
-        started = set(texts)
+        started = {text for text in texts if WIDER not in text}
         run_simulated(worker, 0)
         for slot in worker.slots:
             texts += slot.node.notes()

@@ -18,9 +18,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from palpate.physics.device.falcon import HOME
+from palpate.physics.errors import PalpateError
 from palpate.studies.organs.invariants import Score
 from palpate.studies.organs.runs import run
-from palpate.studies.organs.search import Found
+from palpate.studies.organs.search import WITH_BASIS, Found
 from palpate.studies.organs.touches import Finger, Setting, Touch, drawn, reachable
 from palpate.studies.organs.zoo import COARSE, FINE, USUAL, Specimen
 
@@ -33,11 +34,11 @@ def turned(touch: Touch, turn: Rotation) -> Touch:
     """The touch with organ and hand turned about the middle of the organ."""
     setting = touch.setting
     x, y, z = (turn * Rotation.from_rotvec(setting.rotation)).as_rotvec().tolist()
-    fingers = tuple(_turned(finger, turn) for finger in touch.fingers)
+    fingers = tuple(_turn_finger(finger, turn) for finger in touch.fingers)
     return Touch(replace(setting, rotation=(x, y, z)), fingers, touch.seed)
 
 
-def _turned(finger: Finger, turn: Rotation) -> Finger:
+def _turn_finger(finger: Finger, turn: Rotation) -> Finger:
     def moved(point: Sequence[float]) -> tuple[float, float, float]:
         x, y, z = turn.apply(point)
         return (float(x), float(y), float(z))
@@ -92,17 +93,25 @@ def _difference(value: float, reference: np.ndarray, bound: float) -> Score:
     return Score(float(value) / peak / bound, 0.0, float(value) / peak, bound)
 
 
-def compared(specimens: Sequence[Specimen], count: int, seed: int, folder: Path, fine: bool = False) -> Iterator[Found]:
-    """The worst of `count` turned touches, and of `count` touches on a finer mesh, of each smooth surface, with
-    MassSpring; with `fine` also on 300 000 vertices, which takes a minute each."""
+def compared(
+    specimens: Sequence[Specimen], bodies: Sequence[str], count: int, seed: int, folder: Path, fine: bool = False
+) -> Iterator[Found]:
+    """The worst of `count` turned touches, and of `count` touches on a finer mesh, of each smooth surface with each
+    body that does not refuse it; with `fine` also on 300 000 vertices, which takes 10 s each."""
     for one in specimens:
         if not one.smooth or one.patch == "plane":
             continue
-        setting = Setting(one.name, 0 if one.patch else USUAL)
-        yield _worst("turned", rotation_scores(setting, count, seed, folder))
-        if not one.patch:
-            for meshes in [(COARSE, USUAL), (USUAL, FINE)][: 1 + fine]:
-                yield _worst("refined", refinement_scores(setting, count, seed, folder, meshes))
+        for body in bodies:
+            setting = Setting(one.name, 0 if one.patch else USUAL, body)
+            if not one.patch and body in WITH_BASIS:
+                continue
+            try:
+                yield _worst("turned", rotation_scores(setting, count, seed, folder))
+            except PalpateError:  # too thin for the layers of the body
+                continue
+            if not one.patch:
+                for meshes in [(COARSE, USUAL), (USUAL, FINE)][: 1 + fine]:
+                    yield _worst("refined", refinement_scores(setting, count, seed, folder, meshes))
 
 
 def _worst(name: str, listed: list[tuple[Touch, Score]]) -> Found:

@@ -17,6 +17,10 @@ steady slide it indents by s2 times
 r(x/R) being the displacement under a patch by the same load at the distance x, over that at 0: its autocorrelation for
 independent beams, that of a half-space for ReducedFE (`physics.bodies.spring_range`); 1 for springs and a rigid body.
 u is the speed of the finger along the surface.
+
+Under two fingers the force of the other one moves the surface, by the displacement of the loaded body where this finger
+is. A surface that is lifted by w is reached as by an approach e + w. The force that lifts is at most `ABOVE` x the
+force of the other finger, whose surface this one lifts in turn: the fixed point of both (`trace`).
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from palpate.launch.load.classes import find_class
-from palpate.messages import Contact, Friction
+from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base.contacts import press
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
@@ -35,9 +39,12 @@ from palpate.physics.contact.series import elastic
 from palpate.studies.organs.runs import Traces
 
 LONG = 1e6  # [s] a step after which a body is at rest
-FORCES = np.geomspace(0.03, 60.0, 13)  # [N] at which the indentation of a body is computed; between them it is a power
+FORCES = np.concatenate([np.geomspace(0.03, 60.0, 13), np.geomspace(600.0, 6e5, 4)])
+"""[N] at which the indentation of a body is computed; between them it is a power. Beams end at the limit of their
+strain, so that a finger that is pushed on compresses only itself."""
 LONGEST = 50e-3  # [m] approach up to which forces are known
 MOST = 1e30  # [N]
+TOUCHING = 1e-6  # [N] of a finger that only marks a place
 RADIUS = 8e-3  # [m] of the patch
 
 
@@ -50,8 +57,9 @@ class AtRest:
 
     def __init__(self, nodes: dict[str, dict[str, Any]], body: str) -> None:
         self.spread, self.body = Kernel(**nodes["spread"]), find_class(f"deformation.{body}")(**nodes["tissue"])
+        self.pair = find_class(f"deformation.{body}")(**nodes["tissue"])  # the body under two fingers
         self.contact = Series(**{k: v for k, v in (nodes.get("joint") or nodes["contact"]).items() if k != "finger"})
-        for node in (self.spread, self.body, self.contact):
+        for node in (self.spread, self.body, self.pair, self.contact):
             node.start()
         kind, first, second, radius, self.damping = map(float, self.contact.own["law"])
         self.retardation = _retardation(nodes["tissue"])
@@ -60,16 +68,34 @@ class AtRest:
         rows = [elastic(s, int(kind), first, second, radius) for s in self.compressions]
         self.forces, self.tangents = np.minimum(np.array(rows).T, MOST)
 
+    @property
+    def remembers(self) -> float:
+        """Retardation [s] of a body whose places yield one by one; 0: of springs and a rigid body."""
+        return 0.0 if self._lags is None else self.retardation
+
     def indentation(self, foot: np.ndarray, normal: np.ndarray, force: float, rubs: np.ndarray | None = None) -> float:
         """s2 [m] under a force [N] at a point of the surface [m] (3) along its normal [1] (3), with friction of this
         multiple [1] (3) of it."""
+        return float(press(self.body, self._load(foot, normal, force, rubs), dt=LONG).previous_indentation)
+
+    def _load(self, foot: np.ndarray, normal: np.ndarray, force: float, rubs: np.ndarray | None = None) -> Load:
         given = Contact(foot=tuple(foot.tolist()), normal=tuple(normal.tolist()), force=force, compression=1e-3,
                         indentation=1e-3, compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
         rubbing = None
         if rubs is not None:
             rubbing = Friction(force=tuple((force * rubs).tolist()), bristle=(0.0, 0.0, 0.0), stick=True)
-        load = self.spread.step(given, rubbing, dt=LONG)
-        return float(press(self.body, load, dt=LONG).previous_indentation)
+        return self.spread.step(given, rubbing, dt=LONG)
+
+    def moved(
+        self, here: tuple[np.ndarray, np.ndarray], there: tuple[np.ndarray, np.ndarray], rubs: np.ndarray
+    ) -> np.ndarray:
+        """How far [m] (2,F) the surface here yields to `FORCES` there, without and with friction of the multiple `rubs`
+        [1] (3) of them; foot [m] (3) and normal [1] (3) of each place."""
+        found = []
+        for multiple in (None, rubs):
+            loads = [(self._load(*here, TOUCHING), self._load(*there, f, multiple)) for f in FORCES.tolist()]
+            found.append([float(press(self.pair, *each, dt=LONG).laws[0][4]) for each in loads])
+        return np.array(found)
 
     def yields(self, slide: float) -> float:
         """L [1] at a speed [m/s] along the surface."""

@@ -13,7 +13,6 @@ import numpy as np
 from palpate.physics.errors import PalpateError
 from palpate.studies.organs.invariants import Score, judged
 from palpate.studies.organs.notes import noted, reasons
-from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import lanes_of, run
 from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, drawn, reachable
 from palpate.studies.organs.trace import traced
@@ -123,8 +122,8 @@ def tried(
     notes  whether to look for notes of the first touch of this surface and body that is out of range for a reason
     """
     each: list[dict[str, Score]] = [{} for _ in touches]
-    for traces in run(touches, folder, threads):
-        listed = traced(traces, at_rest(traces))
+    runs = run(touches, folder, threads)
+    for traces, listed in zip(runs, traced(runs), strict=True):
         for touch, mine, trace in zip(touches, each, listed, strict=True):
             for name, score in judged(trace).items():
                 if name not in mine or score.score > mine[name].score:
@@ -205,7 +204,7 @@ def worsened(
     """
     best, rng, size, unused = start, np.random.default_rng(seed), 1.0, Results()
     for _ in range(rounds):
-        near = [touch for _ in range(4 * batch) if _reached(touch := varied(best.touch, size, rng))][:batch]
+        near = [touch for _ in range(4 * batch) if _is_reachable(touch := varied(best.touch, size, rng))][:batch]
         if not near:
             break
         try:
@@ -222,7 +221,7 @@ def worsened(
     return best
 
 
-def _reached(touch: Touch) -> bool:
+def _is_reachable(touch: Touch) -> bool:
     closest = touch.setting.closest()
     return all(reachable(f) and float(closest.find(np.array(f.begin))[3]) > 4.5e-3 for f in touch.fingers)
 

@@ -124,14 +124,14 @@ def boxes(x: Sequence[float], y: Sequence[float], z: Sequence[float], full: np.n
     return mesh
 
 
-def _divided(a: float, b: float, step: float) -> np.ndarray:
+def _divide_line(a: float, b: float, step: float) -> np.ndarray:
     return np.linspace(a, b, max(1, int(np.ceil((b - a) / step))) + 1)
 
 
 def _boxes(x: Sequence[float], y: Sequence[float], z: Sequence[float], full: np.ndarray, step: float) -> Mesh:
     planes, cells = [], []
     for given in (x, y, z):
-        line = np.unique(np.concatenate([_divided(a, b, step) for a, b in itertools.pairwise(given)]))
+        line = np.unique(np.concatenate([_divide_line(a, b, step) for a, b in itertools.pairwise(given)]))
         planes.append(line)
         cells.append(np.searchsorted(np.array(given), 0.5 * (line[1:] + line[:-1])) - 1)
     solid = np.pad(full[np.ix_(*cells)], 1)

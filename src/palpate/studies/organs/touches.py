@@ -75,7 +75,7 @@ class Setting:
 
     def mesh(self) -> Mesh:
         """The surface at its place, as independent geometry."""
-        return _placed(self.surface, self.count or 4 * USUAL, self.rotation)
+        return _placed_surface(self.surface, self.count or 4 * USUAL, self.rotation)
 
     def closest(self) -> MeshClosestPoint:
         return _closest(self.surface, self.count or 4 * USUAL, self.rotation)
@@ -141,26 +141,26 @@ def surface_sets(setting: Setting, folder: Path) -> list[str]:
 
 
 @lru_cache(maxsize=8)
-def _placed(surface: str, count: int, rotation: tuple[float, float, float]) -> Mesh:
+def _placed_surface(surface: str, count: int, rotation: tuple[float, float, float]) -> Mesh:
     mesh = mesh_of(surface, count)
     return Mesh(Rotation.from_rotvec(rotation).apply(mesh.vertices), mesh.triangles)
 
 
 @lru_cache(maxsize=8)
 def _closest(surface: str, count: int, rotation: tuple[float, float, float]) -> MeshClosestPoint:
-    return MeshClosestPoint(_placed(surface, count, rotation))
+    return MeshClosestPoint(_placed_surface(surface, count, rotation))
 
 
 def drawn(setting: Setting, rng: np.random.Generator) -> Touch:
     """A random touch of a surface that begins outside of it, within reach of the device."""
     for _ in range(TRIES):
-        touch = _drawn(setting, rng)
+        touch = _draw_touch(setting, rng)
         if all(map(reachable, touch.fingers)):
             break
     return touch
 
 
-def _drawn(setting: Setting, rng: np.random.Generator) -> Touch:
+def _draw_touch(setting: Setting, rng: np.random.Generator) -> Touch:
     mesh, closest = setting.mesh(), setting.closest()
     areas = np.linalg.norm(mesh.face_vectors, axis=1)
     if ZOO[setting.surface].patch in OPEN:  # far from its border, beyond which a finger touches nothing

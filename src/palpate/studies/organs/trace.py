@@ -1,8 +1,9 @@
-"""What one finger of a touch went through, and what its depth, rate and slide explain at each tick."""
+"""What one finger of a touch went through, and what its depth, rate and slide, and those of a second finger, explain at
+each tick."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -11,18 +12,23 @@ import numpy as np
 
 from palpate.nodes.collision import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.studies.organs.reference import AtRest, Place
+from palpate.studies.organs.reference import FORCES, AtRest, Place, at_rest
 from palpate.studies.organs.runs import Traces
+from palpate.studies.organs.touches import THICKNESS
 
 PAST = 60e-3  # [s] of approach and rate that explain a force
 SMOOTH = 2e-3  # [s] over which the rate of approach is measured
 ABOVE = 1.2  # [1] of the quasi-static force
 LEAST_FORCE = 0.1  # [N] below which directions do not matter
+PATCH = 8e-3  # [m]
+LEAST_CURVATURE = PATCH / 8.0  # [m] R
+ON = 2e-5  # [m] from the surface within which the direction from the nearest point is not known
+ROUNDS, CLOSE = 12, 1e-5  # of the fixed point of two fingers; [m] change of the lift at which it ends
 
 
 @dataclass
 class Trace:
-    """One finger of one touch: fields (T) and (T,3), and times of the laws."""
+    """One finger of one touch: fields (T) and (T,3), and times of the laws; `other`: the second finger."""
 
     values: dict[str, np.ndarray]
     step: float
@@ -30,6 +36,9 @@ class Trace:
     nodes: dict[str, dict[str, Any]]
     closest: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
     places: dict[int, Place] = field(default_factory=dict)
+    moved: dict[int, np.ndarray] = field(default_factory=dict)
+    met: dict[int, float] = field(default_factory=dict)
+    other: Trace | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.values[name]
@@ -37,19 +46,102 @@ class Trace:
     def place(self, tick: int) -> Place:
         """Finger and body at rest at the foot of a tick."""
         if tick not in self.places:
-            rubs = self["friction.force"][tick] if "friction.force" in self.values else np.zeros(3)
-            share = rubs / max(float(self["contact.force"][tick]), LEAST_FORCE)
-            self.places[tick] = self.rest.place(self["contact.foot"][tick], self["contact.normal"][tick], share)
+            foot, normal = self["contact.foot"][tick], self["contact.normal"][tick]
+            self.places[tick] = self.rest.place(foot, normal, self.rubs(tick))
         return self.places[tick]
+
+    def rubs(self, tick: int) -> np.ndarray:
+        """Friction [1] (3) of a tick over the normal force."""
+        rubs = self["friction.force"][tick] if "friction.force" in self.values else np.zeros(3)
+        return np.asarray(rubs / max(float(self["contact.force"][tick]), LEAST_FORCE))
+
+    def yields(self, tick: int) -> np.ndarray:
+        """How far [m] (2,F) the surface here yields to `FORCES` of the other finger, without and with the friction of
+        a tick."""
+        assert self.other is not None
+        if tick not in self.moved:
+            here, there = ((t["contact.foot"][tick], t["contact.normal"][tick]) for t in (self, self.other))
+            self.moved[tick] = self.rest.moved(here, there, self.other.rubs(tick))
+        return self.moved[tick]
+
+    @cached_property
+    def most_yields(self) -> np.ndarray:
+        """`yields` at the deepest place, and at the largest forces."""
+        ticks = {int(np.argmax(self.reach)), *(int(np.argmax(t["contact.force"])) for t in (self, self.other) if t)}
+        return np.concatenate([self.yields(k) for k in ticks])
+
+    @cached_property
+    def carried(self) -> float:
+        """Largest motion [1] of the surface here over that of the other finger which presses."""
+        if self.other is None:
+            return 0.0
+        sinks = self.other.place(int(np.argmax(self.other.reach)))
+        return min(1.0, float((np.abs(self.most_yields) / [f / sinks.stiffness(f) for f in FORCES]).max()))
+
+    @cached_property
+    def raised(self) -> np.ndarray:
+        """How far [m] (T) the other finger lifts the surface here: both forces are at most `ABOVE` x those of the fixed
+        point."""
+        lift = np.zeros(len(self.reach))
+        if self.other is None or not self.other["contact.force"].max() > 0.0:
+            return lift
+        theirs, mine, yours = lift, self.most_yields, self.other.most_yields
+        for _ in range(ROUNDS):
+            before, lift = lift, lifted(mine, self.other.explains(theirs))
+            theirs = lifted(yours, self.explains(before))
+            if np.abs(lift - before).max() < CLOSE:
+                break
+        return lift
+
+    def most(self, tick: int) -> float:
+        """Force [N] that depth, rate and slide of a tick explain at the places of this tick, `ABOVE` included."""
+        if self.other is None or not self.other["contact.force"].max() > 0.0:
+            return self._most(tick, 0.0)
+        mine, yours, lift, theirs = self.yields(tick), self.other.yields(tick), 0.0, 0.0
+        for _ in range(ROUNDS):
+            before, lift = lift, float(lifted(mine, self.other._most(tick, theirs)))
+            theirs = float(lifted(yours, self._most(tick, before)))
+            if abs(lift - before) < CLOSE:
+                break
+        return self._most(tick, lift)
+
+    def _most(self, tick: int, lift: float) -> float:
+        fast = max(float(self.fast[tick]), self.meets(tick))
+        reach = self.reach[tick] + lift + self.rest.remembers * self.rolls[tick]
+        return ABOVE * float(self.place(tick).force(reach, fast, float(self.slides[tick])))
+
+    def meets(self, tick: int) -> float:
+        """Rate [m/s] at which the finger approaches the point of the surface that is nearest now: over `SMOOTH`, or by
+        its velocity."""
+        if tick not in self.met:
+            n = min(self.ticks(SMOOTH), tick)
+            p, before = self["finger.position"][tick], self["finger.position"][tick - n]
+            foot, normal, _, gap = self.closest(p[None])
+            away = (p - foot[0]) / gap[0] if abs(gap[0]) > ON else normal[0]
+            mean = float((before - p) @ away) / (max(n, 1) * self.step)
+            self.met[tick] = max(mean, -float(self["finger.velocity"][tick] @ away), 0.0)
+        return self.met[tick]
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """The greatest approach [m] to the undeformed surface in the last `PAST` (T); negative above it."""
+        return greatest(THICKNESS - self["collision.gap"], self.ticks(PAST))
 
     @cached_property
     def deep(self) -> np.ndarray:
-        """The greatest approach [m] of the last `PAST` (T)."""
-        return greatest(self["collision.approach"], self.ticks(PAST))
+        """The greatest approach [m] to the surface, lifted by the other finger, of the last `PAST` (T)."""
+        return self.reach + self.raised
 
     @cached_property
     def fast(self) -> np.ndarray:
-        """The greatest rate of approach [m/s] of the last `PAST` (T), over `SMOOTH`."""
+        """The greatest rate of approach [m/s] of the last `PAST` (T), over `SMOOTH`, to a surface that the other finger
+        moves."""
+        theirs = self.carried * self.other.closes if self.other is not None and self.carried > 0.0 else 0.0
+        return np.asarray(self.closes + theirs)
+
+    @cached_property
+    def closes(self) -> np.ndarray:
+        """The greatest rate of approach [m/s] to the undeformed surface."""
         n, e = self.ticks(SMOOTH), -self["collision.gap"]
         before = np.concatenate([np.repeat(e[:1], n), e])[: len(e)]
         return greatest(np.maximum((e - before) / (n * self.step), 0.0), self.ticks(PAST))
@@ -62,24 +154,45 @@ class Trace:
         return greatest(np.where(self["contact.force"] > 0.0, aside, 0.0), self.ticks(PAST))
 
     @cached_property
+    def rolls(self) -> np.ndarray:
+        """The greatest rate [m/s] (T) of the last `PAST` at which a patch that rolls over a rim indents another face:
+        e (omega - u/PATCH), omega being the rate at which the normal turns, at most the speed over LEAST_CURVATURE."""
+        n, normal, speed = self.ticks(SMOOTH), self["contact.normal"], length(self["finger.velocity"])
+        before = np.concatenate([np.repeat(normal[:1], n, axis=0), normal])[: len(normal)]
+        omega = np.minimum(length(normal - before) / (n * self.step), greatest(speed, n) / LEAST_CURVATURE)
+        deep = np.where(self["contact.force"] > 0.0, np.maximum(THICKNESS - self["collision.gap"], 0.0), 0.0)
+        return greatest(deep * np.maximum(omega - self.slides / PATCH, 0.0), self.ticks(PAST))
+
+    @cached_property
     def static(self) -> np.ndarray:
         """Force [N] (T) that the depth explains at rest: `ABOVE` x that of the series law at the deepest place."""
-        return ABOVE * self.place(int(np.argmax(self.deep))).force(self.deep)
+        return self._static(self.raised)
 
     @cached_property
     def explained(self) -> np.ndarray:
         """Force [N] (T) that depth, rate and slide explain; rate and slide are rounded up to one of four."""
-        place, total = self.place(int(np.argmax(self.deep))), self.static
+        return self.explains(self.raised)
+
+    def _static(self, lift: np.ndarray) -> np.ndarray:
+        return ABOVE * self.place(int(np.argmax(self.reach))).force(self.reach + lift)
+
+    def explains(self, lift: np.ndarray) -> np.ndarray:
+        """`explained` on a surface that is lifted [m] (T)."""
+        place, total = self.place(int(np.argmax(self.reach))), self._static(lift)
         rates, slides = (float(each.max()) * np.array([0.0, 0.25, 0.5, 0.75, 1.0]) for each in (self.fast, self.slides))
-        for k in range(5):
-            for i in range(5):
-                moves = (self.fast > rates[k - 1] if k else True) & (self.slides > slides[i - 1] if i else True)
-                if k + i and np.any(moves):
-                    total = np.where(moves, ABOVE * place.force(self.deep, rates[k], float(slides[i])), total)
+        bins = 5 * np.searchsorted(rates[:4], self.fast) + np.searchsorted(slides[:4], self.slides)
+        for number in np.unique(bins[bins > 0]).tolist():
+            moves, (k, i) = bins == number, divmod(number, 5)
+            total[moves] = ABOVE * place.force((self.reach + lift)[moves], rates[k], float(slides[i]))
         return total
 
     def ticks(self, seconds: float) -> int:
         return max(1, round(seconds / self.step))
+
+
+def lifted(yields: np.ndarray, force: np.ndarray | float) -> np.ndarray:
+    """How far [m] (...) a force [N] (...) lifts a surface, at most, that yields [m] (n,F) to `FORCES`."""
+    return np.interp(force, [0.0, *FORCES], [0.0, *np.maximum(-yields.min(axis=0), 0.0)])
 
 
 def length(vectors: np.ndarray) -> np.ndarray:
@@ -108,8 +221,17 @@ def _surface(traces: Traces) -> MeshClosestPoint:
     return MeshClosestPoint(Mesh(**traces.nodes["collision"]).mesh())
 
 
-def traced(traces: Traces, rest: AtRest) -> list[Trace | None]:
-    """Each touch of a batch; None: its lane stopped, or a value is not finite."""
+def traced(runs: Sequence[Traces]) -> list[list[Trace | None]]:
+    """Each touch of a batch, for each finger; None: its lane stopped, or a value is not finite."""
+    listed = [_traced(traces, at_rest(traces)) for traces in runs]
+    if len(runs) == 2:
+        for one, two in zip(*listed, strict=True):
+            if one is not None and two is not None:
+                one.other, two.other = two, one
+    return listed
+
+
+def _traced(traces: Traces, rest: AtRest) -> list[Trace | None]:
     closest, listed = _surface(traces).find, list[Trace | None]()
     for lane, ticks in enumerate(traces.ticks):
         values = {name: column[lane, :ticks] for name, column in traces.values.items()}

@@ -45,7 +45,7 @@ def _ball(radius: float, count: int) -> Mesh:
     return star(lambda unit: np.full(len(unit), radius), count)
 
 
-def _moved(mesh: Mesh, *by: float) -> Mesh:
+def _move_mesh(mesh: Mesh, *by: float) -> Mesh:
     return Mesh(mesh.vertices + np.array(by), mesh.triangles)
 
 
@@ -124,21 +124,21 @@ def _vessel(count: int) -> Mesh:
     line[0, 0] = line[-1, 0] = 0.0
     tube = revolved(line, count // 5)
     lying = Mesh(tube.vertices[:, [2, 0, 1]], tube.triangles)
-    return together(_ellipsoid(45 * MM, 30 * MM, 22 * MM, count - count // 5), _moved(lying, 0, 35 * MM, 0))
+    return together(_ellipsoid(45 * MM, 30 * MM, 22 * MM, count - count // 5), _move_mesh(lying, 0, 35 * MM, 0))
 
 
 def _two(count: int, sense: int = 1) -> Mesh:
     """Two balls, the higher one with reversed triangles; with `sense` -1 it has them outwards, too."""
-    low, high = _ball(20 * MM, count // 2), _moved(_ball(20 * MM, count // 2), 45 * MM, 0, 15 * MM)
+    low, high = _ball(20 * MM, count // 2), _move_mesh(_ball(20 * MM, count // 2), 45 * MM, 0, 15 * MM)
     return together(low, Mesh(high.vertices, high.triangles[:, ::-sense]))
 
 
 def _island(count: int) -> Mesh:
     """A ball, and a speck of 1.6 mm 40 mm above it, as a segmentation leaves them."""
-    return together(_ball(25 * MM, count), _moved(_ball(0.8 * MM, 42), 0, 0, 66 * MM))
+    return together(_ball(25 * MM, count), _move_mesh(_ball(0.8 * MM, 42), 0, 0, 66 * MM))
 
 
-def _doubled(count: int) -> Mesh:
+def _doubled_corners(count: int) -> Mesh:
     """An ellipsoid whose triangles have separate corners."""
     body = _ellipsoid(40 * MM, 30 * MM, 25 * MM, count)
     every = np.arange(3 * len(body.triangles), dtype=np.int32).reshape(-1, 3)
@@ -166,7 +166,7 @@ def _slivers(count: int) -> Mesh:
     return Mesh(np.array(points), np.array(triangles, np.int32))
 
 
-def _shipped(name: str, count: int) -> Mesh:
+def _shipped_mesh(name: str, count: int) -> Mesh:
     return surface_mesh(name, count)
 
 
@@ -195,11 +195,11 @@ def _all() -> dict[str, Specimen]:
         Specimen("vessel", _vessel, "a vessel, 6 mm across, next to an ellipsoid", True),
         Specimen("two-balls", _two, "two balls, one with reversed triangles", True, turned=True),
         Specimen("island", _island, "a ball and a speck", True),
-        Specimen("doubled", _doubled, "an ellipsoid with separate corners", True),
+        Specimen("doubled", _doubled_corners, "an ellipsoid with separate corners", True),
         Specimen("slivers", _slivers, "an ellipsoid with thin triangles", True),
-        Specimen("kidney-mesh", partial(_shipped, "kidney"), "the shipped kidney as a mesh", True),
+        Specimen("kidney-mesh", partial(_shipped_mesh, "kidney"), "the shipped kidney as a mesh", True),
         *(
-            Specimen(name, partial(_shipped, patch), "shipped, a NURBS patch", True, patch)
+            Specimen(name, partial(_shipped_mesh, patch), "shipped, a NURBS patch", True, patch)
             for name, patch in (("kidney", "kidney"), ("sphere-nurbs", "sphere"), ("plane", "plane"))
         ),
     ]  # fmt: skip

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ class Outcome:
     at         share of the counted answer at the threshold, without lapses
     levels, shares, counts   (n) presented levels, shares of the counted answer (magnitudes: geometric means), trials
     sign       sign of x, see `Stimuli.x`;  reference  level of the reference, or None
+    question   question of the experiment
     """
 
     task: str
@@ -49,7 +50,13 @@ class Outcome:
     counts: list[int] = field(default_factory=list)
     sign: int = 1
     reference: float | None = None
+    question: str = ""
     fitted: Fit | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the answers do not determine."""
+        return self.fitted.limits if self.fitted is not None else ()
 
     def units(self, name: str) -> str:
         """Unit of a number, in brackets; "" for a ratio."""
@@ -57,7 +64,8 @@ class Outcome:
 
     def to_spec(self) -> dict[str, Any]:
         """Plain data for programs: unknown numbers and open interval ends are null."""
-        plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self))
+        bare = self if self.fitted is None else replace(self, fitted=replace(self.fitted, grid=None))
+        plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(bare))
         for name, number in self.numbers.items():
             plain["numbers"][name]["value"] = number.value if number.known else None
         return plain
@@ -81,7 +89,7 @@ def analyse(folder: Path) -> list[Outcome]:
         about = {"LongName": "level", "Units": "1"}
         for path in tables(folder, task):
             dictionary = path.with_suffix(".json")
-            about |= _described(dictionary) if dictionary.exists() else {}
+            about |= _read_description(dictionary) if dictionary.exists() else {}
             for row in parse(_content(path))[0]:
                 groups.setdefault((row["block"], path.name.split("_")[0]), []).append(row)
         for name, block in experiment.blocks.items():
@@ -104,7 +112,7 @@ def _content(path: Path) -> bytes:
         raise ArgumentError(f"{path}: {error.strerror}; expected a file of `palpate experiment`") from None
 
 
-def _described(path: Path) -> dict[str, Any]:
+def _read_description(path: Path) -> dict[str, Any]:
     """The description of the column `level`. ArgumentError: the file is damaged."""
     try:
         return dict(json.loads(_content(path))["level"])
@@ -136,7 +144,7 @@ def outcome(
 ) -> Outcome:
     """Results of the rows of one participant and block; `about` is the entry of the level in the data dictionary."""
     common = {"task": task, "participant": who, "block": name, "trials": len(rows)}
-    common |= {"path": about["LongName"], "unit": about["Units"]}
+    common |= {"path": about["LongName"], "unit": about["Units"], "question": experiment.question}
     if experiment.response == "magnitude":
         return Outcome(**common, **_magnitude(rows))  # type: ignore[arg-type]
     levels = np.array([-np.inf if row["level"] == NONE else float(row["level"]) for row in rows])
@@ -150,20 +158,19 @@ def outcome(
         fitted = fit(experiment.function, levels, greater, None, lapsing=True)
         jnd = fitted.spread.times(HALF[experiment.function])
         numbers = {"pse": fitted.threshold, "jnd": jnd, "weber fraction": jnd.times(1.0 / abs(reference))}
-        return _fitted(common, fitted, numbers, "judged greater", levels, greater, 1, reference)
+        return _fitted_numbers(common, fitted, numbers, "judged greater", levels, greater, 1, reference)
     sign = 1 if reference is not None or experiment.harder == "lower" else -1
-    signal = np.isfinite(levels)
-    x = np.where(signal, sign * levels if reference is None else np.abs(levels - reference), -np.inf)
-    of, guess = ("correct", 0.5) if experiment.response == "2afc" else ("yes", 0.0 if signal.all() else None)
+    x = np.where(np.isfinite(levels), sign * levels if reference is None else np.abs(levels - reference), -np.inf)
+    of, guess = ("correct", 0.5) if experiment.response == "2afc" else ("yes", None)
     fitted = fit(experiment.function, x, hits, guess, positive=reference is not None)
     if reference is None:
         numbers = {"threshold": fitted.threshold.times(sign)}
     else:
         numbers = {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}
-    return _fitted(common, fitted, numbers, of, x, hits, sign, reference)
+    return _fitted_numbers(common, fitted, numbers, of, x, hits, sign, reference)
 
 
-def _fitted(
+def _fitted_numbers(
     common: dict[str, Any], fitted: Fit, numbers: dict[str, IntervalEstimate], of: str, x: np.ndarray, hits: np.ndarray,
     sign: int, reference: float | None,
 ) -> Outcome:  # fmt: skip

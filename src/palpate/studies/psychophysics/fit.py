@@ -1,36 +1,42 @@
-"""A psychometric function by maximum likelihood, with profile-likelihood intervals.
+"""A psychometric function by Bayesian inference on a grid, with 95 % intervals of the marginal posterior.
 
-The log likelihood of k_i hits in n_i trials at the levels x_i,
+The likelihood of k_i hits in n_i trials at the levels x_i is binomial,
 
-    l = Σ k_i ln ψ(x_i) + (n_i - k_i) ln(1 - ψ(x_i)),
+    l(a, b, λ, γ) = Σ k_i ln ψ(x_i) + (n_i - k_i) ln(1 - ψ(x_i)),
 
-is computed on a grid of a, b and the free rates; the grid is refined where l is high. From its `STARTS` best points a
-bounded quasi-Newton method (TNC) finds the maximum. The interval of a is
-{ a : max l - max_{b, λ, γ} l(a) <= χ²_{1; 0.95}/2 }, likewise for b (Pawitan, In All Likelihood, 2001, ch. 3.4); its
-ends are bracketed by the grid and found by the same method. An interval that the levels do not bound is open: it ends
-at 0 or infinity. A maximum at a limit of b or λ is named: then the data do not determine the function.
+with weak priors (Schütt, Harmeling, Macke & Wichmann, Vision Research 122, 2016, sec. 2.3, with a spread that is
+uniform in its logarithm):
+
+    a     uniform over the levels, then falling as a cosine to 0 at half of their range on each side
+    b     uniform in ln b between limits that exclude a step and a straight line, falling as a cosine outside
+    λ, γ  Beta(1, 10), unless fixed
+
+An estimate is the median of the marginal posterior, its interval the central 95 %. Unlike the interval of a profile
+likelihood it averages over the rates and the spread, so that few trials, which can often be fitted best by a step with
+many lapses, do not decide these. The rule that chooses the levels and the end of a session is no part of the
+likelihood, because it depends on earlier answers only. The rates of coverage are those of `benchmarks/experiments.py`.
+
+An end of an interval that the answers do not bound is open: it lies where the profile likelihood has not fallen by half
+of the 95 % quantile of χ². An estimate of which the prior decides more than the answers is named in `limits`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize
 from scipy.special import xlog1py, xlogy
 
-from palpate.studies.psychophysics.functions import FUNCTIONS
+from palpate.studies.psychophysics.functions import FUNCTIONS, proportion
 
 DROP = 1.920729  # Half of the 95 % quantile of χ² with one degree of freedom
-POINTS = 41  # Grid points of a and of b
-LAPSES = np.linspace(0.0, 0.1, 11)
-GUESSES = np.linspace(0.0, 0.5, 26)
-STARTS = 4
-HALVINGS = 9  # of the bracket of an end of an interval
+POINTS = 60  # Grid points of a and of b
+RATES = np.array([0.0, 0.005, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.13, 0.17, 0.22, 0.28, 0.35, 0.45])
+FAR = 10.0  # The finer grid leaves out a and b with a log posterior this far below the maximum
 TINY = 1e-12  # [1] Least probability of an answer, so that the logarithm is finite
-FAR = 12.0  # The finer grid leaves out points with a log likelihood this far below the maximum
 
 
 @dataclass(frozen=True)
@@ -53,11 +59,26 @@ class IntervalEstimate:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A fitted function: a and b with intervals, and the rates at the maximum of the likelihood.
+class Grid:
+    """Posterior on a grid.
 
-    likelihood  largest log likelihood
-    limits      limits of the search at which the maximum lies
+    a, b, low, miss   coordinates (n), (m), (r), (r) of threshold, spread, guess rate and lapse rate
+    weight            posterior mass (n, m, r)
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    low: np.ndarray
+    miss: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted function: the medians of a and b with their intervals, and the mean rates.
+
+    limits  what the answers do not determine
+    grid    the posterior
     """
 
     function: str
@@ -65,14 +86,25 @@ class Fit:
     spread: IntervalEstimate
     guess: float
     lapse: float
-    likelihood: float = math.nan
     limits: tuple[str, ...] = ()
+    grid: Grid | None = field(default=None, repr=False)
+
+    def curve(self, x: ArrayLike) -> np.ndarray:
+        """Mean and limits of the central 95 % of ψ (3, n) at the levels x, over the posterior."""
+        assert self.grid is not None
+        g, at = self.grid, np.asarray(x, float)
+        flat = g.weight.ravel()
+        keep = np.flatnonzero(flat > 1e-5 * flat.max())
+        i, j, r = np.unravel_index(keep, g.weight.shape)
+        weight = flat[keep] / flat[keep].sum()
+        rows = [_summary(proportion(self.function, one, g.a[i], g.b[j], g.low[r], g.miss[r]), weight) for one in at]
+        return np.array(rows).T
 
 
 def fit(
     function: str, x: ArrayLike, hits: ArrayLike, guess: float | None, lapsing: bool = False, positive: bool = False
 ) -> Fit:
-    """Fit a function by maximum likelihood.
+    """Fit a function.
 
     x        level of each trial; -inf: a trial without signal
     hits     whether the answer of each trial is a hit
@@ -84,99 +116,94 @@ def fit(
     """
     levels, at = np.unique(np.asarray(x, float), return_inverse=True)
     k, n = np.bincount(at, np.asarray(hits, float)), np.bincount(at).astype(float)
-    guesses = GUESSES.tolist() if guess is None and not lapsing else [guess or 0.0]
-    rates = [(lapse if lapsing else low, lapse) for lapse in LAPSES.tolist() for low in guesses]
     seen = levels[np.isfinite(levels)]
     if not len(seen):
         raise ValueError("no level to fit")
-    a, b = _wide(function, seen)
-    if positive and function != "weibull":
-        a = np.linspace(a[-1] * 1e-4, a[-1], len(a))
-    wide = (float(a[0]), float(a[-1])), (float(b[0]), float(b[-1]))
-    for _ in range(3):
-        best, which = _profiled(function, levels, k, n, a, b, rates)
-        peak = np.unravel_index(int(np.argmax(best)), best.shape)
-        near = best > best[peak] - FAR
+    low, miss, rate_prior = _rates(guess, lapsing)
+    prior = Prior(function, seen, positive)
+    a, b = prior.grids()
+    for _ in range(2):
+        likelihood = _likelihood(function, levels, k, n, a, b, low, miss)
+        post = likelihood + prior(a, b)[:, :, None] + rate_prior
+        near = post.max(axis=2) > post.max() - FAR
         last = a, b
-        a, b = _finer(a, near.any(axis=1), function == "weibull"), _finer(b, near.any(axis=0), True)
-    likelihood = Likelihood(function, levels, k, n, guess, lapsing, wide)
+        a, b = _finer(a, near.any(axis=1), prior.ratio), _finer(b, near.any(axis=0), True)
     a, b = last
-    tops = np.argsort(-best, axis=None)[:: len(a)][:STARTS]
-    starts = [(a[i], b[j], *rates[which[i, j]]) for i, j in zip(*np.unravel_index(tops, best.shape), strict=True)]
-    peaks = [likelihood.maximum(start) for start in starts]
-    most, (x_a, x_b, low, miss) = max(peaks)
-    bottom = 0.0 if positive or function == "weibull" else -math.inf
-    limits = [name for name, at_limit in (
-        ("the steepest slope", x_b <= 1.001 * wide[1][0]), ("the flattest slope", x_b >= 0.999 * wide[1][1]),
-        ("the largest lapse rate", miss >= LAPSES[-1] - 1e-6),
-    ) if at_limit]  # fmt: skip
-    through = (x_a, x_b, low, miss)
+    weight = np.exp(post - post.max())
+    weight *= (_cells(a)[:, None] * _cells(b))[:, :, None]  # the prior is a density per a and per b
+    weight /= weight.sum()
+    top = likelihood.max()
+    ends = [_open(likelihood.max(axis=axes) - top) for axes in ((1, 2), (0, 2))]
+    bottoms = 0.0 if positive or function == "weibull" else -math.inf, 0.0
+    threshold, spread = (
+        _estimate(values, weight.sum(axis=axes), end, bottom)
+        for values, axes, end, bottom in zip((a, b), ((1, 2), (0, 2)), ends, bottoms, strict=True)
+    )
+    rates = weight.sum(axis=(0, 1))
+    names = "the threshold", "the spread"
+    limits = [f"the answers do not bound {name} {side}" for name, end in zip(names, ends, strict=True)
+              for side, unbounded in zip(("below", "above"), end, strict=True) if unbounded]  # fmt: skip
+    if rates[miss >= 0.1].sum() > 0.5:
+        limits.append("more than 10 % of the answers do not depend on the level")
     return Fit(
-        function, _interval(likelihood, 0, a, best.max(axis=1), through, most, bottom),
-        _interval(likelihood, 1, b, best.max(axis=0), through, most, 0.0), low, miss, most, tuple(limits),
+        function, threshold, spread, _summary(low, rates)[0], _summary(miss, rates)[0], tuple(limits),
+        Grid(a, b, low, miss, weight),
     )  # fmt: skip
 
 
-class Likelihood:
-    """Log likelihood of a function as a function of (a, b, γ, λ), and its bounded maxima.
+class Prior:
+    """Log density over (a, b), for levels that were seen."""
 
-    wide  limits of a and of b
-    """
+    def __init__(self, function: str, seen: np.ndarray, positive: bool) -> None:
+        low, high = float(seen.min()), float(seen.max())
+        span = (high - low) or abs(high) or 1.0
+        self.ratio = function == "weibull"
+        if self.ratio:
+            low = max(low, 1e-3 * high)
+            room = max(math.log(high / low), math.log(2.0))
+            self.a = math.log(low), math.log(high), 0.5 * room
+            self.b = math.log(0.7), math.log(6.0), math.log(2.0)
+        else:
+            self.a = low, high, 0.5 * span
+            gap = float(np.diff(np.unique(seen)).min()) if len(np.unique(seen)) > 1 else 0.1 * span
+            self.b = math.log(max(0.5 * gap, 0.03 * span)), math.log(span), math.log(3.0)
+        self.positive = positive
 
-    def __init__(
-        self, function: str, levels: np.ndarray, k: np.ndarray, n: np.ndarray, guess: float | None, lapsing: bool,
-        wide: tuple[tuple[float, float], tuple[float, float]],
-    ) -> None:  # fmt: skip
-        self.core, self.levels, self.k, self.n = FUNCTIONS[function], levels, k, n
-        self.guess, self.lapsing, (self.a, self.b) = guess, lapsing, wide
+    def grids(self) -> tuple[np.ndarray, np.ndarray]:
+        (low, high, room), (least, most, slack) = self.a, self.b
+        bottom = low - room
+        if self.positive and not self.ratio:
+            bottom = max(bottom, 1e-4 * high)
+        a = np.linspace(bottom, high + room, POINTS)
+        return np.exp(a) if self.ratio else a, np.exp(np.linspace(least - slack, most + slack, POINTS))
 
-    def full(self, rest: np.ndarray, fixed: int, value: float) -> tuple[float, float, float, float]:
-        """(a, b, γ, λ) from the free numbers, with b as its logarithm; fixed: 0 a, 1 b, -1 none, at this value."""
-        free = [float(each) for each in rest]
-        a = value if fixed == 0 else free.pop(0) * (self.a[1] - self.a[0]) + self.a[0]
-        b = value if fixed == 1 else math.exp(free.pop(0))
-        miss = free.pop(0)
-        low = miss if self.lapsing else self.guess if self.guess is not None else free.pop(0)
-        return a, b, low, miss
-
-    def value(self, point: tuple[float, float, float, float]) -> float:
-        a, b, low, miss = point
-        core = self.core(self.levels, np.array(a), np.array(b))
-        p = np.clip(low + (1.0 - low - miss) * core, TINY, 1.0 - TINY)
-        return float((xlogy(self.k, p) + xlog1py(self.n - self.k, -p)).sum())
-
-    def maximum(
-        self, start: tuple[float, float, float, float], fixed: int = -1, value: float = 0.0
-    ) -> tuple[float, tuple[float, float, float, float]]:
-        """The largest log likelihood near a start, and its point; at least that of the start."""
-        a, b, low, miss = start
-        first, bounds = [], []
-        if fixed != 0:
-            first.append((a - self.a[0]) / (self.a[1] - self.a[0]))
-            bounds.append((0.0, 1.0))
-        if fixed != 1:
-            first.append(math.log(b))
-            bounds.append((math.log(self.b[0]), math.log(self.b[1])))
-        first.append(miss)
-        bounds.append((LAPSES[0], LAPSES[-1]))
-        if self.guess is None and not self.lapsing:
-            first.append(low)
-            bounds.append((GUESSES[0], GUESSES[-1]))
-        first = np.clip(first, *np.array(bounds).T)
-        found = optimize.minimize(
-            lambda rest: -self.value(self.full(rest, fixed, value)), first, method="TNC", bounds=bounds
-        )
-        return max((self.value(point), point) for point in (self.full(x, fixed, value) for x in (first, found.x)))
+    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        along = _plateau(np.log(a) if self.ratio else a, *self.a)
+        jacobian = np.log(a) if self.ratio else np.zeros_like(a)  # a uniform density in ln a is 1/a in a
+        return (along - jacobian)[:, None] + _plateau(np.log(b), *self.b) - np.log(b)
 
 
-def _wide(function: str, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Grids of a and b wider than the levels can resolve; b excludes a step and a straight line."""
-    low, high = float(seen.min()), float(seen.max())
-    span = (high - low) or abs(high) or 1.0
-    if function == "weibull":
-        least = max(low, 1e-3 * high)
-        return np.geomspace(least / 5.0, 5.0 * high, POINTS), np.geomspace(0.3, 10.0, POINTS)
-    return np.linspace(low - 2.0 * span, high + 2.0 * span, POINTS), span * np.geomspace(0.02, 5.0, POINTS)
+def _plateau(x: np.ndarray, low: float, high: float, room: float) -> np.ndarray:
+    """Logarithm of a density that is constant from low to high and falls as a cosine over `room` on each side."""
+    beyond = np.clip(np.maximum(low - x, x - high) / room, 0.0, 1.0)
+    return np.log(np.maximum(0.5 * (1.0 + np.cos(np.pi * beyond)), TINY))
+
+
+def _rates(guess: float | None, lapsing: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Guess and lapse rates of the grid, and the logarithm of prior times cell size."""
+    one = 9.0 * np.log1p(-RATES) + np.log(_cells(RATES))
+    if lapsing:
+        return RATES, RATES, one
+    if guess is not None:
+        return np.full_like(RATES, guess), RATES, one
+    low, miss = (grid.ravel() for grid in np.meshgrid(RATES, RATES, indexing="ij"))
+    return low, miss, (one[:, None] + one).ravel()
+
+
+def _cells(grid: np.ndarray) -> np.ndarray:
+    """Length of the cell around each point: weights of the trapezoid rule."""
+    steps = np.diff(grid)
+    return 0.5 * (np.concatenate([steps, [0.0]]) + np.concatenate([[0.0], steps]))
 
 
 def _finer(grid: np.ndarray, near: np.ndarray, ratio: bool) -> np.ndarray:
@@ -186,46 +213,37 @@ def _finer(grid: np.ndarray, near: np.ndarray, ratio: bool) -> np.ndarray:
     return (np.geomspace if ratio else np.linspace)(*ends, len(grid))
 
 
-def _profiled(
+def _likelihood(
     function: str, levels: np.ndarray, k: np.ndarray, n: np.ndarray, a: np.ndarray, b: np.ndarray,
-    rates: list[tuple[float, float]],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Log likelihood (a, b) at the best rates, and the indices of these rates."""
+    low: np.ndarray, miss: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Log likelihood (a, b, rates)."""
     core = FUNCTIONS[function](levels, a[:, None, None], b[None, :, None])
-    best, which = np.full(core.shape[:2], -np.inf), np.zeros(core.shape[:2], int)
-    for number, (guess, lapse) in enumerate(rates):
-        p = guess + (1.0 - guess - lapse) * core
-        value = (xlogy(k, p) + xlog1py(n - k, -p)).sum(axis=2)
-        which[value > best] = number
-        best = np.maximum(best, value)
-    return best, which
+    values = []
+    for guess, lapse in zip(low, miss, strict=True):
+        p = np.clip(guess + (1.0 - guess - lapse) * core, TINY, 1.0 - TINY)
+        values.append(xlogy(k, p).sum(axis=2) + xlog1py(n - k, -p).sum(axis=2))
+    return np.stack(values, axis=2)
 
 
-def _interval(
-    likelihood: Likelihood, which: int, grid: np.ndarray, profile: np.ndarray,
-    peak: tuple[float, float, float, float], most: float, bottom: float,
-) -> IntervalEstimate:  # fmt: skip
-    """The maximum, and where the profile has fallen by `DROP` on each side; which: 0 a, 1 b."""
-    limit = most - DROP
-    inside = np.flatnonzero(profile >= limit)
-    ends = [bottom, math.inf]
-    for side, edge, step in ((0, inside.min(initial=len(grid) - 1), -1), (1, inside.max(initial=0), 1)):
-        near = peak  # continue each maximum from the last one
+def _summary(values: np.ndarray, weight: np.ndarray) -> tuple[float, float, float]:
+    """Mean and limits of the central 95 % of a weighted sample."""
+    order = np.argsort(values)
+    share = np.cumsum(weight[order])
+    low, high = (values[order][min(np.searchsorted(share, q * share[-1]), len(share) - 1)] for q in (0.025, 0.975))
+    return float(np.average(values, weights=weight)), float(low), float(high)
 
-        def above(value: float) -> float:
-            nonlocal near
-            top, near = likelihood.maximum(near, which, value)
-            return top - limit
 
-        held, at = peak[which], edge
-        while 0 <= at < len(grid):
-            value = float(grid[at])
-            beyond = value < peak[which] if side == 0 else value > peak[which]
-            if beyond and above(value) < 0.0:
-                for _ in range(HALVINGS):  # the maximum at the last grid point is known to be above
-                    middle = 0.5 * (value + held)
-                    value, held = (value, middle) if above(middle) >= 0.0 else (middle, held)
-                ends[side] = 0.5 * (value + held)
-                break
-            held, at = value if beyond else held, at + step
-    return IntervalEstimate(float(peak[which]), *ends)
+def _open(profile: np.ndarray) -> tuple[bool, bool]:
+    """Whether a profile likelihood, less its maximum, has not fallen enough at the two ends of the grid."""
+    return bool(profile[0] > -DROP), bool(profile[-1] > -DROP)
+
+
+def _estimate(values: np.ndarray, weight: np.ndarray, unbounded: Sequence[bool], bottom: float) -> IntervalEstimate:
+    """Median and central 95 % of a marginal posterior; ends that the answers do not bound are open."""
+    share = np.concatenate([[0.0], np.cumsum(weight)])
+    edges = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+    low, middle, high = np.interp([0.025, 0.5, 0.975], share / share[-1], edges)
+    return IntervalEstimate(
+        float(middle), bottom if unbounded[0] else float(low), math.inf if unbounded[1] else float(high)
+    )

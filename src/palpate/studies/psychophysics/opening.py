@@ -65,8 +65,8 @@ def opened(
     stimuli = Stimuli(experiment, source, path, sets)
     folder = out or Path("runs", "experiments", path.stem)
     refuse(folder, "study.json", "the results of a study")
-    who, number = _chosen(stimuli, folder, participant, session, resume, sure)
-    begin(folder, experiment.task, path.read_bytes(), who, _known(experiment).get(who) or {})
+    who, number = _choose_session(stimuli, folder, participant, session, resume, sure)
+    begin(folder, experiment.task, path.read_bytes(), who, _listed_participants(experiment).get(who) or {})
     table = Table(folder, experiment.task, who, number)
     try:
         units = {"Units": stimuli.unit}
@@ -76,13 +76,13 @@ def opened(
         table.close()
 
 
-def _chosen(
+def _choose_session(
     stimuli: Stimuli, folder: Path, participant: str | None, session: int | None, resume: bool, sure: Sure
 ) -> tuple[str, int]:
     """Participant and session. ArgumentError: the session exists, and neither `resume` nor the user continues it."""
     experiment = stimuli.experiment
     who = participant or _next_participant(stimuli, folder)
-    known = _known(experiment)
+    known = _listed_participants(experiment)
     if not LABEL.fullmatch(who) or (known and who not in known):
         expected = f"one of {', '.join(known)}" if known else "letters and digits"
         raise ArgumentError(f"--participant: found {who!r}, expected {expected}")
@@ -107,7 +107,7 @@ def _state(stimuli: Stimuli, folder: Path, who: str, number: int) -> tuple[int, 
     return len(rows), resumed(stimuli, rows, file, who, number)[1] is None
 
 
-def _known(experiment: Experiment) -> dict[str, dict[str, Any] | None]:
+def _listed_participants(experiment: Experiment) -> dict[str, dict[str, Any] | None]:
     """The participants that the experiment lists, with their attributes."""
     given = experiment.participants
     return {f"{n:02d}": None for n in range(1, given + 1)} if isinstance(given, int) else given or {}
@@ -115,7 +115,7 @@ def _known(experiment: Experiment) -> dict[str, dict[str, Any] | None]:
 
 def _next_participant(stimuli: Stimuli, folder: Path) -> str:
     """The first participant without a session, or with an incomplete last one. ArgumentError: all are complete."""
-    task, known = stimuli.experiment.task, _known(stimuli.experiment)
+    task, known = stimuli.experiment.task, _listed_participants(stimuli.experiment)
     for who in known or (f"{n:02d}" for n in range(1, 10_000)):
         there = sessions(folder, task, who)
         if not there or not _state(stimuli, folder, who, there[-1])[1]:

@@ -67,7 +67,7 @@ class ExperimentPage(Live):
             launch, sockets = steered(stimuli.launch, Path(self._place.name))
             self._file, graph = launch.graph, launch.load()
         for block, levels in stimuli.levels.items():  # the node that replaces the hand may lack a setting
-            self._steered(stimuli.run(block, levels[0])).load()
+            self._steered_run(stimuli.run(block, levels[0])).load()
         super().__init__(touched(plan(graph)))
         self.panel = {"title": "starting", "text": ""}
         self._pointers = Pointers(sockets, self.touched.begins)
@@ -153,7 +153,7 @@ class ExperimentPage(Live):
                 title=title, text=text, wait=pause, buttons=[{"label": "continue", "key": "Enter", "answer": ""}]
             )
             self._warm()
-            self._answered()
+            self._await_answer()
 
     def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
         several = self.experiment.intervals > 1
@@ -161,7 +161,7 @@ class ExperimentPage(Live):
         self._cover(title=f"{'First' if interval == 1 else 'Second'} interval" if several else "", text="")
         self.stopping.clear()
         self._left, until = False, time.monotonic() + self.experiment.gap
-        launch = self._steered(launch)
+        launch = self._steered_run(launch)
         graph = launch.load()
         self.touched = touched(plan(graph))
         self._closed.wait(max(until - time.monotonic(), 0.0))
@@ -186,7 +186,7 @@ class ExperimentPage(Live):
             buttons=[{"label": name, "key": key, "answer": name} for name, key in keys.items()],
         )  # fmt: skip
         self._warm()
-        order = self._answered()
+        order = self._await_answer()
         return Answer(order.answer, order.seconds)
 
     def _live(self) -> None:
@@ -209,7 +209,7 @@ class ExperimentPage(Live):
             self.over()
             server.close()
 
-    def _steered(self, launch: LaunchFile) -> LaunchFile:
+    def _steered_run(self, launch: LaunchFile) -> LaunchFile:
         """The run with the pointer instead of the simulated hand."""
         return launch if self._file is None else replace(launch, graph=self._file, scene=None, path=None)
 
@@ -230,7 +230,7 @@ class ExperimentPage(Live):
             total = f" of {trial.total}" if trial.total else ""
             self.say(f"trial {trial.number}{total}{' · ' * bool(what)}{what}")
 
-    def _answered(self) -> Order:
+    def _await_answer(self) -> Order:
         """Wait for the participant to complete the panel. ClosedError: the page was closed."""
         while not self._closed.is_set():
             try:

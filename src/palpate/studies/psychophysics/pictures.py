@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.studies.psychophysics.analysis import ALL, Outcome
-from palpate.studies.psychophysics.functions import proportion
 from palpate.views.pictures.plot import PREFIXES
 from palpate.views.pictures.style import FINGER, INK, TISSUE, figure, log_ticks, look
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 ROW = 3  # panels
 MOST = 24
 WIDE = 8.0
+GROUPS = 10  # of neighbouring levels
 NAMES = {"correct": "share correct", "yes": "share of yes", "judged greater": "comparison judged greater"}
 
 
@@ -30,7 +32,8 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         shown = [one for one in outcomes if one.task == task and one.participant != ALL][:MOST]
         columns, rows = min(len(shown), ROW), math.ceil(len(shown) / ROW)
         with look():
-            fig = figure(max(4.0 * columns, 5.0), 3.4 * rows + 0.5, task)
+            width = max(4.0 * columns, 5.5)
+            fig = figure(width, 3.6 * rows + 0.9, fill(shown[0].question or task, int(8.0 * width)))
             for number, one in enumerate(shown, 1):
                 axes = fig.add_subplot(rows, columns, number)
                 (_magnitude if one.of == "magnitude" else _function)(axes, one)
@@ -52,19 +55,58 @@ def _function(axes: Axes, one: Outcome) -> None:
         log_ticks(axes)
     else:
         line = np.linspace(x.min() - room, x.max() + room, 400)
-    share = proportion(fitted.function, line, fitted.threshold.value, fitted.spread.value, fitted.guess, fitted.lapse)
+    share, low, high = fitted.curve(line)
+    axes.fill_between(turned * line, low, high, color=INK, alpha=0.12, linewidth=0.0, zorder=1)
     axes.plot(turned * line, share, color=INK, zorder=2)
-    sizes = 20.0 + 130.0 * np.array(one.counts) / max(one.counts)
-    axes.scatter(turned * x, one.shares, s=sizes, color=TISSUE, edgecolor="white", zorder=3)
+    place, shares, counts = pooled(x, np.array(one.shares), np.array(one.counts), ratio)
+    ends = wilson(shares, counts)
+    axes.errorbar(
+        turned * place, shares, np.abs(ends - shares), fmt="none", ecolor=TISSUE, elinewidth=1.0, alpha=0.6, zorder=3
+    )
+    axes.scatter(turned * place, shares, s=_size(counts, counts.max()), color=TISSUE, edgecolor="white", zorder=4)
+    for count in sorted({int(counts.min()), int(counts.max())}):
+        label = f"{count} trial{'s' * (count > 1)}"
+        axes.scatter([], [], s=_size(count, counts.max()), color=TISSUE, edgecolor="white", label=label)
     a = fitted.threshold
     ends = np.clip(sorted((turned * a.low, turned * a.high)), *sorted((turned * line[0], turned * line[-1])))
-    at = float(proportion(fitted.function, a.value, a.value, fitted.spread.value, fitted.guess, fitted.lapse))
-    axes.plot(ends, [at, at], color=FINGER, linewidth=3.0, zorder=4, solid_capstyle="butt")
-    axes.plot([turned * a.value], [at], marker="|", markersize=12, color=FINGER, zorder=4)
+    axes.plot(ends, [one.at, one.at], color=FINGER, linewidth=3.0, zorder=5, solid_capstyle="butt",
+              label=f"{'PSE' if one.of == 'judged greater' else 'threshold'}, 95 %")  # fmt: skip
+    axes.plot([turned * a.value], [one.at], marker="|", markersize=12, color=FINGER, zorder=5)
+    axes.legend(fontsize=8, loc="best", handletextpad=0.4)
     distance = one.reference is not None and one.of != "judged greater"
     axes.set_xlabel(f"{one.path} [{unit}]{', from the reference' * distance}", fontsize=10)
     axes.set_ylabel(NAMES[one.of])
     axes.set_ylim(-0.03, 1.03)
+
+
+def pooled(
+    x: np.ndarray, shares: np.ndarray, counts: np.ndarray, ratio: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Levels, shares and counts with neighbouring levels joined into at most `GROUPS` groups of similar counts: a
+    staircase has many levels with few trials each."""
+    if len(x) <= GROUPS:
+        return x, shares, counts
+    middle = np.cumsum(counts) - 0.5 * counts
+    group = np.floor(middle / counts.sum() * GROUPS).astype(int)
+    scale = np.log(x) if ratio else x
+    total = np.bincount(group, counts, GROUPS)
+    used = total > 0.0
+    means = (np.bincount(group, counts * value, GROUPS)[used] / total[used] for value in (scale, shares))
+    place, share = means
+    return np.exp(place) if ratio else place, share, total[used].astype(int)
+
+
+def wilson(share: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """95 % interval (2, n) of a probability from its share in n trials (Wilson, J. Am. Stat. Assoc. 22, 209, 1927)."""
+    z = 1.959964
+    middle = (share + z * z / (2.0 * n)) / (1.0 + z * z / n)
+    half = z * np.sqrt(share * (1.0 - share) / n + z * z / (4.0 * n * n)) / (1.0 + z * z / n)
+    return np.array([np.minimum(middle - half, share), np.maximum(middle + half, share)])
+
+
+def _size(count: ArrayLike, most: int) -> np.ndarray:
+    """Area of a dot [pt^2]."""
+    return 15.0 + 105.0 * np.asarray(count, float) / most
 
 
 def _magnitude(axes: Axes, one: Outcome) -> None:

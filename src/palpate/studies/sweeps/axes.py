@@ -54,7 +54,7 @@ def axis(name: str, given: Any) -> Axis:
     if not all(paths):
         raise ArgumentError(f"over {name!r}: found an empty path, expected one such as tissue.stiffness")
     if hasattr(given, "ppf"):
-        return _sampled(paths, given, ())
+        return _sample_values(paths, given, ())
     if isinstance(given, Mapping):
         if len(given) != 1:
             raise ArgumentError(f"over {name}: found {_short(dict(given))}, expected {EXPECTED}")
@@ -66,18 +66,18 @@ def axis(name: str, given: Any) -> Axis:
             if count != int(count) or count < 1 or (kind == "geomspace" and low * high <= 0):
                 raise ArgumentError(f"over {name}: found {_short(how)}, expected [low, high, number of values]")
             given = rounded(GRIDS[kind](low, high, int(count)))
-            return _listed(name, paths, given.tolist(), None, texts)
+            return _listed_values(name, paths, given.tolist(), None, texts)
         if kind == "named" and isinstance(how, Mapping):
-            return _listed(name, paths, list(how.values()), [str(key) for key in how], ())
-        return _sampled(paths, *_law(name, str(kind), how))
+            return _listed_values(name, paths, list(how.values()), [str(key) for key in how], ())
+        return _sample_values(paths, *_law(name, str(kind), how))
     if isinstance(given, np.ndarray):
         given = given.tolist()
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
         raise ArgumentError(f"over {name}: found {_short(given)}, expected {EXPECTED}")
-    return _listed(name, paths, list(given), None, ())
+    return _listed_values(name, paths, list(given), None, ())
 
 
-def _listed(name: str, paths: tuple[str, ...], given: list[Any], names: list[str] | None, texts: Any) -> Axis:
+def _listed_values(name: str, paths: tuple[str, ...], given: list[Any], names: list[str] | None, texts: Any) -> Axis:
     rows = [(value,) for value in given] if len(paths) == 1 else given
     values = []
     for row in rows:
@@ -91,7 +91,7 @@ def _listed(name: str, paths: tuple[str, ...], given: list[Any], names: list[str
     return Axis(paths, tuple(values), tuple(labels), None, texts)
 
 
-def _sampled(paths: tuple[str, ...], law: Any, texts: tuple[str, ...]) -> Axis:
+def _sample_values(paths: tuple[str, ...], law: Any, texts: tuple[str, ...]) -> Axis:
     if len(paths) > 1:
         raise ArgumentError(
             f"over {', '.join(paths)}: found a distribution, expected values of paths that vary together"

@@ -1,12 +1,24 @@
-"""The values of a study as text, and the changes between two studies."""
+"""What a study depends on; its values as text, and the changes between two studies."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from palpate.engine.graph import Graph
+from palpate.launch.load.dependencies import files_of
+from palpate.launch.load.launchfile import LaunchFile
 from palpate.studies.sweeps.axes import Space
 
 LONG = 200  # Maximum length of the values of a path in `study.json`
 SHOWN = 12  # Maximum number of listed changes
+
+
+def origin(launch: LaunchFile, base: Graph) -> dict[str, Any]:
+    """Everything that determines the results of all points, except the versions and the arithmetic. `base`: the graph
+    of the launch file."""
+    return {
+        "graph": base.source, "scene": base.scene, "rate": base.rate, "duration": launch.duration,
+        "effects": {name: choice.word for name, choice in base.effects.items()}, "files": dict(files_of(base)),
+    }  # fmt: skip
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

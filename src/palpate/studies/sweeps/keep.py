@@ -87,10 +87,10 @@ class Kept:
 def kept(texts: Iterable[str], graph: Graph) -> tuple[Kept, ...]:
     """The kept results of the runs of a graph, without recordings. ArgumentError: an unknown stream or field, or an
     invalid text."""
-    return tuple(_kept(text, graph) for text in texts if text != RECORDING)
+    return tuple(_parse_kept(text, graph) for text in texts if text != RECORDING)
 
 
-def _kept(text: Any, graph: Graph) -> Kept:
+def _parse_kept(text: Any, graph: Graph) -> Kept:
     form = _FORM.fullmatch(text.strip()) if isinstance(text, str) else None
     how = form["how"] if form else ""
     if form is None or how not in (*NUMBERS, "at", "curve") or (how != "at" and form["time"].strip()):

@@ -1,10 +1,12 @@
-"""Compute a point as a lane: a process starts each graph structure once, and each point only changes the settings.
+"""Compute points as lanes: a process starts each graph structure once, and each point only changes the settings.
 
 A lane computes the same bits as a single run (engine/lanes.py). It keeps only the fields of the study.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,17 +14,23 @@ import numpy as np
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.lanes import LaneRun, Preparation, Prepared, prepare
+from palpate.launch.run.lane_blocks import RESULTS
+from palpate.launch.run.lane_values import Preparation
+from palpate.launch.run.lanes import LaneRun, Prepared, prepare
 from palpate.launch.run.notes import RunNote
+from palpate.launch.run.tasks.task import Beat
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages.fields import fields
 from palpate.messages.record import layout
 from palpate.nodes.logger import Mcap
 from palpate.physics.errors import ArgumentError
 from palpate.records.samples import Samples
-from palpate.studies.sweeps.keep import Kept, Streams
+from palpate.studies.sweeps.keep import Kept
+from palpate.studies.sweeps.point import Computed, Point, kept_of, text_of
+from palpate.studies.sweeps.recorded import warm
 
 STRUCTURES = 8  # Maximum number of started structures per process
+LANES = 64  # Maximum number of lanes that run together
 HEAD = "there", "tick", "time"
 
 _ready: list[tuple[Any, LaneRun]] = []  # by structure and kept fields; the most recently used is last
@@ -55,49 +63,111 @@ def preparation(
     return Preparation(load, extremes)
 
 
-def run(
-    one: Prepared, ticks: int, keep: Sequence[Kept], begins: Callable[[], None]
-) -> tuple[Streams, list[RunNote]] | None:
-    """Run a lane and return its streams and notes; None if it fails. `begins` is called when the lane is ready, and
-    while kernels are compiled."""
+def compute(
+    launched: Callable[[Mapping[str, Any]], LaunchFile],
+    prepare: Preparation,
+    keep: Sequence[Kept],
+    points: Sequence[Point],
+    beat: Beat,
+) -> Iterator[tuple[int, Computed]]:
+    """The results of points by their place, of each structure together. Points that keep a recording, that cannot run
+    as a lane, or whose lane fails, are left out."""
+    groups: list[tuple[Any, dict[int, Prepared]]] = []
+    for place, point in enumerate(points):
+        if point.recording is not None or not keep:
+            continue
+        try:
+            one = prepare(point.values)
+        except ArgumentError:
+            continue
+        except Exception as error:
+            yield place, Computed(error=text_of(error))
+            continue
+        group = next((members for structure, members in groups if structure == one.structure), None)
+        if group is None:
+            groups.append((one.structure, group := {}))
+        group[place] = one
+    for _, members in groups:
+        first = next(iter(members))
+        launch = launched(points[first].values)
+        warm(launch, members[first].graph, beat)
+        if launch.duration is None:
+            continue
+        ticks = max(1, round(launch.duration * members[first].job.rate))
+        yield from _run(members, ticks, keep, beat)
+
+
+def _run(
+    members: Mapping[int, Prepared], ticks: int, keep: Sequence[Kept], beat: Beat
+) -> Iterator[tuple[int, Computed]]:
+    """The results of lanes of one structure by their place, without those that fail."""
     names = _names(keep)
     heads = [(stream, name) for stream in dict.fromkeys(stream for stream, _ in names) for name in HEAD]
-    try:
-        lane = _lane(one, [*heads, *names], ticks, begins)
-    except NodeError:
-        return None
-    begins()
-    lane.restart([one])
-    lane.run(ticks, threads=1)
-    if lane.failures:
-        return None
-    columns = {key: column[0] for key, column in zip([*heads, *names], lane.lanes.columns, strict=True)}
+    run = _started(members.values(), [*heads, *names], ticks, beat)
+    if run is None:
+        return
+    reached = 0
+
+    def done(ran: int) -> None:
+        nonlocal reached
+        if ran // ticks > reached:
+            reached = ran // ticks
+            beat()
+
+    places, count = list(members), run.lanes.count
+    for begin in range(0, len(places), count):
+        part, since, reached = places[begin : begin + count], time.monotonic(), 0
+        beat()
+        run.restart([members[place] for place in part])
+        run.run(ticks, 1, done)
+        for lane, place in enumerate(part):
+            if lane in run.failures:
+                continue
+            columns = {key: column[lane] for key, column in zip([*heads, *names], run.lanes.columns, strict=True)}
+            one, end = members[place], nanoseconds(ticks, members[place].job.rate) * 1e-9
+            notes = [note if isinstance(note, RunNote) else RunNote(note) for note in one.graph.notes]
+            notes += [RunNote(text, node, end) for node, text in run.lanes.notes(lane)]
+            try:
+                results = kept_of(keep, _streams(one, columns, names), notes)
+            except Exception as error:
+                results = Computed(error=text_of(error))
+            yield place, replace(results, seconds=(time.monotonic() - since) / (lane + 1))
+
+
+def _streams(
+    one: Prepared, columns: Mapping[tuple[str, str], np.ndarray], names: Sequence[tuple[str, str]]
+) -> dict[str, dict[str, Samples]]:
+    """The messages of a lane, without the ticks at which none was sent."""
     streams: dict[str, dict[str, Samples]] = {}
     for stream, name in names:
-        sent = columns[stream, "there"] & (columns[stream, "tick"] == np.arange(ticks))
-        time = columns[stream, "time"][sent].astype(float) / 1e9
+        sent = columns[stream, "there"] & (columns[stream, "tick"] == np.arange(len(columns[stream, "tick"])))
+        times = columns[stream, "time"][sent].astype(float) / 1e9
         unit = next(field.unit for field in fields(one.graph.streams[stream]) if field.name == name)
-        streams.setdefault(stream, {})[name] = Samples(columns[stream, name][sent], f"{stream}.{name}", unit, time)
-    end = nanoseconds(ticks, one.job.rate) * 1e-9
-    notes = [note if isinstance(note, RunNote) else RunNote(note) for note in one.graph.notes]
-    return streams, notes + [RunNote(text, node, end) for node, text in lane.lanes.notes(0)]
+        streams.setdefault(stream, {})[name] = Samples(columns[stream, name][sent], f"{stream}.{name}", unit, times)
+    return streams
 
 
 def _names(keep: Sequence[Kept]) -> list[tuple[str, str]]:
     return list(dict.fromkeys((one.stream, one.field) for one in keep))
 
 
-def _lane(one: Prepared, names: Sequence[tuple[str, str]], ticks: int, begins: Callable[[], None]) -> LaneRun:
-    """A lane for this structure: a started one, or a new one."""
-    key = one.structure, names, ticks
-    for place, (known, lane) in enumerate(_ready):
-        if known == key:
-            _ready.append(_ready.pop(place))
-            return lane
-    process = os.getpid()  # a forked child also compiles, but must not call `begins`
-    with compiling(lambda count: begins() if os.getpid() == process else None):
-        lane = LaneRun([one], names, ticks)
-    _ready.append((key, lane))
-    if len(_ready) > STRUCTURES:
-        _ready.pop(0)[1].close()
-    return lane
+def _started(lanes: Iterable[Prepared], names: Sequence[tuple[str, str]], ticks: int, beat: Beat) -> LaneRun | None:
+    """Lanes of this structure: known ones, or new ones that the first lane that starts begins. None: none starts."""
+    process = os.getpid()  # a forked child also compiles, but must not call `beat`
+    for one in lanes:
+        key = one.structure, names, ticks
+        for place, (known, run) in enumerate(_ready):
+            if known == key:
+                _ready.append(_ready.pop(place))
+                return run
+        row = ticks * sum(layout(one.graph.streams[stream])[name].itemsize for stream, name in names)
+        try:
+            with compiling(lambda count: beat() if os.getpid() == process else None):
+                run = LaneRun([one], names, ticks, count=max(1, min(LANES, RESULTS // row)))
+        except NodeError:
+            continue
+        _ready.append((key, run))
+        if len(_ready) > STRUCTURES:
+            _ready.pop(0)[1].close()
+        return run
+    return None

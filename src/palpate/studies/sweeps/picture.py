@@ -62,7 +62,7 @@ def draw_all(study: Any, folder: Path) -> list[Path]:
     return files
 
 
-def _scaled(one: Kept, values: Any) -> tuple[Any, str]:
+def _scale_values(one: Kept, values: Any) -> tuple[Any, str]:
     """Values in the unit of the figure, and the label of the axis."""
     factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
     return np.asarray(values) * factor, f"{one.quantity} [{unit}]"
@@ -72,14 +72,14 @@ def _numeric(values: list[Any]) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def _varied(study: Any, rows: list[dict[str, Any]]) -> tuple[str, list[str]]:
+def _varied_path(study: Any, rows: list[dict[str, Any]]) -> tuple[str, list[str]]:
     """The path of the colour or abscissa, which is the first with numbers, and the other crossed paths."""
     space = study.space
     path = next((p for p in space.paths if _numeric([row[p] for row in rows])), space.paths[0])
     return path, [p for axis in space.crossed if path not in axis.paths for p in axis.paths]
 
 
-def _named(study: Any, row: dict[str, Any], paths: list[str]) -> str:
+def _name_row(study: Any, row: dict[str, Any], paths: list[str]) -> str:
     return ", ".join(study.shown(path, row[path]) for path in paths)
 
 
@@ -96,16 +96,16 @@ def _curves(study: Any, one: Kept, axes: Axes) -> None:
         raise PictureError(f"{one.text!r}: no point has a curve; study.table() says why")
     store, slots = Store(study.home(), write=False), [row["slot"] for row in rows]
     times = store.curves(f"{one.text} time", slots)
-    values, label = _scaled(one, store.curves(one.text, slots))
+    values, label = _scale_values(one, store.curves(one.text, slots))
     # Colour by the first numeric path, line style by the other crossed paths.
-    path, others = _varied(study, rows)
+    path, others = _varied_path(study, rows)
     shades: Any = [row[path] for row in rows]
     known = list(dict.fromkeys(shades))
     scale = Normalize(min(shades), max(shades)) if _numeric(shades) else Normalize(0, max(1, len(known) - 1))
     most = 0.9 if len(known) <= LEGEND else 1.0  # leaves out the brightest yellow, which is hardly visible
     places = known if _numeric(shades) else range(len(known))
     colours = {shade: colormaps["viridis"](most * scale(place)) for shade, place in zip(known, places, strict=True)}
-    names = [_named(study, row, others) for row in rows]
+    names = [_name_row(study, row, others) for row in rows]
     kinds = list(dict.fromkeys(names))
     dashes = dict(zip(kinds, DASHES, strict=False)) if len(kinds) <= len(DASHES) else {}
     for k, shade in enumerate(shades):
@@ -131,13 +131,13 @@ def _numbers(study: Any, one: Kept, axes: Axes) -> None:
     rows = [row for row in study.rows() if not row["error"]]
     if not rows:
         raise PictureError(f"{one.text!r}: no point has a number; study.table() says why")
-    across, others = _varied(study, rows)
+    across, others = _varied_path(study, rows)
     drawn = any(across in axis.paths for axis in study.space.sampled)
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        groups.setdefault(_named(study, row, others), []).append(row)
+        groups.setdefault(_name_row(study, row, others), []).append(row)
     for name, group in groups.items():
-        values, label = _scaled(one, [row[one.text] for row in group])
+        values, label = _scale_values(one, [row[one.text] for row in group])
         where = [row[across] if _numeric([row[across]]) else study.shown(across, row[across]) for row in group]
         axes.plot(where, values, "." if drawn else ".-", label=name or None)
         axes.set_ylabel(label)

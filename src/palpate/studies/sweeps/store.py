@@ -5,9 +5,12 @@
     recordings/       kept recordings
     study.json        graph, scene, versions and arithmetic of the stored points, by the `base` of the rows
     log.jsonl         time, place and duration of each computed point
+    unwritten.jsonl   rows that are not in points.parquet yet, after a kill
 
 Rows are looked up by key and never removed: a study that is changed back finds its old points. Files are written under
-another name and then renamed, so that a full disk or a kill leaves the old files intact.
+another name and then renamed, so that a full disk or a kill leaves the old files intact. The table is written now and
+then; the curves of a block of points, and then its rows in unwritten.jsonl, when it is computed, so that a kill loses
+no finished block.
 """
 
 import contextlib
@@ -17,7 +20,7 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +57,7 @@ class Store:
     def __init__(self, folder: Path, *, write: bool = True) -> None:
         self.folder = folder
         self._table, self._about = folder / "points.parquet", folder / "study.json"
+        self._unwritten = folder / "unwritten.jsonl"
         self._lock = None
         if write:
             refuse(folder, "dataset_description.json", "the data of an experiment")
@@ -72,8 +76,8 @@ class Store:
                 "folder away, or name another one with --out"
             ) from None
         self.rows = {row["key"]: {k: v for k, v in row.items() if v is not None} for row in rows}
-        self._written, self._took, self._changed = time.monotonic(), 0.0, False
-        self._curves: dict[str, dict[int, np.ndarray]] = {}  # not written yet, by name and slot
+        self._written, self._took, self._changed = time.monotonic(), 0.0, write and self._unwritten.exists()
+        self.flush()
 
     def _read(self) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         """The rows, and what describes them. An exception of the libraries, ValueError: damaged."""
@@ -82,6 +86,10 @@ class Store:
         if self._table.exists():
             check_readable(self._table, LARGEST)
             rows = pyarrow.parquet.read_table(self._table).to_pylist()
+        if self._unwritten.exists():
+            check_readable(self._unwritten, LARGEST)
+            *lines, _ = self._unwritten.read_text(encoding="utf-8").split("\n")  # the last one is empty, or torn
+            rows += map(json.loads, lines)
         if self._about.exists():
             check_readable(self._about, MOST_TEXT)
             about = json.loads(self._about.read_text(encoding="utf-8"))
@@ -107,32 +115,36 @@ class Store:
         with self._disk_errors():
             replace(self._about, json.dumps(self.about, indent=1, default=str).encode())
 
-    def add(self, base: str, point: Point, done: Computed) -> None:
-        """Store a point. RunError: the disk is full or unavailable."""
-        for name, (times, values) in done.curves.items():
-            self._curves.setdefault(f"{name} time", {})[point.slot] = times
-            self._curves.setdefault(name, {})[point.slot] = values
-        with self._disk_errors():
-            when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-            entry = {"key": point.key, "seconds": round(done.seconds, 3), "date": when}
-            with open(self.folder / "log.jsonl", "a") as log:
-                log.write(json.dumps(entry) + "\n")
-        self.rows[point.key] = {
-            "key": point.key, "base": base, "slot": point.slot, **point.labels, **done.numbers,
-            **({"recording": point.recording.name} if point.recording and not done.error else {}),
-            **({"notes": json.dumps([[n.text, n.node, n.time] for n in done.notes])} if done.notes else {}),
-            "error": done.error,
-        }  # fmt: skip
+    def add(self, base: str, done: Sequence[tuple[Point, Computed]]) -> None:
+        """Store points. RunError: the disk is full or unavailable."""
+        when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        curves: dict[str, dict[int, np.ndarray]] = {}
+        logged, added = "", ""
+        for point, one in done:
+            for name, (times, values) in one.curves.items():
+                curves.setdefault(f"{name} time", {})[point.slot] = times
+                curves.setdefault(name, {})[point.slot] = values
+            logged += json.dumps({"key": point.key, "seconds": round(one.seconds, 3), "date": when}) + "\n"
+            row = self.rows[point.key] = {
+                "key": point.key, "base": base, "slot": point.slot, **point.labels, **one.numbers,
+                **({"recording": point.recording.name} if point.recording and not one.error else {}),
+                **({"notes": json.dumps([[n.text, n.node, n.time] for n in one.notes])} if one.notes else {}),
+                "error": one.error,
+            }  # fmt: skip
+            added += json.dumps(row) + "\n"
         self._changed = True
+        with self._disk_errors():
+            self._write_curves(curves)
+            for name, text in (("log.jsonl", logged), (self._unwritten.name, added)):
+                with open(self.folder / name, "a", encoding="utf-8") as file:
+                    file.write(text)
         if time.monotonic() - self._written > max(AT_LEAST, SHARE * self._took):
             self.flush()
 
     def flush(self) -> None:
-        """Write all curves, then all rows. RunError: the disk is full or unavailable; the old files are intact."""
+        """Write the table of all rows. RunError: the disk is full or unavailable; the old files are intact."""
         if not self._changed:
             return
-        with self._disk_errors():
-            self._write_curves()
         since = time.monotonic()
         rows = sorted(self.rows.values(), key=lambda row: row["slot"])
         names = dict.fromkeys((*FIXED[:3], *sorted({name for row in rows for name in row} - set(FIXED)), "error"))
@@ -141,6 +153,7 @@ class Store:
         pyarrow.parquet.write_table(pyarrow.table(columns), sink)
         with self._disk_errors():
             replace(self._table, sink.getvalue())
+            self._unwritten.unlink(missing_ok=True)
         self._written, self._changed = time.monotonic(), False
         self._took = self._written - since
 
@@ -150,9 +163,9 @@ class Store:
 
     # -- curves --------------------------------------------------------------------------------------------------
 
-    def _write_curves(self) -> None:
-        group: Any = zarr.open_group(self.folder / "curves.zarr", mode="a") if self._curves else {}
-        for name, curves in self._curves.items():
+    def _write_curves(self, added: Mapping[str, Mapping[int, np.ndarray]]) -> None:
+        group: Any = zarr.open_group(self.folder / "curves.zarr", mode="a") if added else {}
+        for name, curves in added.items():
             longest = max(1, *map(len, curves.values()))
             if name not in group:
                 chunk = max(1, min(CHUNK, LARGE // longest)), longest
@@ -165,7 +178,6 @@ class Store:
             for row, slot in zip(rows, sorted(curves), strict=True):
                 row[: len(curves[slot])] = curves[slot]
             array.oindex[sorted(curves)] = rows
-        self._curves.clear()
 
     def curves(self, name: str, slots: Iterable[int | None]) -> np.ndarray:
         """Curves (slots, samples), or with `NAME time` their times [s]; NaN for a slot without a curve."""

@@ -19,25 +19,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.bases import build_for_each
-from palpate.launch.load.dependencies import content, digest, files_of
+from palpate.launch.load.dependencies import content, digest
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ_file import organ_of
-from palpate.launch.run.lanes import extremes
+from palpate.launch.run.lane_values import extremes
 from palpate.launch.run.notes import RunNote, warn
+from palpate.launch.run.tasks.spread import Executor, Finished, spread
+from palpate.launch.run.tasks.task import Ended, about, fingerprint
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.sweeps.axes import axis
 from palpate.studies.sweeps.checks import check, path, seconds, space, units
-from palpate.studies.sweeps.identity import changes, described
+from palpate.studies.sweeps.identity import changes, described, origin
 from palpate.studies.sweeps.keep import RECORDING, Kept, kept
-from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint
+from palpate.studies.sweeps.point import Computed, Point
 from palpate.studies.sweeps.sensitivity import indices
+from palpate.studies.sweeps.task import PointTask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from palpate.studies.sweeps.local import Pool
 
 LEGIBLE = 32  # Maximum length of a value in tables and legends
 MANY = 100_000  # Maximum number of points without `yes`
@@ -92,11 +93,8 @@ class Study:
         )
         self.sensitivity = sensitivity
         check(launch, base, self.space)
-        self._about: dict[str, Any] = {
-            "graph": base.source, "scene": base.scene, "rate": base.rate, "duration": launch.duration,
-            "effects": {name: choice.word for name, choice in base.effects.items()}, "keep": sorted(keep),
-            "files": dict(files_of(base)), "versions": fingerprint(),
-        }  # fmt: skip
+        self._origin = origin(launch, base)
+        self._about = {**self._origin, "keep": sorted(keep), "versions": fingerprint()}
         self.base = digest(self._about)
 
     def __len__(self) -> int:
@@ -122,7 +120,7 @@ class Study:
     def run(
         self,
         folder: str | Path,
-        pool: Pool | None = None,
+        executor: Executor | None = None,
         *,
         workers: int | None = None,
         retry: bool = False,
@@ -132,7 +130,9 @@ class Study:
     ) -> Study:
         """Compute the points that the folder lacks, and store them in it.
 
-        pool     pool from `local`; None: a new one of `workers` processes, by default one per core
+        executor  what computes blocks of points: anything with `submit`, such as an executor of `concurrent.futures`, a
+                 `dask.distributed.Client`, or those of mpi4py and loky; None: `workers` processes of this machine, by
+                 default one per core. The results are the same
         retry    compute failed points again
         yes      allow more than 100 000 points
         report   called with lines about changes since the last run
@@ -140,7 +140,7 @@ class Study:
 
         RunError: the disk is full, for example. All points computed before are stored, also after Ctrl-C.
         """
-        from palpate.studies.sweeps.local import compute, cores, local
+        from palpate.launch.run.tasks.local import cores, local
         from palpate.studies.sweeps.store import Store
 
         if len(self) > MANY and not yes:
@@ -154,27 +154,37 @@ class Study:
             self.folder = Path(folder)
             left = len(missing)
 
-            def add(point: Point, computed: Computed) -> None:
+            def add(finished: Finished) -> None:
                 nonlocal left
-                left -= 1
-                store.add(self.base, point, computed)
-                done(point, computed, left)
+                results = [
+                    (point, Computed(error=found.why, seconds=found.seconds) if isinstance(found, Ended) else found)
+                    for point, found in finished
+                ]
+                store.add(self.base, [(point, computed) for point, computed in results if not computed.lost])
+                for point, computed in results:
+                    if computed.lost:
+                        raise RunError(f"{computed.lost}; what was computed before is stored")
+                    left -= 1
+                    done(point, computed, left)
 
             if missing:
-                varied = {path: extremes(values) for path, values in self.space.columns().items()}
-                task = Task(self.launch, self.keep, self._about["versions"], self.limit, varied)
+                task = self._task()
                 build_for_each(task.run, (point.values for point in missing), not sys.stderr.isatty(), report)
                 workers = min(workers or cores(), left)
-                opened = nullcontext(pool) if pool else local(workers, store.folder / "workers.log")
+                opened = nullcontext(executor) if executor else local(workers, store.folder / "workers.log")
                 try:
                     with opened as them:
-                        compute(them, task, missing, add)
+                        spread(them, about() | self._about["versions"], task, missing, add)
                 finally:
                     store.flush()
         finally:
             store.close()
         warn(self.notes, what="point")
         return self
+
+    def _task(self) -> PointTask:
+        varied = {path: extremes(values) for path, values in self.space.columns().items()}
+        return PointTask(self.launch, self.keep, self.limit, varied, digest(self._origin))
 
     @property
     def notes(self) -> list[RunNote]:

@@ -57,7 +57,8 @@ class Live(FrameSource):
         self.on_news()
 
     def _follow(self, run: Running) -> None:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+        if hasattr(os, "setpriority"):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
         feed, due, last = StreamReader(run, self.touched), time.monotonic(), False
         try:
             while not last:

@@ -48,7 +48,7 @@ class RecordingSource:
             raise RecordingError(f"{path}: {error}") from None
         self._file = self.recording.file().open("rb")
         self._records = McapRecords(self._file)
-        self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
+        self._open = lru_cache(maxsize=BACK + 2)(self._decode_chunk)
         self._begins: list[float] = []
         self._places: list[int] = []
         kinds = kinds_of(self.touched)
@@ -75,7 +75,7 @@ class RecordingSource:
         for contact, samples in rows.items():
             if not samples:
                 raise RecordingError(f"{self.recording.path}: no messages of {contact!r} in it")
-        thinned = [_thinned(np.array(sorted(samples))).T.tolist() for samples in rows.values()]
+        thinned = [_thin_rows(np.array(sorted(samples))).T.tolist() for samples in rows.values()]
         return [dict(zip("tfs", columns, strict=True)) for columns in thinned]
 
     def _inside(self, chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
@@ -84,7 +84,7 @@ class RecordingSource:
         except Broken as damage:
             raise RecordingError(f"{self.recording.path} is {damage}") from None
 
-    def _decoded(self, at: int) -> list[tuple[str, float, int, bytes]]:
+    def _decode_chunk(self, at: int) -> list[tuple[str, float, int, bytes]]:
         """Stream, time [s], tick and bytes of the shown messages of a chunk."""
         channels = self.recording.channels
         return [
@@ -160,7 +160,7 @@ class Reels(FrameSource):
             reel.close()
 
 
-def _thinned(rows: np.ndarray) -> np.ndarray:
+def _thin_rows(rows: np.ndarray) -> np.ndarray:
     """At most `POINTS` rows (k,3): the largest force of each interval, and the first and the last row."""
     if len(rows) <= POINTS:
         return rows

@@ -33,6 +33,7 @@ RENDERERS = "/frames"
 SHARED = ("page.css", "scene.js", "charts.js", "panel.js")  # static files of all pages
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 PATIENCE = 30.0  # [s] timeout of opening and closing the server
+_USER = os.getuid() if hasattr(os, "getuid") else None  # of this process
 RELOAD = 2.0  # [s] without a page after which the page counts as closed, not reloaded
 
 
@@ -127,7 +128,7 @@ class PageServer:
                 for data in self.source.begin():
                     await connection.send(data)
                 async for text in connection:
-                    for data in await self._asked(connection, text):
+                    for data in await self._answer_page(connection, text):
                         await connection.send(data)
         finally:
             self._pages, self._left = self._pages - 1, time.monotonic()
@@ -140,7 +141,7 @@ class PageServer:
         self._renderers += more
         self.source.rate = RATE if self._renderers else type(self.source).rate
 
-    async def _asked(self, connection: ServerConnection, text: str | bytes) -> list[Any]:
+    async def _answer_page(self, connection: ServerConnection, text: str | bytes) -> list[Any]:
         """The answers to a page, in a thread, since reading a recording takes time."""
         try:
             async with self._order:
@@ -179,7 +180,7 @@ class PageServer:
             origin = request.headers.get("Origin")
             here = (*LOOPBACK, connection.local_address[0])  # valid hosts of the page's URL
             strange = origin is not None and urlsplit(origin).hostname not in here
-            strange |= _user(connection.remote_address, connection.local_address) not in (None, 0, os.getuid())
+            strange |= _user(connection.remote_address, connection.local_address) not in (None, 0, _USER)
             known = hmac.compare_digest(given.encode(), self.token.encode())
         except (ValueError, MultipleValuesError):  # malformed, not from a browser: http://[::1, two origins
             return _reply(HTTPStatus.BAD_REQUEST, b"invalid address or Origin\n")

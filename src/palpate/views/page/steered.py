@@ -1,8 +1,8 @@
 """Replaces the devices of a graph by hands that follow the page's pointers, and selects what the page shows."""
 
 import contextlib
-import os
 import socket
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import msgspec
 import yaml
 
+from palpate.compiler.cores import usable_cores
 from palpate.engine.imports import full_name
 from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
@@ -114,14 +115,14 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
 
 def touched(planned: Plan) -> Touched:
     """The part of a plan that a page shows and steers. PageError: no body with a mesh, or no pose of the finger."""
-    return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
+    return _part_shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
 
 
 def watched(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
     """The part of a plan that a page shows without steering it, or of its recording with these streams of each finger.
     PageError: no body with a mesh, or no contact."""
     needed = () if recorded else (Surface, Contact)
-    return _shown(planned, needed, Placement([ProcessGroup("loop", planned.order)]), recorded)
+    return _part_shown(planned, needed, Placement([ProcessGroup("loop", planned.order)]), recorded)
 
 
 def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
@@ -129,7 +130,7 @@ def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
     return {kind: finger[full_name(kind)] for kind in kinds if full_name(kind) in finger}
 
 
-def _shown(
+def _part_shown(
     planned: Plan, needed: tuple[type[Message], ...], place: Placement, recorded: Sequence[Finger] = ()
 ) -> Touched:
     nodes, found = planned.graph.nodes, recorded or fingers(*links_of_plan(planned))
@@ -181,7 +182,7 @@ def _receptors(planned: Plan, node: str) -> Receptors:
 def _place(planned: Plan) -> Placement:
     """Nodes that run at every tick share one process on a dedicated core with priority over the browser; the others use
     the other cores."""
-    cores = sorted(os.sched_getaffinity(0))
+    cores = usable_cores()
     slow = [name for name in planned.order if planned.graph.nodes[name].every > 1]
     loop = ProcessGroup("loop", [name for name in planned.order if name not in slow], core=(cores[-1],), priority=80)
     return Placement([loop, *([ProcessGroup("rest", slow, core=tuple(cores[:-1] or cores))] if slow else [])])
@@ -195,6 +196,8 @@ class Pointers:
     """
 
     def __init__(self, sockets: Sequence[Path], begins: Sequence[Vector3]) -> None:
+        if not hasattr(socket, "AF_UNIX"):
+            raise PageError(f"found {sys.platform} without Unix sockets; `palpate touch` needs Linux or macOS")
         self.sockets, self.begins = sockets, begins
         self._outlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._outlet.setblocking(False)

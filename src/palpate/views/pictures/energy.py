@@ -54,12 +54,12 @@ def draw(touch: TouchStreams) -> Figure | None:
     )
     middle.legend(loc="lower left", ncols=3, fontsize=9)
     for axes in lower:
-        _generated(axes, ledger, bound)
+        _draw_generated(axes, ledger, bound)
     touch.over_time(lower[0] if lower else middle, time)
     return out
 
 
-def _generated(axes: Axes, ledger: Columns, bound: float) -> None:
+def _draw_generated(axes: Axes, ledger: Columns, bound: float) -> None:
     """Generated energy with its limit [J]."""
     time = ledger["time"]
     axes.plot(time, ledger["generated"] * 1e3, color=TISSUE, linewidth=1.3)

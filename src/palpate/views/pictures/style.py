@@ -84,9 +84,9 @@ def figure(width: float, height: float, title: str, current: bool = False) -> Fi
     """
     pyplot = sys.modules.get("matplotlib.pyplot")
     if current and pyplot is not None and "inline" not in pyplot.get_backend():
-        fig: Figure = pyplot.figure(figsize=(width, height), layout="constrained", FigureClass=_shown())
+        fig: Figure = pyplot.figure(figsize=(width, height), layout="constrained", FigureClass=_notebook_figure())
     else:
-        fig = _shown()(figsize=(width, height), layout="constrained")
+        fig = _notebook_figure()(figsize=(width, height), layout="constrained")
     entitle(fig, title)
     return fig
 
@@ -96,7 +96,7 @@ def entitle(figure: Figure, title: str) -> None:
 
 
 @cache
-def _shown() -> type[Figure]:
+def _notebook_figure() -> type[Figure]:
     """The class of figures that notebooks display."""
     from matplotlib.figure import Figure
 

@@ -46,7 +46,7 @@ class TouchStreams:
         columns = recording.columns(name) if name is not None else None
         if columns is not None and len(columns["tick"]):
             self.contact, time = columns, columns["time"]
-            self.shown, self.span = _shown(columns), (float(time[0]), float(time[-1]))
+            self.shown, self.span = _time_window(columns), (float(time[0]), float(time[-1]))
             whole = whole or len(every) > 1  # pictures of several fingers show the same instants
             if self.shown is not None and not whole:
                 self.read = self.shown
@@ -116,7 +116,7 @@ class TouchStreams:
         return next((node for node in nodes if node.get("name") == producer), {})
 
 
-def _shown(contact: Columns) -> tuple[float, float] | None:
+def _time_window(contact: Columns) -> tuple[float, float] | None:
     """Begin and end [s] of the contacts with a margin; None if they take at least half of the recording."""
     time = contact["time"]
     if not (found := touches(time, contact["force"])):

@@ -43,7 +43,7 @@ def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacem
     """
     _check_libraries("view", "matplotlib", "pyvista")
     touch = TouchStreams(Recording(file), whole=True)
-    ticks, times = _recorded(touch)
+    ticks, times = _recorded_ticks(touch)
     if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant represents 1 ms
         raise PictureError(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
     tick = int(ticks[np.abs(times - at).argmin()])
@@ -80,7 +80,7 @@ def film(
     check_file(target)
     _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
     touch = TouchStreams(Recording(file), whole=True)
-    ticks, times = _recorded(touch)
+    ticks, times = _recorded_ticks(touch)
     count = 1 + int((times[-1] - times[0]) * rate / speed)
     moments = times[0] + np.arange(count) * speed / rate
     chosen = ticks[np.minimum(np.searchsorted(times, moments - 1e-9), len(ticks) - 1)]
@@ -152,7 +152,7 @@ def _write(target: Path, frames: Iterator[Figure], rate: float, done: Callable[[
         raise PictureError(f"{target}: the film was not written, since ffmpeg ended with {error.returncode}") from None
 
 
-def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
+def _recorded_ticks(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
     """Ticks and times [s] with both contact and surface. PictureError: no tick has both."""
     path = touch.recording.path
     stream = touch.stream_of(Surface)

@@ -102,12 +102,12 @@ def _print(planned: Plan, placement: Placement, items: list[EffectCost], source:
     proved = PROVED if any(item.proof for item in items) else ""
     screen.print()
     screen.print(table(
-        ("", "effect", ">µs", "why"), map(_priced, items), title=f"cost per effect, µs per tick ({timed})",
+        ("", "effect", ">µs", "why"), map(_price_of, items), title=f"cost per effect, µs per tick ({timed})",
         caption=f"µs: median step time of the nodes that run only for this effect{proved}",
     ))  # fmt: skip
 
 
-def _priced(item: EffectCost) -> tuple[Text | str, ...]:
+def _price_of(item: EffectCost) -> tuple[Text | str, ...]:
     from rich.text import Text
 
     word = Text("on", style="green") if item.on else Text("off", style="yellow")

@@ -35,7 +35,7 @@ def echo(
     from palpate.launch.run.wire.discover import messages_of
 
     is_file = second is not None or Path(first).suffix == ".mcap" or Path(first).is_file()
-    messages = _recorded(first, second) if is_file else messages_of(first, run)
+    messages = _recorded_rows(first, second) if is_file else messages_of(first, run)
     out = console(soft_wrap=True)
     try:
         for message in itertools.islice(messages, 0, None if count is None else count * every, every):
@@ -47,7 +47,7 @@ def echo(
         raise typer.Exit from None
 
 
-def _recorded(file: str, stream: str | None) -> Iterator[Message]:
+def _recorded_rows(file: str, stream: str | None) -> Iterator[Message]:
     from palpate.records.reader import Recording
     from palpate.records.stored import RecordingError
 

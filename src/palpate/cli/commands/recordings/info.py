@@ -11,7 +11,7 @@ EXAMPLE = "palpate info runs/kidney.mcap"
 def info(file: File, as_json: Json = False) -> None:
     """Show the contents and the origin of a recording.
 
-    Streams, counts, rates, losses, duration, origin, truncation.
+    Streams, counts, rates, losses, duration, origin, notes of the run, truncation.
     """
     from palpate.records.contents import contents
     from palpate.records.stored import Stored
@@ -51,5 +51,7 @@ def _print(data: dict[str, Any]) -> None:
         say(f"left out of the recording: {', '.join(data['left_out'])}", "dim", wrap=True)
     for node, ticks in data["restarted"].items():
         say(f"{node} was started again at tick {', '.join(map(str, ticks))}", "yellow", wrap=True)
+    for note in data["notes"]:
+        say(": ".join(filter(None, (note["node"], note["text"]))), "yellow", wrap=True)
     if not data["complete"]:
         say(data["ending"], "yellow")

@@ -91,18 +91,21 @@ def _analyse(folder: Path, as_json: bool) -> None:
         print_json({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
         return
     rows = [
-        [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)}{one.units(name)}", *_shown(number)]
+        [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)}{one.units(name)}", *_as_text(number)]
         for one in outcomes
         for name, number in one.numbers.items()
     ]  # fmt: skip
     heads = ["who", "block", ">trials", "number", ">estimate", ">95 % interval"]
     tasks = ", ".join(dict.fromkeys(one.task for one in outcomes))
     console(soft_wrap=True).print(table(heads, rows, title=tasks, fixed=("number", ">95 % interval")))
-    for one in files:
-        say(one)
+    for one in outcomes:
+        for note in one.notes:
+            say(f"{one.participant}, {one.block}: {note}")
+    for file in files:
+        say(file)
 
 
-def _shown(number: IntervalEstimate) -> list[str]:
+def _as_text(number: IntervalEstimate) -> list[str]:
     if not number.known:
         return ["", "not determined"]
     ends = [f"{end:.4g}" if math.isfinite(end) else "open" for end in (number.low, number.high)]

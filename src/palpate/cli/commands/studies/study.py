@@ -15,7 +15,7 @@ from palpate.launch.run.progress import steps
 from palpate.physics.errors import TROUBLE, PalpateWarning
 
 if TYPE_CHECKING:
-    from palpate.studies.sweeps.local import Pool
+    from palpate.launch.run.tasks.spread import Executor
     from palpate.studies.sweeps.study import Study
 
 EXAMPLE = "palpate study kidney-stiffness --workers 2"
@@ -26,6 +26,9 @@ def study(
     file: Annotated[str, typer.Argument(help="Study (.yaml), or the name of one that ships.", metavar="STUDY")],
     out: Annotated[Path | None, out_option("Folder of the results; default runs/studies/STUDY.")] = None,
     workers: Annotated[int | None, typer.Option(help="Number of processes; default: one per core.", min=1)] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Compute on a Dask cluster: address of its scheduler.", metavar="tls://HOST:PORT")
+    ] = None,
     sensitivity: Annotated[str | None, typer.Option(help="sobol or morris: which parameter matters.")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Recompute points that failed before.")] = False,
@@ -37,20 +40,21 @@ def study(
     Stores numbers, curves or recordings of each point. Skips points that the folder already has, so that the same
     command resumes after Ctrl-C. Exit code 1 if points failed, 130 after Ctrl-C.
     """
+    from palpate.launch.run.tasks.cluster import cluster_or_local
     from palpate.studies.sweeps.file import find, load
-    from palpate.studies.sweeps.local import cores, local
 
     path = find(file)
     folder = out or Path("runs", "studies", path.stem)
-    with local(workers or cores(), folder / "workers.log") as pool:  # its processes start while the study is loaded
+    opened = cluster_or_local(scheduler, workers, folder / "workers.log", lambda text: say(text, "yellow", err=True))
+    with opened as executor:  # its processes start while the study is loaded
         found = load(path, sensitivity, samples)
-        _run(found, path.stem, folder, pool, as_json, retry=retry, yes=yes)
+        _run(found, path.stem, folder, executor, as_json, retry=retry, yes=yes)
     _print(found, folder, as_json)
     if any(row["error"] for row in found.rows()):
         raise typer.Exit(TROUBLE)
 
 
-def _run(found: Study, name: str, folder: Path, pool: Pool, as_json: bool, **given: bool) -> None:
+def _run(found: Study, name: str, folder: Path, executor: Executor, as_json: bool, **given: bool) -> None:
     """Compute what the folder lacks, with a progress bar."""
     left = len(found)
 
@@ -67,7 +71,7 @@ def _run(found: Study, name: str, folder: Path, pool: Pool, as_json: bool, **giv
 
         try:
             with warnings.catch_warnings(action="ignore", category=PalpateWarning):  # `_print` prints the notes
-                found.run(folder, pool, report=report, done=each, **given)
+                found.run(folder, executor, report=report, done=each, **given)
         except KeyboardInterrupt as error:
             error.add_note(
                 f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command resumes"

@@ -15,7 +15,7 @@ RATIO = 3.0  # Ratio of the distances of the two level lines from the edge of co
 _CUTS = 4
 
 
-def _subdivided(n: int) -> tuple[np.ndarray, np.ndarray]:
+def _subdivide_triangle(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (P,2) and triangles (T,3) of a triangle whose sides are cut in n."""
     places = [(i, j) for j in range(n + 1) for i in range(n + 1 - j)]
     at = {place: k for k, place in enumerate(places)}
@@ -24,7 +24,7 @@ def _subdivided(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array(places) / n, np.array(up + down)
 
 
-_PLACES, _TRIANGLES = _subdivided(_CUTS)
+_PLACES, _TRIANGLES = _subdivide_triangle(_CUTS)
 _PLACED, _ = face_rule.shape(_PLACES)
 _FROM_POINTS = _PLACED @ np.linalg.inv(face_rule.VALUES)
 """Matrix of quadratic interpolation from the six integration points to the places."""

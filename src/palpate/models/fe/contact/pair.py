@@ -174,7 +174,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                             data[where[c, spot[a], spot[b]], i, j] += scale * block[i, j]
 
 
-def _padded(rows: Sequence[Sequence[int] | np.ndarray]) -> np.ndarray:
+def _pad_rows(rows: Sequence[Sequence[int] | np.ndarray]) -> np.ndarray:
     """Rows of different lengths as an array (R,n), padded with -1."""
     table = np.full((len(rows), max(map(len, rows), default=2)), -1, dtype=np.int64)
     for k, row in enumerate(rows):
@@ -196,7 +196,7 @@ class Pair(augmented.Augmented):
     ) -> None:
         super().__init__(slave, friction, bound, penalty)
         self.master = augmented.checked_faces(master)
-        self._candidates = self._cliques = _padded([])
+        self._candidates = self._cliques = _pad_rows([])
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         self.clear(points)
@@ -228,8 +228,8 @@ class Pair(augmented.Augmented):
         middle = self._start[self.faces[:, :3]].mean(axis=1)
         neighbours = tree.query_ball_point(middle, self._reach)
         near = [(f, hits) for f, hits in enumerate(neighbours) if hits]
-        self._candidates = _padded([[f, *sorted(hits)] for f, hits in near])
-        self._cliques = _padded([np.union1d(self.faces[f], self.master[hits]) for f, hits in near])
+        self._candidates = _pad_rows([[f, *sorted(hits)] for f, hits in near])
+        self._cliques = _pad_rows([np.union1d(self.faces[f], self.master[hits]) for f, hits in near])
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False

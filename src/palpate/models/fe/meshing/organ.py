@@ -56,14 +56,14 @@ def fill(surface: Mesh, nodule: Nodule = Nodule(), capsule: Capsule = Capsule())
             raise MeshError(f"capsule: found {capsule.thickness} m, expected less than the slab's {SLAB} m")
         depths = [capsule.thickness + (SLAB - capsule.thickness) * (1.0 - s) for s in (*SHELLS, 0.0)]
         layers = [vertices - (0.0, 0.0, d) for d in ([0.0, *depths] if capsule.thickness > 0.0 else depths)]
-        return _layered(triangles, layers, nodule, capsule)
+        return _layer_prisms(triangles, layers, nodule, capsule)
     hub = seen_from(surface)
     if hub is None:
         raise MeshError("surface: not star-shaped (no point inside sees all of its triangles): shells cannot fill it")
     inner = vertices - capsule.thickness * surface.normals
     _fits(inner - hub, surface, capsule)
     layers = [hub + s * (inner - hub) for s in SHELLS]
-    return _layered(triangles, [vertices, *layers] if capsule.thickness > 0.0 else layers, nodule, capsule, hub)
+    return _layer_prisms(triangles, [vertices, *layers] if capsule.thickness > 0.0 else layers, nodule, capsule, hub)
 
 
 def level(surface: Mesh) -> bool:
@@ -85,7 +85,7 @@ def seen_from(surface: Mesh) -> np.ndarray | None:
             "Reverse its triangles"
         )
     origin = np.zeros(3)
-    if _seen(surface, origin):
+    if _visible_from(surface, origin):
         return origin
     large = np.linalg.norm(surface.face_vectors, axis=1) > 0.0
     unit = surface.face_vectors[large] / np.linalg.norm(surface.face_vectors[large], axis=1, keepdims=True)
@@ -98,10 +98,10 @@ def seen_from(surface: Mesh) -> np.ndarray | None:
     if optimum.status != 0:
         return None
     hub: np.ndarray = middle + size * optimum.x[:3]
-    return hub if _seen(surface, hub) else None
+    return hub if _visible_from(surface, hub) else None
 
 
-def _seen(surface: Mesh, point: np.ndarray) -> bool:
+def _visible_from(surface: Mesh, point: np.ndarray) -> bool:
     corner = surface.vertices[surface.triangles[:, 0]] - point
     seen = np.einsum("ij,ij->i", surface.face_vectors, corner)
     return bool((seen > LEAST * np.abs(seen).mean()).all())
@@ -120,7 +120,7 @@ def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
         )
 
 
-def _layered(
+def _layer_prisms(
     triangles: np.ndarray, layers: list[np.ndarray], nodule: Nodule, capsule: Capsule, hub: np.ndarray | None = None
 ) -> TetMesh:
     """Prisms between layers, divided into tetrahedra, with the last layer joined to the `hub`, if given; regions of

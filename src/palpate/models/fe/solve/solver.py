@@ -160,7 +160,7 @@ class Solver:
         goal = np.zeros_like(self.displacement)
         if self.held is not None:
             goal = checked("held", self.held(load), load, self.fixed)
-        guess = self._extrapolated(goal, load)
+        guess = self._extrapolate_step(goal, load)
         u, now = self._linear(goal, load) if guess is None else guess
         settings, used, since = self.settings, 0, 0
         while True:
@@ -204,9 +204,9 @@ class Solver:
                     contact.begin(self.displacement, self.load)
                 u, now = self._linear(goal, load)
             else:
-                u, now = self._searched(u, du, now, load)
+                u, now = self._search_line(u, du, now, load)
 
-    def _extrapolated(self, goal: np.ndarray, load: float) -> tuple[np.ndarray, Balance] | None:
+    def _extrapolate_step(self, goal: np.ndarray, load: float) -> tuple[np.ndarray, Balance] | None:
         """Initial guess by linear extrapolation of the last step, with prescribed displacements at their goal."""
         if self._last is None:
             return None
@@ -238,7 +238,7 @@ class Solver:
         switched = self._body.switched(step)
         return switched if np.sum(switched * force) < 0.0 else step
 
-    def _searched(self, u: np.ndarray, du: np.ndarray, now: Balance, load: float) -> tuple[np.ndarray, Balance]:
+    def _search_line(self, u: np.ndarray, du: np.ndarray, now: Balance, load: float) -> tuple[np.ndarray, Balance]:
         """Line search along du for a smaller slope of the energy without inverted elements."""
         slope, least, best, length = abs(float(np.sum(du * now.force))), np.inf, 0.0, 1.0
         for _ in range(12):

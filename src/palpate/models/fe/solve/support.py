@@ -85,13 +85,14 @@ class Support:
         loose = ~np.isin(self._piece[mesh.elements[:, 0]], self._piece[held])
         if loose.any():
             _, same = np.unique(np.round(mesh.points / (1e-9 * mesh.size)), axis=0, return_counts=True)
+            piece = self._piece_name(self._piece[mesh.elements[np.argmax(loose), 0]])
             raise MeshError(
-                f"{self._named(self._piece[mesh.elements[np.argmax(loose), 0]])} has no support: none of its nodes is "
+                f"{piece} has no support: none of its nodes is "
                 f"fixed or in contact. Fix some of it, or join it to the rest: {int((same > 1).sum())} places of the "
                 "mesh hold more than one node"
             )
 
-    def _named(self, piece: int) -> str:
+    def _piece_name(self, piece: int) -> str:
         elements = self.mesh.elements[self._piece[self.mesh.elements[:, 0]] == piece]
         at = point_text(self.mesh.points[elements[:, :4]].mean(axis=(0, 1)))
         return f"the piece of {len(elements)} elements around {at}"
@@ -112,9 +113,9 @@ class Support:
         carried = np.linalg.norm(force) > CARRIED * stiffness * self.mesh.size
         if carried and value[0] > HELD * stiffness:
             return ""
-        return self._described((self.free @ vector[:, 0]).reshape(-1, 3), bool(carried))
+        return self._describe_motion((self.free @ vector[:, 0]).reshape(-1, 3), bool(carried))
 
-    def _described(self, motion: np.ndarray, carried: bool) -> str:
+    def _describe_motion(self, motion: np.ndarray, carried: bool) -> str:
         piece = self._piece[np.argmax(np.linalg.norm(motion, axis=1))]
         rigid = _rigid(self.mesh.points, self._piece == piece).reshape(motion.size, 6)
         part = np.linalg.lstsq(rigid, motion.ravel())[0]
@@ -124,7 +125,7 @@ class Support:
         goes = f"{'moving along' if straight else 'turning about'} ({along[0]:g}, {along[1]:g}, {along[2]:g})"
         why = "its contacts carry a force, but not against this" if carried else "no contact carries a force"
         return (
-            f"nothing holds {self._named(piece)} against {goes}: {why}. Fix some of its nodes, support it with an "
+            f"nothing holds {self._piece_name(piece)} against {goes}: {why}. Fix some of its nodes, support it with an "
             "`ElasticFoundation`, or press it from all sides, with friction where it may slide"
         )
 

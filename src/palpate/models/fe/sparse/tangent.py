@@ -175,7 +175,7 @@ class Tangent:
                 if self._kept:
                     return x
             self._kept, self._hard = False, True
-        self._shifted(matrix)
+        self._shift_diagonal(matrix)
         return self._double.solve(rhs)
 
     def factor(self, data: np.ndarray) -> None:
@@ -183,9 +183,9 @@ class Tangent:
         is singular or far from positive."""
         matrix = data.copy()
         self.hold(matrix)
-        self._shifted(matrix)
+        self._shift_diagonal(matrix)
 
-    def _shifted(self, matrix: np.ndarray) -> None:
+    def _shift_diagonal(self, matrix: np.ndarray) -> None:
         self._factor, self._kept = self._double, False
         mean = float(self.stiffness(matrix).mean())
         shift = 0.0

@@ -77,11 +77,11 @@ class PressRun:
         try:
             pressing.solver.resume(self.folder / "state.npz")
         except DAMAGED as error:
-            raise self._damaged("state.npz", error) from None
+            raise self._damage_error("state.npz", error) from None
         rows = self.table()
         rows = rows[rows[:, 0] <= pressing.solver.load * (1.0 + 1e-9)]
         if abs(rows[-1, 0] - pressing.solver.load) > 1e-9 * pressing.solver.load:
-            raise self._damaged("table.npz", f"no row of the last step, {1e3 * pressing.solver.load:.4g} mm")
+            raise self._damage_error("table.npz", f"no row of the last step, {1e3 * pressing.solver.load:.4g} mm")
         return rows.tolist()
 
     def keep(self, pressing: Pressing, rows: list[list[float]]) -> None:
@@ -97,16 +97,16 @@ class PressRun:
             check_readable(self.folder / "run.json", MOST_TEXT)
             settings = json.loads((self.folder / "run.json").read_text())
         except (OSError, ValueError, RecursionError) as error:
-            raise self._damaged("run.json", error) from None
+            raise self._damage_error("run.json", error) from None
         if not isinstance(settings, dict) or not {"plate", "divisor", "bone", "friction", "finger"} <= set(settings):
-            raise self._damaged("run.json", "expected the settings of a pressing")
+            raise self._damage_error("run.json", "expected the settings of a pressing")
         return settings
 
     def table(self) -> np.ndarray:
         """Rows (k, 3 + l): indentation, force, area, volumes."""
         rows = self._read("table.npz")["rows"]
         if rows.ndim != 2 or rows.shape[1] != 3 + len(LEVELS) or not np.isfinite(rows).all():
-            raise self._damaged("table.npz", f"found {rows.shape}, expected finite rows of {3 + len(LEVELS)}")
+            raise self._damage_error("table.npz", f"found {rows.shape}, expected finite rows of {3 + len(LEVELS)}")
         return rows
 
     def record(self) -> Record:
@@ -119,7 +119,7 @@ class PressRun:
         try:
             return TetMesh(arrays["points"], arrays["elements"], arrays["region"])
         except DAMAGED as error:
-            raise self._damaged("mesh.npz", error) from None
+            raise self._damage_error("mesh.npz", error) from None
 
     def displacement(self, row: int) -> np.ndarray:
         """Displacement [m] (N,3) of a row of the table. ArgumentError: a missing step."""
@@ -131,13 +131,13 @@ class PressRun:
         try:
             return read_arrays(self.folder / name)
         except ArchiveError as error:
-            raise self._damaged(name, error) from None
+            raise self._damage_error(name, error) from None
 
     def _write(self, name: str, **arrays: Any) -> None:
         with replacing(self.folder / name) as part:
             np.savez_compressed(part, allow_pickle=False, **arrays)
 
-    def _damaged(self, name: str, reason: object) -> ArgumentError:
+    def _damage_error(self, name: str, reason: object) -> ArgumentError:
         path = self.folder / name
         if not path.exists():
             inside = sorted(file.parent for file in self.folder.glob(f"*/{name}"))

@@ -68,9 +68,9 @@ class Pressing:
         """The half of the plate under half a finger, refined under the finger."""
         half, thick = self.finger.plate
         fine = np.pi / 4 * self.finger.radii[-1] / self.finger.cells
-        x = _graded(fine, 4.5e-3, half)
+        x = _graded_cells(fine, 4.5e-3, half)
         y = np.concatenate([-x[:0:-1], x])
-        z = -_graded(1.2 * fine, 1.2 * fine, thick)[::-1]
+        z = -_graded_cells(1.2 * fine, 1.2 * fine, thick)[::-1]
         points, cells = grid(x, y, z)
         tets = bricks(points, cells)
         return quadratic(points, tets, np.full(len(tets), PLATE))
@@ -110,7 +110,7 @@ class Pressing:
         write_vtu(path, mesh, nodes, {"equivalent_strain": self.strain().mean(axis=1)})
 
 
-def _graded(fine: float, uniform: float, end: float) -> np.ndarray:
+def _graded_cells(fine: float, uniform: float, end: float) -> np.ndarray:
     """0 ... end: cells of size `fine` up to `uniform`, then with a growth ratio of 1.5."""
     x = list(np.linspace(0.0, uniform, max(1, round(uniform / fine)) + 1))
     h = x[-1] - x[-2]

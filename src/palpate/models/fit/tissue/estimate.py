@@ -260,7 +260,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
     bread = (turn.T / np.maximum(sizes, 1e-9 * sizes[0]) ** 2) @ turn / np.outer(scale, scale)
     plain = variance * tau * bread
-    cov, effective = _coloured(problem, forces, weighted, J, bread, plain, effective)
+    cov, effective = _coloured_covariance(problem, forces, weighted, J, bread, plain, effective)
     errors, ratio = np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov) / np.maximum(np.diag(plain), 1e-300))
     quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
     # linear interval of each parameter, widened to its profile likelihood interval
@@ -286,7 +286,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
     )  # fmt: skip
 
 
-def _coloured(
+def _coloured_covariance(
     problem: Problem, forces: Sequence[np.ndarray], weighted: Sequence[np.ndarray], J: np.ndarray, bread: np.ndarray,
     plain: np.ndarray, effective: float,
 ) -> tuple[np.ndarray, float]:  # fmt: skip

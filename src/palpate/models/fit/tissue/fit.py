@@ -87,7 +87,7 @@ def fit_tissue(
     loaded: list[MeasuredPress] = []
     notes: list[str] = []
     for press in presses:
-        part, note = _kept(press, relaxation, deepest)
+        part, note = _rows_to_fit(press, relaxation, deepest)
         loaded.append(part)
         notes += note
     reach = max(float(p.depth.max()) - p.touch for p in loaded)
@@ -117,20 +117,20 @@ def fit_tissue(
             "interval is given. Fit the recording's indentation of the tissue: --rig ball"
         )
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
-    kept = [_kept(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
+    kept = [_rows_to_fit(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
     fitted = TissueFit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses))
-    fitted.held_out = [_predicted(problem, best, press, fitted.deepest) for press in kept]
+    fitted.held_out = [_predict_press(problem, best, press, fitted.deepest) for press in kept]
     fitted.sensitivity = _sensitivity(fitted, problem)
     fitted.open_ = hidden + _open(fitted)
     if "finite elements" in law.remark:
         fitted.notes.append(_mesh_error(fitted))
     if compare:
         others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
-        fitted.compared = _compared(fitted, [problem.changed(law=one) for one in others])
+        fitted.compared = _compare_laws(fitted, [problem.changed(law=one) for one in others])
     return fitted
 
 
-def _compared(fit: TissueFit, others: Sequence[Problem]) -> list[dict[str, Any]]:
+def _compare_laws(fit: TissueFit, others: Sequence[Problem]) -> list[dict[str, Any]]:
     """Each law with its number of unknowns k, its error, and the difference of its AICc from the lowest,
 
         AICc = n ln(SSR/N) + 2 k + 2 k (k + 1)/(n - k - 1),
@@ -158,7 +158,7 @@ def _compared(fit: TissueFit, others: Sequence[Problem]) -> list[dict[str, Any]]
     return [{**row, "aicc": row["aicc"] - least} for row in rows]
 
 
-def _kept(press: MeasuredPress, relaxation: str, deepest: float) -> tuple[MeasuredPress, list[str]]:
+def _rows_to_fit(press: MeasuredPress, relaxation: str, deepest: float) -> tuple[MeasuredPress, list[str]]:
     """The rows to fit, without saturation and, without relaxation, of the loading only; and notes on excluded rows."""
     keep = press.depth - press.touch <= deepest
     notes = []
@@ -252,7 +252,7 @@ def _peak(presses: Sequence[MeasuredPress]) -> float:
     return max(float(p.force.max()) for p in presses)
 
 
-def _predicted(problem: Problem, best: Estimate, press: MeasuredPress, deepest: float) -> dict[str, Any]:
+def _predict_press(problem: Problem, best: Estimate, press: MeasuredPress, deepest: float) -> dict[str, Any]:
     """The force on a held-out press: the parameters stay, its touch point and baseline are fitted.
 
     Errors are those within the fitted indentation [m], over the peak of the fitted presses, so that they compare with

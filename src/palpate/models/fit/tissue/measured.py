@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,15 +14,8 @@ from scipy.stats import t as student
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.noise import noise_before, step_of
 from palpate.models.fit.tissue.residuals import inflation
-from palpate.physics.table_file import Table, read_table, split_unit
+from palpate.models.fit.tissue.table import Convert, columns_of, numbers_of, table_of
 
-NAMES = {
-    "time": ("time", "t"), "force": ("force", "load", "f", "fz", "fn", "normal force"),
-    "indentation": ("indentation", "depth", "compression", "approach", "d", "penetration depth", "pd"),
-}  # fmt: skip
-"""Quantity -> default names of its column."""
-SI = {"time": "s", "force": "N", "indentation": "m"}
-LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}  # Upper bounds in SI units; a larger value means a wrong unit
 RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
 """Columns that identify the indenter; a file with several values mixes several indenters."""
 LABELS = ("subject", "session", "press")
@@ -34,9 +27,6 @@ STEEPEST = 0.3  # [1] Rise of the baseline up to the deepest row, over the peak,
 LEAST_RISE = 2e-3  # [1] The same ratio below which a drift is negligible
 RARE, SUSPECT = 1e-3, 0.2  # p-values below which an effect is significant, and below which it is included in the fit
 MOST_ROWS = 1000  # Most rows of a press that are fitted; more rows are averaged in groups of neighbours
-
-Convert = Callable[[str, str], float]
-"""(quantity such as '1 mm', SI unit) -> number."""
 
 
 @dataclass(frozen=True)
@@ -91,34 +81,9 @@ def read_presses(
 
     SessionError: a fault, with file, row and column.
     """
-
-    def score(cells: Sequence[str]) -> int:
-        return sum(bool(_places(cells, key, columns)) for key in {"force", "indentation", *columns})
-
-    try:
-        table = read_table(path, score, len({"force", "indentation", *columns}), dialect)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise SessionError(f"{path}: cannot be read: {reason}") from None
-    found = _columns(path, table, columns)
-    factors = [_factor(path, key, table, k, columns, units, convert) for key, (k, _) in found.items()]
-    try:
-        values, lines = table.values([k for k, _ in found.values()])
-    except ValueError as error:
-        raise SessionError(f"{path}, {error}") from None
-    if not len(values):
-        raise SessionError(f"{path}: no rows after the header in row {table.line}")
-    shown = []
-    for (key, (k, sign)), factor, column in zip(found.items(), factors, values.T, strict=True):
-        large = np.flatnonzero(np.abs(column * factor) > LARGEST[key])
-        if len(large):
-            where = f"{path}, row {lines[large[0]]}, column {table.cells[k].strip()!r}"
-            raise SessionError(
-                f"{where}: found {column[large[0]]:g}, too large for the {key} of a press; is the unit right?"
-            )
-        column *= sign * factor
-        inverted = ", inverted" if sign < 0.0 else ""
-        shown.append(f"{key} from {table.cells[k].strip()!r} times {factor:.6g} {SI[key]}{inverted}")
+    table = table_of(path, columns, dialect)
+    found = columns_of(path, table, columns)
+    values, lines, shown = numbers_of(path, table, found, columns, units, convert)
     # one press per label; files of several indenters are refused
     heads = {name.lower(): k for k, name in reversed(list(enumerate(table.names)))}
     labels = [heads[name] for name in LABELS if name in heads]
@@ -160,61 +125,6 @@ def _one_per_stamp(name: str, time: np.ndarray | None, lines: list[int]) -> tupl
             f"{time[at + 1]:.6g} s{more}"
         )
     return np.delete(time, repeated), repeated
-
-
-def _places(cells: Sequence[str], key: str, columns: Mapping[str, str]) -> list[int]:
-    """The columns of a quantity: those with the name or number that the user gave, else with a default name."""
-    wanted = columns.get(key, "").removeprefix("-").strip()
-    names = [split_unit(cell)[0] for cell in cells]
-    if not wanted:
-        return [k for k, name in enumerate(names) if name.lower() in NAMES[key]]
-    places = [k for k, (name, cell) in enumerate(zip(names, cells, strict=True)) if wanted in (name, cell.strip())]
-    if not places and wanted.isdigit() and 0 < int(wanted) <= len(cells):
-        return [int(wanted) - 1]
-    return places
-
-
-def _columns(path: Path, table: Table, columns: Mapping[str, str]) -> dict[str, tuple[int, float]]:
-    """Quantity -> (column, sign). SessionError: a column is missing, or several match."""
-    found, missing = {}, []
-    for key in NAMES:
-        places = _places(table.cells, key, columns)
-        if len(places) > 1:
-            cells = [f"{table.cells[k].strip()!r} (column {k + 1})" for k in places]
-            raise SessionError(
-                f"{path}, row {table.line}: {' and '.join(cells)} both name the {key}; choose one by name or number: "
-                f"--columns {key}={table.names[places[0]]} or {key}={places[0] + 1}"
-            )
-        if places:
-            found[key] = (places[0], -1.0 if columns.get(key, "").startswith("-") else 1.0)
-        elif key != "time" or key in columns:
-            missing.append(key)
-    if missing:
-        shown = table.separator.join(table.cells).strip()[:120]
-        raise SessionError(
-            f"{path}: no header with a column for {' and '.join(missing)}; found {shown!r} in row {table.line}. Name "
-            "them: --columns time=t,force=F,indentation=d"
-        )
-    return found
-
-
-def _factor(
-    path: Path, key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str],
-    convert: Convert,
-) -> float:  # fmt: skip
-    """Factor from the unit of a column to the SI unit."""
-    cell, named = table.cells[place].strip(), columns.get(key, "").removeprefix("-").strip()
-    unit = units.get(key) or units.get(named) or units.get(cell) or units.get(table.names[place]) or table.units[place]
-    where = f"{path}, row {table.line}, column {cell!r}"
-    if not unit:
-        if key != "time":
-            example = "mm" if key == "indentation" else "N"
-            raise SessionError(f"{where}: no unit; give it with --unit {named or key}={example}")
-        return 1.0
-    try:
-        return convert(f"1 {unit}", SI[key])
-    except ValueError as error:
-        raise SessionError(f"{where}, unit {unit!r}: {error}") from None
 
 
 def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray) -> MeasuredPress:
@@ -269,7 +179,7 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
     press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts and free, free, step=step)
-    return press if len(depth) <= MOST_ROWS else _thinned(press)
+    return press if len(depth) <= MOST_ROWS else _thin_press(press)
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:
@@ -286,7 +196,7 @@ def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:
     return float(slope), float(at), bool(2.0 * student.sf(abs(slope) / max(error, 1e-300), effective - 2.0) < SUSPECT)
 
 
-def _thinned(press: MeasuredPress) -> MeasuredPress:
+def _thin_press(press: MeasuredPress) -> MeasuredPress:
     """The press averaged over groups of neighbouring rows, at most `MOST_ROWS` groups."""
     many = -(-len(press.depth) // MOST_ROWS)
     count = len(press.depth) // many

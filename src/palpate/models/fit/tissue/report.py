@@ -1,12 +1,14 @@
 """Results of a fit: `report.json`, `report.md`, and `scene.yaml` for `palpate run`."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from palpate.models.fit.tissue.fit import TissueFit
+from palpate.models.fit.tissue.rigs import Rig
 from palpate.physics.contact.under_finger import BASIS_POISSON, FINGER_RADIUS, rounded, under_finger
 
 WRITTEN = ("scene.yaml", "report.json", "report.md", "fit.png", "profiles.png")  # Files that a fit writes to its folder
@@ -128,17 +130,27 @@ def scene_young(fit: TissueFit) -> list[str]:
 
 def scene(fit: TissueFit) -> str:
     """Scene kidney with the fitted tissue under its finger: a power law for MassSpring, a modulus for ReducedFE."""
-    values, young = fit.estimate.values, fit.young
-    depth = fit.deepest
+    tissue, why = under_patch(fit.rig, _poisson(fit), fit.estimate.values, fit.deepest)
+    if fit.relaxation == "hunt-crossley":
+        tissue |= {"damping": fit.estimate.values["damping"], "retardation": 0.0}
+    elif fit.relaxation == "kelvin-voigt":
+        tissue["retardation"] = fit.estimate.values["retardation"]
+    body = yaml.safe_dump({"extends": "kidney", "tissue": rounded(tissue)}, sort_keys=False)
+    head = f"# Fitted by `palpate fit tissue` to {', '.join(p.name for p in fit.presses)}: {fit.law.name}. SI units."
+    return "\n".join([head, *(f"# {text}." for text in (why, *scene_young(fit))), body])
+
+
+def under_patch(rig: Rig, poisson: float, values: Mapping[str, float], depth: float) -> tuple[dict[str, Any], str]:
+    """The tissue of a scene from a fitted law, and how it was derived. depth [m]: greatest indentation."""
     tissue: dict[str, Any]
-    if young is not None:
-        tissue = under_finger(young[0] / (1.0 - _poisson(fit) ** 2))
+    if "young" in values:
+        tissue = under_finger(values["young"] / (1.0 - poisson**2))
         why = (
             f"the law of a finger's patch of {1e3 * FINGER_RADIUS:g} mm with the modulus at rest, without strain "
             "stiffening"
         )
     elif "exponent" in values:
-        ratio = 1.0 if fit.rig.kind == "fingertip" else math.sqrt(FINGER_RADIUS / fit.rig.radius)
+        ratio = 1.0 if rig.kind == "fingertip" else math.sqrt(FINGER_RADIUS / rig.radius)
         tissue = {"stiffness": values["stiffness"] * ratio, "exponent": values["exponent"]}
         why = "the power law as fitted" + (
             "" if ratio == 1.0 else ", scaled from the indenter's to the finger's radius"
@@ -150,10 +162,4 @@ def scene(fit: TissueFit) -> str:
         exponent = min(max(power, 1.0), 3.0)
         tissue = {"stiffness": force / depth**exponent, "exponent": exponent}
         why = f"a power law with the force and the stiffness of the exponential at {1e3 * depth:.3g} mm"
-    if fit.relaxation == "hunt-crossley":
-        tissue |= {"damping": values["damping"], "retardation": 0.0}
-    elif fit.relaxation == "kelvin-voigt":
-        tissue["retardation"] = values["retardation"]
-    body = yaml.safe_dump({"extends": "kidney", "tissue": rounded(tissue)}, sort_keys=False)
-    head = f"# Fitted by `palpate fit tissue` to {', '.join(p.name for p in fit.presses)}: {fit.law.name}. SI units."
-    return "\n".join([head, *(f"# {text}." for text in (why, *scene_young(fit))), body])
+    return tissue, why

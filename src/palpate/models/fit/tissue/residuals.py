@@ -49,7 +49,7 @@ def lack_of_fit(
     begins = np.cumsum([0, *map(len, residuals[:-1])])
     r, every = np.concatenate(residuals), np.column_stack([jacobian, *groups.values()])
     n, free = len(r), len(r) - every.shape[1]
-    left, noise = _unexplained(jacobian, r, begins), _unexplained(every, r, begins)
+    left, noise = _residual_squares(jacobian, r, begins), _residual_squares(every, r, begins)
     chances = dict.fromkeys(groups, 1.0)
     if free < every.shape[1]:
         return chances
@@ -60,7 +60,7 @@ def lack_of_fit(
     ])  # fmt: skip
     weights = np.exp(0.5 * (logs - logs.max())) * (1.0 - CORRELATIONS**2)  # by the spacing of the grid
     for name, columns in groups.items():
-        both, k = _unexplained(np.column_stack([jacobian, columns]), r, begins), columns.shape[1]
+        both, k = _residual_squares(np.column_stack([jacobian, columns]), r, begins), columns.shape[1]
         if left(0.0)[0] - both(0.0)[0] > n * least**2:
             gains = np.array([left(rho)[0] - both(rho)[0] for rho in CORRELATIONS])
             ratios = gains / k / np.array([max(squares, 1e-300) / free for squares, _ in found])
@@ -68,7 +68,7 @@ def lack_of_fit(
     return chances
 
 
-def _unexplained(columns: np.ndarray, r: np.ndarray, begins: np.ndarray) -> Callable[[float], tuple[float, float]]:
+def _residual_squares(columns: np.ndarray, r: np.ndarray, begins: np.ndarray) -> Callable[[float], tuple[float, float]]:
     """rho -> residual sum of squares of the whitened r (n,) on the whitened columns (n, p), and the logarithm of the
     determinant of their Gram matrix, up to a constant."""
     basis, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)

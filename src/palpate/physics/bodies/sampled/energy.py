@@ -91,6 +91,7 @@ def forces(points, q, work, g):
     for i in range(len(q)):
         work.x[i] = q[i]
         g[i] = 0.0
+    # blocks of points: displacement gradients of the modes, stresses, and their work on the modes
     for start in range(0, len(points.kinds), NEAR):
         end = min(start + NEAR, len(points.kinds))
         modes = points.modes[9 * start : 9 * end]
@@ -110,6 +111,7 @@ def forces(points, q, work, g):
                     f[at + 3 * i + j] = w * (P[i, j] + dU * C[i, j])
         left_times(f[9 * start : 9 * end], modes, work.g)
         g += work.g
+    # elastic foundation, and the barrier
     for i in range(len(q)):
         along = 0.0
         for j in range(len(q)):

@@ -21,7 +21,11 @@ def methods() -> list[Method]:
     return [
         Method("BeamBundle", "BeamBundle, modulus of the slab", of_body(BeamBundle, _slab), settings, only_slab),
         Method(
-            "BeamBundle-calibrated", "BeamBundle, calibrated", of_body(BeamBundle, _calibrated), settings, only_slab
+            "BeamBundle-calibrated",
+            "BeamBundle, calibrated",
+            of_body(BeamBundle, _calibrate_beams),
+            settings,
+            only_slab,
         ),
     ]
 
@@ -31,7 +35,7 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
     return layer | {"radius": 8e-3} | (NODULE if touch.nodule else {})
 
 
-def _calibrated(touch: BenchCase) -> dict[str, Any]:
+def _calibrate_beams(touch: BenchCase) -> dict[str, Any]:
     """As `palpate fit body`: modulus and relaxation time from ReducedFE on one test case, used for all."""
     elastic = {"relaxations": (0.0,)} if touch.retardation == 0.0 else {}
     return _slab(touch) | _constants() | elastic

@@ -31,7 +31,7 @@ def methods() -> list[Method]:
         Method(
             "MassSpring-calibrated",
             "MassSpring, calibrated",
-            of_body(MassSpring, _calibrated),
+            of_body(MassSpring, _calibrate_springs),
             (SECOND_ORDER, *finer),
             only_slab,
         ),
@@ -46,7 +46,7 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
     return law | (NODULE if touch.nodule else {})
 
 
-def _calibrated(touch: BenchCase) -> dict[str, Any]:
+def _calibrate_springs(touch: BenchCase) -> dict[str, Any]:
     """As `palpate fit body` with a stiffness map: K, n, c and tau from ReducedFE on one test case, used for all."""
     elastic = {"damping": 0.0, "retardation": 0.0} if touch.retardation == 0.0 else {}
     return _constants() | elastic | (NODULE if touch.nodule else {})

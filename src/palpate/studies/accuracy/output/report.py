@@ -27,7 +27,7 @@ def about() -> dict[str, Any]:
 def written(cells: list[Cell], provenance: dict[str, Any], folder: Path) -> dict[str, Path]:
     """Write all files; their paths by name."""
     table(cells, provenance, folder / "accuracy.csv")
-    overview = _drawn(cells, folder / "overview.png")
+    overview = _draw_cells(cells, folder / "overview.png")
     page.write(cells, provenance, overview, folder / "accuracy.md")
     files = {"page": folder / "accuracy.md", "table": folder / "accuracy.csv"}
     return files | ({} if overview is None else {"overview": overview})
@@ -47,7 +47,7 @@ def table(cells: Sequence[Cell], provenance: dict[str, Any], path: Path) -> None
             rows.writerow({**row, **errors})
 
 
-def _drawn(cells: list[Cell], path: Path) -> Path | None:
+def _draw_cells(cells: list[Cell], path: Path) -> Path | None:
     """The path of the picture; None if matplotlib is missing."""
     try:
         from palpate.studies.accuracy.output.pictures import overview

@@ -57,7 +57,7 @@ def _fit(result: Chosen, name: str) -> Figure:
         left.fill_between(fine * 1e3, low, high, color=REGION_A, lw=0, zorder=0, label=text)
         right.plot(fine * 1e3, spread, color=NORMAL, label=choice.deviation.model.name)
     left.plot(fine * 1e3, mean, color=NORMAL, label=f"mean, {choice.mean.model.name}")
-    return _labelled(out, left, right)
+    return _label_axes(out, left, right)
 
 
 def _samples(left: Axes, right: Axes, result: Chosen) -> list[int]:
@@ -92,10 +92,10 @@ def _models(result: Chosen, name: str) -> Figure:
             text = f"{model.name}: {fit.rmse * 1e3:.1f} mN" + (" (chosen)" if chosen else "")
             line = {"lw": 5.0, "alpha": 0.4} if chosen else {"lw": 1.2}
             axes.plot(fine * 1e3, fit(fine), STYLES[model.name], label=text, **line)
-    return _labelled(out, left, right)
+    return _label_axes(out, left, right)
 
 
-def _labelled(out: Figure, left: Axes, right: Axes) -> Figure:
+def _label_axes(out: Figure, left: Axes, right: Axes) -> Figure:
     left.set(xlabel="depth [mm]", ylabel="force [N]")
     right.set(xlabel="depth [mm]", ylabel="standard deviation [N]", ylim=(0, None))
     for axes in (left, right):

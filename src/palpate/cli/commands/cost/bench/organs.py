@@ -66,9 +66,9 @@ def organs(
                 done((number + 1) / len(leading), f"{found.score.score:.3g} to {better.score.score:.3g} x its bound")
         if pairs:
             done = bars.begin("turn and refine", "", total=None)
-            for pair in compared(surfaces, pairs, seed, meshes, fine):
+            for pair in compared(surfaces, bodies, pairs, seed, meshes, fine):
                 results.pairs.append(pair)
-                done(0.0, f"{pair.invariant}: {pair.touch.setting.surface}")
+                done(0.0, f"{pair.invariant}: {pair.touch.setting.surface}, {pair.touch.setting.body}")
     files = written(results, meshes, out, worst)
     if not no_pictures:
         files |= drawn(results.top(worst), meshes, out)

@@ -10,6 +10,7 @@ import typer
 
 from palpate.cli.terminal.options import Force, Json, check_new, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
+from palpate.cli.terminal.pooled import fit_sparse
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
 RIGS = ("ball", "punch", "fingertip", "cylinder")
@@ -78,13 +79,19 @@ def tissue(
     check_new([out / name for name in WRITTEN], force)
     # Read the presses and fit the law.
     read = PressReader(columns.split(","), unit or [], rig == "fingertip", dialect)
+    limit = length("--depth-limit", depth_limit) if depth_limit else math.inf
+    if len(files) == 1 and (probes := read.probes(files[0])) is not None:
+        if made.kind not in ("ball", "punch") or relaxation != "none" or compare or holdout:
+            raise SessionError(f"{files[0]}: {len(probes.names)} sparse probes are fitted together: expected --rig "
+                               "ball or punch, without --relaxation, --compare and --holdout")  # fmt: skip
+        fit_sparse(probes, made, law, limit, out, as_json)
+        return
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
     with steps(f"fit tissue: {law}", 1, silent=as_json, timed=False) as done:
         fit = fits.fit_tissue(
             presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
-            deepest=length("--depth-limit", depth_limit) if depth_limit else math.inf,
-            report=lambda share: done("presses in finite elements", share),
+            deepest=limit, report=lambda share: done("presses in finite elements", share),
         )  # fmt: skip
     # Write the results, then report them.
     result = data(fit)

@@ -36,9 +36,9 @@ def tissues(
                 settings_of(find_class(f"deformation.{body}")) for body in ("MassSpring", "BeamBundle", "ReducedFE")
             ]
             units = {key: one.unit for known in bodies_of for key, one in known.items()}
-            numbers = {key: f"{_shown(value)} {units[key]}".removesuffix(" 1") for key, value in taken.items()}
+            numbers = {key: f"{_format_value(value)} {units[key]}".removesuffix(" 1") for key, value in taken.items()}
             record |= {"grade": GRADES[found[name]["grade"]], "scene": numbers}
-            console().print(table(("", ""), [(key, _shown(value)) for key, value in record.items()]))
+            console().print(table(("", ""), [(key, _format_value(value)) for key, value in record.items()]))
         return
     # All tissues as a table.
     if as_json:
@@ -62,9 +62,9 @@ def tissues(
     say("palpate list tissues NAME shows one with its source; palpate run kidney --set scene.tissue=NAME", wrap=True)
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, dict):
-        return "\n".join(f"{key}: {_shown(part)}" for key, part in value.items())
+        return "\n".join(f"{key}: {_format_value(part)}" for key, part in value.items())
     if isinstance(value, list):
-        return f"[{', '.join(map(_shown, value))}]"
+        return f"[{', '.join(map(_format_value, value))}]"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
