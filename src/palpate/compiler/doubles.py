@@ -1,4 +1,8 @@
-"""Parts of double-precision numbers in kernels: their bits, and sums and products with their rounding errors."""
+"""Parts of double-precision numbers in kernels: their bits, and sums and products with their rounding errors.
+
+`fused` is one operation of IEEE 754 with the same bits on each processor. Compilers that contract a product and a sum to it
+where they like are what makes results differ; kernels are compiled without that (`palpate.compiler.kernel`).
+"""
 
 from typing import Any
 
@@ -30,6 +34,16 @@ def with_bits(typing: Any, word: Any) -> Any:
         return builder.bitcast(arguments[0], ir.DoubleType())
 
     return types.float64(types.int64), generate
+
+
+@intrinsic(interpreted.fused)
+def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """a b + c, rounded once."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.fma(*arguments)
+
+    return types.float64(types.float64, types.float64, types.float64), generate
 
 
 @kernel(error_model="numpy")
@@ -64,17 +78,7 @@ def fast_two_sum(a, b):
 
 
 @kernel(error_model="numpy")
-def halves(x):
-    """x as a sum of two numbers of 26 bits, |x| < 1e300 (Dekker, as above)."""
-    high = x * 134217729.0
-    high -= high - x
-    return high, x - high
-
-
-@kernel(error_model="numpy")
 def two_product(a, b):
-    """a b and its rounding error (Dekker, as above), unless it underflows or |a|, |b| > 1e300."""
+    """a b and its rounding error, unless it underflows or overflows."""
     product = a * b
-    a1, a2 = halves(a)
-    b1, b2 = halves(b)
-    return product, ((a1 * b1 - product) + a1 * b2 + a2 * b1) + a2 * b2
+    return product, fused(a, b, -product)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from palpate.compiler.doubles import bits, fast_two_sum, halves, scaled, two_product, two_sum, two_to, with_bits
+from palpate.compiler.doubles import bits, fast_two_sum, fused, scaled, two_product, two_sum, two_to, with_bits
 from palpate.compiler.kernel import kernel, replaces
 
 GRID = 2.0**40  # Stored logarithms are multiples of 1/GRID plus a rest, so that k ln 2 - ln c is exact
@@ -30,29 +30,41 @@ with decimal.localcontext() as _digits:
     BY_LN2_REST = float(1 / decimal.Decimal(2).ln() - decimal.Decimal(BY_LN2))
     FACTORS = np.array([round(128.0 / i * 4096.0) / 4096.0 for i in range(FIRST, LAST + 1)])
     LOGS = np.array([_parts(-decimal.Decimal(c).ln()) for c in FACTORS.tolist()])
+    _THIRD = 1 / decimal.Decimal(3)
+    _roots = [[(2**j / decimal.Decimal(c)) ** _THIRD for j in range(3)] for c in FACTORS.tolist()]
+    ROOTS = np.array([[(float(root), float(root - decimal.Decimal(float(root)))) for root in row] for row in _roots])
+    ROOT_SERIES = tuple(math.prod(1.0 / 3.0 - n for n in range(j)) / math.factorial(j) for j in range(8))
+
+
+@kernel(error_model="numpy")
+def split(x):
+    """(k, m, i) of x = 2^k m > 0, sqrt(1/2) <= m < sqrt(2), and the number i of the factor near 1/m."""
+    shift = 0
+    if x < 2.0**-1000:
+        x *= 2.0**100
+        shift = 100
+    word = bits(x)
+    k = (word - SPLIT) >> 52
+    m = with_bits(word - (k << 52))
+    return k - shift, m, np.uint64(m * 128.0 + 0.5) - np.uint64(FIRST)
 
 
 @kernel(error_model="numpy")
 def log_parts(x, rest):
     """ln(x + rest) as the sum of two doubles, for x > 0 and |rest| < ulp(x)."""
-    shift = 100 if x < 2.0**-1000 else 0
-    word = bits(x * 2.0**100 if shift > 0 else x)
-    k = (word - SPLIT) >> 52
-    m = with_bits(word - (k << 52))
-    k -= shift
-    i = int(m * 128.0 + 0.5) - FIRST
+    k, m, i = split(x)
     c = FACTORS[i]
-    m1, m2 = halves(m)
-    f, f_rest = fast_two_sum(m1 * c - 1.0, m2 * c)
+    product, more = two_product(c, m)
+    f, f_rest = fast_two_sum(product - 1.0, more)
     if rest != 0.0:
         f_rest += rest * two_to(-k) * c
     square, square_rest = two_product(f, f)
-    even = 1.0 / 4.0 + square * (1.0 / 6.0 + square * (1.0 / 8.0 + square * (1.0 / 10.0)))
-    odd = 1.0 / 3.0 + square * (1.0 / 5.0 + square * (1.0 / 7.0 + square * (1.0 / 9.0)))
-    high, low = fast_two_sum(k * LN2 + LOGS[i, 0], f)
+    even = fused(square, fused(square, fused(square, 0.1, 1.0 / 8.0), 1.0 / 6.0), 1.0 / 4.0)
+    odd = fused(square, fused(square, fused(square, 1.0 / 9.0, 1.0 / 7.0), 1.0 / 5.0), 1.0 / 3.0)
+    high, low = fast_two_sum(fused(k, LN2, LOGS[i, 0]), f)
     high, more = fast_two_sum(high, -0.5 * square)
-    low += more + f_rest * (1.0 - f) - 0.5 * square_rest + (k * LN2_REST + LOGS[i, 1]) + square * f * (odd - f * even)
-    return fast_two_sum(high, low)
+    low += more + f_rest * (1.0 - f) - 0.5 * square_rest + fused(k, LN2_REST, LOGS[i, 1])
+    return fast_two_sum(high, fused(square * f, fused(-f, even, odd), low))
 
 
 @replaces("llvm.log.f64", "log")
@@ -61,7 +73,15 @@ def log(x):
     """ln x."""
     if not 0.0 < x < math.inf:
         return -math.inf if x == 0.0 else x if x == math.inf else math.nan
-    return log_parts(x, 0.0)[0]
+    k, m, i = split(x)
+    product, rest = two_product(FACTORS[i], m)
+    f = product - 1.0
+    square = f * f
+    even = fused(square, fused(square, fused(square, 0.1, 1.0 / 8.0), 1.0 / 6.0), 1.0 / 4.0)
+    odd = fused(square, fused(square, fused(square, 1.0 / 9.0, 1.0 / 7.0), 1.0 / 5.0), 1.0 / 3.0)
+    high, low = fast_two_sum(fused(k, LN2, LOGS[i, 0]), f)
+    low += rest + fused(k, LN2_REST, LOGS[i, 1])
+    return high + fused(square, fused(f, fused(-f, even, odd), -0.5), low)
 
 
 @replaces("llvm.log2.f64", "log2")
@@ -70,13 +90,11 @@ def log2(x):
     """Logarithm to base 2, exact for powers of 2."""
     if not 0.0 < x < math.inf:
         return -math.inf if x == 0.0 else x if x == math.inf else math.nan
-    shift = 100 if x < 2.0**-1000 else 0
-    word = bits(x * 2.0**100 if shift > 0 else x)
-    k = (word - SPLIT) >> 52
-    high, low = log_parts(with_bits(word - (k << 52)), 0.0)
+    k, m, _ = split(x)
+    high, low = log_parts(m, 0.0)
     product, rest = two_product(high, BY_LN2)
-    rest += high * BY_LN2_REST + low * BY_LN2
-    total, more = two_sum((k - shift) * 1.0, product)
+    rest += fused(high, BY_LN2_REST, low * BY_LN2)
+    total, more = two_sum(k * 1.0, product)
     return total + (more + rest)
 
 
@@ -95,9 +113,8 @@ def log1p(x):
 @kernel(error_model="numpy")
 def reduced(x, rest):
     """(k, r, s) of x + rest = k ln 2 + r + s, |r| < 0.35, |x| < 750."""
-    k = math.floor(x * (1.0 / LN2) + 0.5)
-    low = rest - k * LN2_REST
-    r, s = fast_two_sum(x - k * LN2, low)
+    k = math.floor(fused(x, 1.0 / LN2, 0.5))
+    r, s = fast_two_sum(fused(-k, LN2, x), fused(-k, LN2_REST, rest))
     return k, r, s
 
 
@@ -105,13 +122,11 @@ def reduced(x, rest):
 def curvature(r):
     """e^r - 1 - r for |r| < 0.35."""
     z = r * r
-    even = 0.001388888888888373 + z * (
-        2.4801587325605324e-05 + z * (2.755727357010214e-07 + z * 2.0914717341716378e-09)
-    )
-    even = 0.5 + z * (0.04166666666666667 + z * even)
-    odd = 0.0001984126987490126 + z * (2.7557255297969643e-06 + z * 2.5105259538448494e-08)
-    odd = 0.1666666666666667 + z * (0.008333333333326112 + z * odd)
-    return z * (even + r * odd)
+    even = fused(z, fused(z, 2.0914717341716378e-09, 2.755727357010214e-07), 2.4801587325605324e-05)
+    even = fused(z, fused(z, fused(z, even, 0.001388888888888373), 0.04166666666666667), 0.5)
+    odd = fused(z, fused(z, 2.5105259538448494e-08, 2.7557255297969643e-06), 0.0001984126987490126)
+    odd = fused(z, fused(z, odd, 0.008333333333326112), 0.1666666666666667)
+    return z * fused(r, odd, even)
 
 
 @kernel(error_model="numpy")
@@ -196,16 +211,18 @@ def _power(x, y):
 
 @kernel(error_model="numpy")
 def cbrt(x):
-    """The cube root of x: e^(ln|x|/3), and a Newton step with the residual of twice the precision."""
+    """The cube root of x."""
     if x == 0.0 or x != x or abs(x) == math.inf:
         return x
-    size, factor = abs(x), 1.0
-    if size < 2.0**-900:
-        size, factor = size * 2.0**300, 2.0**-100
-    elif size > 2.0**900:
-        size, factor = size * 2.0**-300, 2.0**100
-    t = exp_of(log_parts(size, 0.0)[0] / 3.0, 0.0)
-    square, rest = two_product(t, t)
-    cube, more = two_product(square, t)
-    t = (t - ((cube - size) + (more + rest * t)) / (3.0 * square)) * factor
-    return t if x > 0.0 else -t
+    k, m, i = split(abs(x))
+    third = (k + 3000) // 3 - 1000
+    product, rest = two_product(FACTORS[i], m)
+    f = (product - 1.0) + rest
+    z = f * f
+    even = fused(z, fused(z, ROOT_SERIES[6], ROOT_SERIES[4]), ROOT_SERIES[2])
+    odd = fused(z, fused(z, ROOT_SERIES[7], ROOT_SERIES[5]), ROOT_SERIES[3])
+    change = fused(z, fused(f, odd, even), f * (1.0 / 3.0))
+    j = k - 3 * third
+    root = ROOTS[i, j, 0]
+    size = (root + fused(root, change, ROOTS[i, j, 1])) * two_to(third)
+    return size if x > 0.0 else -size

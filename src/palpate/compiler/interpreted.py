@@ -9,6 +9,7 @@ import ctypes
 import math
 import struct
 from collections.abc import Callable
+from fractions import Fraction
 from types import FunctionType, ModuleType
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -198,6 +199,14 @@ def bits(x: float) -> int:
 def with_bits(word: int) -> float:
     """As `doubles.with_bits`."""
     return struct.unpack("<d", struct.pack("<q", word))[0]
+
+
+def fused(a: float, b: float, c: float) -> float:
+    """As `doubles.fused`."""
+    if not (math.isfinite(a) and math.isfinite(b) and math.isfinite(c)):
+        return a * b + c
+    total = Fraction(a) * Fraction(b) + Fraction(c)
+    return float(total) if total else a * b + c
 
 
 _FUNCTIONS: list[tuple[Callable[..., Any], tuple[np.dtype, ...]]] = []

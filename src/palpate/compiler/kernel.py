@@ -24,6 +24,7 @@ from typing import Any
 
 import numba
 import numpy as np
+import llvmlite.binding as llvm
 from llvmlite import ir
 from numba import types
 from numba.core import event
@@ -90,12 +91,14 @@ class _PinnedCodegen(Codegen):
         module = library.create_ir_module(library.name)
         number = ir.DoubleType()
         wrapper = ir.Function(module, ir.FunctionType(number, [number] * len(argument_types)), library.name)
-        wrapper.attributes.add("alwaysinline")
+        wrapper.attributes.add("noinline")
         builder = ir.IRBuilder(wrapper.append_basic_block())
         inner = context.declare_function(module, code.fndesc)
         _, result = context.call_conv.call_function(builder, inner, types.float64, argument_types, wrapper.args)
         builder.ret(result)
-        library.add_ir_module(module)
+        # as LLVM knows of the C library's functions: equal calls are merged, and those without use are left out
+        pure = llvm.parse_assembly(str(module).replace(" noinline", " noinline nounwind willreturn memory(none)", 1))
+        library.add_llvm_module(pure)
         library.add_linking_library(code.library)
         return library
 
