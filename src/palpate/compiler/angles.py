@@ -63,7 +63,7 @@ with decimal.localcontext() as _digits:
 SERIES = np.array([_series(i / PARTS, 9) for i in range(PARTS + 1)])
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def quadrant(x):
     """(n, r, s) of finite x = n pi/2 + r + s, |r| <= pi/4, n modulo 4."""
     if abs(x) > 2.0**20:
@@ -107,7 +107,7 @@ def _quadrant_of_large(x):
     return (n & 3, r, s) if x > 0.0 else (-n & 3, -r, -s)
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def sine(r, s):
     """sin(r + s) of |r| <= pi/4 and |s| < ulp(r)."""
     z = r * r
@@ -118,7 +118,7 @@ def sine(r, s):
     return r + fused(z * r, fused(z, odd, even), s * fused(z, -0.5, 1.0))
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def cosine(r, s):
     """cos(r + s) of |r| <= pi/4 and |s| < ulp(r)."""
     z = r * r
@@ -153,7 +153,7 @@ def cos(x):
     return -size if n & 2 != (n & 1) << 1 else size
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def _arctangent_parts(y, x):
     """arctan(y/x) as the sum of two doubles, for 0 <= y <= x, 1e-140 < x < 1e140."""
     inverse = 1.0 / x
@@ -169,7 +169,7 @@ def _arctangent_parts(y, x):
     return high, fused(z, fused(h, odd, even), low)
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def _angle(y, x):
     """The angle of (x, y), y >= 0, 1e-140 < max(|x|, y) < 1e140."""
     width = abs(x)
@@ -213,7 +213,7 @@ def atan2(y, x):
     return -size if bits(y) < 0 else size
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def _excess(z):
     """(arcsin(s)/s - 1)/z of z = s² <= 1/4."""
     w = z * z
@@ -225,7 +225,7 @@ def _excess(z):
     return fused(z, odd, fused(w, even, 0.16666666666666666))
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def _from_side(x):
     """The angle [rad] with the cosine 0.5 <= x < 1, as the sum of two doubles: 2 arcsin(sqrt((1 - x)/2))."""
     z = 0.5 * (1.0 - x)

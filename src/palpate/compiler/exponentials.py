@@ -36,7 +36,7 @@ with decimal.localcontext() as _digits:
     ROOT_SERIES = tuple(math.prod(1.0 / 3.0 - n for n in range(j)) / math.factorial(j) for j in range(8))
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def split(x):
     """(k, m, i) of x = 2^k m > 0, sqrt(1/2) <= m < sqrt(2), and the number i of the factor near 1/m."""
     shift = 0
@@ -49,7 +49,7 @@ def split(x):
     return k - shift, m, np.uint64(m * 128.0 + 0.5) - np.uint64(FIRST)
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def log_parts(x, rest):
     """ln(x + rest) as the sum of two doubles, for x > 0 and |rest| < ulp(x)."""
     k, m, i = split(x)
@@ -110,7 +110,7 @@ def log1p(x):
     return log_parts(total, rest)[0]
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def reduced(x, rest):
     """(k, r, s) of x + rest = k ln 2 + r + s, |r| < 0.35, |x| < 750."""
     k = math.floor(fused(x, 1.0 / LN2, 0.5))
@@ -118,7 +118,7 @@ def reduced(x, rest):
     return k, r, s
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def curvature(r):
     """e^r - 1 - r for |r| < 0.35."""
     z = r * r
@@ -129,7 +129,7 @@ def curvature(r):
     return z * fused(r, odd, even)
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def exp_of(x, rest):
     """e^(x + rest)."""
     if x > 709.79:
@@ -196,7 +196,7 @@ def power(x, y):
     return -size if negative else size
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def _power(x, y):
     high, low = log_parts(x, 0.0)
     if high == 0.0:
@@ -209,7 +209,7 @@ def _power(x, y):
     return exp_of(exponent, rest + low * y)
 
 
-@kernel(error_model="numpy")
+@kernel(error_model="numpy", inline=True)
 def cbrt(x):
     """The cube root of x."""
     if x == 0.0 or x != x or abs(x) == math.inf:

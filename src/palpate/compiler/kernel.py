@@ -418,18 +418,21 @@ def kernel(
     error_model: str = "python",
     pointer: bool = False,
     nogil: bool = False,
+    inline: bool = False,
 ) -> Any:
     """Decorator of a function to compile.
 
     error_model  a division by 0 raises ("python"), or returns inf or nan ("numpy")
     pointer      also for use as an argument of kernels (`materials.compiled`)
     nogil        release the global interpreter lock during calls
+    inline       copy it into the kernels that call it, whatever its size
     """
     if function is None:
-        return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil)
+        return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil, inline=inline)
     if interpreted.ENABLED:
         plain: Any = interpreted.with_functions(function, replaced)
         plain.py_func = plain  # as in a compiled one
         return plain
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
-    return CompiledKernel(function, options | ({"nogil": True} if nogil else {}))
+    more = {"nogil": True} if nogil else {}
+    return CompiledKernel(function, options | more | ({"forceinline": True} if inline else {}))

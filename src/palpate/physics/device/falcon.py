@@ -81,7 +81,7 @@ class FalconGeometry:
 FALCON = FalconGeometry()
 
 
-@kernel
+@kernel(inline=True)
 def directions(geometry, i, x, y, z):
     """(reachable, (cos, sin) of t1, of t2 and of t3) of leg i at a point [m]; zeros if out of reach.
 
@@ -116,7 +116,7 @@ def leg(geometry, i, x, y, z):
     return ok, math.atan2(one[1], one[0]), math.atan2(two[1], two[0]), math.atan2(three[1], three[0])
 
 
-@kernel
+@kernel(inline=True)
 def link(geometry, i, x, y, z):
     """(reachable, t1 [rad], the unit vector (x, y, z) along the parallelogram of leg i, its lever [m]) at a point [m].
 
