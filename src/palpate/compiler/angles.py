@@ -3,8 +3,9 @@
 Each has an error below 1 ulp; most are the nearest double. Angles are reduced to |r| <= pi/4, a sum of two doubles, by
 pi/2 in four parts (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980), above 2^20 by the
 bits of 2/pi (M. H. Payne and R. N. Hanek, SIGNUM Newsletter 18 (1983) 19-24). sin(r) and cos(r) are polynomials in r²
-that interpolate them at the Chebyshev nodes. The arctangent of y/x is the series about the nearest multiple of 1/32. arcsin(s) is
-s + s³ times a polynomial in s² for s <= 1/2; sin(pi/4 - a/2)² = (1 - sin a)/2 leads to it from a larger sine.
+that interpolate them at the Chebyshev nodes. The arctangent of y/x is the series about the nearest multiple of 1/32.
+arcsin(s) is s + s³ times such a polynomial in s² for s <= 1/2; sin(pi/4 - a/2)² = (1 - sin a)/2 leads to it from a
+larger sine.
 """
 
 import decimal

@@ -1,7 +1,7 @@
 """Parts of double-precision numbers in kernels: their bits, and sums and products with their rounding errors.
 
-`fused` is one operation of IEEE 754 with the same bits on each processor. Compilers that contract a product and a sum to it
-where they like are what makes results differ; kernels are compiled without that (`palpate.compiler.kernel`).
+`fused` is an operation of IEEE 754, with the same bits on each processor. Results differ where a compiler may replace a
+product and a sum by it, which kernels do not permit.
 """
 
 from typing import Any

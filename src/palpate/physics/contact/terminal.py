@@ -10,8 +10,6 @@ any law of the same kind has a bracketed root for every step length.
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from palpate.compiler.exponentials import cbrt
 from palpate.compiler.kernel import kernel
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+from palpate.compiler.angles import cos, sin
 from palpate.compiler.dot import cross, dot
 from palpate.compiler.kernel import kernel
 
@@ -73,7 +74,7 @@ class FalconGeometry:
         first, second, third = self.phi
         return Geometry(
             self.a, self.b, self.c, self.d + self.e, self.f - self.s, self.r,
-            (math.cos(first), math.cos(second), math.cos(third)), (math.sin(first), math.sin(second), math.sin(third)),
+            (cos(first), cos(second), cos(third)), (sin(first), sin(second), sin(third)),
             self.zero, self.count, self.limit,
         )  # fmt: skip
 
@@ -111,7 +112,7 @@ def directions(geometry, i, x, y, z):
 
 @kernel
 def leg(geometry, i, x, y, z):
-    """Inverse kinematics of leg i at a point [m] in closed form: (reachable, t1, t2, t3) [rad]; zeros if out of reach."""
+    """Inverse kinematics of leg i at a point [m]: (reachable, t1, t2, t3) [rad]; zeros if out of reach."""
     ok, one, two, three = directions(geometry, i, x, y, z)
     return ok, math.atan2(one[1], one[0]), math.atan2(two[1], two[0]), math.atan2(three[1], three[0])
 
@@ -143,10 +144,8 @@ def links(geometry, x, y, z):
 @kernel
 def reachable(geometry, x, y, z):
     """Whether all three legs reach the point (x, y, z) [m]."""
-    for i in range(3):
-        if not directions(geometry, i, x, y, z)[0]:
-            return False
-    return True
+    one, two = directions(geometry, 0, x, y, z)[0], directions(geometry, 1, x, y, z)[0]
+    return one and two and directions(geometry, 2, x, y, z)[0]
 
 
 @kernel
