@@ -65,7 +65,7 @@ def rows(fits: np.ndarray, depth: np.ndarray, poisson: float, kind: np.ndarray) 
     a_1, a_2, T/tau_m, g."""
     chi, dynamic = probe_gains(depth, poisson)
     angle = math.pi * fits[:, 0] * 10.0 / RATE
-    k = float(sin(angle) / cos(angle))  # prewarped bilinear transform of 1/((s + 1)(s² + s + 1))
+    k = sin(angle) / cos(angle)  # prewarped bilinear transform of 1/((s + 1)(s² + s + 1))
     first, second = (1.0 + k, k - 1.0), (1.0 + k + k * k, 2.0 * (k * k - 1.0), 1.0 - k + k * k)
     a = [sum(first[i] * second[j] for i in range(2) for j in range(3) if i + j == n) for n in range(4)]
     b = [weight * k * k * k / a[0] for weight in (1.0, 3.0, 3.0, 1.0)]
