@@ -10,7 +10,7 @@ import pytest
 
 import palpate
 from palpate.compiler import kernel_cache, kernel_files
-from palpate.compiler.kernel import replaced
+from palpate.compiler.kernel import REPLACED
 
 ROOT = Path(__file__).parents[2]
 EXACT = {
@@ -39,7 +39,7 @@ def is_kernel(decorator):
 
 
 def test_kernels_call_only_functions_that_this_package_replaces():
-    known = {re.sub(r"llvm\.|\.f64", "", name) for name in replaced()} | EXACT
+    known = {re.sub(r"llvm\.|\.f64", "", name) for name in REPLACED} | EXACT
     for folder in ("src/palpate/compiler", "src/palpate/physics", "src/palpate/models", "src/palpate/engine", "nodes"):
         for path in sorted((ROOT / folder).rglob("*.py")):
             for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from palpate.compiler.doubles import BIAS, bits, fast_two_sum, fused, two_product, two_sum, two_to
-from palpate.compiler.kernel import kernel, replaces
+from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import stack_zeros
 
 DIGIT = 24  # Bits of a digit of 2/pi
@@ -130,7 +130,6 @@ def cosine(r, s):
     return high + fused(w, fused(z, odd, even), fused(-r, s, low))
 
 
-@replaces("llvm.sin.f64", "sin")
 @kernel(error_model="numpy")
 def sin(x):
     """Sine of an angle [rad]."""
@@ -143,7 +142,6 @@ def sin(x):
     return -size if n & 2 else size
 
 
-@replaces("llvm.cos.f64", "cos")
 @kernel(error_model="numpy")
 def cos(x):
     """Cosine of an angle [rad]."""
@@ -189,7 +187,6 @@ def _angle(y, x):
     return total + (rest + (base_rest + low))
 
 
-@replaces("atan2")
 @kernel(error_model="numpy")
 def atan2(y, x):
     """The angle [rad] of (x, y) from the x axis, -pi to pi."""
@@ -235,7 +232,6 @@ def _from_side(x):
     return 2.0 * s, 2.0 * fused(s * z, _excess(z), rest)
 
 
-@replaces("acos")
 @kernel(error_model="numpy")
 def acos(x):
     """The angle [rad] with this cosine, 0 to pi."""
@@ -252,7 +248,6 @@ def acos(x):
     return total + (rest + (PI_REST - low))
 
 
-@replaces("asin")
 @kernel(error_model="numpy")
 def asin(x):
     """The angle [rad] with this sine, -pi/2 to pi/2."""
@@ -267,7 +262,6 @@ def asin(x):
     return size if x > 0.0 else -size
 
 
-@replaces("hypot", "_hypot")
 @kernel(error_model="numpy")
 def hypot(x, y):
     """sqrt(x² + y²), from the sum of the squares as two doubles."""

@@ -28,13 +28,12 @@ class Library(JITCodeLibrary):
     def add_ir_module(self, ir_module: Any) -> None:
         """Add the IR of a function. Its calls of the C library's functions become calls of kernels of this package
         (`kernel.REPLACED`), before a pass of LLVM knows them as functions of the C library."""
-        replaced = self._codegen.replaced()
-        called = [each.name for each in ir_module.functions if each.is_declaration and each.name in replaced]
         text = cgutils.normalize_ir_text(str(ir_module))
-        for name in called:
-            code = self._codegen.replacement(name)
-            text = text.replace(f'@"{name}"', f'@"{code.name}"')
-            self.add_linking_library(code)
+        for function in ir_module.functions:
+            code = self._codegen.replacement(function.name) if function.is_declaration else None
+            if code is not None:
+                text = text.replace(f'@"{function.name}"', f'@"{code.name}"')
+                self.add_linking_library(code)
         module = llvm.parse_assembly(text)
         module.name = ir_module.name
         module.verify()

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from palpate.compiler.doubles import bits, fast_two_sum, fused, scaled, two_product, two_sum, two_to, with_bits
-from palpate.compiler.kernel import kernel, replaces
+from palpate.compiler.kernel import kernel
 
 GRID = 2.0**40  # Stored logarithms are multiples of 1/GRID plus a rest, so that k ln 2 - ln c is exact
 FIRST, LAST = 90, 182  # 128 m of the stored factors
@@ -67,7 +67,6 @@ def log_parts(x, rest):
     return fast_two_sum(high, fused(square * f, fused(-f, even, odd), low))
 
 
-@replaces("llvm.log.f64", "log")
 @kernel(error_model="numpy")
 def log(x):
     """ln x."""
@@ -84,7 +83,6 @@ def log(x):
     return high + fused(square, fused(f, fused(-f, even, odd), -0.5), low)
 
 
-@replaces("llvm.log2.f64", "log2")
 @kernel(error_model="numpy")
 def log2(x):
     """Logarithm to base 2, exact for powers of 2."""
@@ -98,7 +96,6 @@ def log2(x):
     return total + (more + rest)
 
 
-@replaces("log1p")
 @kernel(error_model="numpy")
 def log1p(x):
     """ln(1 + x)."""
@@ -140,7 +137,6 @@ def exp_of(x, rest):
     return scaled(1.0 + (r + (s * (1.0 + r) + curvature(r))), k)
 
 
-@replaces("llvm.exp.f64", "exp")
 @kernel(error_model="numpy")
 def exp(x):
     """e^x."""
@@ -149,7 +145,6 @@ def exp(x):
     return exp_of(x, 0.0)
 
 
-@replaces("expm1")
 @kernel(error_model="numpy")
 def expm1(x):
     """e^x - 1."""
@@ -171,7 +166,6 @@ def expm1(x):
     return high + (low + more + power * change)
 
 
-@replaces("llvm.pow.f64", "pow")
 @kernel(error_model="numpy")
 def power(x, y):
     """x^y."""

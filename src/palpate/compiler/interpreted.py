@@ -26,12 +26,11 @@ _OF_NUMPY = {"arctan2": "atan2", "arccos": "acos", "arcsin": "asin", "power": "p
 class _Module:
     """`math` or `numpy` with the functions of `kernel.REPLACED`."""
 
-    def __init__(self, module: ModuleType, replaced: Callable[[], dict[str, Any]]) -> None:
-        self._module, self._replaced = module, replaced
+    def __init__(self, module: ModuleType, replacement: Callable[[str], Any]) -> None:
+        self._module, self._replacement = module, replacement
 
     def __getattr__(self, name: str) -> Any:
-        plain, functions = _OF_NUMPY.get(name, name), self._replaced()
-        found = functions.get(plain) or functions.get(f"llvm.{plain}.f64")
+        found = self._replacement(_OF_NUMPY.get(name, name))
         if found is None:
             return getattr(self._module, name)
         return found if self._module is math else np.vectorize(found, otypes=[float])
@@ -40,22 +39,23 @@ class _Module:
 class _Globals(dict):
     """The global names of a module, in which `math` and `numpy` are a `_Module`."""
 
-    def __init__(self, names: dict[str, Any], replaced: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self, names: dict[str, Any], replacement: Callable[[str], Any]) -> None:
         super().__init__(__builtins__=names["__builtins__"])
         self._names = names
-        self._modules = {id(module): _Module(module, replaced) for module in (math, np)}
+        self._modules = {id(module): _Module(module, replacement) for module in (math, np)}
 
     def __getitem__(self, name: str) -> Any:
         value = self._names[name]
         return self._modules.get(id(value), value)
 
 
-def with_functions(function: Any, replaced: Callable[[], dict[str, Any]]) -> Any:
+def with_functions(function: Any, replacement: Callable[[str], Any]) -> Any:
     """A copy of a function that computes with the functions of `kernel.REPLACED` instead of those of the C library."""
-    code, names = function.__code__, _Globals(function.__globals__, replaced)
+    code, names = function.__code__, _Globals(function.__globals__, replacement)
     copy = FunctionType(code, names, function.__name__, function.__defaults__, function.__closure__)
     copy.__dict__.update(function.__dict__, __module__=function.__module__, __doc__=function.__doc__)
     copy.__kwdefaults__, copy.__qualname__ = function.__kwdefaults__, function.__qualname__
+    copy.__annotations__, copy.__wrapped__ = function.__annotations__, function  # type: ignore[attr-defined]
     return copy
 
 

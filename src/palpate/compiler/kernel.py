@@ -51,9 +51,21 @@ from palpate.compiler.code_library import Codegen
 TARGET = "palpate"  # Name of the target of kernels
 COMPILING = "palpate:compile"  # Name of numba's event while a kernel is compiled, or awaited from another process
 PACKAGE = __name__.partition(".")[0]
-REPLACED: dict[str, Any] = {}
-"""Kernels that replace functions of the C library in the code of all kernels, by the names that numba gives those."""
-_REPLACEMENTS = ("palpate.compiler.exponentials", "palpate.compiler.angles")  # kernels, so they import this module
+REPLACED = {
+    **dict.fromkeys(("exp", "llvm.exp.f64"), ("exponentials", "exp")),
+    **dict.fromkeys(("log", "llvm.log.f64"), ("exponentials", "log")),
+    **dict.fromkeys(("pow", "llvm.pow.f64"), ("exponentials", "power")),
+    **dict.fromkeys(("log2", "llvm.log2.f64"), ("exponentials", "log2")),
+    "expm1": ("exponentials", "expm1"),
+    "log1p": ("exponentials", "log1p"),
+    **dict.fromkeys(("sin", "llvm.sin.f64"), ("angles", "sin")),
+    **dict.fromkeys(("cos", "llvm.cos.f64"), ("angles", "cos")),
+    "acos": ("angles", "acos"),
+    "asin": ("angles", "asin"),
+    "atan2": ("angles", "atan2"),
+    **dict.fromkeys(("hypot", "_hypot"), ("angles", "hypot")),
+}
+"""Module and name of the kernel that replaces a function of the C library in all kernels, by the name in their code."""
 
 
 class _Processor(CPU):
@@ -73,17 +85,14 @@ class _PinnedCodegen(Codegen):
         super().__init__(module_name)
         self._replacements: dict[str, Any] = {}
 
-    def replaced(self) -> dict[str, Any]:
-        return replaced()
-
     def replacement(self, name: str) -> Any:
-        """The code of a function of `REPLACED`, with the interface of the replaced one."""
-        if name not in self._replacements:
+        """The code that replaces a function of the C library, with its interface; None: it is not replaced."""
+        if name in REPLACED and name not in self._replacements:
             self._replacements[name] = self._wrapped(name)
-        return self._replacements[name]
+        return self._replacements.get(name)
 
     def _wrapped(self, name: str) -> Any:
-        function, context = REPLACED[name].bare, PINNED.target_context
+        function, context = replacement(name).bare, PINNED.target_context
         argument_types = (types.float64,) * function.py_func.__code__.co_argcount
         function.compile(argument_types)
         code = function.overloads[argument_types]
@@ -336,21 +345,12 @@ def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
     return known
 
 
-def replaced() -> dict[str, Any]:
-    """`REPLACED`, complete."""
-    for name in _REPLACEMENTS:
-        importlib.import_module(name)
-    return REPLACED
-
-
-def replaces(*names: str) -> Callable[[Any], Any]:
-    """Decorator of a kernel of numbers that replaces these functions of the C library in all kernels."""
-
-    def register(function: Any) -> Any:
-        REPLACED.update(dict.fromkeys(names, function))
-        return function
-
-    return register
+def replacement(name: str) -> Any:
+    """The kernel that replaces a function of the C library (`REPLACED`); None: it is not replaced."""
+    if name not in REPLACED:
+        return None
+    module, kernel_name = REPLACED[name]
+    return getattr(importlib.import_module(f"{__package__}.{module}"), kernel_name)
 
 
 @contextlib.contextmanager
@@ -430,7 +430,7 @@ def kernel(
     if function is None:
         return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil, inline=inline)
     if interpreted.ENABLED:
-        plain: Any = interpreted.with_functions(function, replaced)
+        plain: Any = interpreted.with_functions(function, replacement)
         plain.py_func = plain  # as in a compiled one
         return plain
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}

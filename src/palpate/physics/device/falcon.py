@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from palpate.compiler.angles import cos, sin
 from palpate.compiler.dot import cross, dot
 from palpate.compiler.kernel import kernel
 
@@ -74,7 +73,7 @@ class FalconGeometry:
         first, second, third = self.phi
         return Geometry(
             self.a, self.b, self.c, self.d + self.e, self.f - self.s, self.r,
-            (cos(first), cos(second), cos(third)), (sin(first), sin(second), sin(third)),
+            (math.cos(first), math.cos(second), math.cos(third)), (math.sin(first), math.sin(second), math.sin(third)),
             self.zero, self.count, self.limit,
         )  # fmt: skip
 
