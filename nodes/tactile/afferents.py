@@ -65,7 +65,7 @@ class Afferents(CompiledNode):
                     f"setting {name!r}: found {getattr(self, name)}, expected three numbers, of {', '.join(TYPES)}, "
                     f"from {least:g} on"
                 )
-        self.population = made = self.made()
+        self.population = made = self.make_population()
         n = len(made.kind)
         rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson, made.kind)
         share = np.array(self.gains)[made.kind]
@@ -85,7 +85,7 @@ class Afferents(CompiledNode):
         self.own["sampled"] = -1
         self.own["counts"] = np.maximum(np.bincount(made.kind, minlength=3), 1)
 
-    def made(self) -> population.Population:
+    def make_population(self) -> population.Population:
         """The receptors. SettingError: the file or the densities are invalid."""
         try:
             if self.units:
@@ -137,7 +137,7 @@ class Afferents(CompiledNode):
             if energy or len(surface) == 0:
                 above = rows[n, 13] * target
             else:
-                above = dynamic[n] * population.deflected(surface, corners[n], weights[n])
+                above = dynamic[n] * population.deflection_stimulus(surface, corners[n], weights[n])
             if begins:
                 state[n, 6], state[n, 12] = target, above
             fired_before = spikes

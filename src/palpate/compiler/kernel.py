@@ -170,7 +170,7 @@ class CachedFunction(Pinned):
         with target_override(TARGET), collection_suspended():
             if self._cache.file(sig) is not None:
                 return super().compile(sig)
-            with event.trigger_event(COMPILING), self._cache.locked():
+            with event.trigger_event(COMPILING), self._cache.lock_compilation():
                 return super().compile(sig)
 
 
@@ -184,7 +184,7 @@ class _Cache:
     def __init__(self, function: Any, options: Any, machine_code: bool) -> None:
         self._function, self._options, self._machine_code = function, options, machine_code
         self.cache_path = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
-        self._folders = [path for path in (kernel_cache.shipped(), self.cache_path) if path is not None]
+        self._folders = [path for path in (kernel_cache.shipped_folder(), self.cache_path) if path is not None]
         self._source = _source(function)
         self._names: dict[Any, str] = {}
 
@@ -199,11 +199,13 @@ class _Cache:
         found = [path / self._name(sig) for path in self._folders] if self._source is not None else []
         return next(filter(os.path.lexists, found), None)
 
-    def locked(self) -> contextlib.AbstractContextManager[None]:
+    def lock_compilation(self) -> contextlib.AbstractContextManager[None]:
         """Other processes do not compile the function during the block."""
         if self._source is None:
             return contextlib.nullcontext()
-        return kernel_files.locked(self.cache_path, f"{self._function.__module__}.{self._function.__qualname__}.lock")
+        return kernel_files.hold_lock(
+            self.cache_path, f"{self._function.__module__}.{self._function.__qualname__}.lock"
+        )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The code for these types; None: not cached, or the file cannot be used."""

@@ -74,7 +74,7 @@ class Touched:
     receptors: Receptors
 
 
-def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
+def steer_launch(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
     """The run with the page's hands instead of its devices, and the sockets of the pointer samples, one per finger.
 
     folder  a private folder for the graph and the sockets
@@ -113,12 +113,12 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
     return LaunchFile(graph=file, scene=launch.scene, clock="real", overrides=overrides), sockets
 
 
-def touched(planned: Plan) -> Touched:
+def touched_part(planned: Plan) -> Touched:
     """The part of a plan that a page shows and steers. PageError: no body with a mesh, or no pose of the finger."""
     return _part_shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
 
 
-def watched(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
+def watched_part(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
     """The part of a plan that a page shows without steering it, or of its recording with these streams of each finger.
     PageError: no body with a mesh, or no contact."""
     needed = () if recorded else (Surface, Contact)
