@@ -96,7 +96,7 @@ def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: 
 
 
 @kernel
-def moved(own, torques, dt):
+def move_grip(own, torques, dt):
     """Move the grip by one step of dt [s] under motor torques [N m] (3). Returns its driven angles [rad]."""
     return grip_kernel(
         geometry_of(own.geometry), own.grip, own.motion, floats(own.ends), floats(own.points),

@@ -64,7 +64,7 @@ def compiled():
     for path in sorted(kernel_cache.folder().glob("palpate.*.nbc")):
         _, ((_, kind, (content, more)), *_) = pickle.loads(kernel_files.read(path.parent, path.name))
         if kind == "object" and path.name.startswith(("palpate.compiler.angles", "palpate.compiler.exponentials")):
-            continue  # it contains its own name
+            continue  # the name of the kernel itself
         if kind == "object":
             found.append((path.name, None, {name for name in C_LIBRARY if b"\0%s\0" % name.encode() in content}))
         for digest, code in more.items() if kind == "parts" else ():

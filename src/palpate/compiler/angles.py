@@ -4,8 +4,8 @@ Each has an error below 1 ulp; most are the nearest double. Angles are reduced t
 pi/2 in four parts (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980), above 2^20 by the
 bits of 2/pi (M. H. Payne and R. N. Hanek, SIGNUM Newsletter 18 (1983) 19-24). sin(r) and cos(r) are polynomials in r²
 that interpolate them at the Chebyshev nodes. The arctangent of y/x is the series about the nearest multiple of 1/32.
-arcsin(s) is s + s³ times such a polynomial in s² for s <= 1/2; sin(pi/4 - a/2)² = (1 - sin a)/2 leads to it from a
-larger sine.
+arcsin(s) is s + s³ times a polynomial of this kind in s² for s <= 1/2; sin(pi/4 - a/2)² = (1 - sin a)/2 leads to it
+from a larger sine.
 """
 
 import decimal
@@ -42,7 +42,7 @@ def _series(c: float, count: int) -> list[float]:
 
 
 def _parts(x: decimal.Decimal, bits_of_each: tuple[int, ...]) -> tuple[float, ...]:
-    """x as a sum of numbers of so many bits after the point, and a double."""
+    """x as a sum of numbers with these numbers of bits after the point, and a double."""
     found = []
     for count in bits_of_each:
         found.append(math.floor(x * 2**count) / 2.0**count)

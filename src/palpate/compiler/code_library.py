@@ -126,7 +126,7 @@ class Library(JITCodeLibrary):
 
     def _finalize_specific(self) -> None:
         super()._finalize_specific()
-        self._codegen.found(*_names(self._final_module))
+        self._codegen.register_code(*_names(self._final_module))
 
     def get_pointer_to_function(self, name: str) -> int:
         """Address of a function of this library, or 0. The first request generates machine code."""
@@ -161,7 +161,7 @@ class Library(JITCodeLibrary):
         library.enable_object_caching()
         library._set_compiled_object(content)
         library._finalize_final_module()
-        codegen.found(*more)
+        codegen.register_code(*more)
         return library
 
 
@@ -189,7 +189,7 @@ class Codegen(JITCPUCodegen):
         self.parts: dict[str, Any] = {}  # modules that were loaded, by a hash of their content
         self._environments: set[str] = set()
 
-    def found(self, functions: list[str], environments: list[str]) -> None:
+    def register_code(self, functions: list[str], environments: list[str]) -> None:
         """Register machine code of these functions, which reads these environments."""
         self._engine._defined_symbols.update(functions)
         self._environments.update(environments)

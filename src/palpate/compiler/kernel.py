@@ -105,7 +105,7 @@ class _PinnedCodegen(Codegen):
         inner = context.declare_function(module, code.fndesc)
         _, result = context.call_conv.call_function(builder, inner, types.float64, argument_types, wrapper.args)
         builder.ret(result)
-        # as LLVM knows of the C library's functions: equal calls are merged, and those without use are left out
+        # so that LLVM merges equal calls and leaves out those without use, as it does for functions of the C library
         pure = llvm.parse_assembly(str(module).replace(" noinline", " noinline nounwind willreturn memory(none)", 1))
         library.add_llvm_module(pure)
         library.add_linking_library(code.library)
@@ -218,7 +218,7 @@ class CachedFunction(Pinned):
         with target_override(TARGET), collection_suspended():
             if self._cache.file(sig) is not None:
                 return super().compile(sig)
-            with event.trigger_event(COMPILING), self._cache.locked():
+            with event.trigger_event(COMPILING), self._cache.lock_compilation():
                 return super().compile(sig)
 
 
@@ -232,7 +232,7 @@ class _Cache:
     def __init__(self, function: Any, options: Any, machine_code: bool) -> None:
         self._function, self._options, self._machine_code = function, options, machine_code
         self.cache_path = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
-        self._folders = [path for path in (kernel_cache.shipped(), self.cache_path) if path is not None]
+        self._folders = [path for path in (kernel_cache.shipped_folder(), self.cache_path) if path is not None]
         self._source = _source(function)
         self._names: dict[Any, str] = {}
 
@@ -247,11 +247,13 @@ class _Cache:
         found = [path / self._name(sig) for path in self._folders] if self._source is not None else []
         return next(filter(os.path.lexists, found), None)
 
-    def locked(self) -> contextlib.AbstractContextManager[None]:
+    def lock_compilation(self) -> contextlib.AbstractContextManager[None]:
         """Other processes do not compile the function during the block."""
         if self._source is None:
             return contextlib.nullcontext()
-        return kernel_files.locked(self.cache_path, f"{self._function.__module__}.{self._function.__qualname__}.lock")
+        return kernel_files.hold_lock(
+            self.cache_path, f"{self._function.__module__}.{self._function.__qualname__}.lock"
+        )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The code for these types; None: not cached, or the file cannot be used."""
@@ -423,9 +425,9 @@ def kernel(
     """Decorator of a function to compile.
 
     error_model  a division by 0 raises ("python"), or returns inf or nan ("numpy")
-    pointer      also for use as an argument of kernels (`materials.compiled`)
+    pointer      also for use as an argument of kernels (`materials.compile_law`)
     nogil        release the global interpreter lock during calls
-    inline       copy it into the kernels that call it, whatever its size
+    inline       copy it into the kernels that call it, independent of its size
     """
     if function is None:
         return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil, inline=inline)

@@ -7,8 +7,8 @@ import pytest
 from pytest import approx
 
 from palpate.models.fit.tissue.estimate import Problem, estimate
-from palpate.models.fit.tissue.measured import prepared
-from palpate.models.fit.tissue.noise import dither, gain, quantised, step_of
+from palpate.models.fit.tissue.measured import prepare_press
+from palpate.models.fit.tissue.noise import dither, gain, quantised_variance, step_of
 from palpate.models.fit.tissue.rigs import Rig, closed_form
 
 PUNCH, BALL = Rig("punch", 20e-3), Rig("ball", 30e-3)
@@ -37,7 +37,7 @@ def spoilt(rig, what, seed):
         force = force + peak * (0.005 * rng.standard_normal(len(TIME)) + 0.004 * (TIME + 1.0) / 3.0)
     elif what == "gain":
         force = force * (1.0 + 0.02 * correlated(0.9, rng)) + 0.001 * peak * rng.standard_normal(len(TIME))
-    return prepared("press.csv", TIME, DEPTH + 1e-4, force)
+    return prepare_press("press.csv", TIME, DEPTH + 1e-4, force)
 
 
 @pytest.mark.parametrize("what", ["white", "step", "drift", "gain"])
@@ -72,7 +72,7 @@ def test_the_variance_of_a_sum_of_rounding_errors_bounds_that_of_drawn_ones(nois
     for _ in range(1500):
         given = force + step * rng.uniform() + noise * step * rng.standard_normal(150)
         draws.append(rows @ (step * np.round(given / step) - given))
-    found, drawn = quantised(rows, force, step, noise * step), np.var(draws, axis=0)
+    found, drawn = quantised_variance(rows, force, step, noise * step), np.var(draws, axis=0)
     assert np.all(found > 0.8 * drawn)
     assert np.all(found < 4.0 * drawn)
     if noise == 0.0:  # all rows before contact have the same error

@@ -35,12 +35,12 @@ from palpate.compiler.exact import cos, product
 from palpate.compiler.kernel import kernel
 from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.true_patch import half_space_depth, sideways
-from palpate.physics.kept import kept
+from palpate.physics.kept import keep_results
 
 STEP, FARTHEST = 1.0 / 32.0, 6.0  # [1] Step and end of the table of Y over d/R
 
 
-@kept
+@keep_results
 def joint_profile() -> np.ndarray:
     """Y at rho = 0, STEP ... FARTHEST: the mean of W (`true_patch.depth_profile`) over a patch at the distance rho, by
     the Gauss-Legendre rule over its radius and the trapezoidal rule over the angle."""

@@ -24,7 +24,7 @@ MOST = 2.0  # [1] Largest contact radius over the thickness
 POINTS, WAVES, END = 60, 300, 50.0  # Gauss points over the contact, and over xi h from 0 to `END`, where 1 - M is 1e-18
 
 
-def solved(wide: float, poisson: float) -> tuple[float, float]:
+def solve_layer(wide: float, poisson: float) -> tuple[float, float]:
     """chi and f [1] at a contact radius over the thickness [1]."""
     x, w = _gauss(POINTS, wide)
     y, dy = _gauss(WAVES, END)
@@ -44,7 +44,7 @@ def solved(wide: float, poisson: float) -> tuple[float, float]:
 @lru_cache(maxsize=8)
 def thickness_factor(poisson: float) -> CubicSpline:
     """f over chi, for Poisson's ratio [1] in [0, 0.5]; from 0 to `thickness_factor(nu).x[-1]`."""
-    rows = np.array([solved(wide, poisson) for wide in np.linspace(0.0, MOST, 41)[1:]])
+    rows = np.array([solve_layer(wide, poisson) for wide in np.linspace(0.0, MOST, 41)[1:]])
     return CubicSpline(np.r_[0.0, rows[:, 0]], np.r_[1.0, rows[:, 1]])
 
 

@@ -7,16 +7,16 @@ import numpy as np
 from palpate.compiler.exact import exp
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Numbers, Points
-from palpate.physics.display.shape_display import bulge, deflection_under, press
+from palpate.physics.display.shape_display import bulge, deflection_under, press_pad
 
 
 @kernel
 def heights_from_force(distance, force, b, m, pad_curvature, compliance, tissue_curvature, out):
     """Fill `out` [m] (n) with u_f at each pin for a force; returns (rigid-body motion [m], contact radius [m]).
 
-    distance  [m]  (n)  of each pin from the centre of contact; other arguments as of `shape_display.press`
+    distance  [m]  (n)  of each pin from the centre of contact; other arguments as of `shape_display.press_pad`
     """
-    _, approach, radius, _, _, share, curvature = press(force, b, m, pad_curvature, compliance, tissue_curvature)
+    _, approach, radius, _, _, share, curvature = press_pad(force, b, m, pad_curvature, compliance, tissue_curvature)
     for i in range(distance.size):
         out[i] = share * curvature * bulge(distance[i], radius)
     return approach, radius

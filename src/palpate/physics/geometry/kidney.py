@@ -71,7 +71,7 @@ def kidney(length: float = LENGTH, width: float = WIDTH, thickness: float = THIC
     box = fitted(grid[:, None], grid).reshape(-1, 3)  # its extent is exact within 1e-4 of the size
     low, high = box.min(axis=0), box.max(axis=0)
     scale = size / (high - low)
-    return fitted.moved(np.diag(scale), -scale * (low + high) / 2)
+    return fitted.move(np.diag(scale), -scale * (low + high) / 2)
 
 
 def _slope(pole: np.ndarray, around: np.ndarray) -> np.ndarray:

@@ -62,7 +62,7 @@ from palpate.studies.organs.trace import (
     extent,
     greatest,
     length,
-    traced,
+    trace_batch,
 )
 
 WINDOW = 1e-3  # [s] W
@@ -192,7 +192,7 @@ def still(trace: Trace) -> Score:
     return worst(trace, np.where(pressed, turn, 0.0), bounds)
 
 
-def energy(trace: Trace) -> Score:
+def energy_gain(trace: Trace) -> Score:
     p, f = trace["finger.position"], trace["controller.force"]
     if trace["contact.force"][-1] > 0.0 or not trace["contact.force"].max() > 0.0:
         return Score(0.0, 0.0, 0.0, 0.0)
@@ -273,13 +273,13 @@ def side(trace: Trace) -> Score:
 
 INVARIANTS: dict[str, Callable[[Trace], Score]] = {
     "force": force, "hand": hand, "contact": contact, "lateral": lateral, "rubbing": rubbing, "still": still,
-    "energy": energy, "side": side,
+    "energy": energy_gain, "side": side,
 }  # fmt: skip
 UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad", "energy": "J",
          "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak"}  # fmt: skip
 
 
-def judged(trace: Trace | None) -> dict[str, Score]:
+def score_touch(trace: Trace | None) -> dict[str, Score]:
     """The score of each invariant in a touch."""
     if trace is None:
         return {"finite": Score(np.inf, 0.0, 1.0, 0.0)}
@@ -288,4 +288,4 @@ def judged(trace: Trace | None) -> dict[str, Score]:
 
 def scores(traces: Traces) -> list[dict[str, Score]]:
     """The score of each invariant, for each touch of a batch of one finger."""
-    return [judged(trace) for trace in traced([traces])[0]]
+    return [score_touch(trace) for trace in trace_batch([traces])[0]]
