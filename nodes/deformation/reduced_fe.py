@@ -278,7 +278,7 @@ class ReducedFE(CompiledNode, WithNodule):
             return None
         mesh, wanted = self.coarse_mesh(), self.coarse
         if wanted == ReducedFE.coarse:  # not set
-            even = float(mesh.areas.sum()) / (0.5 * 3.0**0.5 * basis_store.EDGE**2)
+            even = float(mesh.areas.sum()) / (0.5 * np.sqrt(3.0) * basis_store.EDGE**2)
             wanted = int(np.clip(10 * round(even / 10), wanted, basis_store.MOST_REDUCED))
         return wanted if len(mesh.vertices) > basis_store.KEPT * wanted else None
 

@@ -9,6 +9,7 @@ import hashlib
 from typing import Any
 
 import llvmlite.binding as llvm
+from numba.core import cgutils
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.environment import lookup_environment
 
@@ -23,6 +24,20 @@ class Library(JITCodeLibrary):
     _codegen: Any
     _loaded: tuple[list[str], dict[str, Any]] | None = None  # IR from disk: names of its functions, and the parts
     _tidied: dict[str, Any] | None = None  # IR of the function itself
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Add the IR of a function. Its calls of the C library's functions become calls of kernels of this package
+        (`kernel.REPLACED`), before a pass of LLVM knows them as functions of the C library."""
+        text = cgutils.normalize_ir_text(str(ir_module))
+        for function in ir_module.functions:
+            code = self._codegen.replacement(function.name) if function.is_declaration else None
+            if code is not None:
+                text = text.replace(f'@"{function.name}"', f'@"{code.name}"')
+                self.add_linking_library(code)
+        module = llvm.parse_assembly(text)
+        module.name = ir_module.name
+        module.verify()
+        self.add_llvm_module(module)
 
     def add_linking_library(self, library: Any) -> None:
         """Add a function that this one calls."""

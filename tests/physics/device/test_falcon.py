@@ -1,5 +1,6 @@
 """Kinematics and statics of the Falcon: published constants, finite differences, virtual work, hard poses."""
 
+import mpmath
 import numpy as np
 import pytest
 from falcon_arrays import counts, force, forward, inverse, rates, torque
@@ -317,3 +318,9 @@ def test_the_widely_copied_forward_kinematics_stop_too_early():
         errors.append(np.linalg.norm(copied_forward(angles, near) - point))
         assert np.linalg.norm(forward(angles, near)[0] - point) <= 1e-9
     assert 0.2e-3 < np.median(errors) < 0.5e-3  # the sensor resolves 0.06e-3
+
+
+def test_the_directions_of_the_legs_are_the_nearest_doubles():
+    # They come from the C library, since reading a graph must not start the compiler
+    for phi, cosine, sine in zip(FALCON.phi, FALCON.geometry.cos_phi, FALCON.geometry.sin_phi, strict=True):
+        assert (cosine, sine) == (float(mpmath.cos(phi)), float(mpmath.sin(phi)))

@@ -31,7 +31,7 @@ contacts at the same place equal one with both forces. The tangential energy gra
 
 import numpy as np
 
-from palpate.compiler.exact import product
+from palpate.compiler.exact import cos, product
 from palpate.compiler.kernel import kernel
 from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.true_patch import half_space_depth, sideways
@@ -49,7 +49,7 @@ def joint_profile() -> np.ndarray:
     r = 0.5 * (node + 1.0)
     weight = 0.5 * weight * 6.0 * r * (1.0 - r * r) ** 2
     turn = (np.arange(64) + 0.5) * np.pi / 64
-    away = np.sqrt(rho[:, None, None] ** 2 + r[:, None] ** 2 + 2.0 * rho[:, None, None] * r[:, None] * np.cos(turn))
+    away = np.sqrt(rho[:, None, None] ** 2 + r[:, None] ** 2 + 2.0 * rho[:, None, None] * r[:, None] * cos(turn))
     return product(half_space_depth(away).mean(axis=2), weight)
 
 

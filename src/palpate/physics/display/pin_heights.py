@@ -58,7 +58,7 @@ def local_plane(points: Points, places: Points, values: np.ndarray, width: float
     along = np.einsum("nq,nqi,nq->ni", weight, away, values - level[:, None])
     # pseudo-inverse of the symmetric matrices (a, b; b, c), whose eigenvalues are middle +- half
     a, b, c = spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
-    middle, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+    middle, half = 0.5 * (a + c), np.sqrt((0.5 * (a - c)) ** 2 + b * b)
     flat = middle - half <= 1e-10 * (middle + half)
     turned = np.stack([c * along[:, 0] - b * along[:, 1], a * along[:, 1] - b * along[:, 0]], axis=1)
     line = np.einsum("nij,nj->ni", spread, along)

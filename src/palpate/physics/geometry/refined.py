@@ -28,7 +28,7 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     """The mesh with edges of at most `longest` [m], or longer if it would have more than about `most` vertices; the
     same object if no edge is longer, and no thin triangle has a shorter side than `SHORTEST` of it."""
     mesh = contract_edges(mesh, SHORTEST * longest)
-    longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * 3.0**0.5 * most))))
+    longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * np.sqrt(3.0) * most))))
     points, triangles, normals = mesh.vertices, mesh.triangles.astype(np.int64), mesh.normals
     sharp = _creases(points, triangles)
     for _ in range(ROUNDS):
