@@ -362,7 +362,7 @@ class ReducedFE(CompiledNode, WithNodule):
             path = basis_store.find(folder, self.key())
             if path is not None:
                 try:
-                    return path, (SampledBasis if self.model == "sampled" else Basis).load(path)
+                    return path, basis_store.load(SampledBasis if self.model == "sampled" else Basis, path)
                 except ArchiveError as error:
                     raise SettingError(f"{error}, here: {self.command()} --force") from None
         return None
