@@ -162,7 +162,8 @@ class LaneRunner:
             pool.close()
         done(sum(ran))
         sizes = [(*run.lanes.memory, run.size) for _, run in self._runs]
-        self.memory = Memory(*map(sum, zip(*sizes, strict=True)), results=sum(column.nbytes for column in columns))
+        lanes, shared, images = (sum(size[part] for size in sizes) for part in range(3))
+        self.memory = Memory(lanes, shared, images, sum(column.nbytes for column in columns))
         return found
 
     def close(self) -> None:

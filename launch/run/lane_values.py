@@ -35,7 +35,7 @@ def value_of(values: Values, place: int) -> Any:
 def hashed(values: Values) -> list[Any]:
     """Plain data that determines the values."""
     if isinstance(values, np.ndarray):
-        return [values.dtype.str, values.shape, hashlib.sha256(np.ascontiguousarray(values)).hexdigest()]
+        return [values.dtype.str, values.shape, hashlib.sha256(np.ascontiguousarray(values).data).hexdigest()]
     seen = hashlib.sha256()
     for one in values:
         seen.update(f"{one!r},".encode())

@@ -93,7 +93,7 @@ class CompiledNode(Node):
 
     def _hold(self, record: Any, name: str, value: Any, path: str) -> None:
         if hasattr(value, "_fields"):
-            forms = _forms_of(type(value))
+            forms = _forms_of(value.__class__)
             for field, each in value._asdict().items():
                 found = getattr(each, "dtype", None), getattr(each, "ndim", 0)
                 assert found[0] is None or found == forms[field], (path, field, found)

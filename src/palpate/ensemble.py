@@ -284,8 +284,8 @@ class Ensemble:
         coordinates: dict[str, Any] = {"lane": np.arange(self.count), "time": ("time", time, {"units": "s"})}
         for path, values in self.over.items():
             coordinate, unit = as_coordinate(values), self._units.get(path)
-            plain = coordinate.astype(str) if coordinate.dtype == object else coordinate
-            coordinates[path] = "lane", plain, {"units": unit} if unit else {}
+            texts = coordinate.astype(str) if coordinate.dtype == object else coordinate
+            coordinates[path] = "lane", texts, {"units": unit} if unit else {}
         return xarray.Dataset(data, coordinates, {"graph": self.name})
 
     def _report(self) -> None:

@@ -254,7 +254,7 @@ def _pooled(array: np.ndarray, pool: Pool) -> np.ndarray:
     form = array.dtype.str, array.shape
     same = pool.get((*form, address_of(array)))  # as long as it exists, no other array has its place
     if same is None:
-        same = pool.setdefault((*form, hashlib.blake2b(array).digest()), array)
+        same = pool.setdefault((*form, hashlib.blake2b(array.data).digest()), array)
         pool[(*form, address_of(same))] = same
     return same
 

@@ -66,7 +66,7 @@ class LaneStore:
 
     def __init__(
         self, path: Path, identity: str, lanes: int, size: int, time: np.ndarray, fields: Sequence[KeptField],
-        settings: Mapping[str, tuple[Sequence[Any], str]], graph: str,
+        settings: Mapping[str, tuple[Any, str]], graph: str,
     ) -> None:  # fmt: skip
         with required("run(out=...)", "study", ArgumentError):
             import zarr
@@ -106,7 +106,7 @@ class LaneStore:
             raise ArgumentError(f"out: {self.path} has results of other settings, lanes, fields or sources; {EXPECTED}")
         return group
 
-    def _create(self, lanes: int, time: np.ndarray, settings: Mapping[str, tuple[Sequence[Any], str]]) -> None:
+    def _create(self, lanes: int, time: np.ndarray, settings: Mapping[str, tuple[Any, str]]) -> None:
         make = partial(self._group.create_array, overwrite=True)
         for field in self._fields:
             kind: Any = str if field.words else field.dtype
