@@ -16,17 +16,18 @@ def files_of(base: Graph) -> Iterator[tuple[str, str]]:
     for spec in base.nodes.values():
         if not spec.cls.__module__.startswith("palpate."):
             yield from ((file, content(file)) for file in (inspect.getsourcefile(spec.cls),) if file)
-        for value in () if spec.observer else _texts(spec.settings):  # observers write files: a recording is a result
+        for value in () if spec.observer else texts(spec.settings):  # observers write files: a recording is a result
             if content(value):
                 yield value, content(value)
 
 
-def _texts(value: Any) -> Iterator[str]:
+def texts(value: Any) -> Iterator[str]:
+    """All texts in plain data."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list | tuple):
         for part in value.values() if isinstance(value, Mapping) else value:
-            yield from _texts(part)
+            yield from texts(part)
 
 
 def content(name: str) -> str:

@@ -1,7 +1,12 @@
-"""Whether other programs use the processor, so that measured times are too long."""
+"""What other programs leave of the machine: the processor, because measured times are too long if they use it, and the
+memory."""
 
+import contextlib
+import math
 import os
+from pathlib import Path
 
+LIMITS = "memory.max", "memory.current"  # files of a group of processes (Linux, cgroup 2)
 SPARE = 0.5  # cores of tolerance, since the load average covers the last minute
 
 
@@ -14,3 +19,16 @@ def busy(included: float = 0.0) -> str:
     if load - included <= cores - SPARE:
         return ""
     return f"This machine is busy: its load average is {load:.1f} on {cores} core{'s' if cores > 1 else ''}"
+
+
+def free_memory(group: Path = Path("/sys/fs/cgroup"), system: Path = Path("/proc/meminfo")) -> float:
+    """Memory [bytes] that this process can still get: what is available on the machine, and in its group of processes;
+    infinite where the operating system does not say it."""
+    room = math.inf
+    with contextlib.suppress(OSError, ValueError, StopIteration):
+        line = next(line for line in system.read_text().splitlines() if line.startswith("MemAvailable:"))
+        room = 1024.0 * int(line.split()[1])
+    with contextlib.suppress(OSError, ValueError):  # "max": no limit
+        most, used = (int((group / name).read_text()) for name in LIMITS)
+        room = min(room, max(0.0, float(most - used)))
+    return room

@@ -9,16 +9,16 @@ import numpy as np
 
 from palpate.launch.load.dependencies import digest
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.lane_values import LanePreparation, identity
-from palpate.launch.run.lanes import LaneRun, Prepared
+from palpate.launch.run.lane_runner import LaneKeep, LaneRunner, Memory
+from palpate.launch.run.lane_values import LanePreparation, Values, identity
+from palpate.launch.run.lanes import Prepared, columns_of
 from palpate.launch.run.tasks.task import Beat
 from palpate.launch.run.work.compiling import compiling
 from palpate.physics.errors import PalpateError, RunError
 
-LANES = 2048
-"""Maximum number of lanes in a block: with 25 to 240 kB a lane, at most 0.5 GB."""
+LANES = 2048  # Maximum number of lanes in a block
 STEPS = 1_000_000  # Maximum number of ticks of all lanes of a block, which a core computes in 2 to 10 s
-RESULTS = 1 << 28  # [bytes] Maximum size of the results of a block
+RESULTS = 1 << 26  # [bytes] Maximum size of the results of a block
 
 
 class Block(NamedTuple):
@@ -28,31 +28,13 @@ class Block(NamedTuple):
     columns  kept fields, each (lanes, rows, ...)
     errors   text of each lane that failed, by its number
     notes    (lane, node, text)
-    memory   [bytes] of the state of the lanes, and of what they share
     """
 
     first: int
     columns: list[np.ndarray]
     errors: dict[int, str]
     notes: list[tuple[int, str, str]]
-    memory: tuple[int, int]
-
-
-@dataclass(frozen=True)
-class LaneKeep:
-    """What is kept of lanes.
-
-    fields  stream and name of each field
-    ticks   number of ticks of a lane;  every, rows  as for `LaneRun`
-    """
-
-    fields: list[tuple[str, str]]
-    ticks: int
-    every: int = 1
-
-    @property
-    def rows(self) -> int:
-        return -(-self.ticks // self.every)
+    memory: Memory
 
 
 def block_size(lanes: int, row: int, ticks: int) -> int:
@@ -62,10 +44,10 @@ def block_size(lanes: int, row: int, ticks: int) -> int:
 
 
 class LaneBlocks:
-    """Lanes of one structure.
+    """Blocks of lanes.
 
     prepared  prepares a lane by its number; PalpateError: it is refused
-    first     a lane with this structure
+    first     a lane; its streams have the fields of all
     lanes     number of lanes;  size  number of lanes in a block
     """
 
@@ -73,13 +55,10 @@ class LaneBlocks:
         self, prepared: Callable[[int], Prepared], first: Prepared, lanes: int, size: int, keep: LaneKeep
     ) -> None:
         self._prepared, self._first, self.lanes, self.size, self._keep = prepared, first, lanes, size, keep
-        self.checked = range(min(lanes, LANES))
-        """Lanes that are prepared before anything runs."""
-        self._run: LaneRun | None = None
+        self._runner: LaneRunner | None = None
 
     def run(self, firsts: Sequence[int], threads: int | None, done: Callable[[float], None]) -> Iterator[Block]:
-        """Run the blocks that begin with these lanes; `done` takes the number of lanes that have run. NodeError: a node
-        of the first lane does not start."""
+        """Run the blocks that begin with these lanes; `done` takes the number of lanes that have run."""
         before = 0
 
         def report(ran: int) -> None:
@@ -93,33 +72,22 @@ class LaneBlocks:
             self.close()
 
     def block(self, first: int, threads: int | None, done: Callable[[int], None]) -> Block:
-        """Run the block that begins with this lane; `done` as for `LaneRun.run`."""
-        given = [self._lane(lane) for lane in range(first, min(first + self.size, self.lanes))]
-        if self._run is None:
-            self._run = LaneRun([self._first], self._keep.fields, self._keep.rows, self._keep.every, self.size)
-        run, count = self._run, len(given)
-        run.restart(given)
-        run.run(self._keep.ticks, threads, done)
-        failures = {first + lane: str(error) for lane, error in sorted(run.failures.items()) if lane < count}
-        notes = [
-            (first + lane, node, text)
-            for lane in range(count)
-            if lane not in run.failures
-            for node, text in run.lanes.notes(lane)
-        ]
-        return Block(first, [column[:count] for column in run.lanes.columns], failures, notes, run.lanes.memory)
-
-    def _lane(self, lane: int) -> Prepared | PalpateError:
-        try:
-            return self._prepared(lane)
-        except PalpateError as error:
-            return error
+        """Run the block that begins with this lane; `done` as for `LaneRunner.run`."""
+        if self._runner is None:
+            self._runner = LaneRunner(self._keep, threads)
+            self._columns = columns_of(self._first, self._keep.fields, self.size, self._keep.rows)
+        columns = [column[: self.lanes - first] for column in self._columns]
+        found = self._runner.run(lambda row: self._prepared(first + row), columns, done)
+        failures = {first + row: str(error) for row, error in sorted(found.failures.items())}
+        notes = [(first + row, node, text) for row in sorted(found.notes) for node, text in found.notes[row]]
+        return Block(first, columns, failures, notes, self._runner.memory)
 
     def close(self) -> None:
         """Stop the nodes."""
-        if self._run is not None:
-            self._run.close()
-            self._run = None
+        if self._runner is not None:
+            self._runner.close()
+            self._runner = None
+            del self._columns
 
 
 @dataclass
@@ -158,9 +126,7 @@ class LaneTask:
         if not same:
             raise RunError("the graph or a file that it names has other contents here; expected a shared folder")
 
-    def compute(
-        self, items: Sequence[tuple[int, Mapping[str, Sequence[Any]]]], beat: Beat
-    ) -> Iterator[tuple[int, Block]]:
+    def compute(self, items: Sequence[tuple[int, Mapping[str, Values]]], beat: Beat) -> Iterator[tuple[int, Block]]:
         for place, (begin, over) in enumerate(items):
             self._prepare.give(begin, over)
             with compiling(lambda count: beat()):

@@ -1,5 +1,6 @@
 """Prepares lanes of one graph that differ in the values of paths."""
 
+import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -7,21 +8,48 @@ from functools import cached_property
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from palpate.engine.faults import GraphError, Location
-from palpate.launch.load.dependencies import files_of
+from palpate.launch.load.dependencies import content, files_of, texts
 from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.lanes import Prepared, prepare
+from palpate.messages.record import layout
 from palpate.physics.errors import ArgumentError, PalpateError
 
 KNOWN = 256  # Maximum number of loaded graphs that a `Preparation` keeps
 
 
-def extremes(values: Sequence[Any]) -> tuple[float, ...]:
+Values = Sequence[Any] | np.ndarray
+"""The value of a path in each lane; an array of numbers stays one, because it takes less memory than objects."""
+
+
+def value_of(values: Values, place: int) -> Any:
+    """One of the values, as plain data."""
+    found = values[place]
+    return found.tolist() if isinstance(found, np.ndarray | np.generic) else found
+
+
+def hashed(values: Values) -> list[Any]:
+    """Plain data that determines the values."""
+    if isinstance(values, np.ndarray):
+        return [values.dtype.str, values.shape, hashlib.sha256(np.ascontiguousarray(values).data).hexdigest()]
+    seen = hashlib.sha256()
+    for one in values:
+        seen.update(f"{one!r},".encode())
+    files = [(name, content(name)) for name in sorted(set(texts(values)))]
+    return [len(values), seen.hexdigest(), [each for each in files if each[1]]]
+
+
+def extremes(values: Values) -> tuple[float, ...]:
     """The least and the greatest of the values of a path, and 0 if it is one of the values; () unless all are finite
     floats."""
+    if isinstance(values, np.ndarray):
+        if values.dtype.kind != "f" or values.ndim != 1 or not np.isfinite(values).all():
+            return ()
+        return tuple({float(values.min()), float(values.max())} | ({0.0} if (values == 0.0).any() else set()))
     if not all(type(value) is float and math.isfinite(value) for value in values):
         return ()
     return tuple({min(values), max(values)} | {0.0} & set(values))
@@ -100,7 +128,7 @@ def with_values(launch: LaunchFile, values: Mapping[str, Any], lane: int) -> Lau
 class LanePreparation:
     """Prepares lanes of a run by their number.
 
-    first     values of lane 0 by path; all lanes have its structure
+    first     values of lane 0 by path; all lanes have its rate and its kept fields
     extremes  by path, of the values of all lanes
     """
 
@@ -112,10 +140,10 @@ class LanePreparation:
         extremes: Mapping[str, tuple[float, ...]],
     ) -> None:
         self._launch, self._keep, self._lane, self._values = launch, keep, 0, first
-        self._begin, self._over = 0, dict[str, Sequence[Any]]()
+        self._begin, self._over = 0, dict[str, Values]()
         self._prepare = Preparation(self._load, extremes)
 
-    def give(self, begin: int, over: Mapping[str, Sequence[Any]]) -> None:
+    def give(self, begin: int, over: Mapping[str, Values]) -> None:
         """Set the values of lanes from this number on, by path one value for each lane."""
         self._begin, self._over = begin, dict(over)
 
@@ -126,15 +154,20 @@ class LanePreparation:
 
     def __call__(self, lane: int) -> Prepared:
         """A lane. GraphError, ArgumentError: what is wrong with it; names it."""
-        values = {path: given[lane - self._begin] for path, given in self._over.items()}
-        one = self._prepare_lane(lane, values) if lane else self.first
-        if one.structure != self.first.structure:
+        values = {path: value_of(given, lane - self._begin) for path, given in self._over.items()}
+        if not lane:
+            return self.first
+        one = self._prepare_lane(lane, values)
+        if one.graph is not self.first.graph and self._forms(one) != self._forms(self.first):
             raise ArgumentError(
-                f"lane {lane} ({describe_values(values)}): found other nodes, streams or rates than in lane 0 "
-                f"({describe_values(self._values)}), expected lanes that differ in settings alone; make an ensemble of "
-                "each kind"
+                f"lane {lane} ({describe_values(values)}): found another rate, or other types of the kept fields, than "
+                f"in lane 0 ({describe_values(self._values)}); make an ensemble of each kind"
             )
-        return one
+        return replace(one, graph=self.first.graph)  # thousands of other graphs would take much memory
+
+    def _forms(self, one: Prepared) -> list[Any]:
+        """What the results of all lanes have in common."""
+        return [one.job.rate, *(layout(one.graph.streams[stream])[name] for stream, name in self._keep)]
 
     def _prepare_lane(self, lane: int, values: Mapping[str, Any]) -> Prepared:
         self._lane = lane  # `_load` names it in faults of a value, but not in what a value does to a node
@@ -144,6 +177,8 @@ class LanePreparation:
             if not values or all(str(fault.place).startswith("lane ") for fault in error.faults):
                 raise
             raise GraphError(replace(fault, text=f"lane {lane}: {fault.text}") for fault in error.faults) from None
+        except ArgumentError as error:
+            raise (ArgumentError(f"lane {lane} ({describe_values(values)}): {error}") if values else error) from None
 
     def _load(self, values: Mapping[str, Any]) -> Prepared:
         return prepare(with_values(self._launch, values, self._lane), self._keep)

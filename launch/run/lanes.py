@@ -1,33 +1,31 @@
-"""Runs many lanes (`engine/lanes.py`) of a graph file in parallel in this process, on simulated time."""
+"""Prepares and starts lanes (`engine/lanes.py`) of a graph file in this process, on simulated time."""
 
-import threading
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from palpate.compiler.cores import usable_cores
 from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.lanes import Lanes, NodeImage, Pool
 from palpate.engine.plan import Plan
 from palpate.engine.segment import CompiledSegment, record_of
-from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
-from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapt_block
 from palpate.launch.run.work.worker import Worker
+from palpate.messages.record import layout
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.logger import Mcap
-from palpate.physics.errors import ArgumentError, PalpateError
+from palpate.physics.errors import ArgumentError
+
+IMAGES = 1 << 24  # [bytes] Maximum size of the images of started nodes that a structure keeps
 
 
 @dataclass(frozen=True)
@@ -52,9 +50,14 @@ def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | 
 
     graph  the graph of the launch file, if already read; it is modified
 
-    GraphError: faults of the graph. ArgumentError: a node cannot run in a lane, or the clock is real.
+    GraphError: faults of the graph. ArgumentError: a node cannot run in a lane, or the clock is real, or a kept stream
+    is not sent.
     """
     graph = graph or launch.load()
+    for spec in graph.nodes.values():
+        unsent = [f"{stream}.{name}" for stream, name in keep if stream in spec.streams] if spec.off else []
+        if unsent:
+            raise ArgumentError(f"keep {unsent[0]!r}: node {spec.name!r} does not run: {spec.off}")
     set_recording(graph, None)
     graph.wanted = None
     for spec in graph.nodes.values():
@@ -87,113 +90,62 @@ def check_compiled(planned: Plan) -> None:
 
 
 class LaneRun:
-    """Parallel lanes with the same structure.
+    """Started nodes of one structure, and lanes with this structure.
 
-    prepared  the lanes
-    keep      stream and name of the fields to record
-    rows      number of values to record of each field: the last ones of a run
-    every     divisor of the ticks whose values are recorded
-    count     maximum number of lanes of a later `restart`; None: the number of lanes
+    first    a lane with this structure
+    keep     stream and name of the fields to record
+    columns, every  see `Lanes`
+    count    number of lanes that exist together
 
-    `failures` has the error of each lane that did not start or that stopped, by lane number; a lane that is in it
-    before `run` does not run, and its values are NaN. NodeError: a node of the first lane does not start.
+    NodeError: a node of the first lane does not start.
     """
 
     def __init__(
         self,
-        prepared: Sequence[Prepared],
+        first: Prepared,
         keep: Sequence[tuple[str, str]],
-        rows: int,
+        columns: Sequence[np.ndarray],
         every: int = 1,
-        count: int | None = None,
+        count: int = 1,
     ) -> None:
-        self.failures: dict[int, Exception] = {}
-        worker = Worker(prepared[0].job, None, lambda report: None)
-        worker.start()
+        worker = Worker(first.job, None, lambda report: None)
+        try:
+            worker.start()
+        except BaseException:
+            worker.stop()
+            raise
         (segment,) = worker.parts
         assert isinstance(segment, CompiledSegment) and segment.alone(), worker.parts
         self.worker, self.segment, self._pool = worker, segment, Pool()
-        self._images: dict[Any, NodeImage] = {}
-        self.lanes = Lanes(segment, count or len(prepared))
-        self.lanes.keep([(record_of(worker.outputs[stream]), name) for stream, name in keep], rows, every)
-        self._prepared: Sequence[Prepared | PalpateError] = prepared
-        self.restart()
-
-    def restart(self, prepared: Sequence[Prepared | PalpateError] = ()) -> None:
-        """Reset all lanes to their start. New lanes, if given, replace the settings; they have the same structure. An
-        error in place of a lane is its failure. Images of settings that are no longer used are dropped."""
-        self._prepared = prepared or self._prepared
-        self.failures.clear()
-        former, self._images = self._images, {}
-        for lane, one in enumerate(self._prepared):
-            if isinstance(one, PalpateError):
-                self.failures[lane] = one
-                continue
-            try:
-                images = [self.image(place, node, former) for place, node in enumerate(one.job.nodes)]
-                self.lanes.place(lane, images)
-            except NodeError as error:
-                self.failures[lane] = error
+        self._images: OrderedDict[Any, NodeImage] = OrderedDict()
+        self.size = 0
+        """Size [bytes] of the images."""
+        fields = [(record_of(worker.outputs[stream]), name) for stream, name in keep]
+        self.lanes = Lanes(segment, count, fields, columns, every)
 
     def close(self) -> None:
         """Stop the nodes."""
         self.worker.stop()
 
-    def image(self, place: int, job: NodeJob, former: Mapping[Any, NodeImage] = MappingProxyType({})) -> NodeImage:
-        """The started node with the settings of a job; nodes with equal settings are started once.
+    def place(self, lane: int, one: Prepared, row: int) -> None:
+        """Reset a lane to the start of this run, and record it in this row. NodeError: a node does not start."""
+        self.lanes.place(lane, [self.image(place, node) for place, node in enumerate(one.job.nodes)], row)
 
-        former  images of the previous settings, which are reused
-
-        NodeError: the node does not start.
-        """
+    def image(self, place: int, job: NodeJob) -> NodeImage:
+        """The started node with the settings of a job. The images that were used last are kept. NodeError: the node
+        does not start."""
         key = place, repr(sorted(job.settings.items()))
-        if key not in self._images:
-            self._images[key] = former.get(key) or NodeImage(job, self.segment.slots[place].counts, self._pool)
-        return self._images[key]
+        known = self._images.get(key)
+        if known is None:
+            known = self._images[key] = NodeImage(job, self.segment.slots[place].counts, self._pool)
+            self.size += known.bytes
+            while self.size > IMAGES and len(self._images) > len(self.segment.slots):
+                self.size -= self._images.popitem(last=False)[1].bytes
+        else:
+            self._images.move_to_end(key)
+        return known
 
-    def run(self, ticks: int, threads: int | None = None, done: Callable[[int], None] = lambda ticks: None) -> None:
-        """Run this number of ticks of each lane, in threads.
 
-        done  called ten times a second with the sum of the ticks of all lanes
-
-        On KeyboardInterrupt the threads are stopped before it is raised.
-        """
-        todo = iter([lane for lane in range(len(self._prepared)) if lane not in self.failures])
-        lock, ran = threading.Lock(), [0]
-
-        # Each thread runs one lane after another, in blocks of ticks that take about `BLOCK` seconds at most.
-        def work(stopped: Callable[[], bool]) -> None:
-            block = FIRST
-            while not stopped():
-                with lock:
-                    lane = next(todo, None)
-                if lane is None:
-                    return
-                now = 0
-                while now < ticks and not stopped():
-                    count, begun = min(block, ticks - now), time.perf_counter()
-                    self.lanes.run(lane, 1, count)
-                    reached, took = int(self.lanes.ticks[lane]), time.perf_counter() - begun
-                    ran[0] += reached - now
-                    if reached < now + count:
-                        break
-                    if count == block:
-                        block = adapt_block(block, took)
-                    now = reached
-
-        count = min(threads or len(usable_cores()), self.lanes.count)
-        pool = LaneThreads(count)
-        try:
-            pool.run([work] * count, lambda: done(ran[0]))
-        finally:
-            pool.close()
-        done(ran[0])
-        # Results of a failed lane are NaN from the failed tick on.
-        for lane in range(len(self._prepared)):
-            reached = 0
-            if lane not in self.failures:
-                if (error := self.lanes.failure(lane)) is None:
-                    continue
-                self.failures[lane], reached = error, -(-int(self.lanes.ticks[lane]) // self.lanes.every)
-            for column in self.lanes.columns:
-                column[lane, reached:] = np.nan if column.dtype.kind == "f" else 0
+def columns_of(one: Prepared, keep: Sequence[tuple[str, str]], lanes: int, rows: int) -> list[np.ndarray]:
+    """Arrays (lanes, rows, ...) for the values of these fields."""
+    return [np.zeros((lanes, rows), layout(one.graph.streams[stream])[name]) for stream, name in keep]

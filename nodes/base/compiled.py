@@ -22,6 +22,7 @@ import inspect
 import math
 import typing
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -92,10 +93,10 @@ class CompiledNode(Node):
 
     def _hold(self, record: Any, name: str, value: Any, path: str) -> None:
         if hasattr(value, "_fields"):
-            hints = typing.get_type_hints(type(value), include_extras=True)
+            forms = _forms_of(value.__class__)
             for field, each in value._asdict().items():
                 found = getattr(each, "dtype", None), getattr(each, "ndim", 0)
-                assert found[0] is None or found == hints[field].__metadata__, (path, field, found)
+                assert found[0] is None or found == forms[field], (path, field, found)
                 self._hold(record[name], field, each, f"{path}.{field}")
         elif isinstance(value, np.ndarray):
             assert value.flags.c_contiguous and record[name]["shape"].shape == (value.ndim,), (path, value.shape)
@@ -135,6 +136,13 @@ class CompiledNode(Node):
         records.compute(messages, dt)
         answers = records.read()
         return answers[0] if len(answers) == 1 else answers
+
+
+@cache
+def _forms_of(group: type) -> dict[str, Any]:
+    """For each field of a NamedTuple the dtype and number of axes of its array; of another field None."""
+    hints = typing.get_type_hints(group, include_extras=True)
+    return {name: getattr(hint, "__metadata__", None) for name, hint in hints.items()}
 
 
 def _check(kind: type[CompiledNode]) -> None:

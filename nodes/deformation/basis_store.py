@@ -9,7 +9,7 @@ import functools
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,17 @@ EDGE, MOST_REDUCED = 8e-3, 1500
 the largest number of vertices, whose basis takes 50 s of processor time."""
 NEAR = 0.01
 """[1] Largest distance of a basis' vertex from the surface over the surface's extent, if the surface was remeshed."""
+
+
+class Stored(Protocol):
+    """A basis that a file contains."""
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read the file. ArchiveError: it is unreadable."""
+
+
+B = TypeVar("B", bound=Stored)
 
 
 def digest(mesh: Mesh) -> str:
@@ -59,6 +70,21 @@ def find(folder: Path, wanted: str) -> Path | None:
         return folder / names[0] if names else None
     found = sorted(folder.glob(f"*-{wanted}.npz"))
     return next((path for path in found if folder != cache() or may_read(path)), None)
+
+
+def load(kind: type[B], path: Path) -> B:
+    """A stored basis. The last ones are kept: parallel runs and studies start thousands of bodies with the same basis.
+    ArchiveError: it is unreadable."""
+    try:
+        stamp = path.stat()
+    except OSError as error:
+        raise ArchiveError(f"{path}: {error.strerror}") from None
+    return _load(kind, path, stamp.st_ino, stamp.st_mtime_ns, stamp.st_size)
+
+
+@functools.lru_cache(maxsize=2)
+def _load(kind: type[B], path: Path, *_: int) -> B:
+    return kind.load(path)
 
 
 def about(path: Path) -> dict[str, Any] | None:

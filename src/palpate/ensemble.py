@@ -1,7 +1,6 @@
 """`palpate.Ensemble`: many runs of one graph in parallel (docs/ensembles.md)."""
 
 import math
-import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -18,8 +17,19 @@ from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
 from palpate.launch.load.dependencies import digest
-from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneKeep, LaneTask, block_size
-from palpate.launch.run.lane_values import LanePreparation, describe_values, extremes, identity, with_values
+from palpate.launch.run.busy import free_memory
+from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneTask, block_size
+from palpate.launch.run.lane_runner import LaneKeep, Memory
+from palpate.launch.run.lane_values import (
+    LanePreparation,
+    Values,
+    describe_values,
+    extremes,
+    hashed,
+    identity,
+    value_of,
+    with_values,
+)
 from palpate.launch.run.lanes import Prepared
 from palpate.launch.run.notes import RunNote, warn
 from palpate.launch.run.progress import StageBars
@@ -29,10 +39,13 @@ from palpate.messages import Field, fields
 from palpate.messages.record import layout
 from palpate.nodes.base import settings
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.records.lane_store import KeptField, LaneStore
+from palpate.records.lane_store import KeptField, LaneStore, as_coordinate
 from palpate.records.samples import Samples
 
 SHOWN = 3  # number of failed lanes that a warning lists
+OBJECTS = 200  # [bytes] of a lane next to its results: its error, its note, its place in the Dataset
+OTHER = 1 << 28
+"""[bytes] Roughly what a run takes next to the results: kernels, meshes, bases, images of nodes (`IMAGES`)."""
 
 
 class Ensemble:
@@ -75,7 +88,7 @@ class Ensemble:
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
         self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
         several = range(lanes) if any(map(depends, self.over)) else range(1)
-        points = ({path: values[lane] for path, values in self.over.items()} for lane in several)
+        points = (self._values(lane) for lane in several)
         build_for_each(lambda values: with_values(launch, values, 0), points, not sys.stderr.isatty())
         self._units = {path: unit for path in self.over if (unit := _unit(path, base))}
         self._keep = [_kept_field(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
@@ -91,16 +104,18 @@ class Ensemble:
             shape, unit = (rows, *dtype.shape), field.unit
             self._fields.append(KeptField(f"{stream}.{field.name}", dtype.base, shape, unit, tuple(field.words)))
         self._row = sum(field.dtype.itemsize * math.prod(field.shape) for field in self._fields)
-        first = {path: values[0] for path, values in self.over.items()}
+        first = self._values(0)
         varied = {path: extremes(values) for path, values in self.over.items()}
         self._lane = LanePreparation(launch, names, first, varied)
         self._lane.give(0, self.over)
-        kept, size = LaneKeep(names, self.ticks, every), block_size(lanes, self._row, self.ticks)
-        self._prepared: list[Prepared] = []
-        self._blocks = LaneBlocks(self._check_lane, self._lane.first, lanes, size, kept)
-        self._prepared = [self._lane(lane) for lane in self._blocks.checked]
+        kept, self._size = LaneKeep(names, self.ticks, every), block_size(lanes, self._row, self.ticks)
+        self._prepared = [self._lane(lane) for lane in range(self._size)]
         same = digest(identity(self._lane.first))
-        self._task = LaneTask(launch, first, varied, lanes, size, kept, same)
+        self._task = LaneTask(launch, first, varied, lanes, self._size, kept, same)
+
+    def _values(self, lane: int) -> dict[str, Any]:
+        """The settings of a lane by path."""
+        return {path: value_of(values, lane) for path, values in self.over.items()}
 
     def _check_lane(self, lane: int) -> Prepared:
         """A lane. GraphError, ArgumentError: it is refused."""
@@ -108,7 +123,7 @@ class Ensemble:
 
     def settings(self, lane: int) -> str:
         """The settings of a lane that differ from the graph, as text."""
-        return describe_values({path: values[lane] for path, values in self.over.items()})
+        return describe_values(self._values(lane))
 
     def run(self, *, out: str | Path | None = None, quiet: bool = False, executor: Executor | None = None) -> Any:
         """Run all lanes from the start.
@@ -130,18 +145,18 @@ class Ensemble:
         KeyboardInterrupt: Ctrl-C, within 0.1 s.
         """
         time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
+        self._check_room(out is None)
         if out is None:
-            self._check_room()
             columns, errors = self._in_memory(quiet, executor)
             self._report()
             warn(self.notes)
             return self._dataset(time, columns, errors)
         coordinates = {path: (values, self._units.get(path, "")) for path, values in self.over.items()}
         store = LaneStore(
-            Path(out), self._identity(), self.count, self._blocks.size, time, self._fields, coordinates, self.name
+            Path(out), self._identity(), self.count, self._size, time, self._fields, coordinates, self.name
         )
         try:
-            self._run(store.write, quiet, executor, store.missing)
+            self._run(store.write, quiet, executor, store.missing, self._size)
         finally:
             store.close()
         self._report()
@@ -153,19 +168,19 @@ class Ensemble:
     def _in_memory(self, quiet: bool, executor: Executor | None) -> tuple[list[np.ndarray], list[str]]:
         """The kept fields of all lanes, and their errors."""
         columns: list[np.ndarray] = []
-        errors = [""] * self.count
+        errors, whole = [""] * self.count, executor is None
 
         def take(first: int, found: Sequence[np.ndarray], failed: Mapping[int, str]) -> None:
             if not columns:
-                alone = len(found[0]) == self.count
-                columns.extend(found if alone else [np.empty((self.count, *c.shape[1:]), c.dtype) for c in found])
+                columns.extend(found if whole else [np.empty((self.count, *c.shape[1:]), c.dtype) for c in found])
             for column, part in zip(columns, found, strict=True):
                 if column is not part:
                     column[first : first + len(part)] = part
             for lane, text in failed.items():
                 errors[lane] = text
 
-        self._run(take, quiet, executor, range(0, self.count, self._blocks.size))
+        size = self.count if whole else self._size
+        self._run(take, quiet, executor, range(0, self.count, size), size)
         return columns, errors
 
     def _run(
@@ -174,12 +189,13 @@ class Ensemble:
         quiet: bool,
         executor: Executor | None,
         firsts: Sequence[int],
+        size: int,
     ) -> None:
-        """Run the blocks that begin with these lanes, and give the results of each away."""
-        self.memory = 0, 0
+        """Run the blocks of this size that begin with these lanes, and give the results of each away."""
+        self.memory = Memory()
         self.notes: list[RunNote] = []
         self._failed: dict[int, str] = {}
-        self._ran = sum(self._width(first) for first in firsts)
+        self._ran = sum(min(size, self.count - first) for first in firsts)
         end, before = nanoseconds(self.ticks, self.rate) * 1e-9, self.count - self._ran
         with StageBars(quiet or not sys.stderr.isatty()) as bars:
             bar = bars.begin(f"{self.count} lanes of {self.name}")
@@ -191,21 +207,18 @@ class Ensemble:
 
             def add(block: Block) -> None:
                 take(block.first, block.columns, block.errors)
-                self.memory = max(self.memory, block.memory)
+                self.memory = max(self.memory, block.memory, key=sum)
                 self.notes += [RunNote(sys.intern(text), node, end, lane) for lane, node, text in block.notes]
                 self._failed |= block.errors
 
             if executor is None:
-                for block in self._blocks.run(firsts, self._threads, done):
+                blocks = LaneBlocks(self._check_lane, self._lane.first, self.count, size, self._task.keep)
+                for block in blocks.run(firsts, self._threads, done):
                     add(block)
             else:
                 self._spread(executor, firsts, add, done)
         self.notes.sort(key=lambda note: note.lane or 0)
         self._failed = dict(sorted(self._failed.items()))
-
-    def _width(self, first: int) -> int:
-        """Number of lanes of the block that begins with this lane."""
-        return min(self._blocks.size, self.count - first)
 
     def _spread(
         self, executor: Executor, firsts: Sequence[int], add: Callable[[Block], None], done: Callable[[float], None]
@@ -216,7 +229,7 @@ class Ensemble:
         def add_blocks(blocks: Finished) -> None:
             nonlocal ran, ended
             for (first, _), found in blocks:
-                count = self._width(first)
+                count = min(self._size, self.count - first)
                 if isinstance(found, Ended):
                     ended = f"lanes {first} to {first + count - 1}: {found.why}"
                     continue
@@ -224,27 +237,33 @@ class Ensemble:
                 ran += count
                 done(ran)
 
-        slices = [slice(first, first + self._width(first)) for first in firsts]
+        slices = [slice(first, min(first + self._size, self.count)) for first in firsts]
         items = [(part.start, {path: values[part] for path, values in self.over.items()}) for part in slices]
         spread(executor, about(), self._task, items, add_blocks)
         if ended:
             raise RunError(f"{ended}; the other lanes have run")
 
-    def _check_room(self) -> None:
-        """ArgumentError: the results of all lanes do not fit into the free memory."""
-        size, room = self.count * self._row, os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        if size > room:
+    def _check_room(self, whole: bool) -> None:
+        """ArgumentError: the results of all lanes, or of a block unless `whole`, do not fit into the memory."""
+        each, room = self._row + OBJECTS, free_memory() - OTHER
+        if whole:  # words are shown as objects, each with an address
+            each += sum(8 * math.prod(field.shape) for field in self._fields if field.words)
+        lanes = self.count if whole else self._size
+        if lanes * each > room:
+            cure = "an `every` greater than 1" if whole and self._every == 1 else "a greater `every`"
             raise ArgumentError(
-                f"keep: {self.count} lanes of {self._row / 1e3:.3g} kB take {size / 1e9:.3g} GB, "
-                f"{room / 1e9:.3g} GB are free; expected at most {room // self._row} lanes, fewer fields, a shorter "
-                "duration, every=10, or run(out='touches.zarr'), which needs little memory"
+                f"keep: {lanes} lanes of {each / 1e3:.3g} kB take {lanes * each / 1e9:.3g} GB, and the rest of the "
+                f"process {OTHER / 1e9:.3g} GB; {(room + OTHER) / 1e9:.3g} GB are free; expected at most "
+                f"{max(0, int(room // each))} lanes, fewer fields, a shorter duration, {cure}"
+                + (", or run(out='touches.zarr'), which needs little memory" if whole else "")
             )
 
     def _identity(self) -> str:
         """Hash of everything that determines the results."""
         kept = [(field.name, field.dtype.str, field.shape) for field in self._fields]
         lane = identity(self._lane.first)
-        return digest([kernel_cache.key(), *lane, self.over, self.count, self._every, kept, self._blocks.size])
+        over = {path: hashed(values) for path, values in self.over.items()}
+        return digest([kernel_cache.key(), *lane, over, self.count, self._every, kept, self._size])
 
     def _dataset(self, time: np.ndarray, columns: Sequence[np.ndarray], errors: list[str]) -> Any:
         """The results as a Dataset, or as a dictionary without xarray."""
@@ -264,8 +283,9 @@ class Ensemble:
         data["error"] = ("lane", np.array(errors, dtype=object), {})
         coordinates: dict[str, Any] = {"lane": np.arange(self.count), "time": ("time", time, {"units": "s"})}
         for path, values in self.over.items():
-            shown = values if all(isinstance(v, bool | int | float | str) for v in values) else list(map(str, values))
-            coordinates[path] = ("lane", shown, {"units": unit} if (unit := self._units.get(path)) else {})
+            coordinate, unit = as_coordinate(values), self._units.get(path)
+            texts = coordinate.astype(str) if coordinate.dtype == object else coordinate
+            coordinates[path] = "lane", texts, {"units": unit} if unit else {}
         return xarray.Dataset(data, coordinates, {"graph": self.name})
 
     def _report(self) -> None:
@@ -299,14 +319,18 @@ def _unit(path: str, base: Graph) -> str:
     return units.pop() if len(units) == 1 else ""
 
 
-def _each(path: str, given: Any, lanes: int) -> list[Any]:
+def _each(path: str, given: Any, lanes: int) -> Values:
     """One value per lane. ArgumentError: the number of values is wrong."""
-    plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
-    if isinstance(plain, str | Mapping) or not isinstance(plain, Sequence):
+    plain = (
+        given.tolist() if isinstance(given, np.generic) or (isinstance(given, np.ndarray) and not given.ndim) else given
+    )
+    if isinstance(plain, str | Mapping) or not isinstance(plain, Sequence | np.ndarray):
         return [plain] * lanes
     if len(plain) != lanes:
         raise ArgumentError(f"over {path!r}: found {len(plain)} values, expected {lanes}, one for each lane, or one")
-    return [value.tolist() if isinstance(value, np.ndarray | np.generic) else value for value in plain]
+    if isinstance(plain, np.ndarray) and plain.dtype.kind in "biuf":
+        return plain.copy()
+    return [value_of(plain, place) for place in range(lanes)]
 
 
 def _kept_field(text: str, graph: Graph) -> tuple[str, Field]:

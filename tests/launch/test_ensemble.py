@@ -9,8 +9,8 @@ import pytest
 
 import palpate
 from palpate.launch.load.launchfile import find
-from palpate.launch.run import lane_values
-from palpate.launch.run import lanes as running
+from palpate.launch.run import lane_runner, lane_values
+from palpate.launch.run.busy import free_memory
 from palpate.physics.errors import ArgumentError, RunError
 
 TOUCH = (
@@ -76,6 +76,19 @@ def test_results_do_not_depend_on_other_lanes_or_threads():
     assert len({np.asarray(one["contact.force"])[lane].tobytes() for lane in range(LANES)}) == LANES
 
 
+def test_lanes_of_different_bodies_and_effects_equal_their_single_runs():
+    """Each combination of nodes is started once, in whatever order its lanes come."""
+    bodies = ["deformation.MassSpring", "deformation.Rigid", "deformation.BeamBundle"]
+    over = {"tissue.use": bodies * 2, "scene.tissue.friction": [True] * 3 + [False] * 3,
+            "scene.finger.finger_damping": np.linspace(6.0, 9.0, LANES)}  # fmt: skip
+    data = ensemble(over=over).run(quiet=True)
+    assert [str(value) for value in data["tissue.use"].values] == bodies * 2
+    for lane in range(LANES):
+        sets = [f"scene.finger.finger_damping={float(over['scene.finger.finger_damping'][lane])!r}",
+                f"scene.tissue.friction={'true' if lane < 3 else 'false'}"]  # fmt: skip
+        assert table(data, lane).tobytes() == single(bodies[lane % 3], sets).tobytes(), lane
+
+
 def test_results_have_units_times_and_varied_settings():
     pytest.importorskip("xarray")
     asked = ensemble(over={"tissue.stiffness": [1e3, 2e3]}, lanes=2, every=10)
@@ -85,8 +98,7 @@ def test_results_have_units_times_and_varied_settings():
     whole = ensemble(over={"tissue.stiffness": [1e3, 2e3]}, lanes=2).run(quiet=True)
     assert data["time"].values.tolist() == whole["time"].values[::10].tolist()
     assert (data["contact.force"].values == whole["contact.force"].values[:, ::10]).all()
-    state, shared = asked.memory
-    assert 0 < state < 2 * 60_000 and shared > 0
+    assert 0 < asked.memory.lanes < 2 * 60_000 and asked.memory.shared > 0
 
 
 def test_without_xarray_results_are_arrays_with_units(monkeypatch):
@@ -162,8 +174,8 @@ def test_a_lane_that_fails_is_reported_and_the_others_finish(spring):
         ({"over": {"tissue.stiffness": [1e3, 2e3, -1.0, 1e3, 1e3, 1e3]}}, "lane 2"),
         ({"over": {"scene.hand.begin": [[0, 0, 0.11]] * 4 + [[0, 0, 0.5]] * 2}}, "lane 4: .*out of its reach"),
         (
-            {"over": {"scene.tissue.friction": [True, False, True, True, True, True]}},
-            "lane 1 .*differ in settings alone",
+            {"over": {"scene.tissue.friction": [True, False] * 3}, "keep": ["friction.force"]},
+            "lane 1.*keep 'friction.force': node 'friction' does not run",
         ),
         ({"keep": ["contact.forse"]}, "no field 'forse'"),
         ({"keep": ["contacts.force"]}, "no stream 'contacts'"),
@@ -177,9 +189,26 @@ def test_wrong_input_is_an_error_with_a_remedy(given, printed):
         ensemble(**given)
 
 
-def test_results_that_do_not_fit_into_the_memory_are_refused_with_the_number_that_does():
+def test_results_that_do_not_fit_into_the_memory_are_refused_with_the_number_that_does(monkeypatch):
     with pytest.raises(ArgumentError, match=r"GB are free; expected at most \d+ lanes, .*touches.zarr"):
-        ensemble(lanes=10**7, duration=1e3).run()
+        ensemble(lanes=10**6, duration=1e4).run()
+    monkeypatch.setattr("palpate.ensemble.free_memory", lambda: (1 << 28) + 1e6)
+    with pytest.raises(ArgumentError, match=r"expected at most (\d+) lanes") as caught:
+        ensemble(lanes=2000).run()
+    fits = int(str(caught.value).split("at most ")[1].split()[0])
+    assert 75 < fits <= 83  # of (1 + 3 + 1) * 8 bytes * 300 ticks
+    ensemble(lanes=fits, duration=0.01).run(quiet=True)
+
+
+def test_free_memory_is_that_of_the_machine_and_of_the_group_of_processes(tmp_path):
+    system = tmp_path / "meminfo"
+    assert free_memory(tmp_path, system) == float("inf")
+    system.write_text("MemTotal: 4 kB\nMemAvailable:    3 kB\n")
+    (tmp_path / "memory.max").write_text("max\n")
+    assert free_memory(tmp_path, system) == 3072.0
+    (tmp_path / "memory.max").write_text("2000\n")
+    (tmp_path / "memory.current").write_text("500\n")
+    assert free_memory(tmp_path, system) == 1500.0
 
 
 def test_nodes_in_python_and_devices_are_errors_with_their_names():
@@ -197,9 +226,9 @@ def test_ctrl_c_ends_the_threads_within_a_block(monkeypatch):
         calls.append(ticks)
         raise KeyboardInterrupt
 
-    run = running.LaneRun.run
+    run = lane_runner.LaneRunner.run
     monkeypatch.setattr(
-        running.LaneRun, "run", lambda self, ticks, threads, done: run(self, ticks, threads, interrupted)
+        lane_runner.LaneRunner, "run", lambda self, prepare, columns, done: run(self, prepare, columns, interrupted)
     )
     with pytest.raises(KeyboardInterrupt):
         asked.run(quiet=True)

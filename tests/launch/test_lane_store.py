@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 import warnings
 
 import numpy as np
@@ -54,7 +55,7 @@ def test_a_store_is_read_by_xarray_and_has_the_same_results(tmp_path, small_bloc
 
 def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blocks, monkeypatch):
     whole, ran = touches().run(quiet=True), []
-    run = lane_blocks.LaneRun.run
+    run = lane_blocks.LaneRunner.run
 
     def interrupted(self, *given):
         ran.append(self)
@@ -62,7 +63,7 @@ def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blo
             raise KeyboardInterrupt
         return run(self, *given)
 
-    monkeypatch.setattr(lane_blocks.LaneRun, "run", interrupted)
+    monkeypatch.setattr(lane_blocks.LaneRunner, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
         touches().run(out=tmp_path / "t.zarr", quiet=True)
     part = xarray.open_zarr(tmp_path / "t.zarr", consolidated=False, chunks=None)
@@ -74,6 +75,62 @@ def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blo
     ran.clear()
     touches().run(out=tmp_path / "t.zarr", quiet=True)
     assert not ran
+
+
+def test_a_store_whose_creation_was_killed_is_created_again(tmp_path, monkeypatch):
+    whole = touches().run(quiet=True)
+
+    def killed(*given):
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr("palpate.records.lane_store.as_coordinate", killed)
+        with pytest.raises(MemoryError):
+            touches().run(out=tmp_path / "t.zarr", quiet=True)
+    assert "lanes_done" not in (tmp_path / "t.zarr" / "zarr.json").read_text()
+    (tmp_path / "t.zarr" / "error" / "zarr.0.partial").touch()
+    ended = touches().run(out=tmp_path / "t.zarr", quiet=True)
+    assert np.array_equal(ended["contact.force"].values, whole["contact.force"].values)
+    assert not list((tmp_path / "t.zarr").rglob("*.partial"))
+
+
+KILLED = """
+import sys, warnings, numpy as np, palpate
+from palpate.launch.run import lane_blocks
+warnings.simplefilter("ignore")
+lanes, size = map(int, sys.argv[2:])
+lane_blocks.LANES = size
+palpate.Ensemble("kidney", lanes, {"tissue.stiffness": np.linspace(150.0, 350.0, lanes)}, every=5, duration=0.05,
+                 sets=["scene.hand.begin=[0, 0, 0.1085]"]).run(out=sys.argv[1], quiet=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGKILL")
+@pytest.mark.parametrize(
+    ("lanes", "size"), [(300, 8), pytest.param(100_000, 2048, marks=[pytest.mark.long, pytest.mark.timeout(3000)])]
+)
+def test_a_killed_run_continues_with_the_same_bytes(tmp_path, lanes, size):
+    def command(name):
+        return [sys.executable, "-c", KILLED, str(tmp_path / name), str(lanes), str(size)]
+
+    def written(name):
+        return {
+            str(file.relative_to(tmp_path / name)): file.read_bytes()
+            for file in (tmp_path / name).rglob("*")
+            if file.is_file()
+        }
+
+    run = subprocess.Popen(command("parts"))
+    while sum(file.is_file() for file in (tmp_path / "parts" / "contact.force" / "c").rglob("*")) < 3:
+        assert run.poll() is None
+        time.sleep(0.01)
+    run.kill()
+    run.wait()
+    done = xarray.open_zarr(tmp_path / "parts", consolidated=False, chunks=None).attrs["lanes_done"]
+    assert 0 < done[0][1] < lanes
+    for name in ("parts", "whole"):
+        subprocess.run(command(name), check=True)
+    assert written("parts") == written("whole")
 
 
 @pytest.mark.parametrize("changed", [{"every": 1}, {"keep": ["contact.force"]}, {"over": {"tissue.stiffness": 200.0}},
@@ -120,29 +177,29 @@ def test_words_are_stored_as_words(tmp_path):
 
 
 MEASURED = """
-import sys, numpy as np, palpate
-from palpate.launch.run.lane_blocks import LaneBlocks, LaneKeep
+import sys, warnings, numpy as np, palpate
 
 def resident():
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * 4096
 
-used = {}
-for lanes in (20, 20, 1020):  # the first run also loads kernels and meshes
+warnings.simplefilter("ignore")
+used, stated = [], []
+for lanes in (20, 20, 2020):  # the first run also loads kernels and meshes
     over = {"scene.finger.finger_damping": np.linspace(6.0, 10.0, lanes)}
     asked = palpate.Ensemble("kidney", lanes, over, duration=0.01, sets=["scene.hand.begin=[0, 0, 0.1085]"],
                              tissue=f"deformation.{sys.argv[1]}")
-    blocks = LaneBlocks(asked._lane, asked._lane.first, lanes, lanes, LaneKeep([("contact", "force")], 10, 5))
-    for block in blocks.run([0], 1, lambda ran: None):
-        used[lanes], stated = resident(), block.memory[0] / lanes
-print((used[1020] - used[20]) / 1000, stated)
+    data = asked.run(quiet=True)
+    used.append(resident())
+    stated.append(sum(asked.memory))
+print((used[2] - used[1]) / 2000, (stated[2] - stated[1]) / 2000)
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize(("body", "most"), [("MassSpring", 40e3), ("ReducedFE", 120e3)])
+@pytest.mark.parametrize(("body", "most"), [("MassSpring", 20e3), ("ReducedFE", 45e3)])
 def test_the_memory_that_is_stated_is_the_memory_that_is_used(body, most):
     """In a separate process, whose memory no other test has used before."""
     done = subprocess.run([sys.executable, "-c", MEASURED, body], capture_output=True, text=True, check=True)
     used, stated = map(float, done.stdout.split())
-    assert stated < most and 0.7 * stated < used < 1.5 * stated + 15e3
+    assert used < most and 0.5 * stated < used < 2.0 * stated + 5e3, (used, stated)

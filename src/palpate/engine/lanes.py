@@ -1,7 +1,8 @@
 """Many independent runs of one segment. A lane is a copy of the segment's table and of the state of its nodes.
 
 Each lane is one block of memory: the table, then for each node its record and the arrays that its kernel writes. All
-lanes share the arrays that no kernel writes (`CompiledNode.shared`).
+lanes share the arrays that no kernel writes (`CompiledNode.shared`). Lanes that run to their end one after another use
+the same block.
 """
 
 import hashlib
@@ -22,14 +23,15 @@ from palpate.nodes.base import Node
 
 WORD, LINE = 8, 64
 """[bytes] Alignment of the arrays of a table, and of the parts of a block."""
+OBJECT = 4000  # [bytes] of the objects of an image, roughly
 Pool = weakref.WeakValueDictionary[Any, np.ndarray]
-"""Shared arrays by their content, while a node uses them."""
+"""Shared arrays by their content, and by their place in memory, while a node uses them."""
 
 
 class NodeImage:
     """The memory of a started node, which lanes copy.
 
-    size    [bytes] of its part of a block
+    size    [bytes] of its part of a block;  bytes  size of the image, roughly
     links   (n,2) offset of each address in this part, and the offset to which it points
     shared  arrays that all lanes read
 
@@ -46,9 +48,7 @@ class NodeImage:
         private, self.shared = {}, list[np.ndarray]()
         for path, array in held.items():
             if any(f"{path}.".startswith(f"{name}.") for name in node.shared):
-                key = array.dtype.str, array.shape, hashlib.blake2b(array).digest()
-                same = pool.setdefault(key, array)
-                self.shared.append(same)
+                self.shared.append(same := _pooled(array, pool))
                 record.view(np.int64)[_offset(record.dtype, path) // 8] = address_of(same)
             else:
                 private[path] = array
@@ -73,6 +73,7 @@ class NodeImage:
         # New memory is zero and takes no physical memory before it is written, so pages of zeros are not copied.
         used = np.flatnonzero(np.diff(image.reshape(-1, PAGE).any(axis=1), prepend=False, append=False)) * PAGE
         self.pieces = [(b, image[b : min(e, at)].copy()) for b, e in used.reshape(-1, 2).tolist()]
+        self.bytes = OBJECT + sum(len(piece) for _, piece in self.pieces)
 
     def start_node(self) -> Any:
         """The node after its start. NodeError: the start failed."""
@@ -89,25 +90,45 @@ class Lanes:
     """Independent runs of a graph.
 
     segment  segment of the graph, with nodes that have started and not stepped
-    count    number of lanes; call `place` for each before it runs
+    count    number of lanes that exist together; call `place` for each before it runs
+    fields   fields of messages to record, given by their records in the segment
+    columns  for each field an array (n, rows, ...) for the last `rows` values of n lanes
+    every    divisor of the ticks whose values are recorded
     """
 
-    def __init__(self, segment: CompiledSegment, count: int) -> None:
+    def __init__(
+        self,
+        segment: CompiledSegment,
+        count: int,
+        fields: Sequence[tuple[np.ndarray, str]] = (),
+        columns: Sequence[np.ndarray] = (),
+        every: int = 1,
+    ) -> None:
         from palpate.compiler.entry_point import entry_point
         from palpate.engine.compiled_tick import run_lanes  # the compiler is slow to import
 
         self.segment, self.count = segment, count
         self._run = entry_point(run_lanes, 0, 0, 0)
-        self._lanes, self._taps = np.zeros(count, LANE), np.zeros((count, 0), TAP)
-        self._lanes["every"] = 1
+        self._lanes, self._taps = np.zeros(count, LANE), np.zeros((count, len(fields)), TAP)
         self._memory = ZeroPages()
         self._blocks: list[np.ndarray | None] = [None] * count
         self._bases, self._nodes = np.zeros(count, np.int64), list[Sequence[NodeImage]]([()] * count)
-        self._sources, self.every = np.zeros(0, np.int64), 1
-        self.columns: list[np.ndarray] = []
+        self._parts = [np.zeros(0, np.int64)] * count
         self._noting: list[tuple[NodeImage, Any] | None] = [None] * len(segment.slots)
         # for each node the last image whose notes were read, with a started node, whose record `notes` replaces
         self._image_table()
+        sources = [self._places[address_of(record)] + record.dtype.fields[name][1] for record, name in fields]  # type: ignore[index]
+        self._sources = np.array(sources, np.int64)
+        self._taps["size"] = [record.dtype[name].itemsize for record, name in fields]
+        self._lanes["every"], self._lanes["tapped"] = every, len(fields)
+        self.record_in(columns)
+
+    def record_in(self, columns: Sequence[np.ndarray]) -> None:
+        """Record the lanes that are placed from now on in these arrays."""
+        self.columns = list(columns)
+        self._begins = np.array([address_of(column) for column in columns], np.int64)
+        self._strides = np.array([column.strides[0] for column in columns], np.int64)
+        self._lanes["room"] = columns[0].shape[1] if columns else 0
 
     def _image_table(self) -> None:
         """Copy the segment's table and find the addresses in it.
@@ -134,25 +155,10 @@ class Lanes:
         self._clock = int(places[1])
         words[(self._clock + CLOCK.fields["failed"][1]) // 8] = -1  # type: ignore[index]
 
-    def keep(self, fields: Sequence[tuple[np.ndarray, str]], rows: int, every: int = 1) -> None:
-        """Record these fields of messages, given by their records in the segment, in `columns`, each of shape (lanes,
-        rows, ...): the last `rows` values, at the ticks that `every` divides. Call it before `place`."""
-        forms = [record.dtype.fields[name][:2] for record, name in fields]  # type: ignore[index]
-        self.columns = [np.zeros((self.count, rows), dtype) for dtype, _ in forms]
-        self._sources = np.array(
-            [self._places[address_of(record)] + at for (record, _), (_, at) in zip(fields, forms, strict=True)],
-            np.int64,
-        )
-        self._taps = np.zeros((self.count, len(forms)), TAP)
-        self._taps["size"] = [dtype.itemsize for dtype, _ in forms]
-        for number, column in enumerate(self.columns):
-            self._taps["column"][:, number] = address_of(column) + np.arange(self.count) * column.strides[0]
-        self.every = every
-        self._lanes["every"], self._lanes["tapped"], self._lanes["room"] = every, len(forms), rows
-
-    def place(self, lane: int, nodes: Sequence[NodeImage]) -> None:
-        """Reset a lane to the start of the run, with these nodes."""
-        parts, size = self._parts(nodes)
+    def place(self, lane: int, nodes: Sequence[NodeImage], row: int | None = None) -> None:
+        """Reset a lane to the start of the run, with these nodes. It is recorded in this row of the columns, by default
+        that of its number."""
+        parts, size = self._arrange(nodes)
         if (former := self._blocks[lane]) is not None:
             self._memory.give(former)
         memory = self._blocks[lane] = self._memory.take(size)
@@ -167,13 +173,14 @@ class Lanes:
             for begin, piece in node.pieces:
                 memory[part + begin : part + begin + len(piece)] = piece
             words[(part + node.links[:, 0]) // 8] = base + part + node.links[:, 1]
-        self._nodes[lane] = nodes
+        self._nodes[lane], self._parts[lane] = nodes, parts
         taps = self._taps[lane]
         taps["source"] = base + self._sources
+        taps["column"] = self._begins + (lane if row is None else row) * self._strides
         given = self._lanes[lane]
         given["rows"], given["clock"], given["tick"], given["taps"] = base, base + self._clock, 0, address_of(taps)
 
-    def _parts(self, nodes: Sequence[NodeImage]) -> tuple[np.ndarray, int]:
+    def _arrange(self, nodes: Sequence[NodeImage]) -> tuple[np.ndarray, int]:
         """Offset of each node in a block, and the size of the block. The largest node is the last one: few pages of it
         are written, and all others share pages."""
         sizes = np.array([node.size for node in nodes])
@@ -185,7 +192,7 @@ class Lanes:
 
     def own(self, lane: int, place: int) -> np.ndarray:
         """The record (1,) of the node with index `place` in the segment."""
-        part = int(self._parts(self._nodes[lane])[0][place])
+        part = int(self._parts[lane][place])
         return view(int(self._bases[lane]) + part, self.segment.slots[place].node._record.dtype)  # type: ignore[attr-defined]
 
     def run(self, first: int, count: int, ticks: int) -> None:
@@ -240,6 +247,16 @@ class Lanes:
         private = sum(written_bytes(block) for block in self._blocks if block is not None)
         arrays = {address_of(array): array.nbytes for node in images.values() for array in node.shared}
         return private, sum(arrays.values())
+
+
+def _pooled(array: np.ndarray, pool: Pool) -> np.ndarray:
+    """The pooled array with the content of this one."""
+    form = array.dtype.str, array.shape
+    same = pool.get((*form, address_of(array)))  # as long as it exists, no other array has its place
+    if same is None:
+        same = pool.setdefault((*form, hashlib.blake2b(array.data).digest()), array)
+        pool[(*form, address_of(same))] = same
+    return same
 
 
 def _notes(node: Any, own: np.ndarray) -> list[str]:

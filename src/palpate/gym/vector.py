@@ -21,7 +21,7 @@ from palpate.gym.find_nodule import FindNodule
 from palpate.gym.press import Press
 from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
 from palpate.launch.run.lane_threads import FIRST, LaneThreads, Work, adapt_block
-from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled
+from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled, columns_of
 from palpate.launch.run.notes import RunNote, first_of_each_kind, warn
 from palpate.messages.record import reader
 from palpate.nodes.device.steered import Steered
@@ -60,9 +60,10 @@ class VectorTouch(VectorEnv):
         for hand in self._hands:
             keep += [(hand.contact, name) for name in ("force", "normal", "lateral_force")]
             keep += [(hand.friction, "force")] if hand.friction is not None else []
-        self._runs = LaneRun([Prepared(plan.graph, job)] * num_envs, keep, rows=1)
+        columns = columns_of(prepared := Prepared(plan.graph, job), keep, num_envs, 1)
+        self._runs = LaneRun(prepared, keep, columns, count=num_envs)
         self._lanes = self._runs.lanes
-        self._columns = dict(zip(keep, (column[:, 0] for column in self._lanes.columns), strict=True))
+        self._columns = dict(zip(keep, (column[:, 0] for column in columns), strict=True))
         self._jobs, self._slots = job.nodes, self._runs.segment.slots
         self._base = [self._runs.image(place, node) for place, node in enumerate(job.nodes)]
         self._devices = [place for place, slot in enumerate(self._slots) if isinstance(slot.node, Steered)]

@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from palpate.physics.extras import require_extra
 from palpate.physics.writable import opened_alone
 
 LOCK, STORE = "palpate.lock", "zarr.json"  # files in the folder: that of the lock, and the head of a store
+CHUNK = 1 << 16  # values of a coordinate in a file
 EXPECTED = "expected an empty or missing folder, or the unfinished results of the same ensemble"
 
 
@@ -34,6 +36,23 @@ class KeptField(NamedTuple):
         return np.array(self.words, object)[column] if self.words else column
 
 
+def is_numeric(values: Any) -> bool:
+    """Whether the values of a setting are numbers or flags."""
+    if isinstance(values, np.ndarray):
+        return values.ndim == 1
+    return all(isinstance(one, bool | int | float) for one in values)
+
+
+def as_texts(values: Any) -> np.ndarray:
+    """The values of a setting as texts."""
+    return np.array([str(one.tolist() if isinstance(one, np.ndarray) else one) for one in values], object)
+
+
+def as_coordinate(values: Any) -> np.ndarray:
+    """The values of a setting: numbers, or texts."""
+    return np.asarray(values) if is_numeric(values) else as_texts(values)
+
+
 class LaneStore:
     """A zarr store (format 3) that xarray reads without palpate: `xarray.open_zarr(path, consolidated=False)`.
 
@@ -47,7 +66,7 @@ class LaneStore:
 
     def __init__(
         self, path: Path, identity: str, lanes: int, size: int, time: np.ndarray, fields: Sequence[KeptField],
-        settings: Mapping[str, tuple[Sequence[Any], str]], graph: str,
+        settings: Mapping[str, tuple[Any, str]], graph: str,
     ) -> None:  # fmt: skip
         with require_extra("run(out=...)", "study", ArgumentError):
             import zarr
@@ -63,14 +82,16 @@ class LaneStore:
             raise ArgumentError(f"out: another run writes to {path}; expected another folder, or wait for its end")
         self._lock = lock
         try:
+            about = {"graph": graph, "coordinates": " ".join(settings), "identity": identity}
             if (path / STORE).exists():
                 self._group = self._open_store(zarr, identity)
             else:
-                self._group = zarr.create_group(path)
+                self._group = zarr.create_group(path, attributes=about)
+            if "lanes_done" not in self._group.attrs:  # new, or a kill ended the creation
                 self._create(lanes, time, settings)
-                self._group.attrs.update({
-                    "graph": graph, "coordinates": " ".join(settings), "identity": identity, "lanes_done": [],
-                })  # fmt: skip
+                self._group.attrs["lanes_done"] = []
+            for left in path.rglob("*.partial"):  # by a kill
+                left.unlink()
         except BaseException:
             self.close()
             raise
@@ -85,8 +106,8 @@ class LaneStore:
             raise ArgumentError(f"out: {self.path} has results of other settings, lanes, fields or sources; {EXPECTED}")
         return group
 
-    def _create(self, lanes: int, time: np.ndarray, settings: Mapping[str, tuple[Sequence[Any], str]]) -> None:
-        make = self._group.create_array
+    def _create(self, lanes: int, time: np.ndarray, settings: Mapping[str, tuple[Any, str]]) -> None:
+        make = partial(self._group.create_array, overwrite=True)
         for field in self._fields:
             kind: Any = str if field.words else field.dtype
             empty = "" if field.words else np.nan if field.dtype.kind == "f" else 0
@@ -96,14 +117,14 @@ class LaneStore:
         known: dict[str, tuple[Any, str, tuple[str, ...]]] = {
             "lane": (np.arange(lanes), "", ("lane",)), "time": (time, "s", ("time",)),
         }  # fmt: skip
-        for path, (values, unit) in settings.items():
-            numbers = all(isinstance(value, bool | int | float) for value in values)
-            known[path] = np.array(values) if numbers else np.array(list(map(str, values)), object), unit, ("lane",)
+        known |= {path: (values, unit, ("lane",)) for path, (values, unit) in settings.items()}
         for name, (values, unit, dimensions) in known.items():
-            kind = str if values.dtype == object else values.dtype
-            array = make(name, shape=values.shape, chunks=values.shape, dtype=kind, dimension_names=dimensions,
-                         attributes={"units": unit} if unit else {})  # fmt: skip
-            array[:] = values
+            kind = as_coordinate(values).dtype if is_numeric(values) else str
+            array = make(name, shape=(len(values),), chunks=(min(len(values), CHUNK),), dtype=kind,
+                         dimension_names=dimensions, attributes={"units": unit} if unit else {})  # fmt: skip
+            for first in range(0, len(values), CHUNK):
+                part = values[first : first + CHUNK]
+                array[first : first + CHUNK] = as_texts(part) if kind is str else as_coordinate(part)
 
     @property
     def missing(self) -> list[int]:

@@ -11,7 +11,8 @@ import msgspec
 import numpy as np
 
 from palpate.launch.load.launchfile import LaunchFile, find
-from palpate.launch.run.lanes import LaneRun, Prepared, prepare
+from palpate.launch.run.lane_runner import LaneKeep, LaneRunner
+from palpate.launch.run.lanes import Prepared, columns_of, prepare
 from palpate.studies.organs.touches import Setting, Touch, segments, surface_sets
 
 KEPT = {
@@ -69,13 +70,12 @@ def run(touches: Sequence[Touch], folder: Path, threads: int | None = None, extr
     first = prepare(described, keep, graph)
     prepared = [_with_hands(first, touch) for touch in touches]
     ticks = round(longest * setting.rate)
-    lanes = LaneRun(prepared, keep, ticks)
+    arrays, lanes = columns_of(first, keep, len(prepared), ticks), LaneRunner(LaneKeep(keep, ticks), threads)
     try:
-        lanes.run(ticks, threads)
-        failed = {lane: str(error) for lane, error in lanes.failures.items()}
-        columns = {f"{s}.{n}": column for (s, n), column in zip(keep, lanes.lanes.columns, strict=True)}
+        failed = {lane: str(error) for lane, error in lanes.run(prepared.__getitem__, arrays).failures.items()}
     finally:
         lanes.close()
+    columns = {f"{s}.{n}": column for (s, n), column in zip(keep, arrays, strict=True)}
     valid = np.array([min(ticks, round(touch.duration * setting.rate)) for touch in touches])
     nodes = {node.name: dict(node.settings) for node in first.job.nodes}
     return [

@@ -5,18 +5,18 @@ A lane computes the same bits as a single run (engine/lanes.py). It keeps only t
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from palpate.engine.schedule import nanoseconds
-from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.lane_blocks import RESULTS
+from palpate.launch.run.lane_runner import LaneKeep, LaneRunner
 from palpate.launch.run.lane_values import Preparation
-from palpate.launch.run.lanes import LaneRun, Prepared, prepare
+from palpate.launch.run.lanes import Prepared, columns_of, prepare
 from palpate.launch.run.notes import RunNote
 from palpate.launch.run.tasks.task import Beat
 from palpate.launch.run.work.compiling import compiling
@@ -29,11 +29,11 @@ from palpate.studies.sweeps.keep import Kept
 from palpate.studies.sweeps.point import Computed, Point, kept_of, text_of
 from palpate.studies.sweeps.recorded import warm
 
-STRUCTURES = 8  # Maximum number of started structures per process
-LANES = 64  # Maximum number of lanes that run together
+RUNNERS = 4  # Maximum number of them per process, each with started nodes
+LANES = 64  # Maximum number of lanes of a block
 HEAD = "there", "tick", "time"
 
-_ready: list[tuple[Any, LaneRun]] = []  # by structure and kept fields; the most recently used is last
+_ready: list[tuple[Any, LaneRunner]] = []  # by kept fields and number of ticks; the most recently used is last
 
 
 def preparation(
@@ -103,10 +103,7 @@ def _run(
     """The results of lanes of one structure by their place, without those that fail."""
     names = _names(keep)
     heads = [(stream, name) for stream in dict.fromkeys(stream for stream, _ in names) for name in HEAD]
-    run = _start_lanes(members.values(), [*heads, *names], ticks, beat)
-    if run is None:
-        return
-    reached = 0
+    runner, places, reached, process = _started([*heads, *names], ticks), list(members), 0, os.getpid()
 
     def done(ran: int) -> None:
         nonlocal reached
@@ -114,21 +111,24 @@ def _run(
             reached = ran // ticks
             beat()
 
-    places, count = list(members), run.lanes.count
+    row = sum(column.nbytes for column in columns_of(members[places[0]], [*heads, *names], 1, ticks))
+    count = max(1, min(LANES, RESULTS // row))
     for begin in range(0, len(places), count):
         part, since, reached = places[begin : begin + count], time.monotonic(), 0
+        given = [members[place] for place in part]
+        columns = columns_of(given[0], [*heads, *names], len(part), ticks)
         beat()
-        run.restart([members[place] for place in part])
-        run.run(ticks, 1, done)
+        with compiling(lambda count: beat() if os.getpid() == process else None):  # a child compiles, too
+            found = runner.run(given.__getitem__, columns, done)
         for lane, place in enumerate(part):
-            if lane in run.failures:
+            if lane in found.failures:
                 continue
-            columns = {key: column[lane] for key, column in zip([*heads, *names], run.lanes.columns, strict=True)}
+            kept = {key: column[lane] for key, column in zip([*heads, *names], columns, strict=True)}
             one, end = members[place], nanoseconds(ticks, members[place].job.rate) * 1e-9
             notes = [note if isinstance(note, RunNote) else RunNote(note) for note in one.graph.notes]
-            notes += [RunNote(text, node, end) for node, text in run.lanes.notes(lane)]
+            notes += [RunNote(text, node, end) for node, text in found.notes.get(lane, ())]
             try:
-                results = kept_of(keep, _streams(one, columns, names), notes)
+                results = kept_of(keep, _streams(one, kept, names), notes)
             except Exception as error:
                 results = Computed(error=text_of(error))
             yield place, replace(results, seconds=(time.monotonic() - since) / (lane + 1))
@@ -151,23 +151,14 @@ def _names(keep: Sequence[Kept]) -> list[tuple[str, str]]:
     return list(dict.fromkeys((one.stream, one.field) for one in keep))
 
 
-def _start_lanes(lanes: Iterable[Prepared], names: Sequence[tuple[str, str]], ticks: int, beat: Beat) -> LaneRun | None:
-    """Lanes of this structure: known ones, or new ones that the first lane that starts begins. None: none starts."""
-    process = os.getpid()  # a forked child also compiles, but must not call `beat`
-    for one in lanes:
-        key = one.structure, names, ticks
-        for place, (known, run) in enumerate(_ready):
-            if known == key:
-                _ready.append(_ready.pop(place))
-                return run
-        row = ticks * sum(layout(one.graph.streams[stream])[name].itemsize for stream, name in names)
-        try:
-            with compiling(lambda count: beat() if os.getpid() == process else None):
-                run = LaneRun([one], names, ticks, count=max(1, min(LANES, RESULTS // row)))
-        except NodeError:
-            continue
-        _ready.append((key, run))
-        if len(_ready) > STRUCTURES:
-            _ready.pop(0)[1].close()
-        return run
-    return None
+def _started(names: Sequence[tuple[str, str]], ticks: int) -> LaneRunner:
+    """What runs lanes that keep these fields of this number of ticks, with nodes that have started before."""
+    key = names, ticks
+    for place, (known, runner) in enumerate(_ready):
+        if known == key:
+            _ready.append(_ready.pop(place))
+            return runner
+    _ready.append((key, LaneRunner(LaneKeep(list(names), ticks), 1)))
+    if len(_ready) > RUNNERS:
+        _ready.pop(0)[1].close()
+    return _ready[-1][1]

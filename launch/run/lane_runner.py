@@ -1,0 +1,179 @@
+"""Runs lanes of one graph from start to end, in threads.
+
+A lane takes memory only while it runs: each thread has room for a few lanes of each structure.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palpate.compiler.cores import usable_cores
+from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapt_block
+from palpate.launch.run.lanes import LaneRun, Prepared
+from palpate.physics.errors import PalpateError
+
+BATCH = 16  # Maximum number of lanes that a thread places before it runs them
+STRUCTURES = 8  # Maximum number of structures that stay started between calls
+
+
+@dataclass(frozen=True)
+class LaneKeep:
+    """What is kept of lanes.
+
+    fields  stream and name of each field
+    ticks   number of ticks of a lane;  every  divisor of those that are kept, `rows` in number
+    """
+
+    fields: list[tuple[str, str]]
+    ticks: int
+    every: int = 1
+
+    @property
+    def rows(self) -> int:
+        return -(-self.ticks // self.every)
+
+
+class Memory(NamedTuple):
+    """Sizes [bytes].
+
+    lanes    memory of the lanes that exist together, at most `BATCH` for each thread, in pages that are not zero
+    shared   arrays that lanes share, such as meshes and bases
+    images   started nodes with the settings of recent lanes
+    results  kept fields of a block of lanes, or of all lanes if they stay in memory
+    """
+
+    lanes: int = 0
+    shared: int = 0
+    images: int = 0
+    results: int = 0
+
+
+@dataclass
+class Outcome:
+    """What happened to lanes, by their row.
+
+    failures  cause; their values are NaN from the tick of the failure on
+    notes     lines for the user, each with the name of its node
+    """
+
+    failures: dict[int, Exception] = field(default_factory=dict)
+    notes: dict[int, list[tuple[str, str]]] = field(default_factory=dict)
+
+
+class LaneRunner:
+    """Runs lanes; those of the same structure share their started nodes.
+
+    keep     what is recorded
+    threads  number of threads; None: one per core
+    """
+
+    def __init__(self, keep: LaneKeep, threads: int | None = None) -> None:
+        self._keep, self._threads = keep, threads or len(usable_cores())
+        self._runs: list[tuple[list[Any], LaneRun]] = []  # by structure; the most recently used is last
+        self.memory = Memory()
+        """Of the last call of `run`."""
+
+    def start(self, one: Prepared, columns: Sequence[np.ndarray]) -> LaneRun:
+        """The started nodes of the structure of this lane. NodeError: one does not start."""
+        for place, (structure, run) in enumerate(self._runs):
+            if structure == one.structure:
+                self._runs.append(self._runs.pop(place))
+                return run
+        run = LaneRun(one, self._keep.fields, columns, self._keep.every, BATCH * self._threads)
+        self._runs.append((one.structure, run))
+        return run
+
+    def run(
+        self,
+        prepare: Callable[[int], Prepared],
+        columns: Sequence[np.ndarray],
+        done: Callable[[int], None] = lambda ticks: None,
+    ) -> Outcome:
+        """Run a lane for each row of these columns, which get its values.
+
+        prepare  the lane of a row; PalpateError: it fails. Called by one thread at a time
+        done     called ten times a second with the sum of the ticks of all lanes
+
+        On KeyboardInterrupt the threads are stopped before it is raised.
+        """
+        found, keep = Outcome(), self._keep
+        while len(self._runs) > STRUCTURES:
+            self._runs.pop(0)[1].close()
+        for _, run in self._runs:
+            run.lanes.record_in(columns)
+        rows, numbers, ran = iter(range(len(columns[0]))), iter(range(self._threads)), [0] * self._threads
+        lock = threading.Lock()  # one thread at a time runs Python code
+
+        def begin(seat: int, row: int) -> LaneRun | None:
+            """Place the lane of a row; None: it has failed."""
+            try:
+                one = prepare(row)
+                run = self.start(one, columns)
+                run.place(seat, one, row)
+            except PalpateError as error:
+                _fail(found, columns, row, 0, error)
+                return None
+            return run
+
+        def end(seat: int, row: int, run: LaneRun) -> None:
+            if (error := run.lanes.failure(seat)) is not None:
+                _fail(found, columns, row, -(-int(run.lanes.ticks[seat]) // keep.every), error)
+            elif notes := run.lanes.notes(seat):
+                found.notes[row] = notes
+
+        # Each thread places some lanes, then runs them in calls that take about `BLOCK` seconds at most. The compiled
+        # code of a lane finds that of the last one in the processor's cache.
+        def work(stopped: Callable[[], bool]) -> None:
+            with lock:
+                number, block = next(numbers), FIRST
+            while not stopped():
+                with lock:
+                    given = list(enumerate(islice(rows, batch), number * BATCH))
+                    placed = [(seat, row, run) for seat, row in given if (run := begin(seat, row)) is not None]
+                if not given:
+                    return
+                for seat, _, run in placed:
+                    now = 0
+                    while now < keep.ticks and not stopped():
+                        count, begun = min(block, keep.ticks - now), time.perf_counter()
+                        run.lanes.run(seat, 1, count)
+                        reached, took = int(run.lanes.ticks[seat]), time.perf_counter() - begun
+                        ran[number] += reached - now
+                        if reached < now + count:
+                            break
+                        if count == block:
+                            block = adapt_block(block, took)
+                        now = reached
+                with lock:
+                    for each in placed:
+                        end(*each)
+
+        count = min(self._threads, len(columns[0]))
+        batch = max(1, min(BATCH, len(columns[0]) // (2 * count)))
+        pool = LaneThreads(count)
+        try:
+            pool.run([work] * count, lambda: done(sum(ran)))
+        finally:
+            pool.close()
+        done(sum(ran))
+        sizes = [(*run.lanes.memory, run.size) for _, run in self._runs]
+        lanes, shared, images = (sum(size[part] for size in sizes) for part in range(3))
+        self.memory = Memory(lanes, shared, images, sum(column.nbytes for column in columns))
+        return found
+
+    def close(self) -> None:
+        """Stop the nodes."""
+        while self._runs:
+            self._runs.pop()[1].close()
+
+
+def _fail(found: Outcome, columns: Sequence[np.ndarray], row: int, reached: int, error: Exception) -> None:
+    """Results of a failed lane are NaN from the failed tick on."""
+    found.failures[row] = error
+    for column in columns:
+        column[row, reached:] = np.nan if column.dtype.kind == "f" else 0
