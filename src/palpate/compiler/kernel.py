@@ -378,3 +378,7 @@ def kernel(
         return function
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
     return CompiledKernel(function, options | ({"nogil": True} if nogil else {}))
+
+
+ieee_kernel = kernel(error_model="numpy")
+"""The same; a division by 0 returns inf or nan, as IEEE 754 defines it."""

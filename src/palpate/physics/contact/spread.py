@@ -20,7 +20,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Vector3
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 
@@ -29,8 +30,8 @@ FACES = 0.5  # [1] cosine to the contact's normal below which a node bears less
 OFF = 0.5  # [1] of R, distance of the nearest node beyond which the foot counts as off the surface
 
 
-@kernel(error_model="numpy")
-def kernel_value(kind, q):
+@ieee_kernel
+def kernel_value(kind: int, q: float):
     """k(q), 1 at q = 0, 0 from q = 1 on: 0 biweight (1-q²)², 1 Wendland C² (1-q)⁴(4q+1), 2 raised cosine,
     3 Hertz's pressure (1-q²)^½."""
     if q >= 1.0:
@@ -71,14 +72,14 @@ def cells(points: np.ndarray, side: float) -> tuple[np.ndarray, float, np.ndarra
     return origin, side, shape, first, np.argsort(flat, kind="stable").astype(np.int32)
 
 
-@kernel(error_model="numpy")
-def _cell(x, count):
+@ieee_kernel
+def _cell(x: float, count: int):
     # limited before the conversion to an integer, which would overflow for distant points
     return int(min(max(x, 0.0), count - 1.0))
 
 
-@kernel(error_model="numpy")
-def _cells(foot, shift, scalars, shape):
+@ieee_kernel
+def _cells(foot: Vector3, shift: float, scalars: Array, shape: Indices):
     """The cell (3) at a foot point that is shifted by `shift` [m] along each axis, limited to the grid."""
     return (
         _cell((foot[0] + shift - scalars[2]) / scalars[5], shape[0]),
@@ -87,8 +88,8 @@ def _cells(foot, shift, scalars, shape):
     )
 
 
-@kernel(error_model="numpy")
-def nearest_triangle(point, normal, points, triangles, vectors):
+@ieee_kernel
+def nearest_triangle(point: Array, normal: Vector3, points: Matrix, triangles: Indices, vectors: Matrix):
     """The triangle nearest to a point [m] (3), and the weights of the second and third corner at its nearest point.
 
     Triangles that face away from `normal` are used only if no others exist; -1: no triangle has an area.
@@ -148,8 +149,8 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
     )  # fmt: skip
 
 
-@kernel(error_model="numpy")
-def _weigh(s, foot, normal, r, shift):
+@ieee_kernel
+def _weigh(s: Spreader, foot: Vector3, normal: Vector3, r: float, shift: float):
     """Fill `nodes` and `weights` [m²] with the nodes that face `normal` and have d² - shift < R². Returns their number,
     and the least d² [m²] of them; inf: none exists."""
     kind, shape, first, order, near = int(s.scalars[1]), s.shape, s.first, s.order, s.near
@@ -180,13 +181,13 @@ def _weigh(s, foot, normal, r, shift):
 
 
 @kernel
-def _on_surface(s, r):
+def _on_surface(s: Spreader, r: float):
     """Largest d_0² [m²] of a foot that counts as on the surface."""
     return max((OFF * r) ** 2, s.scalars[6] ** 2 / 3.0)
 
 
-@kernel(error_model="numpy")
-def _off_surface(s, foot, normal, r):
+@ieee_kernel
+def _off_surface(s: Spreader, foot: Vector3, normal: Vector3, r: float):
     """Fill `nodes` and `weights` for a foot without a node within R; returns their number, 0 if the foot lies on a
     triangle that is larger than R, or no node faces `normal`."""
     most, wide = 4.0 * (s.box[1, 0] - s.box[0, 0] + s.box[1, 1] - s.box[0, 1] + s.box[1, 2] - s.box[0, 2]), 2.0 * r
@@ -199,8 +200,8 @@ def _off_surface(s, foot, normal, r):
     return 0
 
 
-@kernel(error_model="numpy")
-def spread(spreader, foot, normal, force, radius=0.0):
+@ieee_kernel
+def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, radius: float = 0.0):
     """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]. Returns their number.
 
     normal: outward unit normal [1] (3) of the surface at the foot point;  radius [m]  R, 0: that of the spreader
