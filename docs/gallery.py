@@ -18,7 +18,8 @@ From this page you can run every shipped graph. `python docs/gallery.py` writes 
 docs/pictures/gallery.py` its pictures: the surface at its deepest instant, or one of the run's pictures, with emulated
 devices and sensors. A run ends with its [pictures](pictures.md); `palpate picture FILE --film` makes a
 [film](python.md) of its recording. `palpate plan GRAPH` lists the nodes that run, and why. `palpate run nodule
---scene afferents` adds the [spikes of the fingertip's afferents](equations/afferents.md).
+--scene afferents` adds the [spikes of the fingertip's afferents](equations/afferents.md), `palpate run texture --scene
+grating` those over a [grating](equations/relief.md).
 
 """
 

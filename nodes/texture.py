@@ -2,53 +2,27 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
 from palpate.compiler.records import floats, lend_first, put, vector
-from palpate.messages import Contact, Friction, Proximity, Vector3
+from palpate.messages import Contact, Friction, Proximity
 from palpate.messages.record import array_handle
 from palpate.messages.vibration import Vibration
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.nodes.base.samples import SLID, slid
+from palpate.nodes.base.samples import slid
 from palpate.nodes.base.texture_file import read_texture, tabulate_texture
+from palpate.nodes.base.textured import FRICTION, PATH, SLIDES, SLIP, WithTexture, advance, meet, slide
 from palpate.physics.device import random_numbers
 from palpate.physics.device.random_numbers import seed_state
-from palpate.physics.texture import surface
 from palpate.physics.texture.autoregressive import coefficients, filter_sample, innovation
 
 LONGEST = 0.1  # [s] longest block; a longer step is truncated
-FRICTION, PRESS = Wants("force", "bristle", "stick", "stored"), Wants("force")
-SLIP = Wants("slip", "foot", "normal", "gap")
-LOCK = 2e-3  # [m] path on which a deviation of the integrated path from the place on the organ decays to 1/e
+PRESS = Wants("force")
 Positive, Share = msgspec.Meta(gt=0), msgspec.Meta(ge=0, le=1)
-
-
-@ieee_kernel
-def slide(own, friction, contact, proximity, dt):
-    """Sliding speed [m/s], bound of the fluctuation [N], sliding direction (3) [1], and time [s] since the last sample
-    of the position, 0 if it is repeated.
-
-    With friction f, slip velocity v, time step T and bristle energy V, the bound is a share of the dissipative part of
-    friction, (f.v T - dV)/|v T| <= |f|. Friction plus fluctuation therefore dissipates for every texture.
-    """
-    moved, v = slid(own.motion, proximity, dt)
-    z, f, dt = vector(friction.bristle), vector(friction.force), moved if moved > 0.0 else dt
-    stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
-    released, speed = own.stored - stored, math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    strained = v[0] * (z[0] - own.bristle[0]) + v[1] * (z[1] - own.bristle[1]) + v[2] * (z[2] - own.bristle[2])
-    put(own.bristle, z)
-    own.stored = stored
-    if friction.stick or not contact.force > 0.0 or not speed * dt > 0.0:
-        return 0.0, 0.0, (0.0, 0.0, 0.0), moved
-    sliding = min(max(speed - strained / (speed * dt), 0.0), speed)
-    lost = f[0] * v[0] + f[1] * v[1] + f[2] * v[2] + released / dt  # [W]
-    size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
-    bound = own.share * min(max(lost, 0.0) / speed, size) if sliding > 0.0 else 0.0
-    return sliding, bound, (v[0] / speed, v[1] / speed, v[2] / speed), moved
 
 
 @ieee_kernel
@@ -102,10 +76,8 @@ class _TextureNode(CompiledNode):
     normal: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.0
     onset: Annotated[float, "m/s", Positive] = 2e-3
 
-    State = {"samples": ARRAY, "upright": ARRAY, "bristle": (3,), "stored": (), "begun": (), "amplitude": (),
-             "motion": SLID}  # fmt: skip
-    """One block of samples, lateral and normal [N]; bristle deflection [m] and energy [J] of the last step; elapsed
-    fraction of the current sample; last amplitude [N]; sample of the position."""
+    State = {"samples": ARRAY, "upright": ARRAY, "begun": (), "amplitude": ()} | SLIDES
+    """One block of samples, lateral and normal [N]; elapsed fraction of the current sample; last amplitude [N]."""
 
     def start(self) -> None:
         super().start()
@@ -124,7 +96,7 @@ class _TextureNode(CompiledNode):
             self.hold(name, np.zeros(math.ceil(LONGEST * sampling) + 1))
 
 
-class Spectral(_TextureNode):
+class Spectral(_TextureNode, WithTexture):
     """A surface texture by its spatial spectrum, its wavelength or a measured profile.
 
     The fluctuation is phi(s) f_n, with the slip path s and the normal force f_n: a spatial frequency k is felt at k
@@ -145,36 +117,17 @@ class Spectral(_TextureNode):
     speed           highest expected sliding speed
     """
 
-    spectrum: Annotated[tuple[tuple[float, float], ...], "1/m, 1"] = ((50.0, 1.0), (200.0, 1.0), (2000.0, 0.01))
-    wavelength: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
-    profile: Annotated[str, "1"] = ""
-    map: Annotated[Literal["friction", "relief"], "1"] = "friction"
-    shortest: Annotated[float, "m", Positive] = 0.2e-3
-    roughness: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.05
     force_exponent: Annotated[float, "1", msgspec.Meta(ge=0, le=3)] = 1.0
     speed_exponent: Annotated[float, "1", msgspec.Meta(ge=0, le=3)] = 0.0
-    direction: Annotated[Vector3, "1"] = (0.0, 0.0, 0.0)
     speed: Annotated[float, "m/s", Positive] = 0.3
     sampling: Annotated[float, "Hz", msgspec.Meta(ge=100, le=1e5)] = 10e3
-    seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
-    State = _TextureNode.State | {"table": ARRAY, "spacing": (), "place": (), "fastest": (), "axis": (3,), "late": bool,
-                                   "ahead": (), "relief": bool, "pressed": bool}  # fmt: skip
-    """One period [1] and its spacing [m]; position in it [m]; highest speed [m/s], above which the texture is silent;
-    unit direction; path since the last sample of the position, at its speed [m]; whether it is a relief; whether the
-    finger pressed in the last step."""
+    State = _TextureNode.State | PATH | {"table": ARRAY, "spacing": (), "fastest": (), "late": bool, "relief": bool}
+    """One period [1] and its spacing [m]; highest speed [m/s], above which the texture is silent; whether it is a
+    relief."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        points = np.array(self.spectrum).reshape(-1, 2)
-        good = len(points) > 1 and ((points > 0.0) & np.isfinite(points)).all() and (np.diff(points[:, 0]) > 0.0).all()
-        if self.wavelength and self.profile:
-            raise SettingError("settings 'wavelength' and 'profile': found both, expected one")
-        if not (self.wavelength or self.profile or good):
-            raise SettingError(
-                f"setting 'spectrum' [1/m, 1]: found {self.spectrum}, expected two or more pairs of a rising spatial "
-                "frequency > 0 and a power density > 0"
-            )
         if self.fit < self.speed:
             raise SettingError(
                 f"setting 'speed' [m/s]: at {self.speed:g} it reaches {self.finest * self.speed:.4g} Hz, beyond half "
@@ -183,39 +136,9 @@ class Spectral(_TextureNode):
             )
 
     @property
-    def finest(self) -> float:
-        """Highest spatial frequency [1/m]."""
-        return (
-            1.0 / self.wavelength if self.wavelength else 1.0 / self.shortest if self.profile else self.spectrum[-1][0]
-        )
-
-    @property
     def fit(self) -> float:
         """Highest sliding speed [m/s] without aliasing."""
         return 0.5 * self.sampling / self.finest
-
-    @property
-    def is_relief(self) -> bool:
-        """Whether the fluctuation is the slope of heights, and not one of friction. SettingError: cannot be read."""
-        try:
-            return surface.has_heights(Path(self.profile)) if self.profile else self.map == "relief"
-        except (OSError, ValueError) as error:
-            raise SettingError(f"setting 'profile': {self.profile}: {error}") from None
-
-    def period(self) -> tuple[np.ndarray, float]:
-        """One period (n) [1] of the fluctuation over the normal force, and its spacing [m].
-
-        SettingError: the profile or the spectrum cannot be used.
-        """
-        try:
-            if self.profile:
-                return surface.profile(Path(self.profile), self.roughness, self.shortest)
-            if self.wavelength:
-                return surface.grating(self.wavelength, self.roughness)
-            return surface.random_surface(np.array(self.spectrum), self.roughness, self.seed)
-        except (OSError, ValueError) as error:
-            name = "profile" if self.profile else "spectrum"
-            raise SettingError(f"setting {name!r}: {self.profile or self.spectrum}: {error}") from None
 
     def start(self) -> None:
         super().start()
@@ -223,8 +146,7 @@ class Spectral(_TextureNode):
         self.room(self.sampling)
         self.hold("table", table)
         self.own["spacing"], self.own["fastest"] = spacing, self.fit
-        length = math.sqrt(sum(each * each for each in self.direction))
-        self.own["axis"] = [each / length for each in self.direction] if length else 0.0
+        self.own["axis"] = self.unit_direction
         self.own["relief"] = self.is_relief
 
     def notes(self) -> list[str]:
@@ -246,7 +168,7 @@ class Spectral(_TextureNode):
         proximity: Annotated[Proximity, SLIP], out: Out[Friction], vibration: Out[Vibration], dt,
     ):  # fmt: skip
         dt = min(dt, LONGEST)
-        sliding, bound, d, moved = slide(own, friction, contact, proximity, dt)
+        sliding, bound, d, moved = slide(own, own.share, friction, contact, proximity, dt)
         count, first = block(own, dt)
         samples, table = floats(own.samples), floats(own.table)
         n, x, along, facing = len(table), own.axis, sliding, 1.0
@@ -254,27 +176,14 @@ class Spectral(_TextureNode):
             # Speed along the axis; the share of a slope's force, which lies along the axis, in the direction of slip.
             cosine = x[0] * d[0] + x[1] * d[1] + x[2] * d[2]
             along, facing = sliding * cosine, cosine if own.relief else 1.0
-        # While a network repeats the last position, the vibration continues at the last speed; the next position
-        # replaces this path.
-        if moved > 0.0:
-            own.place += along * (moved - dt) - own.ahead
-        own.ahead = own.ahead + along * dt if moved == 0.0 else 0.0
-        landed = contact.force > 0.0 and not own.pressed
-        own.pressed = contact.force > 0.0
-        if (moved > 0.0 or landed) and (x[0] != 0.0 or x[1] != 0.0 or x[2] != 0.0):
-            # The skin at the contact lags the foot point by the deflection of the bristles.
-            at, z = proximity.foot, friction.bristle
-            apart = x[0] * (at[0] - z[0]) + x[1] * (at[1] - z[1]) + x[2] * (at[2] - z[2]) - along * dt - own.place
-            apart -= math.floor(apart / (n * own.spacing) + 0.5) * (n * own.spacing)
-            own.place += apart if landed else apart * min(abs(along) * dt / LOCK, 1.0)
+        meet(own, along, moved, dt, contact, proximity, friction, n * own.spacing)
         # Sample the periodic profile by linear interpolation, and advance the position in it.
         for i in range(count):
             place = (own.place + along * (first + i / own.sampling)) / own.spacing
             whole = math.floor(place)
             k = int(whole) % n
             samples[i] = table[k] + (place - whole) * (table[k + 1 if k + 1 < n else 0] - table[k])
-        own.place += along * dt
-        own.place -= math.floor(own.place / (n * own.spacing)) * (n * own.spacing)
+        advance(own, along * dt, n * own.spacing)
         # Amplitude A = f_n^p (v/0.1)^q min(v/onset, 1).
         own.late = own.late or sliding > own.fastest
         amplitude = contact.force * min(sliding / own.onset, 1.0) if sliding <= own.fastest else 0.0
@@ -328,7 +237,7 @@ class Autoregressive(_TextureNode):
         proximity: Annotated[Proximity, SLIP], out: Out[Friction], vibration: Out[Vibration], dt,
     ):  # fmt: skip
         dt = min(dt, LONGEST)
-        sliding, bound, d, _ = slide(own, friction, contact, proximity, dt)
+        sliding, bound, d, _ = slide(own, own.share, friction, contact, proximity, dt)
         count, first = block(own, dt)
         samples, row, amplitude = floats(own.samples), floats(own.row), 0.0
         if sliding > 0.0:

@@ -21,8 +21,8 @@ def parser(text: str | None) -> argparse.ArgumentParser:
     return made
 
 
-def table(folder: Path | None, name: str, source: str, columns: int) -> tuple[list[str], np.ndarray]:
-    """Header and rows of a table of numbers; its first column may be text (NaN). Ends the program with a clear message
+def texts(folder: Path | None, name: str, source: str, columns: int) -> list[list[str]]:
+    """Cells of a table, the header first. Ends the program with a clear message
     if the folder, the file or its form is not the expected one."""
     if folder is None:
         sys.exit(
@@ -35,11 +35,17 @@ def table(folder: Path | None, name: str, source: str, columns: int) -> tuple[li
     lines = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     if len(lines) < 2 or min(map(len, lines)) < columns:
         sys.exit(f"{path}: expected a header and rows with {columns} columns separated by commas or more")
+    return lines
+
+
+def table(folder: Path | None, name: str, source: str, columns: int) -> tuple[list[str], np.ndarray]:
+    """Header and rows of a table of numbers, as `texts`; its first column may be text (NaN)."""
+    lines = texts(folder, name, source, columns)
     try:
         rows = [[float("nan") if k == 0 and not _is_number(cell) else float(cell) for k, cell in enumerate(line)]
                 for line in lines[1:]]  # fmt: skip
     except ValueError as error:
-        sys.exit(f"{path}: {error}; expected numbers")
+        sys.exit(f"{name}: {error}; expected numbers")
     return lines[0], np.array(rows)
 
 

@@ -61,7 +61,7 @@ def unlike_surfaces(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterat
                 yield f"{text}, or other settings of it: set it in scene.surface, for both"
             one, other = ({key: value for key, value in given if key in MESH} for given in both)
             differ = [key for key in one if key in other and one[key] != other[key]]
-            if differ:
+            if differ and "surface" in other:  # a node without a mesh may have a setting of this name
                 text = ", ".join(f"{key} {one[key]} and {other[key]}" for key in differ)
                 yield (
                     f"{wire.producer} and {wire.consumer} have different surfaces ({text}), so the loads act on other "

@@ -1,28 +1,27 @@
 """Spikes of the tactile afferents under the patch (docs/equations/afferents.md)."""
 
 import math
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 
 from palpate.compiler.records import floats, integers, lend, lend_first, longs
-from palpate.messages import MessageError, Spikes, Subsurface
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
+from palpate.messages import Spikes, Subsurface
+from palpate.nodes.base import ARRAY, TABLE, Out, Part, Wants
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import GAP, sample_of
 from palpate.nodes.base.samples import since as elapsed
+from palpate.nodes.tactile.receptors import NO_STRESS, WithReceptors
 from palpate.physics.afferents import fibre, population
-from palpate.physics.afferents.published import DENSITIES, DEPTHS, RATE, TYPES
+from palpate.physics.afferents.published import RATE
 
 LONGEST = 0.1  # [s] Limit of the computed time between messages
 BLOCK = 60  # Samples per call, one bit each
 SLOW = 2.5e-3  # [s] Longest time between messages whose corners the filter of the fibres removes
-NO_STRESS = 3  # fault: the stress is empty
 
 
-class Afferents(CompiledNode):
+class Afferents(WithReceptors):
     """Spike trains of SA1, RA1 and PC afferents under the patch, from the stress at their receptors, shear included.
 
     Each is one of the 17 macaque fibres of a published model, drawn with `seed`. Their positions are random on a disc
@@ -34,11 +33,6 @@ class Afferents(CompiledNode):
 
     effect = "tactile"
 
-    reach: Annotated[float, "m", msgspec.Meta(gt=0, le=0.1)] = 8e-3  # Of the disc; within the grid of tactile.Stress
-    densities: Annotated[tuple[float, float, float], "1/m^2"] = DENSITIES  # Of SA1, RA1 and PC
-    depths: Annotated[tuple[float, float, float], "m"] = DEPTHS  # Of their receptors
-    units: Annotated[str, "1"] = ""  # CSV file with type, x, y, depth [m], in place of densities
-    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45  # Of the skin: that of tactile.Stress
     stimulus: Annotated[Literal["traction", "energy"], "1"] = "traction"
     """traction: vertical and shear stress at the receptor, and the speed of the surface above it, the published inputs
     summed over the contact; energy: the strain energy density at the receptor and its rate."""
@@ -59,13 +53,8 @@ class Afferents(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        for name, least in (("densities", 0.0), ("depths", 1e-5), ("gains", 0.0)):
-            if not all(least <= each < math.inf for each in getattr(self, name)):
-                raise SettingError(
-                    f"setting {name!r}: found {getattr(self, name)}, expected three numbers, of {', '.join(TYPES)}, "
-                    f"from {least:g} on"
-                )
-        self.population = made = self.make_population()
+        self.three("gains", 0.0)
+        made = self.make_population()
         n = len(made.kind)
         rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson, made.kind)
         share = np.array(self.gains)[made.kind]
@@ -87,12 +76,7 @@ class Afferents(CompiledNode):
 
     def make_population(self) -> population.Population:
         """The receptors. SettingError: the file or the densities are invalid."""
-        try:
-            if self.units:
-                return population.read(Path(self.units), self.depths, self.seed, self.trial)
-            return population.scatter(self.densities, self.reach, self.depths, self.seed, self.trial)
-        except (OSError, ValueError) as error:
-            raise SettingError(f"setting {'units' if self.units else 'densities'!r}: {error}") from None
+        return self.receptors(self.seed, self.trial)
 
     @ieee_kernel
     def compute(own, stress: Annotated[Subsurface, Wants("points", "stress", "deflection")], out: Out[Spikes], dt):
@@ -176,23 +160,3 @@ class Afferents(CompiledNode):
                 "and its corners are vibrations to PC; give tactile.Stress no divisor, and the graph 500 Hz or more"
             )
         return super().notes()
-
-    def explain(self, fault: int, *messages: Any) -> Exception:
-        """Why the stress does not fit the receptors."""
-        points = messages[0].points
-        if fault == population.OUTSIDE:
-            bad = int(self.own["bad"])
-            x, y, z = 1e3 * self.population.at[bad]
-            low, high = 1e3 * points.min(axis=0), 1e3 * points.max(axis=0)
-            return MessageError(
-                f"{type(self).__name__}: {TYPES[self.population.kind[bad]]} receptor {bad} at x {x:.3g}, y {y:.3g} mm, "
-                f"{z:.3g} mm deep: the stress is known for x {low[0]:.3g} to {high[0]:.3g}, y {low[1]:.3g} to "
-                f"{high[1]:.3g} mm, {low[2]:.3g} to {high[2]:.3g} mm deep. Give tactile.Stress a 'reach' and 'depths' "
-                "that cover all receptors"
-            )
-        if fault == population.NO_GRID:
-            return MessageError(
-                f"{type(self).__name__}: {len(points)} points of stress: expected a square grid at each depth, depth "
-                "by depth and x by x, as tactile.Stress sends it, with 'reach' of at least one 'spacing'"
-            )
-        return MessageError(f"{type(self).__name__}: the stress of {messages[0].source or 'its input'} is empty")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.compiler.kernel import ieee_kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.afferents.published import FITS, TYPES
 from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.contact.subsurface import energy_stress
@@ -82,11 +82,28 @@ def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int) -> Popu
     return Population(kind, np.ascontiguousarray(at), fits, keys)
 
 
+@kernel
+def _equal(points: Matrix, at: Matrix):
+    """Whether two lists of points (n,3) are equal."""
+    if len(points) != len(at):
+        return False
+    for n in range(len(at)):
+        for axis in range(3):
+            if points[n, axis] != at[n, axis]:
+                return False
+    return True
+
+
 @ieee_kernel
 def place(points: Matrix, at: Matrix, corners: Indices, weights: Matrix):
     """For each receptor, at [m] (n,3), fill `corners` and `weights` (n,8): grid points round it and their weights for
-    trilinear interpolation of the stress. points [m] (p,3) of `tactile.Stress`: depth by depth, x by x. Returns (0, 0),
-    or the fault and the receptor, such as (`OUTSIDE`, n)."""
+    trilinear interpolation of the stress. points [m] (p,3) of `tactile.Stress`: depth by depth, x by x; or those of the
+    receptors, as `tactile.Relief` sends them. Returns (0, 0), or the fault and the receptor, such as (`OUTSIDE`, n)."""
+    if _equal(points, at):
+        for n in range(len(at)):
+            corners[n], weights[n] = n, 0.0
+            weights[n, 0] = 1.0
+        return 0, 0
     # the grid: square layers of equal size, with one spacing in both directions
     total = len(points)
     layer = 0

@@ -173,7 +173,7 @@ def shapes(planned: Plan) -> Bodies:
 def _receptors(planned: Plan, node: str) -> Receptors:
     """Positions and types of the receptors of a node of afferents; empty if the node cannot be made."""
     try:
-        made = planned.make(node).made()  # type: ignore[attr-defined]
+        made = planned.make(node).make_population()  # type: ignore[attr-defined]
     except (AttributeError, SettingError):
         return {}
     return {"x": (1e3 * made.at[:, 0]).tolist(), "y": (1e3 * made.at[:, 1]).tolist(), "kind": made.kind.tolist()}
