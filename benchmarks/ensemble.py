@@ -18,7 +18,7 @@ import numpy as np
 
 import palpate
 import palpate.physics
-from palpate.calling import describe_run
+from palpate.launch.load.arguments import describe_run
 from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording

@@ -20,7 +20,7 @@ import numpy as np
 from rich.progress import track
 from tables import parser, print_tables
 
-from palpate.calling import describe_run
+from palpate.launch.load.arguments import describe_run
 from palpate.nodes.controller import Haptic
 from palpate.nodes.device import Simulated
 from palpate.stepping import Stepper

@@ -1,6 +1,7 @@
 """Who may import whom, room by room, and what each may import of others' packages."""
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -73,16 +74,17 @@ MAY = {
     "views": HIGH,
     "bases": HIGH,
     "studies": (*HIGH, "bases"),
-    "launch": HIGH,
-    "calling": (*HIGH, "launch", "bases"),
-    "stepping": (*HIGH, "launch", "bases"),
-    "ensemble": (*HIGH, "launch", "bases", "calling"),
-    "gym": (*HIGH, "calling", "stepping"),
-    "cli": (*HIGH, "launch", "cli.machine", "studies", "bases", "calling", "stepping"),
+    "launch": MIDDLE,
+    "calling": (*MIDDLE, "launch.run", "records", "views", "bases"),
+    "stepping": (*MIDDLE, "launch.run", "records", "bases"),
+    "ensemble": (*MIDDLE, "launch.run", "records", "bases"),
+    "gym": (*MIDDLE, "launch.run", "records", "stepping"),
+    "cli": (*HIGH, "launch", "cli.machine", "studies", "bases"),
     "__init__": (*HIGH, "studies", "calling", "ensemble", "stepping"),
 }
 """The rooms that each room may import, imports inside functions included. A room contains its folders except those
 that are separate rooms. Only the command line imports commands."""
+CORE = (*MIDDLE, "launch", "launch.run", "records", "graphs")  # what a touch needs; all other rooms are built on it
 THEIRS = {
     "compiler": {"numpy", "scipy", "numba", "llvmlite"},
     "physics": {"numpy", "scipy", "numba"},
@@ -137,6 +139,43 @@ def test_imports_go_one_way(name):
             if not allowed:
                 wrong.append(f"{file}: {own} imports {module}")
     assert not wrong
+
+
+def drawn():
+    """The rooms and their imports as a graph, without arrows that a longer path implies."""
+    arrows = {}
+    for name, file in FILES:
+        own = room(module_of(name, file))
+        found = {room(module.partition(".")[2]) for module in imported(file) if module.startswith("palpate.")}
+        arrows[own] = arrows.get(own, set()) | found & {*MAY, "graphs"} - {own}
+    below = {}
+
+    def reach(one):
+        if one not in below:
+            below[one] = arrows.get(one, set()) | {far for next in arrows.get(one, ()) for far in reach(next)}
+        return below[one]
+
+    lines = [
+        f"    {one} --> {other}"
+        for one in sorted(arrows)
+        for other in sorted(arrows[one])
+        if not any(other in reach(next) for next in arrows[one] - {other})
+    ]
+    names = {one: f'{one.replace(".", "_")}["{one}"]' for one in arrows if "." in one} | {"__init__": "palpate"}
+    for one, name in names.items():
+        lines = [re.sub(rf"(?<=[ ]){re.escape(one)}(?= |$)", name, line) for line in lines]
+    return "\n".join(["graph TD", *lines])
+
+
+def test_the_core_imports_nothing_that_is_built_on_it():
+    for one in CORE:
+        assert set(MAY.get(one, ())) <= set(CORE), one
+    assert not [one for one, others in MAY.items() if "calling" in others and one != "__init__"]
+
+
+def test_contributing_draws_the_imports():
+    """Replace the drawing by what this test prints."""
+    assert f"```mermaid\n{drawn()}\n```" in (LINKS.parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8"), drawn()
 
 
 def needed(file, files):

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from typing import no_type_check as ieee_kernel
     from typing import no_type_check as kernel
 else:
-    from palpate.compiler.kernel import kernel
-
-    ieee_kernel = kernel(error_model="numpy")
+    from palpate.compiler.kernel import ieee_kernel, kernel
 
 __all__ = ["ieee_kernel", "kernel"]

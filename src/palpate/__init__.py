@@ -74,7 +74,7 @@ def steps(
 
     PalpateError: the graph is invalid, or a node failed.
     """
-    from palpate.calling import describe_run
+    from palpate.launch.load.arguments import describe_run
     from palpate.stepping import Stepper, ticks
 
     return ticks(Stepper(describe_run(graph, duration=duration, scene=scene, sets=sets, nodes=nodes, organ=organ)))

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from palpate.bases import build_for_each, depends
-from palpate.calling import Organ, describe_run
 from palpate.compiler import kernel_cache
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
+from palpate.launch.load.arguments import Organ, describe_run
 from palpate.launch.load.dependencies import digest
 from palpate.launch.run.busy import free_memory
 from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneTask, block_size

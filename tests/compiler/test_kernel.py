@@ -28,7 +28,7 @@ def inner(x):
 def outer(x):
     return inner(x) + 1.0
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def other(x):
     return inner(x) / 0.0
 

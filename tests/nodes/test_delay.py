@@ -4,9 +4,9 @@ over a poor network."""
 import numpy as np
 import pytest
 
-from palpate.calling import describe_run
 from palpate.engine.faults import GraphError
 from palpate.engine.imports import UntrustedError, full_name, load_class, recorded_class
+from palpate.launch.load.arguments import describe_run
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
 from palpate.messages import Load, Surface
 from palpate.nodes.base import Out
 from palpate.nodes.deformation import MassSpring
@@ -17,7 +17,7 @@ class Giving(MassSpring):
 
     State = MassSpring.State | {"before": ()}
 
-    @kernel(error_model="numpy")
+    @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
         _press(own, load, out, dt)
         if out.previous_indentation < own.before:

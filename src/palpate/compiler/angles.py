@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from palpate.compiler.doubles import BIAS, bits, fast_two_sum, fused, two_product, two_sum, two_to
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
 from palpate.compiler.memory import stack_zeros
 
 DIGIT = 24  # Bits of a digit of 2/pi
@@ -64,7 +64,7 @@ with decimal.localcontext() as _digits:
 SERIES = np.array([_series(i / PARTS, 9) for i in range(PARTS + 1)])
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def quadrant(x):
     """(n, r, s) of finite x = n pi/2 + r + s, |r| <= pi/4, n modulo 4."""
     if abs(x) > 2.0**20:
@@ -78,7 +78,7 @@ def quadrant(x):
     return n & 3, r, s
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def _quadrant_of_large(x):
     """As `quadrant`: the digits of |x| times those of 2/pi, without the products that are multiples of 4."""
     q = ((bits(abs(x)) >> 52) - BIAS) // DIGIT
@@ -108,7 +108,7 @@ def _quadrant_of_large(x):
     return (n & 3, r, s) if x > 0.0 else (-n & 3, -r, -s)
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def sine(r, s):
     """sin(r + s) of |r| <= pi/4 and |s| < ulp(r)."""
     z = r * r
@@ -119,7 +119,7 @@ def sine(r, s):
     return r + fused(z * r, fused(z, odd, even), s * fused(z, -0.5, 1.0))
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def cosine(r, s):
     """cos(r + s) of |r| <= pi/4 and |s| < ulp(r)."""
     z = r * r
@@ -130,7 +130,7 @@ def cosine(r, s):
     return high + fused(w, fused(z, odd, even), fused(-r, s, low))
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def sin(x):
     """Sine of an angle [rad]."""
     if not abs(x) < math.inf:
@@ -142,7 +142,7 @@ def sin(x):
     return -size if n & 2 else size
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def cos(x):
     """Cosine of an angle [rad]."""
     if not abs(x) < math.inf:
@@ -152,7 +152,7 @@ def cos(x):
     return -size if n & 2 != (n & 1) << 1 else size
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def _arctangent_parts(y, x):
     """arctan(y/x) as the sum of two doubles, for 0 <= y <= x, 1e-140 < x < 1e140."""
     inverse = 1.0 / x
@@ -168,7 +168,7 @@ def _arctangent_parts(y, x):
     return high, fused(z, fused(h, odd, even), low)
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def _angle(y, x):
     """The angle of (x, y), y >= 0, 1e-140 < max(|x|, y) < 1e140."""
     width = abs(x)
@@ -187,7 +187,7 @@ def _angle(y, x):
     return total + (rest + (base_rest + low))
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def atan2(y, x):
     """The angle [rad] of (x, y) from the x axis, -pi to pi."""
     if x != x or y != y:
@@ -211,7 +211,7 @@ def atan2(y, x):
     return -size if bits(y) < 0 else size
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def _excess(z):
     """(arcsin(s)/s - 1)/z of z = s² <= 1/4."""
     w = z * z
@@ -223,7 +223,7 @@ def _excess(z):
     return fused(z, odd, fused(w, even, 0.16666666666666666))
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def _from_side(x):
     """The angle [rad] with the cosine 0.5 <= x < 1, as the sum of two doubles: 2 arcsin(sqrt((1 - x)/2))."""
     z = 0.5 * (1.0 - x)
@@ -232,7 +232,7 @@ def _from_side(x):
     return 2.0 * s, 2.0 * fused(s * z, _excess(z), rest)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def acos(x):
     """The angle [rad] with this cosine, 0 to pi."""
     if not abs(x) < 1.0:
@@ -248,7 +248,7 @@ def acos(x):
     return total + (rest + (PI_REST - low))
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def asin(x):
     """The angle [rad] with this sine, -pi/2 to pi/2."""
     if not abs(x) < 1.0:
@@ -262,7 +262,7 @@ def asin(x):
     return size if x > 0.0 else -size
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def hypot(x, y):
     """sqrt(x² + y²), from the sum of the squares as two doubles."""
     if abs(x) == math.inf or abs(y) == math.inf:

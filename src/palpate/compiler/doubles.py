@@ -10,7 +10,7 @@ from llvmlite import ir
 from numba import types
 
 from palpate.compiler import interpreted
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
 from palpate.compiler.memory import intrinsic
 
 MANTISSA, BIAS = 52, 1023  # Bits after the point, and what is added to the exponent
@@ -46,13 +46,13 @@ def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
     return types.float64(types.float64, types.float64, types.float64), generate
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def two_to(k):
     """2^k of an integer, -1022 <= k <= 1023."""
     return with_bits((k + BIAS) << MANTISSA)
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def scaled(x, k):
     """x 2^k, rounded once, for -1070 < k < 1100 and 0.5 < |x| < 4."""
     if k > 1000:
@@ -62,7 +62,7 @@ def scaled(x, k):
     return x * two_to(k)
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def two_sum(a, b):
     """a + b and its rounding error (D. E. Knuth, The Art of Computer Programming 2, 4.2.2)."""
     total = a + b
@@ -70,14 +70,14 @@ def two_sum(a, b):
     return total, (a - (total - part)) + (b - part)
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def fast_two_sum(a, b):
     """a + b and its rounding error for |a| >= |b| or a = 0 (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
     total = a + b
     return total, (a - total) + b
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def two_product(a, b):
     """a b and its rounding error, unless it underflows or overflows."""
     product = a * b

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 
 
 def product(a: Any, b: Any) -> np.ndarray:
@@ -19,7 +19,7 @@ def product(a: Any, b: Any) -> np.ndarray:
     return np.einsum("ik,k...->i...", a, b)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def row_times(a, b):
     """sum_k a_k b_k of two vectors (n,), n <= 16, in a kernel, in the summation order of `product`."""
     even = odd = 0.0
@@ -34,13 +34,13 @@ def row_times(a, b):
     return even + odd
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def distance(a, b):
     """|a - b| of two points (3) in a kernel, correct to the last bit, as `math.dist`."""
     return hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def hypot(x, y, z):
     """sqrt(x² + y² + z²) in a kernel, correct to the last bit, as `math.hypot`; valid up to 1e150."""
     total = rest = 0.0
@@ -64,7 +64,7 @@ def _square(x):
     return square, ((high * high - square) + 2.0 * high * low) + low * low
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def sum_of_squares(x):
     """sum_k x_k² of a vector (n,) in a kernel, in the order of `np.sum`: eight partial sums, two halves above n = 128.
     The same bits as `np.sum` for n <= 256."""
@@ -75,7 +75,7 @@ def sum_of_squares(x):
     return _eight_sums(x[:half]) + _eight_sums(x[half:])
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def _eight_sums(x):
     whole, total = len(x) // 8 * 8, 0.0
     if whole > 0:
@@ -148,7 +148,7 @@ def _each(which: int, x: Any, y: Any = 0.0) -> np.ndarray:
     return out
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def _fill(which, x, y, out):
     for i in range(len(out)):
         if which == 0:
@@ -178,7 +178,7 @@ def solve(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return x
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def solve_in_place(a, x):
     """Solve a x = b by Gaussian elimination with partial pivoting, in place: a (k,n,n) is overwritten, x (k,n,m)
     contains b and then the solution. False: a pivot is 0 or not finite."""

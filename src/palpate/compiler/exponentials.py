@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from palpate.compiler.doubles import bits, fast_two_sum, fused, scaled, two_product, two_sum, two_to, with_bits
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
 
 GRID = 2.0**40  # Stored logarithms are multiples of 1/GRID plus a rest, so that k ln 2 - ln c is exact
 FIRST, LAST = 90, 182  # 128 m of the stored factors
@@ -36,7 +36,7 @@ with decimal.localcontext() as _digits:
     ROOT_SERIES = tuple(math.prod(1.0 / 3.0 - n for n in range(j)) / math.factorial(j) for j in range(8))
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def split(x):
     """(k, m, i) of x = 2^k m > 0, sqrt(1/2) <= m < sqrt(2), and the number i of the factor near 1/m."""
     shift = 0
@@ -49,7 +49,7 @@ def split(x):
     return k - shift, m, np.uint64(m * 128.0 + 0.5) - np.uint64(FIRST)
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def log_parts(x, rest):
     """ln(x + rest) as the sum of two doubles, for x > 0 and |rest| < ulp(x)."""
     k, m, i = split(x)
@@ -67,7 +67,7 @@ def log_parts(x, rest):
     return fast_two_sum(high, fused(square * f, fused(-f, even, odd), low))
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def log(x):
     """ln x."""
     if not 0.0 < x < math.inf:
@@ -83,7 +83,7 @@ def log(x):
     return high + fused(square, fused(f, fused(-f, even, odd), -0.5), low)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def log2(x):
     """Logarithm to base 2, exact for powers of 2."""
     if not 0.0 < x < math.inf:
@@ -96,7 +96,7 @@ def log2(x):
     return total + (more + rest)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def log1p(x):
     """ln(1 + x)."""
     if not -1.0 < x < math.inf:
@@ -107,7 +107,7 @@ def log1p(x):
     return log_parts(total, rest)[0]
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def reduced(x, rest):
     """(k, r, s) of x + rest = k ln 2 + r + s, |r| < 0.35, |x| < 750."""
     k = math.floor(fused(x, 1.0 / LN2, 0.5))
@@ -115,7 +115,7 @@ def reduced(x, rest):
     return k, r, s
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def curvature(r):
     """e^r - 1 - r for |r| < 0.35."""
     z = r * r
@@ -126,7 +126,7 @@ def curvature(r):
     return z * fused(r, odd, even)
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def exp_of(x, rest):
     """e^(x + rest)."""
     if x > 709.79:
@@ -137,7 +137,7 @@ def exp_of(x, rest):
     return scaled(1.0 + (r + (s * (1.0 + r) + curvature(r))), k)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def exp(x):
     """e^x."""
     if x != x:
@@ -145,7 +145,7 @@ def exp(x):
     return exp_of(x, 0.0)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def expm1(x):
     """e^x - 1."""
     if x != x or abs(x) < 2.0**-54:
@@ -166,7 +166,7 @@ def expm1(x):
     return high + (low + more + power * change)
 
 
-@kernel(error_model="numpy")
+@ieee_kernel
 def power(x, y):
     """x^y."""
     if y == 0.0 or x == 1.0:
@@ -190,7 +190,7 @@ def power(x, y):
     return -size if negative else size
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def _power(x, y):
     high, low = log_parts(x, 0.0)
     if high == 0.0:
@@ -203,7 +203,7 @@ def _power(x, y):
     return exp_of(exponent, rest + low * y)
 
 
-@kernel(error_model="numpy", inline=True)
+@ieee_kernel(inline=True)
 def cbrt(x):
     """The cube root of x."""
     if x == 0.0 or x != x or abs(x) == math.inf:

@@ -438,3 +438,7 @@ def kernel(
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
     more = {"nogil": True} if nogil else {}
     return CompiledKernel(function, options | more | ({"forceinline": True} if inline else {}))
+
+
+ieee_kernel = kernel(error_model="numpy")
+"""The same; a division by 0 returns inf or nan, as IEEE 754 defines it."""

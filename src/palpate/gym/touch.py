@@ -11,10 +11,10 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 
-from palpate.calling import Organ, describe_run
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.gym.side_view import side_view
+from palpate.launch.load.arguments import Organ, describe_run
 from palpate.launch.load.files import Override
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.notes import RunNote, first_of_each_kind, warn

@@ -27,8 +27,9 @@ import math
 import numpy as np
 
 from palpate.compiler.exact import cos, log, sin
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.afferents.published import ADAPTATION, PROBE, RATE
+from palpate.physics.arrays import Array, Matrix
 
 STATE = 13  # Filter of s (3), s, d, V, last input, m; filter of the integral of d (3), its output and last input
 REFRACTORY = 6  # Minimum number of samples between spikes
@@ -76,7 +77,7 @@ def rows(fits: np.ndarray, depth: np.ndarray, poisson: float, kind: np.ndarray) 
 
 
 @kernel
-def _noise(key, sample):
+def _noise(key: int, sample: int):
     """A random number of mean 0 and variance 1 for a fibre's key and a sample: the sum of four uniform ones from the
     stateless mixer SplitMix64 (G. L. Steele et al., 2014), so that it does not depend on the history."""
     z = np.uint64(key) + np.uint64(sample) * np.uint64(0x9E3779B97F4A7C15)
@@ -89,12 +90,24 @@ def _noise(key, sample):
 
 
 @kernel
-def _weighted_input(x, positive, negative):
+def _weighted_input(x: float, positive: float, negative: float):
     return positive * x if x >= 0.0 else -negative * x
 
 
-@kernel(error_model="numpy")
-def advance(row, state, since, basis, key, sample, count, first, stride, target, moved):
+@ieee_kernel
+def advance(
+    row: Array,
+    state: Array,
+    since: int,
+    basis: Matrix,
+    key: int,
+    sample: int,
+    count: int,
+    first: float,
+    stride: float,
+    target: float,
+    moved: float,
+):
     """Advance a fibre by `count` <= 62 samples. Returns a bit mask of those with a spike, and samples since the last.
 
     row, state   its constants and state;  since: samples since its last spike

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.afferents.published import FITS, TYPES
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.contact.subsurface import energy_stress
 
 NO_GRID, OUTSIDE = 1, 2  # Results of `place`: the points are not a grid; a receptor is outside of it
@@ -82,7 +83,7 @@ def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int) -> Popu
 
 
 @kernel
-def _equal(points, at):
+def _equal(points: Matrix, at: Matrix):
     """Whether two lists of points (n,3) are equal."""
     if len(points) != len(at):
         return False
@@ -93,8 +94,8 @@ def _equal(points, at):
     return True
 
 
-@kernel(error_model="numpy")
-def place(points, at, corners, weights):
+@ieee_kernel
+def place(points: Matrix, at: Matrix, corners: Indices, weights: Matrix):
     """For each receptor, at [m] (n,3), fill `corners` and `weights` (n,8): grid points round it and their weights for
     trilinear interpolation of the stress. points [m] (p,3) of `tactile.Stress`: depth by depth, x by x; or those of the
     receptors, as `tactile.Relief` sends them. Returns (0, 0), or the fault and the receptor, such as (`OUTSIDE`, n)."""
@@ -140,8 +141,8 @@ def place(points, at, corners, weights):
     return 0, 0
 
 
-@kernel(error_model="numpy")
-def traction(stress, corners, weights):
+@ieee_kernel
+def traction(stress: Matrix, corners: Indices, weights: Array):
     """|sigma n| [Pa] on the plane parallel to the surface at a receptor, from the stress [Pa] (p,6) of all points:
     the vertical stress of the published model, and the shear stress. corners, weights (8) of `place`."""
     zz = yz = xz = 0.0
@@ -153,8 +154,8 @@ def traction(stress, corners, weights):
     return math.sqrt(zz * zz + yz * yz + xz * xz)
 
 
-@kernel(error_model="numpy")
-def deflection_stimulus(deflection, corners, weights):
+@ieee_kernel
+def deflection_stimulus(deflection: Matrix, corners: Indices, weights: Array):
     """|E* u| [N/m] of the surface above a receptor, from the deflection [N/m] (s,3) of a depth's points."""
     x = y = z = 0.0
     layer = len(deflection)
@@ -166,8 +167,8 @@ def deflection_stimulus(deflection, corners, weights):
     return math.sqrt(x * x + y * y + z * z)
 
 
-@kernel(error_model="numpy")
-def equivalent(stress, corners, weights, poisson):
+@ieee_kernel
+def equivalent(stress: Matrix, corners: Indices, weights: Array, poisson: float):
     """q = sqrt(2 E W) [Pa] at a receptor from the stress [Pa] (p,6) of all points; corners, weights (8) of `place`."""
     xx = yy = zz = yz = xz = xy = 0.0
     for c in range(8):

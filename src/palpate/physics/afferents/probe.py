@@ -5,6 +5,7 @@ import numpy as np
 from palpate.compiler.kernel import kernel
 from palpate.physics.afferents import fibre
 from palpate.physics.afferents.published import DEPTHS, FITS, PROBE, RATE
+from palpate.physics.arrays import Array, Matrix
 
 MODULUS = 0.05 / (1.0 - 0.4**2)  # [MPa] of the skin of the published fits, E/(1 - nu²)
 
@@ -16,7 +17,7 @@ def input_of(kind: int, u: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def _count(row, state, basis, key, s, begin):
+def _count(row: Array, state: Array, basis: Matrix, key: int, s: Array, begin: int):
     since, spikes = 1000, 0
     for k in range(len(s)):
         fired, since = fibre.advance(row, state, since, basis, key, k, 1, 1.0, 1.0, s[k], row[13] * s[k])

@@ -29,7 +29,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.exact import distance
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Indices, Matrix, Vector3
 from palpate.physics.bodies import beam_foundation_step as stepping
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, neighbours
 from palpate.physics.contact.spread import Spreader, spread, spreader
@@ -175,8 +176,8 @@ def beam_foundation(
     return BeamFoundation(beams, moving, skin, spreader(mesh, radius), radius, foundation_contacts(contacts, count))
 
 
-@kernel(error_model="numpy")
-def bear(foundation, contact, nodes, forces, foot, normal):
+@ieee_kernel
+def bear(foundation: BeamFoundation, contact: int, nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3):
     """Apply the load of a contact, nodal forces [N] (k,3) on vertices of the surface. Call `answer` after all loads."""
     contacts, moving = foundation.contacts, foundation.moving
     last = Patch(contacts.nodes[0, contact], contacts.shares[0, contact])
@@ -199,8 +200,8 @@ def bear(foundation, contact, nodes, forces, foot, normal):
     moving.sent[0], contacts.forces[contact] = stepping.add_forces(nodes, forces, normal, moving.sent[0], moving)
 
 
-@kernel(error_model="numpy")
-def answer(foundation, dt):
+@ieee_kernel
+def answer(foundation: BeamFoundation, dt: float):
     """Step the beams by dt > 0 [s] under the loads of all contacts: fills the laws of the next step, `coupling`, and
     `nodes` and `moved` up to the first number of `sent`."""
     sent, dt = foundation.moving.sent, max(dt, SHORTEST_STEP)
@@ -208,8 +209,8 @@ def answer(foundation, dt):
     sent[1] = int(limited + stepping.limit_displacement(sent[0], foundation.beams, foundation.moving, foundation.skin))
 
 
-@kernel(error_model="numpy")
-def relaxation(beams, dt):
+@ieee_kernel
+def relaxation(beams: FoundationBeams, dt: float):
     """Effective time constant [s] of the layers for a step of dt > 0 [s]: a single Voigt element with it approaches
     its rest by the same fraction."""
     dt = max(dt, SHORTEST_STEP)

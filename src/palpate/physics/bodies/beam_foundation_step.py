@@ -4,6 +4,7 @@ import math
 
 from palpate.compiler.dot import dot
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
 from palpate.physics.bodies.stretch import limit_stretch
 from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_stress_step
@@ -19,13 +20,13 @@ LEAST_COMPLIANCE = 1e-9  # [m/N] Lower limit for a patch whose layers are all at
 
 
 @kernel
-def held_force(force):
+def held_force(force: float):
     """A force [N] on a node, limited."""
     return min(max(force, -LARGEST_FORCE), LARGEST_FORCE)
 
 
 @kernel
-def loaded_patch(nodes, forces, normal, patch, weight):
+def loaded_patch(nodes: Indices, forces: Matrix, normal: Vector3, patch: Record, weight: Array):
     """Fill the patch with the shares of nodes in the normal force of a load. Returns its length; 0 without a normal
     force, with the patch unchanged; -1 for a node that the surface does not have."""
     total = 0.0
@@ -44,12 +45,14 @@ def loaded_patch(nodes, forces, normal, patch, weight):
 
 
 @kernel
-def _push(force, normal):
+def _push(force: Array, normal: Vector3):
     return -(held_force(force[0]) * normal[0] + held_force(force[1]) * normal[1] + held_force(force[2]) * normal[2])
 
 
 @kernel
-def patch_between(last, last_count, share, nodes, weights, patch, weight):
+def patch_between(
+    last: Record, last_count: int, share: float, nodes: Indices, weights: Array, patch: Record, weight: Array
+):
     """Blend the patch of the last load, with the weight `share`, and another one. Returns the length of the result."""
     for k in range(last_count):
         weight[last.nodes[k]] += share * last.shares[k]
@@ -64,7 +67,7 @@ def patch_between(last, last_count, share, nodes, weights, patch, weight):
 
 
 @kernel
-def _collect(j, scale, patch, weight, count):
+def _collect(j: int, scale: float, patch: Record, weight: Array, count: int):
     if weight[j] != 0.0:
         patch.nodes[count], patch.shares[count] = j, scale * weight[j]
         weight[j] = 0.0
@@ -73,7 +76,7 @@ def _collect(j, scale, patch, weight, count):
 
 
 @kernel
-def add_forces(nodes, forces, normal, count, moving):
+def add_forces(nodes: Indices, forces: Matrix, normal: Vector3, count: int, moving: Record):
     """Add a load to the beams' forces. Returns the number of displaced vertices, and the load's normal force [N]."""
     total = 0.0
     for k in range(nodes.shape[0]):
@@ -89,7 +92,7 @@ def add_forces(nodes, forces, normal, count, moving):
 
 
 @kernel
-def foundation_step(dt, count, beams, moving, contacts):
+def foundation_step(dt: float, count: int, beams: Record, moving: Record, contacts: Record):
     """Step the beams under all loads and fit the law on the patch of each contact. Returns the numbers of displaced
     vertices and of beams at a limit."""
     active, place, displacement = moving.nodes, moving.place, moving.displacement
@@ -117,7 +120,7 @@ def foundation_step(dt, count, beams, moving, contacts):
 
 
 @kernel
-def limit_displacement(count, beams, moving, skin):
+def limit_displacement(count: int, beams: Record, moving: Record, skin: Record):
     """Limit the sent displacement: along the surface, then as a whole. Returns the number of limited vertices."""
     moved, sideways = moving.moved, skin.sideways
     for k in range(count):
@@ -134,7 +137,7 @@ def limit_displacement(count, beams, moving, skin):
 
 
 @kernel
-def _beam(j, dt, beams, moving):
+def _beam(j: int, dt: float, beams: Record, moving: Record):
     """Step one beam under its force; returns 1 if an element or the shear is at its limit, else 0."""
     force, strains, displacement, normal = moving.force[j], moving.strains[j], moving.displacement[j], beams.normals[j]
     along = dot(force, normal)
@@ -161,7 +164,7 @@ def _beam(j, dt, beams, moving):
 
 
 @kernel
-def _shear_factor(force, along, softness, length):
+def _shear_factor(force: Array, along: float, softness: float, length: float):
     """Factor [1] <= 1 on the lateral displacement softness |f_t| [m] that limits the shear."""
     sideways = softness * math.sqrt(max(dot(force, force) - along * along, 0.0))
     limit = STRAIN_LIMIT * length
@@ -169,7 +172,7 @@ def _shear_factor(force, along, softness, length):
 
 
 @kernel
-def _shared_compliance(i, j, dt, beams, moving, contacts):
+def _shared_compliance(i: int, j: int, dt: float, beams: Record, moving: Record, contacts: Record):
     """Compliance c_ij [m/N] >= 0 between the patches of two contacts, summed over their common beams."""
     n, m, weight = contacts.normals[i], contacts.normals[j], moving.weight
     first, second = contacts.which[i], contacts.which[j]
@@ -195,7 +198,7 @@ def _shared_compliance(i, j, dt, beams, moving, contacts):
 
 
 @kernel
-def _chain_compliance(strains, beams, dt):
+def _chain_compliance(strains: Array, beams: Record, dt: float):
     """d strain / d stress [1/Pa] of a step that ends at these strains, without the elements at their limit."""
     total = 0.0
     for a in range(beams.moduli.shape[0]):
@@ -205,7 +208,7 @@ def _chain_compliance(strains, beams, dt):
 
 
 @kernel
-def _response(i, dt, beams, moving, contacts):
+def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record):
     """Fit the law of the next step, of the same length, at the current forces (K, n, free and current indentation), and
     fill the coupling to the other contacts.
 

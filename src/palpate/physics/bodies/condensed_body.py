@@ -22,7 +22,8 @@ import numpy as np
 
 from palpate.compiler.entry_point import NO_FLOATS
 from palpate.compiler.exact import row_times
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Indices, Matrix, Record, Vector3
 from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_contacts import joint_answer, joint_profile
@@ -131,8 +132,8 @@ def under(model: step.CondensedModel, ground: Ground, fine: FineMesh, count: int
     )  # fmt: skip
 
 
-@kernel(error_model="numpy")
-def bear(body, contact, nodes, forces, foot, normal, dt):
+@ieee_kernel
+def bear(body: CondensedBody, contact: int, nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3, dt: float):
     """Apply the load of a contact, nodal forces [N] (k,3), for a step of dt > 0 [s]. Call `answer` after all loads."""
     if len(body.model.area.forces) > 0 and len(nodes) > 0:
         patch, pull, share = respread(body.fine, forces, foot, normal)
@@ -147,8 +148,8 @@ def bear(body, contact, nodes, forces, foot, normal, dt):
     )  # fmt: skip
 
 
-@kernel(error_model="numpy")
-def answer(body, laws, dt):
+@ieee_kernel
+def answer(body: CondensedBody, laws: Matrix, dt: float):
     """Fill the law of each contact, compliance c [m/N] and free indentation s_free [m] of the next
     step under the patch, and current indentation s [m]; and `laws` (c,5): K, n, c, s_free and s_prev.
 
@@ -176,7 +177,7 @@ def answer(body, laws, dt):
 
 
 @kernel
-def extrapolation(body):
+def extrapolation(body: CondensedBody):
     """Excess [1] of the last step over the limits of the body: 0 within them, 1 at twice a limit."""
     most = 0.0
     for i in range(len(body.contacts)):
@@ -186,7 +187,7 @@ def extrapolation(body):
 
 
 @kernel
-def is_still(body):
+def is_still(body: CondensedBody):
     """Whether all vertices are unloaded."""
     loaded = 0
     for counts in body.counts:
@@ -194,8 +195,8 @@ def is_still(body):
     return loaded == 0
 
 
-@kernel(error_model="numpy")
-def patch_energy(body):
+@ieee_kernel
+def patch_energy(body: CondensedBody):
     """Energy [J] stored under the patches of the last step, V(s) of `place_energy`, of each contact in proportion to
     its part of the effective force. For a linear body this is f.C f/2. The energy of tangential loads and of former
     patches is not included."""
@@ -216,8 +217,8 @@ def patch_energy(body):
     return total
 
 
-@kernel(error_model="numpy")
-def _stored_under(model, contact):
+@ieee_kernel
+def _stored_under(model: Record, contact: Record):
     now, compliance = contact.now, contact.self_compliance
     if not (now > 0.0 and compliance > 0.0):
         return 0.0
@@ -225,8 +226,8 @@ def _stored_under(model, contact):
     return radius * radius / compliance * stored_energy(now / radius, model.rho)
 
 
-@kernel(error_model="numpy")
-def slope(body, contact):
+@ieee_kernel
+def slope(body: CondensedBody, contact: int):
     """Fill the tangential energy gradient `gradient` [N] (3) at the force of the last step, and the shape operator
     `shape` [1/m] (3,3): see `physics.bodies.place_energy`."""
     fields, one, n = body.fields[contact], body.contacts[contact], body.normals[contact]
@@ -240,8 +241,8 @@ def slope(body, contact):
             body.gradient[i] += body.drawn[contact, i]
 
 
-@kernel(error_model="numpy")
-def displace_fine(body):
+@ieee_kernel
+def displace_fine(body: CondensedBody):
     """Fill `fine.nodes`, all vertices near the last foot points and fewer farther away, and `fine.moved`, their
     displacements [m]. Returns their number, 0 if the body is at rest."""
     if is_still(body):

@@ -33,6 +33,7 @@ import numpy as np
 
 from palpate.compiler.exact import cos, product
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor
 from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.true_patch import half_space_depth, sideways
 from palpate.physics.kept import keep_results
@@ -54,7 +55,21 @@ def joint_profile() -> np.ndarray:
 
 
 @kernel
-def joint_answer(model, profile, fields, marks, contacts, counts, normals, feet, room, cross, coupling, slope, dt):
+def joint_answer(
+    model: Record,
+    profile: Array,
+    fields: Tensor,
+    marks: Indices,
+    contacts: Record,
+    counts: Indices,
+    normals: Matrix,
+    feet: Matrix,
+    room: Tensor,
+    cross: Matrix,
+    coupling: Matrix,
+    slope: Matrix,
+    dt: float,
+):
     """Coupling between contacts, and large displacement: updates `contacts`, and fills the compliances between patches
     `cross` [m/N] (c,c), with a zero diagonal, `coupling` [1] (c,c), see `physics.contact.joint`, and `slope` [N] (c,3),
     the tangential energy gradient at each contact due to the others.
@@ -112,7 +127,7 @@ def joint_answer(model, profile, fields, marks, contacts, counts, normals, feet,
 
 
 @kernel
-def _between(i, j, profile, contacts, feet, hats):
+def _between(i: int, j: int, profile: Array, contacts: Record, feet: Matrix, hats: float):
     """Mean 1/r [1/m] between two true patches minus that of the hat functions; derivative over the distance [1/m³]."""
     radius = np.sqrt(0.5 * (contacts[i].radius ** 2 + contacts[j].radius ** 2))
     away = 0.0
@@ -124,7 +139,16 @@ def _between(i, j, profile, contacts, feet, hats):
 
 
 @kernel
-def _sticking(model, profile, marks, contacts, counts, normals, feet, room):
+def _sticking(
+    model: Record,
+    profile: Array,
+    marks: Indices,
+    contacts: Record,
+    counts: Indices,
+    normals: Matrix,
+    feet: Matrix,
+    room: Tensor,
+):
     """Reduction [m/N] (c,c) of the compliances between patches because they stick, for a modulus of 1 Pa; its diagonal
     is zero, as c_ii includes it. 0 if patches slide."""
     many, compliance, true = len(counts), model.compliance, model.true
@@ -157,7 +181,7 @@ def _sticking(model, profile, marks, contacts, counts, normals, feet, room):
 
 
 @kernel
-def _holding(holds, normal, held):
+def _holding(holds: Record, normal: Array, held: Array):
     """Fill the tangential force [1] (3) that holds a patch under a unit normal force."""
     a, b, d = holds.own[0, 0], holds.own[0, 1], holds.own[1, 1]
     y, z = holds.cross[0], holds.cross[1]
@@ -171,7 +195,23 @@ def _holding(holds, normal, held):
 
 
 @kernel
-def _pair(i, j, model, profile, fields, marks, contacts, counts, normals, feet, room, cross, aside, slope, lost):
+def _pair(
+    i: int,
+    j: int,
+    model: Record,
+    profile: Array,
+    fields: Tensor,
+    marks: Indices,
+    contacts: Record,
+    counts: Indices,
+    normals: Matrix,
+    feet: Matrix,
+    room: Tensor,
+    cross: Matrix,
+    aside: Matrix,
+    slope: Matrix,
+    lost: Matrix,
+):
     """Fill c_ij in `cross`, and add a_ij to `aside` and its gradient to `slope`, for both contacts, see `joint_answer`.
 
     C is read once for both directions. `lost`: of `_sticking`.
@@ -230,14 +270,14 @@ def _pair(i, j, model, profile, fields, marks, contacts, counts, normals, feet, 
 
 
 @kernel
-def _add_indentation(aside, indentation, contact):
+def _add_indentation(aside: Array, indentation: float, contact: Record):
     """Add the indentation [m] due to the history of a contact, see `add_others`."""
     aside[0] += indentation
     aside[1] += indentation * contact.course.ahead
 
 
 @kernel
-def _hats(i, j, table, marks, counts, room):
+def _hats(i: int, j: int, table: Matrix, marks: Indices, counts: Indices, room: Tensor):
     """Mean 1/r [1/m] between the hat functions of two patches; fills that of each vertex of the first into its room."""
     total = 0.0
     for k in range(counts[i, 1]):
@@ -252,7 +292,7 @@ def _hats(i, j, table, marks, counts, room):
 
 
 @kernel
-def _mean_inverse(profile, rho):
+def _mean_inverse(profile: Array, rho: float):
     """Y and its derivative at rho [1], by linear interpolation of the table, and the asymptote beyond its end."""
     at = rho / STEP
     k = int(at)

@@ -2,14 +2,17 @@
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor
 from palpate.physics.bodies.condensed_step import ROOM
 from palpate.physics.bodies.true_patch import depth_at
 from palpate.physics.contact.area import hertz_depth, radius_at
 
 
 @kernel
-def add_field(model, u, fields, marks, count, touched, normal, contact):
+def add_field(
+    model: Record, u: Matrix, fields: Tensor, marks: Indices, count: int, touched: int, normal: Array, contact: Record
+):
     """Add displacements u [m] (V,3), in single precision, of the coarse vertices due to the load history, the
     additional load of large displacement and the tangential force that holds the patch, minus those of the half-space
     under the hat functions."""
@@ -44,8 +47,8 @@ def add_field(model, u, fields, marks, count, touched, normal, contact):
             u[b, 2] += hats[b] * n2
 
 
-@kernel(error_model="numpy")
-def _add_three(field, rows, v, force, young):
+@ieee_kernel
+def _add_three(field: Array, rows: Matrix, v: int, force: Array, young: float):
     """Add rows 3v, 3v + 1, 3v + 2 times a force (3) over `young` to a field; sets the force to 0."""
     f0, f1, f2 = np.float32(force[0] / young), np.float32(force[1] / young), np.float32(force[2] / young)
     force[:] = 0.0
@@ -56,8 +59,8 @@ def _add_three(field, rows, v, force, young):
         field[k] += f0 * first[k] + f1 * second[k] + f2 * third[k]
 
 
-@kernel(error_model="numpy")
-def add_half_space(model, foot, normal, contact, nodes, moved):
+@ieee_kernel
+def add_half_space(model: Record, foot: Array, normal: Array, contact: Record, nodes: Indices, moved: Matrix):
     """Add the displacement of the half-space under the true load to that of the fine vertices `nodes`."""
     true, press, radius = model.true, contact.press, contact.radius
     if len(true.table) == 0:

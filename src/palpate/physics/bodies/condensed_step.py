@@ -8,6 +8,7 @@ from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import stack_zeros
 from palpate.compiler.records import clear
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor, Vector3
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
 from palpate.physics.bodies.large_displacement import NARROWEST, large_depth
 from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
@@ -67,7 +68,19 @@ ROOM, TILT, FIELDS = 3, 4, 5  # Indices of the fields of a contact, see `take_lo
 
 
 @kernel
-def _take_history(model, patch, pull, share, normal, total, keep, take, fields, marks, count):
+def _take_history(
+    model: CondensedModel,
+    patch: Indices,
+    pull: Matrix,
+    share: float,
+    normal: Vector3,
+    total: float,
+    keep: float,
+    take: float,
+    fields: Tensor,
+    marks: Indices,
+    count: int,
+):
     """Transfer the load and the patch to the coarse mesh, and update the history h of the load. Returns the contact of
     loaded vertices and of those of the patch."""
     held, load, measure, tilt = fields[0], fields[1], fields[2], fields[TILT]
@@ -122,7 +135,18 @@ def _take_history(model, patch, pull, share, normal, total, keep, take, fields, 
 
 
 @kernel
-def take_load(model, patch, pull, share, normal, dt, fields, marks, contact, count):
+def take_load(
+    model: CondensedModel,
+    patch: Indices,
+    pull: Matrix,
+    share: float,
+    normal: Vector3,
+    dt: float,
+    fields: Tensor,
+    marks: Indices,
+    contact: Record,
+    count: int,
+):
     """Step the linear body under the load `pull` [N] (k,3) on the fine vertices `patch`; `share` is 1, or 0 if
     the forces only define the patch. Returns the contact of loaded vertices and of those of the patch.
 
@@ -180,7 +204,18 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, contact, cou
 
 
 @kernel
-def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
+def _gather(
+    model: CondensedModel,
+    b: int,
+    order: Indices,
+    touched: int,
+    measure: Matrix,
+    held: Matrix,
+    load: Matrix,
+    normal: Vector3,
+    block: Matrix,
+    sums: Array,
+):
     """Add the contributions of the coarse vertex b: to `block` [m/N] (3,3) that to g.C g; to `sums` those to m.C h, to
     its part due to normal forces, to m.C f, and to g.T g."""
     first, second, third = model.compliance[3 * b], model.compliance[3 * b + 1], model.compliance[3 * b + 2]
@@ -214,7 +249,7 @@ def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
 
 
 @kernel
-def add_others(model, dt, contact, aside, ahead, others):
+def add_others(model: CondensedModel, dt: float, contact: Record, aside: float, ahead: float, others: float):
     """Update `contact` for other contacts and large displacement.
 
     aside   [m] indentation of the linear body under the patch due to the history of the other contacts
@@ -249,7 +284,7 @@ def add_others(model, dt, contact, aside, ahead, others):
 
 
 @kernel
-def with_friction(contact):
+def with_friction(contact: Record):
     """Let the law of the next step answer a normal force with the friction that it brings.
 
     Friction that indents the patch grows with the normal force. A law that keeps it as a constant is too stiff: a
@@ -265,20 +300,20 @@ def with_friction(contact):
 
 
 @kernel
-def excesses(contact):
+def excesses(contact: Record):
     """The excess [1] over each limit, in the order of `EXCESS`."""
     over = contact.excess
     return over.deep, over.narrow, over.thin, over.curved, over.near, over.slides, over.grown
 
 
 @kernel
-def half_space(model, contact):
+def half_space(model: CondensedModel, contact: Record):
     """Compliance [m/N] of a half-space under the patch."""
     return (1.0 - model.true.held) * model.true.normal * MEAN / (contact.radius * model.young)
 
 
 @kernel
-def stretched_radius(model, contact):
+def stretched_radius(model: CondensedModel, contact: Record):
     """Radius R (c/c_R)² [m] of the law of large displacement on a finite organ, and d ln R/d ln c [1]. With a nodule or
     capsule c does not measure the extent of the organ, and the radius is R."""
     if len(model.rho) == 0 or len(model.true.table) == 0 or len(model.true.apart) > 0:
@@ -288,7 +323,7 @@ def stretched_radius(model, contact):
 
 
 @kernel
-def fixed_part(model, contact):
+def fixed_part(model: CondensedModel, contact: Record):
     """Part of the fixed patch's compliance [m/N] that the approach of a growing contact replaces: the half-space's,
     limited so that the indentation rises with the force."""
     return min(
@@ -297,7 +332,7 @@ def fixed_part(model, contact):
 
 
 @kernel
-def _grow(model, contact, keep, take):
+def _grow(model: CondensedModel, contact: Record, keep: float, take: float):
     """Update `contact` for a contact that grows (`physics.contact.area`): the half-space's part of the indentation is
     the approach d(y) in place of c y. The law F = K (s - s_free)^n has its force, indentation and tangent at the
     present force."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate.compiler.exact import solve
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Indices, Matrix
 from palpate.physics.geometry.mesh import Mesh
 
 FLAT = 2.0  # [1] Thickness and radius of curvature over R above which the ground counts as a half-space
@@ -87,7 +88,7 @@ def sliding_error(load: float) -> float:
 
 
 @kernel
-def ground_under(ground, order, touched, measure):
+def ground_under(ground: Matrix, order: Indices, touched: int, measure: Matrix):
     """Mean inverse thickness and curvature [1/m] under a patch, with the shares in the first column of `measure`."""
     thin = curved = 0.0
     for k in range(touched):

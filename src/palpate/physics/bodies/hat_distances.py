@@ -4,6 +4,7 @@ import numpy as np
 
 from palpate.compiler.dot import cross, dot
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Tensor, Vector3
 from palpate.physics.geometry.mesh import Mesh
 
 NEAR = 2.5  # [1] Distance of two triangles over the mean edge, below which 1/r is integrated in closed form
@@ -39,7 +40,7 @@ def mean_inverse_distance(mesh: Mesh) -> np.ndarray:
 
 
 @kernel
-def _integrate(corner, area, triangles, near, rule, total):
+def _integrate(corner: Tensor, area: Array, triangles: Indices, near: float, rule: Matrix, total: Matrix):
     """Add to `total` [m³] (V,V) the double integrals of hat functions over distance, for all pairs of triangles.
 
     corner [m] (T,3,3), area [m²] (T,), triangles (T,3);  near [m²] squared distance of centres for the closed form
@@ -96,17 +97,17 @@ def _integrate(corner, area, triangles, near, rule, total):
 
 
 @kernel
-def _minus(a, b):
+def _minus(a: Vector3, b: Vector3):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @kernel
-def _times(a, scale):
+def _times(a: Vector3, scale: float):
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
 @kernel
-def _potential(point, corner, out):
+def _potential(point: Array, corner: Matrix, out: Array):
     """Fill `out` [m] (3): integral over a triangle [m] (3,3) of each barycentric coordinate over the distance from a
     point [m] (3)."""
     normal = cross(_minus(corner[1], corner[0]), _minus(corner[2], corner[0]))

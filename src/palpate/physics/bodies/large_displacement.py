@@ -32,6 +32,7 @@ import numpy as np
 
 from palpate.compiler.exact import product
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array
 
 FIT = np.array(
     [
@@ -57,7 +58,7 @@ def nonlinearity(poisson: float) -> np.ndarray:
 
 
 @kernel
-def linear_depth(depth, rho):
+def linear_depth(depth: float, rho: Array):
     """x [1] at s/R = `depth` [1], and its first two derivatives; linear below 0."""
     if len(rho) == 0 or not depth > 0.0:
         return depth, 1.0, 0.0
@@ -72,7 +73,7 @@ def linear_depth(depth, rho):
 
 
 @kernel
-def large_depth(x, rho):
+def large_depth(x: float, rho: Array):
     """s/R [1] for s/R = x [1] of the linear organ, and its derivative [1], by Newton's method on x(s/R)."""
     depth = x
     if len(rho) == 0 or not x > 0.0:
@@ -88,7 +89,7 @@ def large_depth(x, rho):
 
 
 @kernel
-def stored_energy(depth, rho):
+def stored_energy(depth: float, rho: Array):
     """Integral [1] of x over s/R from 0 to `depth` [1]; times R²/c it is the stored energy at s."""
     if len(rho) == 0 or not depth > 0.0:
         return 0.5 * depth * depth

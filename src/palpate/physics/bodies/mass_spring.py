@@ -19,8 +19,9 @@ import numpy as np
 
 from palpate.compiler.dot import dot
 from palpate.compiler.exact import row_times
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
 from palpate.compiler.memory import stack_zeros
+from palpate.physics.arrays import Array, Indices, Matrix, Vector3
 from palpate.physics.bodies import patch
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, limit_stretch, neighbours
 from palpate.physics.contact.terminal import free_recovery, indentation, power_of
@@ -30,14 +31,14 @@ AT_REST = 1e-9  # [m] Displacement below which an unloaded node counts as recove
 MOST_STRAIN = 0.8  # [1] Largest difference of displacement between neighbours, over the length of their edge
 
 
-@kernel(error_model="numpy")
-def normal_force(forces, normal):
+@ieee_kernel
+def normal_force(forces: Matrix, normal: Vector3):
     """Total of nodal forces [N] (k,3) against the outward unit normal [1] (3), at least 0."""
     return max(patch.normal_force(forces, normal), 0.0)
 
 
-@kernel(error_model="numpy")
-def shared_load(foot, other_foot, normal, other_normal, radius):
+@ieee_kernel
+def shared_load(foot: Array, other_foot: Array, normal: Array, other_normal: Array, radius: float):
     """Share O [1] of the force of one contact that acts on another, of patches of this radius R [m]:
 
         O = (1 - q)^4 (4q + 1) n.n',    q = |x - x'|/2R
@@ -54,8 +55,8 @@ def shared_load(foot, other_foot, normal, other_normal, radius):
     return square * square * (4.0 * q + 1.0) * max(facing, 0.0)
 
 
-@kernel(error_model="numpy")
-def add_shared(forces, normal, share):
+@ieee_kernel
+def add_shared(forces: Matrix, normal: Vector3, share: float):
     """Nodal forces [N] (k,3) plus the fraction `share` [1] of their normal parts."""
     out = np.empty_like(forces)
     for i in range(len(forces)):
@@ -65,8 +66,8 @@ def add_shared(forces, normal, share):
     return out
 
 
-@kernel(error_model="numpy")
-def deeper(body):
+@ieee_kernel
+def deeper(body: "NodalBody"):
     """Merge the displacements of several contacts, the larger one at each node, in ascending order of nodes. Returns
     the number of nodes."""
     nodes, chosen, count = body.nodes, body.chosen, 0
@@ -88,13 +89,13 @@ def deeper(body):
     return count
 
 
-@kernel(error_model="numpy")
-def _size(x):
+@ieee_kernel
+def _size(x: Array):
     return x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
 
 
-@kernel(error_model="numpy")
-def retard_law(stiffness, exponent, retardation, dt):
+@ieee_kernel
+def retard_law(stiffness: float, exponent: float, retardation: float, dt: float):
     """The law K <s + tau s'>^n of a Kelvin-Voigt body in a step of dt > 0 [s] as a terminal law, K_T <s - s_free>^n:
 
         K_T = K/m^n,    s_free = (1 - m) s_prev,    m = T/(T + tau)
@@ -107,8 +108,8 @@ def retard_law(stiffness, exponent, retardation, dt):
     return stiffness / power_of(1.0 - rest, exponent), rest
 
 
-@kernel(error_model="numpy")
-def mean_hardness(nodes, forces, normal, hardness):
+@ieee_kernel
+def mean_hardness(nodes: Indices, forces: Matrix, normal: Vector3, hardness: Array):
     """Mean factor on K [1] under a load [N] (k,3) on nodes (k), weighted by the normal forces; 1 without load."""
     total = weighted = 0.0
     for i in range(nodes.size):
@@ -119,8 +120,8 @@ def mean_hardness(nodes, forces, normal, hardness):
     return weighted / total if total > 0.0 else 1.0
 
 
-@kernel(error_model="numpy")
-def factor_at(nodes, foot, normal, ground, radius, out):
+@ieee_kernel
+def factor_at(nodes: Indices, foot: Vector3, normal: Vector3, ground: Matrix, radius: float, out: Array):
     """Factor on K [1] at a foot point p [m] (3): mean over the loaded vertices with weights (1 - |x - p|²/R²)², R the
     radius [m] of the patch, so that it depends on the place alone. 0 without a vertex within R.
 
@@ -155,8 +156,8 @@ def factor_at(nodes, foot, normal, ground, radius, out):
     return mean
 
 
-@kernel(error_model="numpy")
-def side_force(nodes, forces, foot, normal, ground, radius):
+@ieee_kernel
+def side_force(nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3, ground: Matrix, radius: float):
     """Normal force [N] that would indent the organ as the part of the load [N] (k,3) along the surface does: d.f_t,
     with d [1] (3) the mean over the loaded vertices, weighted as in `factor_at`.
 
@@ -176,8 +177,8 @@ def side_force(nodes, forces, foot, normal, ground, radius):
     return (dot(d, along) - dot(along, normal) * dot(d, normal)) / total
 
 
-@kernel(error_model="numpy")
-def _nearness(node, foot, ground, radius):
+@ieee_kernel
+def _nearness(node: int, foot: Vector3, ground: Matrix, radius: float):
     """1 - |x - p|²/R² [1] of a vertex; 0 of one that the mesh does not have."""
     if not 0 <= node < len(ground):
         return 0.0
@@ -187,8 +188,8 @@ def _nearness(node, foot, ground, radius):
     return 1.0 - square / (radius * radius)
 
 
-@kernel(error_model="numpy")
-def admit(node, where, active, state, count):
+@ieee_kernel
+def admit(node: int, where: Indices, active: Indices, state: Matrix, count: int):
     """Slot of a node in the compact list, appended at rest if it is new; returns the slot and the count."""
     slot = where[node]
     if slot < 0:
@@ -200,8 +201,17 @@ def admit(node, where, active, state, count):
     return slot, count
 
 
-@kernel(error_model="numpy")
-def take_load(nodes, forces, normal, per_area, where, active, state, count):
+@ieee_kernel
+def take_load(
+    nodes: Indices,
+    forces: Matrix,
+    normal: Vector3,
+    per_area: Array,
+    where: Indices,
+    active: Indices,
+    state: Matrix,
+    count: int,
+):
     """Sum the nodal forces [N] into columns 7-9 of `state`; returns total normal force, largest pressure, count. Forces
     on nodes that the mesh does not have are ignored."""
     for slot in range(count):
@@ -223,8 +233,23 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
     return max(total, 0.0), peak, count
 
 
-@kernel(error_model="numpy")
-def nodal_step(nodes, forces, normal, dt, ahead, law, nodal, edges, where, active, state, out, room, count):
+@ieee_kernel
+def nodal_step(
+    nodes: Indices,
+    forces: Matrix,
+    normal: Vector3,
+    dt: float,
+    ahead: float,
+    law: Array,
+    nodal: Matrix,
+    edges: Neighbours,
+    where: Indices,
+    active: Indices,
+    state: Matrix,
+    out: Matrix,
+    room: StretchWorkspace,
+    count: int,
+):
     """One step of the nodal law; returns the number of displaced nodes.
 
     ahead    [1]     factor on u at the start of the step (`physics.contact.end_rate`)
@@ -273,8 +298,8 @@ def nodal_step(nodes, forces, normal, dt, ahead, law, nodal, edges, where, activ
     return count
 
 
-@kernel(error_model="numpy")
-def drop_rested(where, active, state, count):
+@ieee_kernel
+def drop_rested(where: Indices, active: Indices, state: Matrix, count: int):
     """Remove nodes without load (columns 7-9) and displacement (0-3) from the list, in order; returns the count."""
     kept = 0
     for slot in range(count):
@@ -343,8 +368,8 @@ def nodal_body(
     )  # fmt: skip
 
 
-@kernel(error_model="numpy")
-def move(body, contact, nodes, forces, normal, dt, ahead=1.0):
+@ieee_kernel
+def move(body: NodalBody, contact: int, nodes: Indices, forces: Matrix, normal: Vector3, dt: float, ahead: float = 1.0):
     """Step dt > 0 [s] of a contact's indentation under nodal forces [N] (k,3), see `nodal_step`. Returns the number of
     displaced nodes, which are the first of `active` and `moved`."""
     body.counts[contact] = nodal_step(

@@ -4,7 +4,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Vector3
 from palpate.physics.contact.spread import Spreader, spread, spreader
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
@@ -49,8 +50,8 @@ def lies_on(coarse: Mesh, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     return barycentric(coarse, triangle, foot)
 
 
-@kernel(error_model="numpy")
-def patch_of(fine, nodes, forces, foot, normal):
+@ieee_kernel
+def patch_of(fine: FineMesh, nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3):
     """A load, nodes (k) and forces [N] (k,3), and 1; without load a patch round the foot [m] (3), and 0."""
     if len(nodes) > 0:
         return nodes, forces, 1.0
@@ -58,8 +59,8 @@ def patch_of(fine, nodes, forces, foot, normal):
     return fine.spreader.nodes[:count], fine.spreader.forces[:count], 0.0
 
 
-@kernel(error_model="numpy")
-def respread(fine, forces, foot, normal):
+@ieee_kernel
+def respread(fine: FineMesh, forces: Matrix, foot: Vector3, normal: Vector3):
     """The sum of nodal forces [N] (k,3) on the fixed patch round the foot [m] (3): nodes, forces and 1."""
     x = y = z = 0.0
     for k in range(len(forces)):
@@ -69,7 +70,7 @@ def respread(fine, forces, foot, normal):
 
 
 @kernel
-def normal_force(pull, normal):
+def normal_force(pull: Matrix, normal: Vector3):
     """Sum [N] of nodal forces (k,3) against the outward normal (3)."""
     total = 0.0
     for k in range(len(pull)):
@@ -78,7 +79,7 @@ def normal_force(pull, normal):
 
 
 @kernel
-def share_of(k, pull, normal, total):
+def share_of(k: int, pull: Matrix, normal: Vector3, total: float):
     """Share [1] of node k in the normal force `total` [N]; equal shares if `total` is not positive."""
     if not total > 0.0:
         return 1.0 / len(pull)
@@ -86,7 +87,7 @@ def share_of(k, pull, normal, total):
 
 
 @kernel
-def load_radius(vertices, patch, pull, normal, total, least):
+def load_radius(vertices: Matrix, patch: Indices, pull: Matrix, normal: Vector3, total: float, least: Array):
     """R [m] of a load (k,3) on vertices `patch` of the fine mesh: twice the rms distance of its normal force from its
     centre, at least that of the hat function of a vertex; and how much narrower it is than the mesh resolves [1], 0 to
     13."""
@@ -115,8 +116,8 @@ def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.nd
     return rows, np.zeros(-(-len(vertices) // 8) * 8, dtype=np.uint8)
 
 
-@kernel(error_model="numpy")
-def _within(reach, foot, more, sent):
+@ieee_kernel
+def _within(reach: Matrix, foot: Array, more: bool, sent: Indices):
     """Flag the vertices to send for a foot [m] (3), in addition to those flagged if `more`."""
     x, y, z, square = reach[0], reach[1], reach[2], reach[3]
     f0, f1, f2 = np.float32(foot[0]), np.float32(foot[1]), np.float32(foot[2])
@@ -130,8 +131,17 @@ def _within(reach, foot, more, sent):
             sent[p] = np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
 
 
-@kernel(error_model="numpy")
-def interpolate_fine(corners, weights, u, reach, feet, sent, nodes, moved):
+@ieee_kernel
+def interpolate_fine(
+    corners: Indices,
+    weights: Matrix,
+    u: Matrix,
+    reach: Matrix,
+    feet: Matrix,
+    sent: Indices,
+    nodes: Indices,
+    moved: Matrix,
+):
     """Displacements of the fine mesh round the feet, from u [m] (V,3) of the coarse vertices: fills `nodes` and `moved`
     [m]; returns their number.
 
@@ -158,7 +168,7 @@ def interpolate_fine(corners, weights, u, reach, feet, sent, nodes, moved):
 
 
 @kernel
-def add_pressure(pull, patch, normal, areas, nodes, push, out):
+def add_pressure(pull: Matrix, patch: Indices, normal: Vector3, areas: Array, nodes: Indices, push: Array, out: Array):
     """Add to `out` [Pa] (t,) the pressure at the vertices `nodes` (t,) due to nodal forces (k,3) on `patch`: their part
     against the normal over the nodal area. push (N,): workspace, zero before and after."""
     for k in range(len(patch)):
@@ -185,7 +195,7 @@ def hat_moments(mesh: Mesh) -> np.ndarray:
 
 
 @kernel
-def patch_radius(points, moments, nodes, count, share):
+def patch_radius(points: Matrix, moments: Array, nodes: Indices, count: int, share: Matrix):
     """Radius R [m] of a patch: twice the rms distance of its force from its centre, which is the radius of a biweight
     patch, and 1.41 times that of a uniform one. nodes (>= count) vertices of the patch, share (V,3) with their
     shares in the first column, used without sign."""

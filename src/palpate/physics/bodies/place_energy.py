@@ -25,8 +25,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from palpate.compiler.exact import log, row_times
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.memory import stack_zeros
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector, Vector3
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.patch import load_radius, normal_force
 from palpate.physics.bodies.true_patch import Holds, gather_compliance, narrow_load, patch_compliance
@@ -60,8 +61,8 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> tuple[np.ndarray, np
     return log(compliances), sideways
 
 
-@kernel(error_model="numpy")
-def _soften(vertices, normals, model, spreader, compliances, sideways):
+@ieee_kernel
+def _soften(vertices: Matrix, normals: Matrix, model: Record, spreader: Spreader, compliances: Array, sideways: Matrix):
     measure, block = np.zeros((len(vertices), 3)), np.zeros((3, 3))
     holds = Holds(np.zeros(3), np.zeros((2, 2)), np.zeros(2))
     order, marked = np.zeros(len(vertices), np.int64), np.zeros(len(vertices), np.bool_)
@@ -128,7 +129,19 @@ def surface_gradient(mesh: Mesh, values: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def along(ground, nodes, touched, tilt, normal, radius, power, compliance, force, gradient, shape):
+def along(
+    ground: Ground,
+    nodes: Indices,
+    touched: int,
+    tilt: Matrix,
+    normal: Vector3,
+    radius: float,
+    power: float,
+    compliance: float,
+    force: float,
+    gradient: Array,
+    shape: Matrix,
+):
     """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, under a load.
 
     nodes, touched   coarse vertices of the patch, and their number
@@ -161,7 +174,7 @@ def along(ground, nodes, touched, tilt, normal, radius, power, compliance, force
 
 
 @kernel
-def on_hand(gradient, shape, approach, normal):
+def on_hand(gradient: Vector3, shape: Vector, approach: float, normal: Vector3):
     """Tangential force on the hand (1 - e S)^-1 g [N] (3 numbers), from g [N] (3), S [1/m] (9) row by row, and the
     depth e [m] of the bone edge below the foot point, negative above; |e S| is limited to `STEEPEST`."""
     size = 0.0
@@ -178,7 +191,7 @@ def on_hand(gradient, shape, approach, normal):
 
 
 @kernel
-def limit_tangential(lateral, force, motion, approach, ratio):
+def limit_tangential(lateral: Vector3, force: float, motion: float, approach: float, ratio: Array):
     """The tangential force [N] (3 numbers) within its limits for a normal `force` [N] > 0; updates `ratio` [1] (3), the
     tangential over the normal force: at most `MOST_ASIDE`, changed by at most motion/(`SUDDEN` approach).
 

@@ -22,8 +22,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from palpate.compiler.exact import sum_of_squares
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
+from palpate.physics.arrays import Indices, Matrix, Vector3
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, interpolate_fine, lies_on, patch_of
 from palpate.physics.bodies.sampled import step
 from palpate.physics.bodies.sampled.contacts import SampledContacts, step_all
@@ -139,8 +140,8 @@ def sampled_body(
     )  # fmt: skip
 
 
-@kernel(error_model="numpy")
-def bear(body, contact, nodes, forces, foot, normal):
+@ieee_kernel
+def bear(body: SampledBody, contact: int, nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3):
     """Apply the load of a contact, nodal forces [N] (k,3). Call `answer` after all loads."""
     patch, pull, share = patch_of(body.fine, nodes, forces, foot, normal)
     body.feet[contact, 0], body.feet[contact, 1], body.feet[contact, 2] = foot
@@ -152,8 +153,8 @@ def bear(body, contact, nodes, forces, foot, normal):
     body.contacts.forces[contact] = step.gather(corners, weights, patch, pull, share, normal, load, measure)
 
 
-@kernel(error_model="numpy")
-def answer(body, laws, coupling, dt):
+@ieee_kernel
+def answer(body: SampledBody, laws: Matrix, coupling: Matrix, dt: float):
     """A step of dt > 0 [s] under the loads of all contacts. Returns the number of evaluations of the energy, and
     whether the step reached equilibrium; else the next step continues from the residual.
 
@@ -181,15 +182,15 @@ def answer(body, laws, coupling, dt):
     return used, settled
 
 
-@kernel(error_model="numpy")
-def extrapolation(body):
+@ieee_kernel
+def extrapolation(body: SampledBody):
     """Excess of |q| over the largest one of the full solutions, which is half of that at which the barrier begins: 0
     within, 1 at the barrier."""
     return max(2.0 * np.sqrt(sum_of_squares(body.vectors[1]) / body.model.points.limit) - 1.0, 0.0)
 
 
-@kernel(error_model="numpy")
-def displace_fine(body):
+@ieee_kernel
+def displace_fine(body: SampledBody):
     """Fill `fine.nodes`, all vertices near the foot points and fewer farther away, and `fine.moved`, their
     displacements [m]. Returns their number."""
     model, fine, u = body.model, body.fine, body.fields[3]

@@ -16,8 +16,9 @@ r(x/R) [1] is the mean of the displacement over the patch by a load on an equal 
 
 import math
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
 from palpate.compiler.memory import stack_zeros
+from palpate.physics.arrays import Array, Indices, Matrix, Vector3
 from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.patch import share_of
 
@@ -26,8 +27,8 @@ LAG = ((0.25, 0.08), (0.5, 0.20), (1.0, 0.37))  # [1] q, and how much too small 
 DEEP_NOTE, FAST_NOTE = 1, 2  # bits
 
 
-@kernel(error_model="numpy")
-def too_deep(depth, vertices, nodes, forces, normal, total):
+@ieee_kernel
+def too_deep(depth: float, vertices: Matrix, nodes: Indices, forces: Matrix, normal: Vector3, total: float):
     """Whether an indentation [m] exceeds 1.5 radii of a load [N] (k,3) with the normal force `total` [N] on vertices
     [m] (V,3): twice the rms distance of the normal force from its centre."""
     if not total > 0.0:
@@ -44,8 +45,8 @@ def too_deep(depth, vertices, nodes, forces, normal, total):
     return depth > DEEPEST * 2.0 * math.sqrt(max(square, 0.0))
 
 
-@kernel(error_model="numpy")
-def too_fast(foot, trail, retardation, radius, dt):
+@ieee_kernel
+def too_fast(foot: Array, trail: Array, retardation: float, radius: float, dt: float):
     """Whether a loaded foot [m] (3) is more than `FAST` R ahead of the mean place of its load in the last tau [s], that
     is v tau in a steady slide. Updates this place, `trail` [m] (3), by backward Euler; NaN: a new contact."""
     square, share = 0.0, dt / (dt + retardation)

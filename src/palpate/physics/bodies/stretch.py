@@ -15,7 +15,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Indices, Matrix
 from palpate.physics.geometry.mesh import Mesh
 
 EXCESS = 1e-9  # [1] Tolerance of the limit
@@ -53,14 +54,14 @@ class StretchWorkspace(NamedTuple):
         return cls(np.zeros(size), np.zeros(max(size, 1), np.int64), np.zeros(size, np.bool_))
 
 
-@kernel(error_model="numpy")
-def _apart(vectors, i, j):
+@ieee_kernel
+def _apart(vectors: Matrix, i: int, j: int):
     x, y, z = vectors[i, 0] - vectors[j, 0], vectors[i, 1] - vectors[j, 1], vectors[i, 2] - vectors[j, 2]
     return x * x + y * y + z * z
 
 
-@kernel(error_model="numpy")
-def _excess(vectors, count, limit, edges, place, nodes):
+@ieee_kernel
+def _excess(vectors: Matrix, count: int, limit: float, edges: Neighbours, place: Indices, nodes: Indices):
     """Smallest ratio [1] of limit to difference over the edges of the listed nodes, 1 if all are within the limit; a
     node that is not listed is at rest."""
     worst = 1.0
@@ -77,13 +78,13 @@ def _excess(vectors, count, limit, edges, place, nodes):
     return worst
 
 
-@kernel(error_model="numpy")
-def _square(vectors, i):
+@ieee_kernel
+def _square(vectors: Matrix, i: int):
     return vectors[i, 0] ** 2 + vectors[i, 1] ** 2 + vectors[i, 2] ** 2
 
 
-@kernel(error_model="numpy")
-def _shorten_pair(a, b, cosine, most):
+@ieee_kernel
+def _shorten_pair(a: float, b: float, cosine: float, most: float):
     """Lengths of two vectors at a given angle, a >= b, shortened until their difference is at most `most`."""
     if a * a + b * b - 2.0 * a * b * cosine <= most * most * (1.0 + EXCESS):
         return a, b
@@ -95,8 +96,10 @@ def _shorten_pair(a, b, cosine, most):
     return both, both
 
 
-@kernel(error_model="numpy")
-def limit_stretch(vectors, count, limit, edges, place, nodes, room):
+@ieee_kernel
+def limit_stretch(
+    vectors: Matrix, count: int, limit: float, edges: Neighbours, place: Indices, nodes: Indices, room: StretchWorkspace
+):
     """Shorten vectors [m] (count,3) of the listed nodes until neighbours differ by at most `limit` edge lengths.
     Returns the number of shortened ones. place (V) slot of each node or -1; nodes (count) node of each slot"""
     if _excess(vectors, count, limit, edges, place, nodes) == 1.0:
@@ -138,8 +141,10 @@ def limit_stretch(vectors, count, limit, edges, place, nodes, room):
     return _shorten(vectors, count, limit, edges, place, nodes, room)
 
 
-@kernel(error_model="numpy")
-def _shorten(vectors, count, limit, edges, place, nodes, room):
+@ieee_kernel
+def _shorten(
+    vectors: Matrix, count: int, limit: float, edges: Neighbours, place: Indices, nodes: Indices, room: StretchWorkspace
+):
     """Apply the lengths. If the limit on updates was reached, scale all vectors by the remaining excess."""
     shorter = 0
     for slot in range(count):

@@ -38,8 +38,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import scipy  # loads its submodules when they are used
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.memory import stack_zeros
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.hat_distances import mean_inverse_distance
 from palpate.physics.bodies.patch import patch_radius, share_of
@@ -126,7 +127,7 @@ def half_space_depth(rho: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def sideways(normal, along):
+def sideways(normal: Vector3, along: Matrix):
     """Fill `along` [1] (2,3) with two orthogonal unit vectors along the surface."""
     along[:] = 0.0
     k = 0 if abs(normal[0]) < 0.8 else 1
@@ -156,7 +157,7 @@ class Holds(NamedTuple):
 
 
 @kernel
-def _held_sideways(block, normal, more, holds):
+def _held_sideways(block: Matrix, normal: Vector3, more: float, holds: Record):
     """Reduction c_zt c_tt^-1 c_tz of the compliance [m/N] by sticking of the mean position, from g.C g `block` [m/N]
     (3,3) and the correction `more` of the tangential compliance; fills `holds`, see `patch_compliance`."""
     own, cross, along = stack_zeros((2, 2)), stack_zeros((2,)), stack_zeros((2, 3))
@@ -183,7 +184,17 @@ def _held_sideways(block, normal, more, holds):
 
 
 @kernel
-def narrow_load(model, patch, pull, normal, total, order, touched, measure, radius):
+def narrow_load(
+    model: Record,
+    patch: Indices,
+    pull: Matrix,
+    normal: Vector3,
+    total: float,
+    order: Indices,
+    touched: int,
+    measure: Matrix,
+    radius: float,
+):
     """Fill the second column of `measure` (V,3), whose first contains g, with gamma. False if both are equal.
 
     model  a `CondensedModel`;  patch, pull  the load (k,3) on the fine vertices;  radius [m] R
@@ -233,7 +244,9 @@ def narrow_load(model, patch, pull, normal, total, order, touched, measure, radi
 
 
 @kernel
-def gather_compliance(compliance, table, order, touched, measure, column, block):
+def gather_compliance(
+    compliance: Matrix, table: Matrix, order: Indices, touched: int, measure: Matrix, column: int, block: Matrix
+):
     """Fill block [m/N] (3,3) with g.C g of the shares in a column of `measure`; returns g.T g [1/m]."""
     block[:] = 0.0
     hats, corrects = 0.0, len(table) > 0
@@ -251,7 +264,7 @@ def gather_compliance(compliance, table, order, touched, measure, column, block)
 
 
 @kernel
-def _along(block, normal):
+def _along(block: Matrix, normal: Vector3):
     own = 0.0
     for i in range(3):
         for j in range(3):
@@ -260,7 +273,19 @@ def _along(block, normal):
 
 
 @kernel
-def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, block, hats, holds):
+def patch_compliance(
+    compliance: Matrix,
+    true: TruePatch,
+    order: Indices,
+    touched: int,
+    measure: Matrix,
+    narrowed: bool,
+    normal: Vector3,
+    radius: float,
+    block: Matrix,
+    hats: float,
+    holds: Record,
+):
     """Compliance of a patch for a modulus of 1 Pa [m/N]: g.C g along the normal, and its correction. Fills `holds`.
 
     holds        `HOLDS`, or arrays with these names
@@ -284,8 +309,8 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
     return own, max(more + apart, LEAST_SHARE * own - own)
 
 
-@kernel(error_model="numpy")
-def depth_at(profile, square):
+@ieee_kernel
+def depth_at(profile: Array, square: float):
     """W [1] at the square [1] of rho = r/R, by linear interpolation of `profile` in 1/(1 + rho²)."""
     q = 1.0 / (1.0 + square)
     at = q * KNOTS

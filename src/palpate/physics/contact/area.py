@@ -20,7 +20,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.exponentials import cbrt
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 
 MEAN = 0.6  # [1] Mean displacement of a half-space under Hertz's pressure, over f/(E* a)
@@ -57,8 +58,8 @@ def fingertip(radius: float, modulus: float) -> AreaLaw:
     return of_table(forces, _join_radii(forces, plate, radius, modulus))
 
 
-@kernel(error_model="numpy")
-def _join_radii(forces, plate, radius, modulus):
+@ieee_kernel
+def _join_radii(forces: Array, plate: Array, radius: float, modulus: float):
     """Radii (k,) [m] of the fingertip on a half-space from those on a plate [m] (k,); a kernel, since the last bits of
     numpy's powers depend on the processor."""
     radii = np.empty(len(forces))
@@ -85,8 +86,8 @@ def of_table(forces: object, radii: object) -> AreaLaw:
     return AreaLaw(f, a, np.zeros((2, 0)))
 
 
-@kernel(error_model="numpy")
-def radius_at(forces, radii, force):
+@ieee_kernel
+def radius_at(forces: Array, radii: Array, force: float):
     """a [m] at a force [N] >= 0."""
     last = len(forces) - 1
     if force >= forces[last]:
@@ -111,8 +112,8 @@ def with_approach(law: AreaLaw, compliance: float, rho: np.ndarray) -> AreaLaw:
     return law._replace(table=table)
 
 
-@kernel(error_model="numpy")
-def _fill(forces, radii, compliance, rho, table):
+@ieee_kernel
+def _fill(forces: Array, radii: Array, compliance: float, rho: Array, table: Matrix):
     """Fill the table [m/N^(2/3)] (2,N) of `approach`, by Simpson's rule over t = f^(1/3)."""
     total = before = middle = 0.0
     for k in range(1, 2 * table.shape[1] - 1):
@@ -129,8 +130,8 @@ def _fill(forces, radii, compliance, rho, table):
     table[:, 0] = table[:, 1]
 
 
-@kernel(error_model="numpy")
-def approach(table, force):
+@ieee_kernel
+def approach(table: Matrix, force: float):
     """d [m], dd/df [m/N] and V [J] at a force [N] >= 0; the table is linear over t, and constant beyond its end."""
     t = max(cbrt(max(force, 0.0)), 1e-3)
     k = min(int(t / STEP), table.shape[1] - 2)
@@ -141,8 +142,8 @@ def approach(table, force):
     return t * t * d, slope, t * (t * t * (t * t)) * (table[1, k] + q * (table[1, k + 1] - table[1, k]))
 
 
-@kernel(error_model="numpy")
-def hertz_depth(square):
+@ieee_kernel
+def hertz_depth(square: float):
     """Displacement [1] of a half-space under Hertz's pressure at (r/a)², over 3f/(4 E* a) (Johnson, eq. 3.42)."""
     if square <= 1.0:
         return 1.0 - 0.5 * square

@@ -16,6 +16,7 @@ A step that uses the rate v + d/2 is implicit Euler from a start that is shifted
 import math
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Record
 
 STEPS = 4  # Number of mean rates that the prediction uses
 COURSE = {
@@ -27,20 +28,20 @@ COURSE = {
 
 
 @kernel
-def minmod(a, b):
+def minmod(a: float, b: float):
     """The argument of smaller magnitude; 0 if the signs differ."""
     return 0.0 if not a * b > 0.0 else math.copysign(min(abs(a), abs(b)), a)
 
 
 @kernel
-def expected_change(rates):
+def expected_change(rates: Array):
     """Expected change d of the mean rate in the next step, from those of the last steps (4), the newest first."""
     a, b, c = rates[0] - rates[1], rates[1] - rates[2], rates[2] - rates[3]
     return minmod(a, b) + minmod(a - b, b - c)
 
 
 @kernel
-def remember(rates, rate, follows):
+def remember(rates: Array, rate: float, follows: bool):
     """Add the mean rate of a step to `rates` (4). Unless the step follows the last one, no change is known."""
     for k in range(STEPS - 1, 0, -1):
         rates[k] = rates[k - 1] if follows else rate
@@ -48,7 +49,7 @@ def remember(rates, rate, follows):
 
 
 @kernel
-def arrive(course, tick):
+def arrive(course: Record, tick: int):
     """Begin a step with a message of this tick. Without the tick before, or with -1, the step is implicit Euler: a body
     at a divisor of the contact's rate does not know how the rate changes in the steps of the contact."""
     course.follows = tick >= 0 and (course.tick == tick - 1 or course.value == 0.0)
@@ -56,7 +57,7 @@ def arrive(course, tick):
 
 
 @kernel
-def advance(course, value, dt):
+def advance(course: Record, value: float, dt: float):
     """Add y >= 0 at the end of a step of dt [s]. The factor for the next step is 1 - T d/2y, within 0 and 2."""
     if not value > 0.0:
         course.value, course.ahead = 0.0, 1.0

@@ -14,20 +14,21 @@ import math
 import numpy as np
 
 from palpate.compiler.dot import dot
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Array, Matrix
 
 BALANCED = 1e-12  # [1] Moment over the sum of |r_i| |f_i| that counts as zero
 
 
-@kernel(error_model="numpy")
-def _cross(a, b, out):
+@ieee_kernel
+def _cross(a: Array, b: Array, out: Array):
     out[0] += a[1] * b[2] - a[2] * b[1]
     out[1] += a[2] * b[0] - a[0] * b[2]
     out[2] += a[0] * b[1] - a[1] * b[0]
 
 
-@kernel(error_model="numpy")
-def internal_forces(points, forces):
+@ieee_kernel
+def internal_forces(points: Matrix, forces: Matrix):
     """The internal forces q [N] (k,3) and the arms r [m] (k,3), of forces [N] (k,3) at points [m] (k,3).
 
     b is computed by three steps of conjugate gradients, also for collinear points, for which the component of b along
@@ -67,8 +68,8 @@ def internal_forces(points, forces):
     return left, arm
 
 
-@kernel(error_model="numpy")
-def grip_force(points, forces):
+@ieee_kernel
+def grip_force(points: Matrix, forces: Matrix):
     """Grip force sum_i |q_i|/2 [N], that of each of two opposing fingers; negative if they pull, sum_i q_i.r_i > 0.
     points [m] (k,3), forces [N] (k,3)."""
     internal, arm = internal_forces(points, forces)

@@ -14,15 +14,16 @@ definite C (as the projected one does: O. Mangasarian, J. Optim. Theory Appl. 22
 import numpy as np
 
 from palpate.compiler.exact import solve_in_place
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.contact.series import balance
 
 EXACT = 1e-13  # [1] Convergence tolerance: change of the forces over their sum
 MOST_STEPS = 60
 
 
-@kernel(error_model="numpy")
-def _one(i, others, approach, dt, before, finger, laws, out):
+@ieee_kernel
+def _one(i: int, others: float, approach: Array, dt: float, before: Array, finger: Array, laws: Matrix, out: Matrix):
     """phi_i: solve contact i under the effect `others` [N] of the other forces; fills row i of `out`, returns t_i."""
     k, n, c, free, previous = laws[i]
     if others < 0.0:  # the others push the body towards the finger, such as from the opposite side of an organ
@@ -33,8 +34,8 @@ def _one(i, others, approach, dt, before, finger, laws, out):
     return yields if 0.0 <= yields <= 1.0 else 1.0
 
 
-@kernel(error_model="numpy")
-def _others(i, coupling, force):
+@ieee_kernel
+def _others(i: int, coupling: Matrix, force: Array):
     """sum_j O_ij f_j (j != i) [N], the effect of the other forces at contact i."""
     total = 0.0
     for j in range(len(force)):
@@ -43,8 +44,17 @@ def _others(i, coupling, force):
     return total
 
 
-@kernel(error_model="numpy")
-def joint_step(approach, dt, before, finger, laws, coupling, force, out):
+@ieee_kernel
+def joint_step(
+    approach: Array,
+    dt: float,
+    before: Array,
+    finger: Array,
+    laws: Matrix,
+    coupling: Matrix,
+    force: Array,
+    out: Matrix,
+):
     """One step of k fingertips on one body: the fixed point f of the equations above.
 
     approach  [m] (k)    e of each at the end of the step

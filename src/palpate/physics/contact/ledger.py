@@ -25,6 +25,7 @@ import math
 from palpate.compiler.dot import dot
 from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Record, Vector3
 
 FINGERS = 16  # at most
 FINGERTIP, TISSUE, FRICTION, DISPLAY, MORE = range(5)
@@ -50,7 +51,7 @@ also take `past` (d + 2, FINGERS) of `MOMENT`, a ring buffer of the last moments
 
 
 @kernel
-def begin(ledger, past, count):
+def begin(ledger: Record, past: Record, count: int):
     """Begin the next moment with `count` fingers. Returns whether it ends a step; False after a gap."""
     ledger.newest = (ledger.newest + 1) % len(past)
     if ledger.fingers != count:
@@ -62,7 +63,19 @@ def begin(ledger, past, count):
 
 
 @kernel
-def take(ledger, past, finger, place, force, normal, push, compression, indentation, along, friction):
+def take(
+    ledger: Record,
+    past: Record,
+    finger: int,
+    place: Array,
+    force: Array,
+    normal: Array,
+    push: float,
+    compression: float,
+    indentation: float,
+    along: Vector3,
+    friction: Vector3,
+):
     """Store the moment of a finger; along [N] (3) a, friction [N] (3) f_t."""
     now = past[ledger.newest, finger]
     for i in range(3):
@@ -72,7 +85,7 @@ def take(ledger, past, finger, place, force, normal, push, compression, indentat
 
 
 @kernel
-def add_finger(ledger, past, finger, along, friction, stored):
+def add_finger(ledger: Record, past: Record, finger: int, along: Vector3, friction: Vector3, stored: Vector3):
     """Account for the step of a finger; stored [J] (3) in its fingertip, the tissue and its friction, or NaN."""
     size, sums = len(past), ledger.sums
     hand, asked, rendered, tip, tissue, rubbed = _works(
@@ -92,7 +105,7 @@ def add_finger(ledger, past, finger, along, friction, stored):
 
 
 @kernel
-def end(ledger, past, stepped, tissue):
+def end(ledger: Record, past: Record, stepped: bool, tissue: float):
     """End the moment; if it ends a step, after `add_finger` for each finger. tissue [J]: stored energy."""
     if not stepped:
         ledger.moments = 1
@@ -110,7 +123,7 @@ def end(ledger, past, stepped, tissue):
 
 
 @kernel
-def _works(now, last, held, along, friction):
+def _works(now: Record, last: Record, held: Record, along: Vector3, friction: Vector3):
     """Works [J] of one finger in a step: of the hand, of the delayed G, of the present G, and on fingertip, tissue and
     friction. `held` is the moment from which the force on the hand was computed."""
     here, there = now.position, last.position
@@ -128,7 +141,7 @@ def _works(now, last, held, along, friction):
 
 
 @kernel
-def _add_step(account, work, stored):
+def _add_step(account: Record, work: float, stored: float):
     """Add the work [J] of a step on a part, and set the energy [J] stored at its end."""
     account.work += work
     account.stored = stored
@@ -137,13 +150,13 @@ def _add_step(account, work, stored):
 
 
 @kernel
-def _stored_energy(account):
+def _stored_energy(account: Record):
     """Stored energy [J] of a part; 0 if it does not report it."""
     return account.stored if abs(account.stored) > 0.0 else 0.0
 
 
 @kernel
-def totals(ledger, row):
+def totals(ledger: Record, row: int):
     """Stored and dissipated energy [J], summed over all fingers; `row` is that of the first finger's part."""
     account = ledger.accounts[row]
     stored, dissipated = _stored_energy(account), account.work - _stored_energy(account)
@@ -156,7 +169,7 @@ def totals(ledger, row):
 
 
 @kernel
-def worst(ledger):
+def worst(ledger: Record):
     """The row of the part that has generated the most energy, and that energy [J]. For a part that does not report its
     stored energy it is the negative work on it."""
     row = 0

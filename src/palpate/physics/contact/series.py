@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Array
 from palpate.physics.contact.terminal import free_recovery, indentation, power_of, terminal_force
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
@@ -54,8 +55,8 @@ def hertz_exponential(modulus_slope: float, hardening: float, radius: float) -> 
     return ElasticLaw(HERTZ, float(modulus_slope), float(hardening), float(radius))
 
 
-@kernel(error_model="numpy")
-def elastic(s, kind, first, second, radius):
+@ieee_kernel
+def elastic(s: float, kind: int, first: float, second: float, radius: float):
     """g [N] and dg/ds [N/m] at the compression s [m]; zero for s <= 0."""
     if s <= 0.0:
         return 0.0, 0.0
@@ -69,8 +70,8 @@ def elastic(s, kind, first, second, radius):
     return scale * grown * s, scale * (second * (1.0 + grown) * s + 1.5 * grown)
 
 
-@kernel(error_model="numpy")
-def series_energy(s, kind, first, second, radius):
+@ieee_kernel
+def series_energy(s: float, kind: int, first: float, second: float, radius: float):
     """Stored energy V(s) [J], the integral of g from 0 to s [m]; zero where s <= 0."""
     depth = max(s, 0.0)
     if kind == 0:
@@ -91,8 +92,8 @@ def series_energy(s, kind, first, second, radius):
     return (low + high) * root
 
 
-@kernel(error_model="numpy")
-def _eighth(start, root, scale, second):
+@ieee_kernel
+def _eighth(start: int, root: float, scale: float, second: float):
     """The sum of every eighth term of the quadrature in `series_energy`, in numpy's order of summation."""
     total = 0.0
     for i in range(start, len(GAUSS_POINTS), 8):
@@ -101,16 +102,37 @@ def _eighth(start, root, scale, second):
     return total
 
 
-@kernel(error_model="numpy")
-def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previous):
+@ieee_kernel
+def series_step(
+    approach: float,
+    dt: float,
+    s1: float,
+    finger: Array,
+    stiffness: float,
+    exponent: float,
+    c2: float,
+    free: float,
+    previous: float,
+):
     """One step of fingertip and body in series, without other contacts, see `balance`. Returns (f, s1, s2)
     [N, m, m]."""
     f, x, s, _ = balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, 0.0)
     return f, x, s
 
 
-@kernel(error_model="numpy")
-def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, others):
+@ieee_kernel
+def balance(
+    approach: float,
+    dt: float,
+    s1: float,
+    finger: Array,
+    stiffness: float,
+    exponent: float,
+    c2: float,
+    free: float,
+    previous: float,
+    others: float,
+):
     """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m],
     and -df/d(others) [1].
 

@@ -25,7 +25,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Vector3
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 
@@ -35,8 +36,8 @@ OFF = 0.5  # [1] of R, distance of the nearest node beyond which the foot counts
 SMOOTH = 1.0 / 12.0  # [1] of R²; tau of the smooth minimum
 
 
-@kernel(error_model="numpy")
-def kernel_value(kind, q):
+@ieee_kernel
+def kernel_value(kind: int, q: float):
     """k(q), 1 at q = 0, 0 from q = 1 on: 0 biweight (1-q²)², 1 Wendland C² (1-q)⁴(4q+1), 2 raised cosine,
     3 Hertz's pressure (1-q²)^½."""
     if q >= 1.0:
@@ -77,14 +78,14 @@ def cells(points: np.ndarray, side: float) -> tuple[np.ndarray, float, np.ndarra
     return origin, side, shape, first, np.argsort(flat, kind="stable").astype(np.int32)
 
 
-@kernel(error_model="numpy")
-def _cell(x, count):
+@ieee_kernel
+def _cell(x: float, count: int):
     # limited before the conversion to an integer, which would overflow for distant points
     return int(min(max(x, 0.0), count - 1.0))
 
 
-@kernel(error_model="numpy")
-def _cells(foot, shift, scalars, shape):
+@ieee_kernel
+def _cells(foot: Vector3, shift: float, scalars: Array, shape: Indices):
     """The cell (3) at a foot point that is shifted by `shift` [m] along each axis, limited to the grid."""
     return (
         _cell((foot[0] + shift - scalars[2]) / scalars[5], shape[0]),
@@ -93,8 +94,8 @@ def _cells(foot, shift, scalars, shape):
     )
 
 
-@kernel(error_model="numpy")
-def nearest_triangle(point, normal, points, triangles, vectors):
+@ieee_kernel
+def nearest_triangle(point: Array, normal: Vector3, points: Matrix, triangles: Indices, vectors: Matrix):
     """The triangle nearest to a point [m] (3), and the weights of the second and third corner at its nearest point.
 
     Triangles that face away from `normal` are used only if no others exist; -1: no triangle has an area.
@@ -154,21 +155,21 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
     )  # fmt: skip
 
 
-@kernel
-def _facing(faces):
+@ieee_kernel
+def _facing(faces: float):
     """Factor [1] on the weight of a node whose normal has this cosine, in (0, `FACES`), to the contact's."""
     share = faces / FACES
     return share * share * (3.0 - 2.0 * share)
 
 
-@kernel(error_model="numpy")
-def _averted(faces):
+@ieee_kernel
+def _averted(faces: float):
     """Part of d_j² over tau [1] of a node whose normal has this cosine > 0 to the contact's: from 0 to inf at 0."""
     return FACES / faces - 1.0 if faces < FACES else 0.0
 
 
-@kernel(error_model="numpy")
-def _weigh(s, foot, normal, r, shift):
+@ieee_kernel
+def _weigh(s: Spreader, foot: Vector3, normal: Vector3, r: float, shift: float):
     """Fill `nodes` and `weights` [m²] with the nodes that face `normal` and have d² - shift < R². Returns their number,
     and the least d² [m²] of them, `_averted` included; inf: none exists."""
     kind, shape, first, order, near = int(s.scalars[1]), s.shape, s.first, s.order, s.near
@@ -199,13 +200,13 @@ def _weigh(s, foot, normal, r, shift):
 
 
 @kernel
-def _on_surface(s, r):
+def _on_surface(s: Spreader, r: float):
     """Largest d_0² [m²] of a foot that counts as on the surface."""
     return max((OFF * r) ** 2, s.scalars[6] ** 2 / 3.0)
 
 
-@kernel(error_model="numpy")
-def _clearance(s, foot, normal, r, least):
+@ieee_kernel
+def _clearance(s: Spreader, foot: Vector3, normal: Vector3, r: float, least: float):
     """d_0² - a² [m²] as a smooth minimum, 0 at the exact `least` d_0² = a²; nodes that hardly count are left out."""
     near, off, tau = s.near, least - _on_surface(s, r), SMOOTH * r * r
     reach = math.sqrt(least + 20.0 * tau)
@@ -222,8 +223,8 @@ def _clearance(s, foot, normal, r, least):
     return max(off - tau * math.log(max(total / (math.pi * tau), 1e-3)), 0.0) * min(off / tau, 1.0)
 
 
-@kernel(error_model="numpy")
-def _off_surface(s, foot, normal, r, least):
+@ieee_kernel
+def _off_surface(s: Spreader, foot: Vector3, normal: Vector3, r: float, least: float):
     """Fill `nodes` and `weights` for a foot without a node within OFF R, `least` [m²] being d_0² if one is within R,
     else inf; returns their number, 0 if the foot lies on a triangle that is larger than R, or no node faces
     `normal`."""
@@ -236,8 +237,8 @@ def _off_surface(s, foot, normal, r, least):
     return _weigh(s, foot, normal, r, _clearance(s, foot, normal, r, least))[0]
 
 
-@kernel(error_model="numpy")
-def spread(spreader, foot, normal, force, radius=0.0):
+@ieee_kernel
+def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, radius: float = 0.0):
     """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]. Returns their number.
 
     normal: outward unit normal [1] (3) of the surface at the foot point;  radius [m]  R, 0: that of the spreader

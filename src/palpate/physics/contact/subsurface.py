@@ -21,7 +21,8 @@ import math
 import numpy as np
 
 from palpate.compiler.exact import arctan2, cos, sin
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Matrix, Vector3
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.friction.bristle import turn
 
@@ -87,8 +88,8 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
     return found
 
 
-@kernel(error_model="numpy")
-def first_axis(normal):
+@ieee_kernel
+def first_axis(normal: Vector3):
     """Unit x axis (3) of a patch with this outward unit normal (3): along the projection of the world's x axis (y axis
     if the normal is within 37 degrees of x)."""
     n0, n1, n2 = normal[0], normal[1], normal[2]
@@ -98,7 +99,7 @@ def first_axis(normal):
 
 
 @kernel
-def next_axis(axis, before, normal):
+def next_axis(axis: Vector3, before: Vector3, normal: Vector3):
     """Unit x axis (3) of a patch whose outward unit normal turns from `before` to `normal` (3): `axis` (3) under the
     smallest rotation between them (parallel transport). A rule by the normal alone would jump somewhere, because no
     field of tangents is continuous on a sphere. On a closed path the axis turns by the solid angle that the normals
@@ -110,8 +111,8 @@ def next_axis(axis, before, normal):
     return turn(axis[0], axis[1], axis[2], before[0], before[1], before[2], normal[0], normal[1], normal[2])
 
 
-@kernel(error_model="numpy")
-def along_patch(forces, normal, axis):
+@ieee_kernel
+def along_patch(forces: Matrix, normal: Vector3, axis: Vector3):
     """The sum [N] of forces (k,3) along the axes of a patch with this outward normal (3): z into the tissue, x along
     `axis` (3), a unit tangent."""
     fx = fy = fz = 0.0
@@ -124,7 +125,7 @@ def along_patch(forces, normal, axis):
 
 
 @kernel
-def response_to(force, matrix, out):
+def response_to(force: Vector3, matrix: Matrix, out: Matrix):
     """Fill `out` (p,c) with a matrix (pc,3) times a force [N] (3): stresses [Pa] (p,6) with that of `under_patch`
     [1/m²], displacements [N/m] (p,3) with that of `deflection.surface_under_patch` [1/m]."""
     for p in range(len(out)):
@@ -134,7 +135,7 @@ def response_to(force, matrix, out):
 
 
 @kernel
-def von_mises_of(stress, out):
+def von_mises_of(stress: Matrix, out: Array):
     """Fill `out` [Pa] (p) with the equivalent stress of stresses [Pa] (p,6) in the order of `PAIRS`."""
     for p in range(len(stress)):
         s = stress[p]
@@ -143,15 +144,15 @@ def von_mises_of(stress, out):
 
 
 @kernel
-def energy_stress(xx, yy, zz, yz, xz, xy, poisson):
+def energy_stress(xx: float, yy: float, zz: float, yz: float, xz: float, xy: float, poisson: float):
     """(1 + nu) sigma:sigma - nu tr(sigma)² = 2 E W [Pa²] of a stress [Pa]: W is the strain energy density."""
     square = xx * xx + yy * yy + zz * zz + 2.0 * (yz * yz + xz * xz + xy * xy)
     trace = xx + yy + zz
     return (1.0 + poisson) * square - poisson * trace * trace
 
 
-@kernel(error_model="numpy")
-def strain_energy_of(stress, young, poisson, out):
+@ieee_kernel
+def strain_energy_of(stress: Matrix, young: float, poisson: float, out: Array):
     """Fill `out` [J/m³] (p) with the strain energy density of stresses [Pa] (p,6) in the order of `PAIRS`."""
     for p in range(len(stress)):
         s = stress[p]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 
 FLOOR = 1e-3
 LEAST_STRETCH = 1e-6  # Lower limit of stretches, for points that are inverted by the discretization
@@ -32,7 +33,7 @@ def isostrain_volume(values: np.ndarray, volumes: np.ndarray, levels: np.ndarray
 
 
 @kernel
-def _volume(values, volumes, levels):
+def _volume(values: Matrix, volumes: Array, levels: Array):
     volume_above = np.zeros(len(levels))
     for k in range(len(levels)):
         c = levels[k]

@@ -11,7 +11,8 @@ import math
 from typing import NamedTuple
 
 from palpate.compiler.exponentials import cbrt
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Record
 
 LEAST_FORCE = 1e-3  # [N] Smallest force at which a body's law is fitted
 LEAST_DEPTH = 1e-9  # [m] Depth below which a fitted body counts as rigid; it keeps K finite
@@ -28,8 +29,8 @@ class Terminal(NamedTuple):
     previous_indentation: float = 0.0  # [m] s_prev, indentation at the end of this step
 
 
-@kernel(error_model="numpy")
-def power_of(x, n):
+@ieee_kernel
+def power_of(x: float, n: float):
     """x^n for x >= 0; avoids pow for the common exponents."""
     if n == 1.5:
         return x * math.sqrt(x)
@@ -40,8 +41,8 @@ def power_of(x, n):
     return x**n
 
 
-@kernel(error_model="numpy")
-def power_slope(x, n):
+@ieee_kernel
+def power_slope(x: float, n: float):
     """x^n and n x^(n-1) for x >= 0, n >= 1."""
     if n == 1.5:
         root = math.sqrt(x)
@@ -54,8 +55,8 @@ def power_slope(x, n):
     return x * below, n * below
 
 
-@kernel(error_model="numpy")
-def root_of(x, n):
+@ieee_kernel
+def root_of(x: float, n: float):
     """x^(1/n) for x >= 0; avoids pow for the common exponents."""
     if n == 1.5:
         y = cbrt(x)
@@ -67,16 +68,18 @@ def root_of(x, n):
     return x ** (1.0 / n)
 
 
-@kernel(error_model="numpy")
-def free_recovery(previous, free, damping, dt):
+@ieee_kernel
+def free_recovery(previous: float, free: float, damping: float, dt: float):
     """Indentation [m] after a step `dt` [s] without load, max(s_free, s_prev - T/c): the largest s with F(s) = 0."""
     if damping > 0.0:
         return max(free, previous - dt / damping)
     return free
 
 
-@kernel(error_model="numpy")
-def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
+@ieee_kernel
+def terminal_force(
+    s: float, dt: float, stiffness: float, exponent: float, damping: float, free: float, previous: float
+):
     """F(s) [N] of the terminal law and dF/ds [N/m] at the indentation s [m], for a step of dt > 0 [s]."""
     x = s - free
     rate = 1.0 + damping * (s - previous) / dt
@@ -86,8 +89,10 @@ def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
     return elastic * rate, exponent * elastic / x * rate + elastic * damping / dt
 
 
-@kernel(error_model="numpy")
-def indentation(force, dt, stiffness, exponent, damping, free, previous):
+@ieee_kernel
+def indentation(
+    force: float, dt: float, stiffness: float, exponent: float, damping: float, free: float, previous: float
+):
     """Indentation s [m] with F(s) = force; the free recovery where force <= 0.
 
     With x = s - free and n >= 1, F is convex and increasing, so Newton's method converges monotonically from any point
@@ -127,8 +132,8 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     return max(x + free, least)
 
 
-@kernel(error_model="numpy")
-def fit_terminal(free, s, slope, force):
+@ieee_kernel
+def fit_terminal(free: float, s: float, slope: float, force: float):
     """K and n of the terminal law through two points of a body's next implicit step; c is 0.
 
     free   [m]    indentation of the next step at zero force
@@ -166,8 +171,8 @@ def check_law(law: Terminal, step: float = 0.0, relaxation: float = 0.0) -> None
             )
 
 
-@kernel(error_model="numpy")
-def law_at(length, start, law, step, relaxation):
+@ieee_kernel
+def law_at(length: float, start: float, law: Record, step: float, relaxation: float):
     """K [N/m^n] and s_free [m] of a law, valid for a step of length `step` [s] from s_prev, converted to a step of
     `length` > 0 [s] from the indentation `start` [m].
 

@@ -34,8 +34,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.records import clear, put, vector
+from palpate.physics.arrays import Array, Record, Vector3
 from palpate.physics.device.passivity import absorbed_energy, clamp, dissipation, slew
 from palpate.physics.device.rendered import GAUGE, LEAP, SPAN, WALL, compensation, slope, soften, stiffest
 
@@ -86,7 +87,7 @@ def rings(delay: int) -> Past:
 
 
 @kernel
-def reset(state, past):
+def reset(state: Record, past: Past):
     """Reset the state and the rings to those before the first step."""
     clear(state)
     for row in range(len(past.time)):
@@ -96,7 +97,7 @@ def reset(state, past):
 
 
 @kernel
-def remember(state, past, dt):
+def remember(state: Record, past: Past, dt: float):
     """Append the last step to the rings. Returns the row of the step d before it."""
     newest = (state.newest + 1) % len(past.time)
     state.newest = newest
@@ -108,7 +109,7 @@ def remember(state, past, dt):
 
 
 @kernel
-def observe(state, force, x, y, z, dt, resolution):
+def observe(state: Record, force: Array, x: float, y: float, z: float, dt: float, resolution: float):
     """Passivity observer, E <- E - F . dx over the displacement since the last movement, with the force [N] (3) of the
     delayed step; returns the velocity (vx, vy, vz) [m/s] of that displacement.
 
@@ -135,8 +136,8 @@ def observe(state, force, x, y, z, dt, resolution):
     return vx, vy, vz
 
 
-@kernel(error_model="numpy")
-def drag_distance(point, n, place, play):
+@ieee_kernel
+def drag_distance(point: Array, n: Vector3, place: Vector3, play: float):
     """Distance [m] by which a finger at `place` [m] drags a point on a string of length `play` [m], in the plane with
     the normal n [1]. Steady sliding drags it by the whole motion; oscillations smaller than `play` do not move it.
 
@@ -151,8 +152,19 @@ def drag_distance(point, n, place, play):
     return (1.0 - slack) * length
 
 
-@kernel(error_model="numpy")
-def render(gains, state, past, before, force, n, approach, place, lag, dt):
+@ieee_kernel
+def render(
+    gains: Record,
+    state: Record,
+    past: Past,
+    before: int,
+    force: float,
+    n: Vector3,
+    approach: float,
+    place: Vector3,
+    lag: float,
+    dt: float,
+):
     """Rendered normal force [N] for a contact force [N], without and with compensation of the lag [s], see rendered.py.
 
     before  row of the rings `past` with an earlier position of the finger and its time
@@ -182,7 +194,7 @@ def render(gains, state, past, before, force, n, approach, place, lag, dt):
 
 
 @kernel
-def assist(gains, contact, state, i, position, velocity):
+def assist(gains: Record, contact: bool, state: Record, i: int, position: float, velocity: float):
     """Component i [N] of the spring and damper terms: -Kp (x - xd) - Kd v in free motion, -Kdc v in contact.
 
     position [m], velocity [m/s] of that component;  gains, state as in `haptic`
@@ -193,7 +205,18 @@ def assist(gains, contact, state, i, position, velocity):
 
 
 @kernel
-def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
+def switch(
+    gains: Record,
+    state: Record,
+    touching: bool,
+    approach: float,
+    x: float,
+    y: float,
+    z: float,
+    vx: float,
+    vy: float,
+    vz: float,
+):
     """Update the mode; returns whether it is contact.
 
     approach [m] s1 + s2;  x, y, z [m] position;  vx, vy, vz [m/s] velocity;  gains, state as in `haptic`
@@ -220,8 +243,8 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
     return new
 
 
-@kernel(error_model="numpy")
-def brake(gains, state, w, v, way, lag, usual, dt):
+@ieee_kernel
+def brake(gains: Record, state: Record, w: Vector3, v: Vector3, way: float, lag: float, usual: float, dt: float):
     """Force [N] (x, y, z) of the damping, see above; updates `state.brake`.
 
     w      [m/s]  (3) of the last displacement, if the observer counted it in this step
@@ -260,8 +283,19 @@ def brake(gains, state, w, v, way, lag, usual, dt):
     return bx, by, bz
 
 
-@kernel(error_model="numpy")
-def haptic(gains, state, past, normal_force, n, friction, approach, position, velocity, dt):
+@ieee_kernel
+def haptic(
+    gains: Record,
+    state: Record,
+    past: Past,
+    normal_force: float,
+    n: Vector3,
+    friction: Vector3,
+    approach: float,
+    position: Vector3,
+    velocity: Vector3,
+    dt: float,
+):
     """One step of the controller, see the equations above: (fx, fy, fz [N], in contact, E [J]). Updates the state.
 
     gains                `GAINS`

@@ -82,7 +82,7 @@ FALCON = FalconGeometry()
 
 
 @kernel(inline=True)
-def directions(geometry, i, x, y, z):
+def directions(geometry: Geometry, i: int, x: float, y: float, z: float):
     """(reachable, (cos, sin) of t1, of t2 and of t3) of leg i at a point [m]; zeros if out of reach.
 
     cos(t3) = v/b    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
@@ -110,14 +110,14 @@ def directions(geometry, i, x, y, z):
 
 
 @kernel
-def leg(geometry, i, x, y, z):
+def leg(geometry: Geometry, i: int, x: float, y: float, z: float):
     """Inverse kinematics of leg i at a point [m]: (reachable, t1, t2, t3) [rad]; zeros if out of reach."""
     ok, one, two, three = directions(geometry, i, x, y, z)
     return ok, math.atan2(one[1], one[0]), math.atan2(two[1], two[0]), math.atan2(three[1], three[0])
 
 
 @kernel(inline=True)
-def link(geometry, i, x, y, z):
+def link(geometry: Geometry, i: int, x: float, y: float, z: float):
     """(reachable, t1 [rad], the unit vector (x, y, z) along the parallelogram of leg i, its lever [m]) at a point [m].
 
     As a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw, row i of the Jacobian G of the
@@ -132,7 +132,7 @@ def link(geometry, i, x, y, z):
 
 
 @kernel
-def links(geometry, x, y, z):
+def links(geometry: Geometry, x: float, y: float, z: float):
     """The three legs at a point [m]: (reachable, angles t1 [rad], vectors [1] of legs 1, 2, 3, levers [m])."""
     ok0, t0, n0, l0 = link(geometry, 0, x, y, z)
     ok1, t1, n1, l1 = link(geometry, 1, x, y, z)
@@ -141,20 +141,20 @@ def links(geometry, x, y, z):
 
 
 @kernel
-def reachable(geometry, x, y, z):
+def reachable(geometry: Geometry, x: float, y: float, z: float):
     """Whether all three legs reach the point (x, y, z) [m]."""
     one, two = directions(geometry, 0, x, y, z)[0], directions(geometry, 1, x, y, z)[0]
     return one and two and directions(geometry, 2, x, y, z)[0]
 
 
 @kernel
-def wrap(angle):
+def wrap(angle: float):
     """The same angle in [-pi, pi] [rad]."""
     return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))
 
 
 @kernel
-def newton(geometry, t0, t1, t2, x, y, z):
+def newton(geometry: Geometry, t0: float, t1: float, t2: float, x: float, y: float, z: float):
     """Forward kinematics by Newton's method from a reachable point (x, y, z) [m]: (converged, x, y, z).
 
     The step is -N^-1 D (t1(P) - t), with the link vectors as the rows of N and the levers D; at most 20 mm, halved
@@ -192,7 +192,7 @@ def newton(geometry, t0, t1, t2, x, y, z):
 
 
 @kernel
-def forward_kernel(geometry, t0, t1, t2, x, y, z):
+def forward_kernel(geometry: Geometry, t0: float, t1: float, t2: float, x: float, y: float, z: float):
     """(converged, x, y, z [m]) of the grip at driven angles t0, t1, t2 [rad]: Newton from (x, y, z), then from HOME."""
     if reachable(geometry, x, y, z):
         ok, px, py, pz = newton(geometry, t0, t1, t2, x, y, z)

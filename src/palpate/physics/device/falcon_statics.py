@@ -11,6 +11,7 @@ import math
 
 from palpate.compiler.dot import cross, dot
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Record, Vector3
 from palpate.physics.device.falcon import links
 
 FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
@@ -19,7 +20,7 @@ SHORT = 1e-3  # [m] lever below which its inverse is limited
 
 
 @kernel
-def saturate(t0, t1, t2, limit):
+def saturate(t0: float, t1: float, t2: float, limit: float):
     """The torques [N m] of the arms, scaled by a common factor so that none exceeds the limit [N m] > 0; zero if one is
     not finite."""
     largest = max(abs(t0), abs(t1), abs(t2))
@@ -32,7 +33,7 @@ def saturate(t0, t1, t2, limit):
 
 
 @kernel
-def torque_kernel(geometry, fx, fy, fz, x, y, z):
+def torque_kernel(geometry: Record, fx: float, fy: float, fz: float, x: float, y: float, z: float):
     """(reachable, torques [N m]) = G^-T F of the arms for a force [N] on the hand at a point [m]; zero if out of reach.
 
     Near a singular pose the inverse is damped (least squares), so the torque stays bounded. A torque beyond the motors'
@@ -53,7 +54,7 @@ def torque_kernel(geometry, fx, fy, fz, x, y, z):
 
 
 @kernel
-def solve_damped(n0, n1, n2, force, damping):
+def solve_damped(n0: Vector3, n1: Vector3, n2: Vector3, force: Vector3, damping: float):
     """Damped least squares for N^T t = force: (N N^T + damping^2) t = N force, by Cramer's rule."""
     diagonal = 1.0 + damping * damping
     g01, g02, g12 = dot(n0, n1), dot(n0, n2), dot(n1, n2)
@@ -72,7 +73,7 @@ def solve_damped(n0, n1, n2, force, damping):
 
 
 @kernel
-def force_kernel(geometry, t0, t1, t2, x, y, z):
+def force_kernel(geometry: Record, t0: float, t1: float, t2: float, x: float, y: float, z: float):
     """(reachable, force on the hand [N]) = G^T torque for torques [N m] at a point [m]; zero if out of reach.
 
     Bounded where a leg is stretched or folded: its lever's inverse grows no further below 1 mm.
@@ -90,6 +91,6 @@ def force_kernel(geometry, t0, t1, t2, x, y, z):
 
 
 @kernel
-def invert_lever(lever):
+def invert_lever(lever: float):
     """1/lever [1/m]; below SHORT lever/SHORT², which falls to zero."""
     return 1.0 / lever if abs(lever) >= SHORT else lever / (SHORT * SHORT)

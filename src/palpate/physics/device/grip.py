@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import put, vector
+from palpate.physics.arrays import Array, Indices, Matrix, Record
 from palpate.physics.device.falcon import leg, reachable
 from palpate.physics.device.falcon_statics import force_kernel, saturate
 
@@ -34,7 +35,7 @@ LONGEST = 1e6  # [s] upper limit of a step
 
 
 @kernel
-def propagator(rate, frequency2, dt):
+def propagator(rate: float, frequency2: float, dt: float):
     """exp of [[0, 1, 0], [-w2 T^2, -g T, 1], [0, 0, 0]] for y'' + g y' + w2 y = a, on (y, y' T, a T^2).
 
     rate        [1/s]    g
@@ -61,7 +62,7 @@ def propagator(rate, frequency2, dt):
 
 
 @kernel
-def times(p, q):
+def times(p: Matrix, q: Matrix):
     """Product of two 3 x 3 matrices in a fixed order of additions."""
     r = np.empty((3, 3))
     for i in range(3):
@@ -71,7 +72,7 @@ def times(p, q):
 
 
 @kernel
-def path_point(time, ends, points, shapes):
+def path_point(time: float, ends: Array, points: Matrix, shapes: Indices):
     """(segment, x, y, z) of the path at a time; the last point after its end.
 
     ends    [s]  (n)     end of each segment, increasing
@@ -93,7 +94,18 @@ def path_point(time, ends, points, shapes):
 
 
 @kernel
-def grip_kernel(geometry, grip, motion, ends, points, shapes, t0, t1, t2, dt):
+def grip_kernel(
+    geometry: Record,
+    grip: Record,
+    motion: Record,
+    ends: Array,
+    points: Matrix,
+    shapes: Indices,
+    t0: float,
+    t1: float,
+    t2: float,
+    dt: float,
+):
     """Move the grip of a Falcon by one step under motor torques; returns its driven angles [rad].
 
     geometry, grip, motion  `falcon.Geometry`, `GRIP`, `MOTION`; the motion is changed in place
@@ -134,7 +146,7 @@ def grip_kernel(geometry, grip, motion, ends, points, shapes, t0, t1, t2, dt):
 
 
 @kernel
-def angles(geometry, grip, motion):
+def angles(geometry: Record, grip: Record, motion: Record):
     """The driven angles [rad] of a grip as its encoders count them; arguments as of `grip_kernel`."""
     x, y, z = vector(motion.position)
     return (
@@ -145,7 +157,9 @@ def angles(geometry, grip, motion):
 
 
 @kernel
-def advance(e, h, mass, drag, force, x, v, p, q, grip):
+def advance(
+    e: Matrix, h: float, mass: float, drag: float, force: float, x: float, v: float, p: float, q: float, grip: Record
+):
     """One axis over a step h [s]: (position [m], velocity [m/s]); the target moves from p to q at constant speed."""
     rate = (q - p) / h
     if grip.stiffness == 0.0 and grip.damping == 0.0:
@@ -155,7 +169,7 @@ def advance(e, h, mass, drag, force, x, v, p, q, grip):
 
 
 @kernel
-def encode_angle(geometry, resolution, angle):
+def encode_angle(geometry: Record, resolution: float, angle: float):
     """The angle [rad] in whole encoder counts of `resolution` [rad] from the encoder's zero; unrounded for 0."""
     if resolution == 0.0:
         return angle

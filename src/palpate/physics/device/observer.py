@@ -30,6 +30,7 @@ import math
 
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import clear
+from palpate.physics.arrays import Record
 
 BANDWIDTH = 220.0  # [1/s] least w
 FASTEST = 15.0  # [1] largest w over the least
@@ -49,14 +50,14 @@ AXIS = {
 
 
 @kernel
-def begin(axis, reading):
+def begin(axis: Record, reading: float):
     """Reset an axis to rest at a reading, in its unit."""
     clear(axis)
     axis.position = axis.low = axis.high = axis.mean = axis.last = reading
 
 
 @kernel
-def settle(axis, reading, count, dt):
+def settle(axis: Record, reading: float, count: float, dt: float):
     """Stage 1: the reading, replaced by the mean at rest, and the weight [1] of the mean; arguments as of `follow`."""
     last = axis.last
     if reading != last:
@@ -84,7 +85,7 @@ def settle(axis, reading, count, dt):
 
 
 @kernel
-def follow(axis, reading, count, dt):
+def follow(axis: Record, reading: float, count: float, dt: float):
     """The estimate x after a reading, in its unit: one implicit Euler step of both stages.
 
     axis        `AXIS`, changed in place

@@ -11,13 +11,13 @@ from palpate.compiler.kernel import kernel
 
 
 @kernel
-def absorbed_energy(energy, fx, fy, fz, dx, dy, dz):
+def absorbed_energy(energy: float, fx: float, fy: float, fz: float, dx: float, dy: float, dz: float):
     """E - F . dx [J]: energy absorbed by the display after a displacement dx [m] under the force F [N] on the hand."""
     return energy - (fx * dx + fy * dy + fz * dz)
 
 
 @kernel
-def dissipation(energy, dt, speed2, mass):
+def dissipation(energy: float, dt: float, speed2: float, mass: float):
     """Damping [N s/m] that dissipates the generated energy within a step, alpha = min(-E / (T |v|^2), m / T).
 
     energy  [J]       E, observed; no damping unless negative
@@ -31,7 +31,7 @@ def dissipation(energy, dt, speed2, mass):
 
 
 @kernel
-def clamp(fx, fy, fz, limit):
+def clamp(fx: float, fy: float, fz: float, limit: float):
     """The force, scaled to the limit [N] in its direction if it is larger; zero if it is not finite."""
     largest = max(abs(fx), abs(fy), abs(fz))
     if not (abs(fx) < math.inf and abs(fy) < math.inf and abs(fz) < math.inf):
@@ -47,7 +47,7 @@ def clamp(fx, fy, fz, limit):
 
 
 @kernel
-def slew(fx, fy, fz, px, py, pz, reach):
+def slew(fx: float, fy: float, fz: float, px: float, py: float, pz: float, reach: float):
     """The force limited to a change of `reach` [N] from the previous force p, along f - p."""
     dx, dy, dz = clamp(fx - px, fy - py, fz - pz, reach)
     return px + dx, py + dy, pz + dz

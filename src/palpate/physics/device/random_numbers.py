@@ -7,6 +7,7 @@ generation", Harvey Mudd College, HMC-CS-2014-0905, 2014: the member XSL RR 128/
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Indices
 
 STATE = np.dtype(("<u8", (4,)))
 """State of a generator: high and low half of its state and of its increment [1]."""
@@ -23,7 +24,7 @@ def seed_state(seed: int) -> np.ndarray:
 
 
 @kernel
-def high_product(a, b):
+def high_product(a: int, b: int):
     """The high half of the product of two 64-bit numbers."""
     a1, a0, b1, b0 = a >> HALF, a & MASK, b >> HALF, b & MASK
     middle = a1 * b0 + ((a0 * b0) >> HALF)
@@ -31,7 +32,7 @@ def high_product(a, b):
 
 
 @kernel
-def uniform(state):
+def uniform(state: Indices):
     """The next number [1] of `Generator.random`, in [0, 1); state as of `seed_state`, changed in place."""
     high = high_product(state[1], LOW) + state[0] * LOW + state[1] * HIGH + state[2]
     low = state[1] * LOW + state[3]

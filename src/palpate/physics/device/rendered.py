@@ -16,8 +16,9 @@ falls below that line. A softer law is rendered unchanged.
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.records import clear
+from palpate.physics.arrays import Record
 
 SHARE = 0.01
 MOST = 1e12  # [N/m]
@@ -32,8 +33,8 @@ GAUGE = {"slope": (), "depth": (), "mark": (), "mark_force": ()}
 """
 
 
-@kernel(error_model="numpy")
-def stiffest(mass, drag, resolution, lag):
+@ieee_kernel
+def stiffest(mass: float, drag: float, resolution: float, lag: float):
     """The largest rendered stiffness b/t + SHARE m/t² [N/m] of a device of `mass` m [kg], `drag` b [N s/m] and position
     `resolution` [m], for a lag t > 0 [s]; a step of the position changes the force by at most `LEAP`."""
     loop = (drag + SHARE * mass / lag) / lag
@@ -41,7 +42,9 @@ def stiffest(mass, drag, resolution, lag):
 
 
 @kernel
-def soften(wall, force, approach, way, sideways, most, step, dt):
+def soften(
+    wall: Record, force: float, approach: float, way: float, sideways: float, most: float, step: float, dt: float
+):
     """The rendered force [N] for a contact force [N]: it rises by at most `most` [N/m] along the motion.
 
     When the finger moves out by one `step` [m] of the position, the force also falls at most at that slope in this time
@@ -75,7 +78,7 @@ def soften(wall, force, approach, way, sideways, most, step, dt):
 
 
 @kernel
-def slope(gauge, force, way, span):
+def slope(gauge: Record, force: float, way: float, span: float):
     """Slope [N/m] of the rendered force over the last `span` [m], at first since contact began; 0 without contact.
 
     gauge       `GAUGE`, changed in place
@@ -95,7 +98,7 @@ def slope(gauge, force, way, span):
 
 
 @kernel
-def compensation(stiffness, lag, drag):
+def compensation(stiffness: float, lag: float, drag: float):
     """B = 4 max(0, K t - b/2) [N s/m], damping of outward motion for a rendered slope K [N/m], lag t [s], drag b
     [N s/m]."""
     return 4.0 * max(stiffness * lag - 0.5 * drag, 0.0)

@@ -22,7 +22,7 @@ POINTS = 1024  # Frequencies of the first search for the passive bound; the best
 
 
 @kernel
-def hold_step(mass, drag, period):
+def hold_step(mass: float, drag: float, period: float):
     """Coefficients (a, p, c, q) of the exact step T [s] of a mass m [kg] with drag b > 0 [N s/m] under a held force F,
 
         x+ = x + a v + c F     v+ = p v + q F

@@ -12,6 +12,7 @@ import math
 
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import put
+from palpate.physics.arrays import Array, Record, Vector3
 from palpate.physics.device.falcon import forward_kernel
 from palpate.physics.device.observer import AXIS, begin, follow
 
@@ -30,14 +31,14 @@ SLACK = 2e-4  # [m] a few encoder counts, allowed for any time between two sampl
 
 
 @kernel
-def too_far(limit, elapsed, place, x, y, z):
+def too_far(limit: float, elapsed: int, place: Array, x: float, y: float, z: float):
     """Whether the motion from `place` [m] (3) to (x, y, z) [m] in `elapsed` [ns] is faster than `limit` [m/s]."""
     dx, dy, dz = x - place[0], y - place[1], z - place[2]
     return not math.sqrt(dx * dx + dy * dy + dz * dz) <= limit * elapsed * 1e-9 + SLACK
 
 
 @kernel
-def judge(track, limit, t, x, y, z):
+def judge(track: Record, limit: float, t: int, x: float, y: float, z: float):
     """Classify a sample: `BAD`, `TAKEN`, or `ANEW`, which restarts the history.
 
     track         `TRACK`, changed in place
@@ -65,14 +66,14 @@ def judge(track, limit, t, x, y, z):
 
 
 @kernel
-def hold(track):
+def hold(track: Record):
     """Repeat the last pose, with dt = 0."""
     p, v = track.pose, track.velocity
     return p[0], p[1], p[2], v[0], v[1], v[2], 0.0
 
 
 @kernel
-def take(track, kind, t, reading, pose):
+def take(track: Record, kind: int, t: int, reading: Vector3, pose: Vector3):
     """(x, y, z, vx, vy, vz, dt) after a good sample with its reading [m] (3) and the estimated pose [m] (3)."""
     dt = max((t - track.stamp) * 1e-9, 0.0) if track.filled else 0.0
     for i in range(3):
@@ -85,7 +86,7 @@ def take(track, kind, t, reading, pose):
 
 
 @kernel
-def between(axes, kind, readings, count, dt):
+def between(axes: Record, kind: int, readings: Vector3, count: float, dt: float):
     """Estimates between counts for three encoder readings; the readings if `count`, the size of a count, is 0."""
     r0, r1, r2 = readings
     if not count > 0.0:
@@ -99,7 +100,7 @@ def between(axes, kind, readings, count, dt):
 
 
 @kernel
-def pose(track, resolution, limit, t, place):
+def pose(track: Record, resolution: float, limit: float, t: int, place: Vector3):
     """Process one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 if the sample was rejected.
 
     track, limit, t    as in `judge`
@@ -114,7 +115,7 @@ def pose(track, resolution, limit, t, place):
 
 
 @kernel
-def pose_falcon(track, resolution, limit, t, angles, geometry):
+def pose_falcon(track: Record, resolution: float, limit: float, t: int, angles: Vector3, geometry: Record):
     """`pose` from a Falcon's joint angles [rad] (3), each with its observer. Angles without a solution are rejected."""
     last = track.reading
     ok, x, y, z = forward_kernel(geometry, angles[0], angles[1], angles[2], last[0], last[1], last[2])

@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix, Record, Vector
 from palpate.physics.device.controller import GAINS, STATE, haptic, rings
 from palpate.physics.device.stability import hold_step
 
@@ -31,7 +32,7 @@ class WallDevice(NamedTuple):
 
 
 @kernel
-def advance(x, v, force, mass, drag, coulomb, dt):
+def advance(x: float, v: float, force: float, mass: float, drag: float, coulomb: float, dt: float):
     """Position [m] and velocity [m/s] after a step under a held force [N]; exact without dry friction. With it the step
     is divided into eight; in each the friction reduces the momentum, at most to zero."""
     parts = 8 if coulomb > 0.0 else 1
@@ -47,7 +48,17 @@ def advance(x, v, force, mass, drag, coulomb, dt):
 
 
 @kernel
-def _run(device, wall, gains, state, past, controlled, steps, lost, out):
+def _run(
+    device: WallDevice,
+    wall: Vector,
+    gains: Record,
+    state: Record,
+    past: Record,
+    controlled: bool,
+    steps: Array,
+    lost: Array,
+    out: Matrix,
+):
     mass, drag, coulomb, resolution = device.mass, device.drag, device.coulomb, device.resolution
     stiffness, damping, delay, order, push, begin, speed, twosided = wall
     x, v, force, energy, seen = begin, -speed, 0.0, 0.0, begin

@@ -6,12 +6,21 @@ import numpy as np
 
 from palpate.compiler.exact import exp
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Numbers, Points
+from palpate.physics.arrays import Array, Matrix, Numbers, Points
 from palpate.physics.display.shape_display import bulge, deflection_under, press_pad
 
 
 @kernel
-def heights_from_force(distance, force, b, m, pad_curvature, compliance, tissue_curvature, out):
+def heights_from_force(
+    distance: Array,
+    force: float,
+    b: float,
+    m: float,
+    pad_curvature: float,
+    compliance: float,
+    tissue_curvature: float,
+    out: Array,
+):
     """Fill `out` [m] (n) with u_f at each pin for a force; returns (rigid-body motion [m], contact radius [m]).
 
     distance  [m]  (n)  of each pin from the centre of contact; other arguments as of `shape_display.press_pad`
@@ -68,7 +77,7 @@ def local_plane(points: Points, places: Points, values: np.ndarray, width: float
 
 
 @kernel
-def heights_from_pressure(pins, places, forces, radii, b, m, out):
+def heights_from_pressure(pins: Matrix, places: Matrix, forces: Array, radii: Array, b: float, m: float, out: Array):
     """Fill `out` [m] (n) with the fingerpad's deformation at each pin under a pressure. Returns the largest one, x [m].
 
         u_f(r) = U(r)/E_f*(x),     x = max u_f,     x E_f*(x) = max U
@@ -103,7 +112,7 @@ def heights_from_pressure(pins, places, forces, radii, b, m, out):
 
 
 @kernel
-def _spread(x, y, places, forces, radii):
+def _spread(x: float, y: float, places: Matrix, forces: Array, radii: Array):
     """U [N/m] at a point; for a patch of force f and radius c, u = 3 f s(r, c)/(4 E c³)."""
     total = 0.0
     for j in range(places.shape[0]):

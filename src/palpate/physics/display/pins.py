@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array
 
 
 def pin_grid(rows: int, columns: int, pitch: float) -> np.ndarray:
@@ -17,7 +18,7 @@ def pin_grid(rows: int, columns: int, pitch: float) -> np.ndarray:
 
 
 @kernel
-def fit_stroke(heights: np.ndarray, stroke: float, out: np.ndarray) -> float:
+def fit_stroke(heights: Array, stroke: float, out: Array) -> float:
     """Limit the pins to their stroke; returns the offset c [m] that the linear actuator adds.
 
         out_i = clip(h_i - c, 0, stroke),      mean(out) + c = mean(h)
@@ -104,9 +105,7 @@ class Drives(NamedTuple):
 
 
 @kernel
-def drive(
-    pins: np.ndarray, wanted: np.ndarray, actuator: float, approach: float, dt: float, by: Drives, shown: np.ndarray
-):
+def drive(pins: Array, wanted: Array, actuator: float, approach: float, dt: float, by: Drives, shown: Array):
     """One step of the whole display. Returns the new actuator position [m], and whether a stroke limits the surface.
 
     pins      [m]  (n)  state of each pin, updated in place

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Record
 from palpate.physics.fingertip.skin import assemble
 from palpate.physics.fingertip.stick_slip import Blocks, Workspace, stick_slip
 from palpate.physics.materials.voigt import chain_compliance, chain_strain_step
@@ -66,7 +67,9 @@ class StepSummary(NamedTuple):
 
 
 @kernel
-def bundle_step(beams, nodes, scratch, motion, tolerance, most):
+def bundle_step(
+    beams: Record, nodes: Nodes, scratch: BundleWorkspace, motion: BundleMotion, tolerance: float, most: int
+):
     """Advance the nodes by one step; returns its summary.
 
     beams            a `beam_bundle.Bundle`;  nodes, scratch, motion  as above
@@ -85,7 +88,7 @@ def bundle_step(beams, nodes, scratch, motion, tolerance, most):
 
 
 @kernel
-def _press_beams(beams, nodes, scratch, motion):
+def _press_beams(beams: Record, nodes: Nodes, scratch: BundleWorkspace, motion: BundleMotion):
     """Shorten the beams to the depth; compute normal forces, friction limits and weights in the sheet. Returns the
     numbers of nodes in contact and of beams at their reach."""
     contacts = limited = 0
@@ -110,7 +113,7 @@ def _press_beams(beams, nodes, scratch, motion):
 
 
 @kernel
-def _next_law(beams, nodes, motion):
+def _next_law(beams: Record, nodes: Nodes, motion: BundleMotion):
     """Stiffness [N/m], depth of first touch [m] and force [N] of a next step of the same length at the same depth.
     Without contact, the stiffness is that of the beam that will touch first."""
     depth, dt = motion.depth, motion.dt
@@ -131,7 +134,7 @@ def _next_law(beams, nodes, motion):
 
 
 @kernel
-def _rub(beams, nodes, scratch, motion, tolerance, most):
+def _rub(beams: Record, nodes: Nodes, scratch: BundleWorkspace, motion: BundleMotion, tolerance: float, most: int):
     """Solve stick and slip under the shift; returns the number of sliding nodes, iterations and residual."""
     if motion.friction == 0.0 and not np.any(nodes.deflection):  # without friction all nodes slide
         nodes.slip[:, 0], nodes.slip[:, 1] = motion.x, motion.y
@@ -165,7 +168,7 @@ def _rub(beams, nodes, scratch, motion, tolerance, most):
 
 
 @kernel
-def _slid(nodes, scratch, motion):
+def _slid(nodes: Nodes, scratch: BundleWorkspace, motion: BundleMotion):
     """Update the nodes with the solution; returns the number of sliding nodes."""
     slips = 0
     for i in range(nodes.normal.shape[0]):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Points, Triangles
+from palpate.physics.arrays import Array, Points, Tensor, Triangles
 
 
 class Sheet(NamedTuple):
@@ -90,7 +90,7 @@ def sheet(points: Points, triangles: Triangles, modulus: float, poisson: float, 
 
 
 @kernel
-def assemble(matrix, sheet, weight, scale):
+def assemble(matrix: Tensor, sheet: Sheet, weight: Array, scale: float):
     """Sum the blocks of a `Sheet`, each times its weight and `scale`, into `matrix` (Z,2,2), which is overwritten.
 
     weight  [1] (N)  of the nodes, 0 ... 1; a triangle has the smallest of its three, 0 if one is out of contact

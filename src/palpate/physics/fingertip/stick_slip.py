@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 
 
 class Blocks(NamedTuple):
@@ -47,7 +48,7 @@ def workspace(count: int, band: int) -> Workspace:
 
 
 @kernel
-def node_slip(a, b, d, x, y, limit):
+def node_slip(a: float, b: float, d: float, x: float, y: float, limit: float):
     """Slip (2) of one node: the minimum of 1/2 w^T [[a, b], [b, d]] w - (x, y) w + limit |w|. Units as above.
 
     With w = s (cos, sin), (A + limit/s) w = r is one equation for s > 0. In the eigenvectors of A it is solved by
@@ -92,7 +93,7 @@ def node_slip(a, b, d, x, y, limit):
 
 
 @kernel
-def _sweep(matrix, force, limit, slip):
+def _sweep(matrix: Blocks, force: Matrix, limit: Array, slip: Matrix):
     """One block Gauss-Seidel sweep over all nodes, in place."""
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     for i in range(limit.shape[0]):
@@ -107,7 +108,7 @@ def _sweep(matrix, force, limit, slip):
 
 
 @kernel
-def _plate_force(matrix, force, limit, slip, out):
+def _plate_force(matrix: Blocks, force: Matrix, limit: Array, slip: Matrix, out: Matrix):
     """q = r - A w into `out` [N] (N,2); returns the largest violation of the friction law [N]."""
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     worst = 0.0
@@ -127,7 +128,7 @@ def _plate_force(matrix, force, limit, slip, out):
 
 
 @kernel
-def solve_band(upper, right, size, width):
+def solve_band(upper: Matrix, right: Array, size: int, width: int):
     """Solve a symmetric positive definite band system in place by Gaussian elimination; the solution is in `right`.
 
     upper  (n, width + 1)  upper[i, k] = A[i, i + k]; destroyed       right (n)
@@ -150,7 +151,7 @@ def solve_band(upper, right, size, width):
 
 
 @kernel
-def _newton(matrix, limit, slip, plate, work):
+def _newton(matrix: Blocks, limit: Array, slip: Matrix, plate: Matrix, work: Workspace):
     """One damped Newton step on the slipping nodes; False if it does not reduce Phi."""
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     place, nodes, upper, step = work.place, work.nodes, work.upper, work.step
@@ -215,7 +216,16 @@ def _newton(matrix, limit, slip, plate, work):
 
 
 @kernel
-def stick_slip(matrix, force, limit, slip, plate, work, tolerance, most):
+def stick_slip(
+    matrix: Blocks,
+    force: Matrix,
+    limit: Array,
+    slip: Matrix,
+    plate: Matrix,
+    work: Workspace,
+    tolerance: float,
+    most: int,
+):
     """Minimise Phi(w): overwrites `slip` (initial guess, then the solution w) and `plate` (the force q on the plate).
 
     Returns the iterations, and the residual: the largest violation of the friction law over the largest limit.

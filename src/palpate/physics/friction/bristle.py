@@ -23,13 +23,14 @@ import math
 from functools import cache
 from typing import Any
 
-from palpate.compiler.kernel import CompiledKernel, kernel
+from palpate.compiler.kernel import CompiledKernel, ieee_kernel, kernel
+from palpate.physics.arrays import Record, Vector3
 
 NOTHING, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
-@kernel(error_model="numpy")
-def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
+@ieee_kernel
+def turn(zx: float, zy: float, zz: float, ax: float, ay: float, az: float, bx: float, by: float, bz: float):
     """R z [m], with the smallest rotation R that takes the unit normal a to b; z is tangent to a. Preserves |z|.
 
     For b = -a the rotation is not unique: z is taken as its axis and does not change.
@@ -50,8 +51,8 @@ def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
     return x * scale, y * scale, z * scale
 
 
-@kernel(error_model="numpy")
-def carry(z, a, b, slip):
+@ieee_kernel
+def carry(z: Vector3, a: Vector3, b: Vector3, slip: Vector3):
     """Deflection z [m] (3) rotated from the last normal a [1] (3) to b, and the tangential slip velocity [m/s] (3)."""
     along = slip[0] * b[0] + slip[1] * b[1] + slip[2] * b[2]
     v = (slip[0] - along * b[0], slip[1] - along * b[1], slip[2] - along * b[2])
@@ -59,7 +60,7 @@ def carry(z, a, b, slip):
 
 
 @kernel
-def _drag(law, slack, a, b, v, dt):
+def _drag(law: Record, slack: Vector3, a: Vector3, b: Vector3, v: Vector3, dt: float):
     """Displacement [m] (3) of the finger from a point that it drags on a string of length `play` [m], and the path [m]
     of the point, after a step v dt; the normal changes from a to b."""
     x, y, z = turn(slack[0], slack[1], slack[2], a[0], a[1], a[2], b[0], b[1], b[2])
@@ -72,7 +73,7 @@ def _drag(law, slack, a, b, v, dt):
 
 
 @kernel
-def _taut(law, slack, a, b, v, dt):
+def _taut(law: Record, slack: Vector3, a: Vector3, b: Vector3, v: Vector3, dt: float):
     """`_drag` for a law without play, which does not use the path."""
     return NOTHING, 0.0
 
@@ -92,15 +93,26 @@ def stepper(kind: type[Any]) -> CompiledKernel:
     """
     advanced, dragged = kind.advance, _drag if "play" in kind._fields else _taut
 
-    @kernel(error_model="numpy")
-    def plain(law, z, v, last, spare, load, dt, path):
+    @ieee_kernel
+    def plain(law: Record, z: Vector3, v: Vector3, last: float, spare: float, load: float, dt: float, path: float):
         z, force, stick = advanced(law, z, v, load, dt, path)
         return z, force, stick, spare
 
     answer = _rescale_bristles(kind) if "rescale" in kind._fields else plain
 
-    @kernel(error_model="numpy")
-    def step(law, z, a, last, slack, spare, b, slip, load, dt):
+    @ieee_kernel
+    def step(
+        law: Record,
+        z: Vector3,
+        a: Vector3,
+        last: float,
+        slack: Vector3,
+        spare: float,
+        b: Vector3,
+        slip: Vector3,
+        load: float,
+        dt: float,
+    ):
         if not load > 0.0:
             return NOTHING, UP, 0.0, NOTHING, 0.0, NOTHING, False
         z, v = carry(z, a, b, slip)
@@ -123,15 +135,17 @@ def _rescale_bristles(kind: type[Any]) -> CompiledKernel:
     """
     advance, stored = kind.advance, kind.stored
 
-    @kernel(error_model="numpy")
-    def step_scaled(law, s, z, v, last, load, dt, path):
+    @ieee_kernel
+    def step_scaled(law: Record, s: float, z: Vector3, v: Vector3, last: float, load: float, dt: float, path: float):
         """The step from s z, and its dissipation D [J]."""
         after, force, stick = advance(law, (s * z[0], s * z[1], s * z[2]), v, load, dt, path)
         work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
         return after, force, stick, work + stored(law, z, last) - stored(law, after, load)
 
-    @kernel(error_model="numpy")
-    def rescale_bristles(law, z, v, last, spare, load, dt, path):
+    @ieee_kernel
+    def rescale_bristles(
+        law: Record, z: Vector3, v: Vector3, last: float, spare: float, load: float, dt: float, path: float
+    ):
         after, force, stick, here = step_scaled(law, 1.0, z, v, last, load, dt, path)
         if not (law.rescale and last > 0.0 and load != last):
             return after, force, stick, spare

@@ -3,11 +3,12 @@
 import math
 from typing import Annotated, NamedTuple
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Record, Vector3
 
 
-@kernel(error_model="numpy")
-def coulomb(law, z, v, load, dt, path):
+@ieee_kernel
+def coulomb(law: Record, z: Vector3, v: Vector3, load: float, dt: float, path: float):
     """Return mapping. The trial force of a spring k [N/m] with a damper d [N s/m] in parallel, at the deflection
     z + v T, is projected radially onto the disc of friction:
 
@@ -37,7 +38,7 @@ def coulomb(law, z, v, load, dt, path):
 
 
 @kernel
-def spring_energy(law, z, load):
+def spring_energy(law: Record, z: Vector3, load: float):
     """Energy k |z|²/2 [J] stored in the spring at the deflection z [m] (3)."""
     return 0.5 * law.stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 

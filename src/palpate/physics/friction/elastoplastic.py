@@ -10,18 +10,19 @@ Control 47 (2002) 787-792. With LuGre's bound on sigma2 it is passive.
 import math
 from typing import Annotated, NamedTuple
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Record, Vector3
 from palpate.physics.friction.lugre import active, bristle_energy, force, stick, stribeck
 
 
-@kernel(error_model="numpy")
-def slipping(r, share):
+@ieee_kernel
+def slipping(r: float, share: float):
     """alpha(r) [1], the fraction of the motion that is plastic slip, at the relative deflection r [1]."""
     return 0.0 if r <= share else 1.0 if r >= 1.0 else 0.5 - 0.5 * math.cos(math.pi * (r - share) / (1.0 - share))
 
 
-@kernel(error_model="numpy")
-def elastoplastic(law, z, v, load, dt, path):
+@ieee_kernel
+def elastoplastic(law: Record, z: Vector3, v: Vector3, load: float, dt: float, path: float):
     """Backward Euler, z+ = (z + v h)/(1 + alpha(z+) sigma0 v h/g), in up to 40 substeps h in which the finger moves by
     at most 1/20 of the bristles' limit; |z| <= mu_s/sigma0 for any v and T. The root is found by bisection: the right
     side decreases with |z+|. The contact sticks while at most half of the motion is plastic slip."""

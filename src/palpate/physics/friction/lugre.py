@@ -10,18 +10,19 @@ z [m] bristle deflection; sigma0, sigma1, sigma2 are `bristle_stiffness`, `brist
 import math
 from typing import Annotated, Literal, NamedTuple
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Record, Vector3
 
 
-@kernel(error_model="numpy")
-def stribeck(speed, mu_slide, mu_static, fall):
+@ieee_kernel
+def stribeck(speed: float, mu_slide: float, mu_static: float, fall: float):
     """g(v) = mu_c + (mu_s - mu_c) e^{-(v/v_s)²} [1], the steady coefficient of friction at a speed v [m/s]."""
     ratio = speed / fall
     return mu_slide + (mu_static - mu_slide) * math.exp(-ratio * ratio)
 
 
-@kernel(error_model="numpy")
-def force(law, before, after, v, load, dt):
+@ieee_kernel
+def force(law: Record, before: Vector3, after: Vector3, v: Vector3, load: float, dt: float):
     """f_n (sigma0 z + sigma1 (z+ - z)/T + sigma2 v) [N] (3)."""
     s0, s1, s2 = load * law.bristle_stiffness, load * law.bristle_damping / dt, load * law.viscous
     return (
@@ -31,8 +32,8 @@ def force(law, before, after, v, load, dt):
     )
 
 
-@kernel(error_model="numpy")
-def lugre(law, z, v, load, dt, path):
+@ieee_kernel
+def lugre(law: Record, z: Vector3, v: Vector3, load: float, dt: float, path: float):
     """z+ = z e^{-aT} + v T phi(aT),  phi(x) = (1 - e^{-x})/x,  a = sigma0 v/g: exact at constant velocity.
 
     z+ is a weighted mean of z and the steady z, so |z| <= mu_s/sigma0 + `play` for any v and T. `update` selects
@@ -55,7 +56,7 @@ def lugre(law, z, v, load, dt, path):
 
 
 @kernel
-def bristle_energy(law, z, load):
+def bristle_energy(law: Record, z: Vector3, load: float):
     """Energy f_n sigma0 |z|²/2 [J] stored in the bristles at the deflection z [m] (3) and the load f_n [N]."""
     return 0.5 * load * law.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 

@@ -9,8 +9,9 @@ in a row above `LIMIT`.
 
 import math
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
 from palpate.compiler.records import clear
+from palpate.physics.arrays import Record, Vector3
 
 WINDOW, LONG = 0.25, 4  # [s]; [1]
 STAYS = 0.5e-3  # [m]
@@ -21,8 +22,8 @@ UNREST = {"sums": SUMS, "windows": int, "worst": ()}
 """State: the present window; windows in a row; the largest RMS [N] that was reported, 0: none."""
 
 
-@kernel(error_model="numpy")
-def watch(state, force, velocity, dt):
+@ieee_kernel
+def watch(state: Record, force: Vector3, velocity: Vector3, dt: float):
     """Take the friction force [N] (3) and the tangential velocity [m/s] (3) of a step
     of dt [s]."""
     sums = state.sums

@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.compiler.exact import product
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix
 
 LEAF = 4
 PART, WHOLE = 64, 2048  # A node of at least WHOLE leaves is bounded by the discs of its parts of PART leaves
@@ -90,14 +91,14 @@ def stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @kernel
-def is_segment(triangles, t):
+def is_segment(triangles: Indices, t: int):
     """Whether two corners of a triangle are equal."""
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     return a == b or b == c or c == a
 
 
 @kernel
-def _superfluous(triangles, at, star):
+def _superfluous(triangles: Indices, at: Indices, star: Indices):
     """Whether each triangle (T,) repeats an earlier one with the same orientation, or is an edge or corner of one."""
     superfluous = np.zeros(len(triangles), dtype=np.bool_)
     for t in range(len(triangles)):
@@ -128,7 +129,7 @@ def morton(centre: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
 
 
 @kernel
-def _discs(vertices, triangles, leaves, discs):
+def _discs(vertices: Matrix, triangles: Indices, leaves: int, discs: Matrix):
     """Bounding discs of all nodes: centre, axis, radius, half height.
 
     Nodes with less than `WHOLE` leaves enclose their vertices; larger ones the discs of their descendants with `PART`
@@ -181,7 +182,7 @@ def _discs(vertices, triangles, leaves, discs):
 
 
 @kernel
-def _add_triangle(vertices, triangle, sums):
+def _add_triangle(vertices: Matrix, triangle: Indices, sums: Array):
     p, q, r = vertices[triangle[0]], vertices[triangle[1]], vertices[triangle[2]]
     ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
@@ -194,7 +195,7 @@ def _add_triangle(vertices, triangle, sums):
 
 
 @kernel
-def _start_disc(sums, disc):
+def _start_disc(sums: Array, disc: Array):
     length = np.sqrt(sums[3] * sums[3] + sums[4] * sums[4] + sums[5] * sums[5])
     for i in range(3):
         disc[i] = sums[i] / max(sums[6], 1.0)
@@ -202,7 +203,7 @@ def _start_disc(sums, disc):
 
 
 @kernel
-def _corner(x, disc):
+def _corner(x: Array, disc: Array):
     """Coordinate of a point along the axis of a disc, and its distance from the axis."""
     a, b, c = x[0] - disc[0], x[1] - disc[1], x[2] - disc[2]
     along = a * disc[3] + b * disc[4] + c * disc[5]
@@ -210,14 +211,14 @@ def _corner(x, disc):
 
 
 @kernel
-def _relative_disc(part, disc):
+def _relative_disc(part: Array, disc: Array):
     """Centre of a disc relative to another: along its axis, distance from it, and the cosine between both axes."""
     along, across = _corner(part, disc)
     return along, across, abs(part[3] * disc[3] + part[4] * disc[4] + part[5] * disc[5])
 
 
 @kernel
-def _topology(points, cells, star_at, star):
+def _topology(points: Matrix, cells: Indices, star_at: Indices, star: Indices):
     """Fill in the neighbours, degenerate triangles and angle-weighted normals of the vertices."""
     side = np.empty((3, 3))
     square = np.empty(3)
@@ -255,7 +256,7 @@ def _topology(points, cells, star_at, star):
 
 
 @kernel
-def _neighbour(cells, star_at, star, t, a, b):
+def _neighbour(cells: Indices, star_at: Indices, star: Indices, t: int, a: int, b: int):
     """The triangle across the edge from corner a to b of triangle t, preferably with the same orientation; or -1."""
     neighbour = -1
     for k in range(star_at[a], star_at[a + 1]):

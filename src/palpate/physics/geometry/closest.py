@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Tensor
 from palpate.physics.geometry.newton import flattest, inside_border, newton
 from palpate.physics.geometry.nurbs import NurbsPatch, evaluate, normal_of
 from palpate.physics.kept import keep_results
@@ -60,7 +61,20 @@ class ClosestPoint:
 
 
 @kernel
-def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, foot):
+def track(
+    data: Array,
+    layout: Indices,
+    seeds: Array,
+    index: Indices,
+    p0: float,
+    p1: float,
+    p2: float,
+    hysteresis: float,
+    state: Array,
+    work: Array,
+    d: Tensor,
+    foot: Array,
+):
     """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, u, v, signed distance.
 
     state  (3)  u and v of the last foot point, and 1; 0 in the last place if there is no last foot point
@@ -131,7 +145,18 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
 
 
 @kernel
-def _find(data, layout, seeds, index, points, state, work, d, foot, results):
+def _find(
+    data: Array,
+    layout: Indices,
+    seeds: Array,
+    index: Indices,
+    points: Matrix,
+    state: Array,
+    work: Array,
+    d: Tensor,
+    foot: Array,
+    results: Matrix,
+):
     for k in range(len(points)):
         state[2] = 0.0
         track(data, layout, seeds, index, points[k, 0], points[k, 1], points[k, 2], 0.0, state, work, d, foot)
@@ -139,13 +164,13 @@ def _find(data, layout, seeds, index, points, state, work, d, foot, results):
 
 
 @kernel
-def _square(seeds, k, p0, p1, p2):
+def _square(seeds: Array, k: int, p0: float, p1: float, p2: float):
     a, b, c = seeds[5 * k] - p0, seeds[5 * k + 1] - p1, seeds[5 * k + 2] - p2
     return a * a + b * b + c * c
 
 
 @kernel
-def _nearest(seeds, index, p0, p1, p2):
+def _nearest(seeds: Array, index: Indices, p0: float, p1: float, p2: float):
     best, nearest = np.inf, 0
     for k in range(index[0]):
         f = _square(seeds, k, p0, p1, p2)
@@ -155,14 +180,16 @@ def _nearest(seeds, index, p0, p1, p2):
 
 
 @kernel
-def _belongs(seeds, k, f, x0, x1, x2, least):
+def _belongs(seeds: Array, k: int, f: float, x0: float, x1: float, x2: float, least: float):
     """Whether sample k, at the squared distance f, belongs to the minimum x at the squared distance `least`."""
     cover = seeds[len(seeds) - 1]
     return f >= least * (1.0 - 1e-9) and _square(seeds, k, x0, x1, x2) < cover * cover
 
 
 @kernel
-def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
+def _starts(
+    seeds: Array, index: Indices, p0: float, p1: float, p2: float, distance: float, here: Matrix, work: Array, at: int
+):
     """Samples that may lead to a nearer minimum, nearest first, as pairs (squared distance, sample) into work[at:];
     returns their number."""
     samples, clusters = index[0], index[1]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.bvh import LEAF, morton
 
@@ -39,7 +40,7 @@ def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nd
 
 
 @kernel
-def _tree(boxes, leaves):
+def _tree(boxes: Matrix, leaves: int):
     """Bounding box (2 leaves,6) of each node: lower corner, negative upper corner. Node k has the children 2k, 2k+1."""
     tree, count = np.full((2 * leaves, 6), np.inf), len(boxes)
     for node in range(2 * leaves - 1, 0, -1):
@@ -54,13 +55,13 @@ def _tree(boxes, leaves):
 
 
 @kernel
-def _meet(a, b):
+def _meet(a: Array, b: Array):
     """Whether two boxes share a point."""
     return a[0] <= -b[3] and b[0] <= -a[3] and a[1] <= -b[4] and b[1] <= -a[4] and a[2] <= -b[5] and b[2] <= -a[5]
 
 
 @kernel
-def _crossing(points, triangles, boxes, tree, most, at):
+def _crossing(points: Matrix, triangles: Indices, boxes: Matrix, tree: Matrix, most: int, at: Array):
     """The first pair; -1, -1: none; UNFINISHED: more than `most` tests. `at` (3) gets the place.
 
     The tests of a triangle begin at its leaf and continue at the right-hand neighbours of the nodes above it, so that
@@ -102,7 +103,7 @@ def _crossing(points, triangles, boxes, tree, most, at):
 
 
 @kernel
-def _side(a, b, c, p):
+def _side(a: Array, b: Array, c: Array, p: Array):
     """Six times the volume of the tetrahedron a, b, c, p, or 0 if rounding may have changed its sign: the filter of
     J. R. Shewchuk, Discrete Comput. Geom. 18 (1997) 305, with a larger tolerance because the vertices are rounded."""
     u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -118,7 +119,7 @@ def _side(a, b, c, p):
 
 
 @kernel
-def _through(points, one, other, at):
+def _through(points: Matrix, one: Indices, other: Indices, at: Array):
     """Whether an edge of one triangle passes through the interior of another one; `at` (3) gets the place."""
     a, b, c = points[other[0]], points[other[1]], points[other[2]]
     for k in range(3):

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry.bvh import ACROSS, KIND, ORIGIN, MeshTables, mesh_tables
 from palpate.physics.geometry.closest import FAR
 from palpate.physics.geometry.mesh import Mesh
@@ -47,7 +48,19 @@ class MeshClosestPoint:
 
 
 @kernel
-def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work, foot):
+def track_mesh(
+    points: Matrix,
+    cells: Indices,
+    discs: Matrix,
+    star_at: Indices,
+    star: Indices,
+    p0: float,
+    p1: float,
+    p2: float,
+    hysteresis: float,
+    work: Indices,
+    foot: Array,
+):
     """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, two weights, signed distance, triangle.
 
     Descent from the last foot point over neighbouring triangles gives the point of the same branch, whose distance
@@ -76,7 +89,17 @@ def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work
 
 
 @kernel
-def _find(points, cells, discs, star_at, star, queries, work, foot, results):
+def _find(
+    points: Matrix,
+    cells: Indices,
+    discs: Matrix,
+    star_at: Indices,
+    star: Indices,
+    queries: Matrix,
+    work: Indices,
+    foot: Array,
+    results: Matrix,
+):
     for k in range(len(queries)):
         work[0] = -1
         q = queries[k]
@@ -85,7 +108,7 @@ def _find(points, cells, discs, star_at, star, queries, work, foot, results):
 
 
 @kernel
-def _same(points, cells, s, t, v, w, x, y):
+def _same(points: Matrix, cells: Indices, s: int, t: int, v: float, w: float, x: float, y: float):
     """Whether two points on triangles coincide, such as on the common edge of neighbours."""
     total = 0.0
     for c in range(3):
@@ -96,7 +119,7 @@ def _same(points, cells, s, t, v, w, x, y):
 
 
 @kernel
-def _segment(ax, ay, az, bx, by, bz):
+def _segment(ax: float, ay: float, az: float, bx: float, by: float, bz: float):
     """Coordinate in [0, 1], from a to b, of the point of a segment that is nearest to the origin."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     square = dx * dx + dy * dy + dz * dz
@@ -106,7 +129,7 @@ def _segment(ax, ay, az, bx, by, bz):
 
 
 @kernel
-def _on_triangle(points, cells, t, p0, p1, p2):
+def _on_triangle(points: Matrix, cells: Indices, t: int, p0: float, p1: float, p2: float):
     """Squared distance [m²], weights [1] of the second and third corner, and region of a triangle's nearest point."""
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
     ax, ay, az = points[i, 0] - p0, points[i, 1] - p1, points[i, 2] - p2
@@ -134,7 +157,7 @@ def _on_triangle(points, cells, t, p0, p1, p2):
 
 
 @kernel
-def nearest_weights(ax, ay, az, bx, by, bz, cx, cy, cz):
+def nearest_weights(ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float):
     """Weights of b and c at the point of a triangle nearest to the origin, and its Voronoi region."""
     ux, uy, uz = bx - ax, by - ay, bz - az
     vx, vy, vz = cx - ax, cy - ay, cz - az
@@ -162,7 +185,7 @@ def nearest_weights(ax, ay, az, bx, by, bz, cx, cy, cz):
 
 
 @kernel
-def _disc(discs, node, p0, p1, p2):
+def _disc(discs: Matrix, node: int, p0: float, p1: float, p2: float):
     x, y, z = p0 - discs[node, 0], p1 - discs[node, 1], p2 - discs[node, 2]
     along = abs(x * discs[node, 3] + y * discs[node, 4] + z * discs[node, 5])
     across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
@@ -171,7 +194,17 @@ def _disc(discs, node, p0, p1, p2):
 
 
 @kernel
-def _search(points, cells, discs, p0, p1, p2, best, least, work):
+def _search(
+    points: Matrix,
+    cells: Indices,
+    discs: Matrix,
+    p0: float,
+    p1: float,
+    p2: float,
+    best: int,
+    least: float,
+    work: Indices,
+):
     """The nearest triangle by depth-first search, or `best` if none is nearer than its squared distance `least`."""
     count, leaves = len(cells), len(discs) // 2
     depth = 1
@@ -200,7 +233,7 @@ def _search(points, cells, discs, p0, p1, p2, best, least, work):
 
 
 @kernel
-def _descend(points, cells, star_at, star, p0, p1, p2, t):
+def _descend(points: Matrix, cells: Indices, star_at: Indices, star: Indices, p0: float, p1: float, p2: float, t: int):
     """Descend from triangle t over nearer and nearer neighbours. Returns the last one, and whether it is a minimum."""
     f, _, _, place = _on_triangle(points, cells, t, p0, p1, p2)
     for _ in range(64):

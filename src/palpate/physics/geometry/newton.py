@@ -17,6 +17,7 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, sec. 6.1 (point inv
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry import nurbs
 
 ZERO_DISTANCE = 1e-9  # [m] Distance below which a point is on the surface
@@ -27,7 +28,7 @@ LIMIT = 60  # iterations
 
 
 @kernel
-def _polar(data, layout, v):
+def _polar(data: Array, layout: Indices, v: float):
     """+1 in the span next to a pole at the low end of v, -1 at the high end, 0 elsewhere."""
     _, _, v0, v1 = nurbs.bounds(data, layout)
     b, spans = layout[nurbs.AT_BV], layout[nurbs.SPANS_V]
@@ -39,7 +40,7 @@ def _polar(data, layout, v):
 
 
 @kernel
-def _move_parameters(data, layout, side, u, v, s1, s2):
+def _move_parameters(data: Array, layout: Indices, side: float, u: float, v: float, s1: float, s2: float):
     """The parameters after a step (du, dv), or near a pole (radial, tangential) in units of v."""
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if side == 0.0:
@@ -59,7 +60,7 @@ def _move_parameters(data, layout, side, u, v, s1, s2):
 
 
 @kernel
-def _model(data, layout, side, v, d, r0, r1, r2):
+def _model(data: Array, layout: Indices, side: float, v: float, d: Matrix, r0: float, r1: float, r2: float):
     """Gradient (2), Hessian (3) and metric (3) of r.r / 2 in the coordinates of `_move_parameters`."""
     su = d[1, 0] * d[1, 0] + d[1, 1] * d[1, 1] + d[1, 2] * d[1, 2]
     sv = d[2, 0] * d[2, 0] + d[2, 1] * d[2, 1] + d[2, 2] * d[2, 2]
@@ -90,7 +91,7 @@ def _model(data, layout, side, v, d, r0, r1, r2):
 
 
 @kernel
-def _downhill(h11, h12, h22):
+def _downhill(h11: float, h12: float, h22: float):
     """The smallest eigenvalue of a symmetric matrix and its eigenvector."""
     mean, half = 0.5 * (h11 + h22), 0.5 * (h11 - h22)
     root = np.hypot(half, h12)
@@ -102,7 +103,7 @@ def _downhill(h11, h12, h22):
 
 
 @kernel
-def flattest(data, layout, p0, p1, p2, v, d):
+def flattest(data: Array, layout: Indices, p0: float, p1: float, p2: float, v: float, d: Matrix):
     """The smallest eigenvalue of H in units of the metric (1 - d kappa if S_u and S_v are orthogonal), the parameters
     (du, dv) per metre along its direction, and whether the point is on a border collapsed to a point. Near a pole: 1
     and no direction."""
@@ -118,7 +119,7 @@ def flattest(data, layout, p0, p1, p2, v, d):
 
 
 @kernel
-def inside_border(data, layout, u, v, d, share):
+def inside_border(data: Array, layout: Indices, u: float, v: float, d: Matrix, share: float):
     """Parameters 2 % inside of a collapsed border, at the fraction `share` [1] of its length; d (6,3): derivatives."""
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if d[1, 0] ** 2 + d[1, 1] ** 2 + d[1, 2] ** 2 <= d[2, 0] ** 2 + d[2, 1] ** 2 + d[2, 2] ** 2:
@@ -129,7 +130,7 @@ def inside_border(data, layout, u, v, d, share):
 
 
 @kernel
-def _line(data, layout, p0, p1, p2, u, v, work, d):
+def _line(data: Array, layout: Indices, p0: float, p1: float, p2: float, u: float, v: float, work: Array, d: Matrix):
     """The vector r [m] (3) from p to the surface at (u, v), and r.r; fills d with the derivatives there."""
     nurbs.evaluate(data, layout, u, v, work, d)
     r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
@@ -137,7 +138,7 @@ def _line(data, layout, p0, p1, p2, u, v, work, d):
 
 
 @kernel
-def newton(data, layout, p0, p1, p2, u, v, work, d):
+def newton(data: Array, layout: Indices, p0: float, p1: float, p2: float, u: float, v: float, work: Array, d: Matrix):
     """Local minimum of the distance from p, by Newton's method from (u, v). Returns its u, v and squared distance [m²],
     and fills d (6,3) with the derivatives there."""
     u, v = _move_parameters(data, layout, 0.0, u, v, 0.0, 0.0)
@@ -209,7 +210,18 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
 
 
 @kernel
-def _direction(g1, g2, h11, h12, h22, a11, a22, hold1, hold2, steep):
+def _direction(
+    g1: float,
+    g2: float,
+    h11: float,
+    h12: float,
+    h22: float,
+    a11: float,
+    a22: float,
+    hold1: bool,
+    hold2: bool,
+    steep: bool,
+):
     """Newton's step, with the magnitudes of the eigenvalues if H is not positive definite, without the fixed
     parameters. `steep`: the scaled negative gradient."""
     if hold1 or hold2 or steep:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Tensor
 from palpate.physics.kept import keep_results
 
 # Indices in the header of `layout`, which is followed by the first control point of each span.
@@ -131,7 +132,7 @@ def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarr
 
 
 @kernel
-def wrap(x, low, high, closed):
+def wrap(x: float, low: float, high: float, closed: float):
     """The parameter within its domain: wrapped if the direction is closed, limited if it is open."""
     if closed:
         if x < low or x >= high:
@@ -141,7 +142,7 @@ def wrap(x, low, high, closed):
 
 
 @kernel
-def _basis(data, at_ends, spans, at_matrix, degree, x, work, at):
+def _basis(data: Array, at_ends: int, spans: int, at_matrix: int, degree: int, x: float, work: Array, at: int):
     """Values, first and second derivatives of the basis functions at x, into work[at:]; returns the span."""
     low, high = 0, spans
     while high - low > 1:
@@ -168,7 +169,7 @@ def _basis(data, at_ends, spans, at_matrix, degree, x, work, at):
 
 
 @kernel
-def evaluate(data, layout, u, v, work, out):
+def evaluate(data: Array, layout: Indices, u: float, v: float, work: Array, out: Matrix):
     """S, S_u, S_v, S_uu, S_uv, S_vv at a point of the domain into out (6,3). Workspace: at least 24 + 3 (p + q + 2)."""
     # values, first and second derivatives of the basis functions in both directions
     p, q, m = layout[PU], layout[PV], layout[NV]
@@ -213,14 +214,14 @@ def evaluate(data, layout, u, v, work, out):
 
 
 @kernel
-def bounds(data, layout):
+def bounds(data: Array, layout: Indices):
     """The domain: u from, u to, v from, v to."""
     b = layout[AT_BV]
     return data[0], data[layout[SPANS_U]], data[b], data[b + layout[SPANS_V]]
 
 
 @kernel
-def normal_of(data, layout, u, v, d):
+def normal_of(data: Array, layout: Indices, u: float, v: float, d: Matrix):
     """Outward unit normal at (u, v) from the derivatives d (6,3) there. At a pole or a collapsed border, where S_u or
     S_v vanishes, its derivative across the border replaces it. (0, 0, 1) if the normal is undefined."""
     u0, u1, v0, v1 = bounds(data, layout)
@@ -241,7 +242,7 @@ def normal_of(data, layout, u, v, d):
 
 
 @kernel
-def _derivatives(data, layout, u, v, out):
+def _derivatives(data: Array, layout: Indices, u: Array, v: Array, out: Tensor):
     u0, u1, v0, v1 = bounds(data, layout)
     work = np.empty(24 + 3 * (layout[PU] + layout[PV] + 2))
     for k in range(len(u)):

@@ -38,6 +38,7 @@ dt/`ARRIVES` of the difference to it. A foot that the nearest point does not out
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Tensor, Vector3
 from palpate.physics.geometry.bvh import ORIGIN
 from palpate.physics.geometry.closest import FAR, track
 from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_mesh
@@ -84,7 +85,7 @@ def memory(points: np.ndarray, border: bool = False, thickness: float = 0.0) -> 
 
 
 @kernel
-def _tool_motion(p, memory):
+def _tool_motion(p: Vector3, memory: Array):
     """Motion of the tool since the last step [m]; inf at the first step and after a jump."""
     square = 0.0
     for k in range(3):
@@ -93,7 +94,7 @@ def _tool_motion(p, memory):
 
 
 @kernel
-def _at_border(p, along, foot):
+def _at_border(p: Vector3, along: float, foot: Array):
     """Past the border of a sheet (the distance exceeds its part `along` the normal), the gap is the distance."""
     a, b, c = p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]
     distance = np.sqrt(a * a + b * b + c * c)
@@ -102,13 +103,13 @@ def _at_border(p, along, foot):
 
 
 @kernel
-def _tool_turn(foot, memory):
+def _tool_turn(foot: Array, memory: Array):
     along = foot[3] * memory[NORMAL] + foot[4] * memory[NORMAL + 1] + foot[5] * memory[NORMAL + 2]
     return along < TURNED
 
 
 @kernel
-def _outside(p, foot, memory):
+def _outside(p: Vector3, foot: Array, memory: Array):
     """Whether the tool is outside as seen from the side of entry, or far away."""
     if not foot[8] > 0.0 or foot[8] > FAR_BEYOND:
         return foot[8] > 0.0
@@ -120,7 +121,7 @@ def _outside(p, foot, memory):
 
 
 @kernel
-def _regular(foot, moved, p, memory):
+def _regular(foot: Array, moved: float, p: Vector3, memory: Array):
     """Whether the nearest point is the target; updates whether the tool is inside."""
     if moved == np.inf:
         memory[INSIDE] = 0.0
@@ -138,14 +139,14 @@ def _regular(foot, moved, p, memory):
 
 
 @kernel
-def _keep_side(p, nearest, foot):
+def _keep_side(p: Vector3, nearest: Vector3, foot: Array):
     """The gap is that of the foot if the nearest point, with the normal `nearest` [1] (3), is on the other side."""
     if foot[3] * nearest[0] + foot[4] * nearest[1] + foot[5] * nearest[2] < TURNED:
         foot[8] = -np.sqrt((p[0] - foot[0]) ** 2 + (p[1] - foot[1]) ** 2 + (p[2] - foot[2]) ** 2)
 
 
 @kernel
-def _held_gap(p, memory):
+def _held_gap(p: Vector3, memory: Array):
     """The gap [m] if the foot does not move: the last one, changed by the tool's motion along the last normal."""
     gap = memory[GAP]
     for k in range(3):
@@ -154,7 +155,7 @@ def _held_gap(p, memory):
 
 
 @kernel
-def _stay(memory, gap, foot):
+def _stay(memory: Array, gap: float, foot: Array):
     """Copy the last foot into `foot`, with this gap."""
     foot[8] = gap
     for k in range(3):
@@ -162,7 +163,7 @@ def _stay(memory, gap, foot):
 
 
 @kernel
-def _approach(moved, held, dt, foot, memory):
+def _approach(moved: float, held: float, dt: float, foot: Array, memory: Array):
     """Move the last foot towards the target `foot`, as far as the motion of the tool allows, into `foot`.
 
     moved [m] of the tool;  held [m] the gap if the foot does not move;  dt [s]
@@ -212,7 +213,7 @@ def _approach(moved, held, dt, foot, memory):
 
 
 @kernel
-def _end(p, moved, inside, exists, dt, foot, memory):
+def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: Array, memory: Array):
     """Move the foot to its target, if it exists, and store the step.
 
     inside  whether the tool was inside in the last step
@@ -237,12 +238,25 @@ def _end(p, moved, inside, exists, dt, foot, memory):
 
 
 @kernel
-def _limit_motion(x):
+def _limit_motion(x: float):
     return min(max(x, -FAR), FAR)
 
 
 @kernel
-def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, memory, dt):
+def follow(
+    data: Array,
+    layout: Indices,
+    seeds: Array,
+    index: Indices,
+    point: Vector3,
+    hysteresis: float,
+    state: Array,
+    work: Array,
+    d: Tensor,
+    foot: Array,
+    memory: Array,
+    dt: float,
+):
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`; dt [s]."""
     p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
     moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
@@ -280,7 +294,19 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
 
 
 @kernel
-def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, foot, memory, dt):
+def follow_mesh(
+    points: Matrix,
+    cells: Indices,
+    discs: Matrix,
+    star_at: Indices,
+    star: Indices,
+    point: Vector3,
+    hysteresis: float,
+    work: Indices,
+    foot: Array,
+    memory: Array,
+    dt: float,
+):
     """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`;
     dt [s]."""
     p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))

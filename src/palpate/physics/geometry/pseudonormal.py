@@ -7,6 +7,7 @@ the nearest face: J. A. Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 1
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry.bvh import ACROSS, KIND, is_segment
 
 FACE, VERTEX, EDGE = 0, 1, 4
@@ -14,7 +15,7 @@ FACE, VERTEX, EDGE = 0, 1, 4
 
 
 @kernel
-def foot_of(points, cells, t, v, w, foot):
+def foot_of(points: Matrix, cells: Indices, t: int, v: float, w: float, foot: Array):
     """The point with barycentric coordinates (1 - v - w, v, w) of triangle t of cells (T,3), into foot [m] (3)."""
     for c in range(3):
         a, b, d = points[cells[t, 0], c], points[cells[t, 1], c], points[cells[t, 2], c]
@@ -22,7 +23,7 @@ def foot_of(points, cells, t, v, w, foot):
 
 
 @kernel
-def face_normal(points, cells, t):
+def face_normal(points: Matrix, cells: Indices, t: int):
     """The normal [1] of a triangle; 0 of none and of one without area."""
     if t < 0 or cells[t, KIND] > 0:
         return 0.0, 0.0, 0.0
@@ -35,7 +36,7 @@ def face_normal(points, cells, t):
 
 
 @kernel
-def normal_at(points, cells, t, v, w, foot):
+def normal_at(points: Matrix, cells: Indices, t: int, v: float, w: float, foot: Array):
     """The interpolated vertex normal into foot[3:6]; the face normal if it vanishes; (0, 0, 1) if both do."""
     u = 1.0 - v - w
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
@@ -52,7 +53,20 @@ def normal_at(points, cells, t, v, w, foot):
 
 
 @kernel
-def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, foot):
+def signed_distance(
+    points: Matrix,
+    cells: Indices,
+    star_at: Indices,
+    star: Indices,
+    t: int,
+    v: float,
+    w: float,
+    place: int,
+    p0: float,
+    p1: float,
+    p2: float,
+    foot: Array,
+):
     """Signed distance of p from its nearest point, and that point into foot[:3].
 
     The sign is that of (p - foot).n with the pseudonormal n: of the face, the sum over both faces of an edge, or the
@@ -93,7 +107,7 @@ def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, fo
 
 
 @kernel
-def _beyond(cells, t, other):
+def _beyond(cells: Indices, t: int, other: int):
     """The triangles across an edge: the neighbour or, if it is degenerate, those on its other edges."""
     if other < 0 or cells[other, KIND] == 0:
         return other, -1, -1

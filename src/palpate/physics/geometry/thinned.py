@@ -13,6 +13,7 @@ triangles have errors up to 2 degrees. At a border the new mesh ends up to h ins
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Indices, Matrix
 from palpate.physics.geometry.bvh import stars
 from palpate.physics.geometry.mesh import Mesh
 
@@ -54,7 +55,7 @@ def _is_crowded(mesh: Mesh, spacing: float) -> bool:
 
 
 @kernel
-def _owners(points, triangles, star_at, star, spacing):
+def _owners(points: Matrix, triangles: Indices, star_at: Indices, star: Indices, spacing: float):
     """The sample vertex to which each vertex belongs (V,): the nearest, in a straight line, of those from which it is
     connected by edges within the spacing [m]. The sample is taken greedily in the order of the vertices."""
     size = len(points)

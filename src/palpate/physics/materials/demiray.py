@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.materials.hyperelastic import Material, MaterialError, moduli, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
@@ -19,7 +20,7 @@ EXAMPLE = (1e4, 0.4, 2.0)
 
 
 @kernel(pointer=True)
-def strain_energy(F, J, p, P, A):
+def strain_energy(F: Matrix, J: float, p: Array, P: Matrix, A: Matrix):
     mu, kappa, b = p[0], p[1], p[2]
     _, i1, _ = shape_invariants(F)
     w1 = 0.5 * mu * math.exp(min(b * i1, 600.0))  # bounds a trial step of a solver, which then rejects it

@@ -8,6 +8,7 @@ Unlike the St. Venant-Kirchhoff law it does not soften in compression. H. Hencky
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
 from palpate.physics.materials.invariants import cofactor, strain_squares
 from palpate.physics.materials.principal import principal_axes, principal_squares, principal_stress
@@ -16,7 +17,7 @@ EXAMPLE = (1e4, 0.3)
 
 
 @kernel
-def log_stretch(F, C, N, E):
+def log_stretch(F: Matrix, C: Matrix, N: Matrix, E: Matrix):
     """The logarithmic strain ln U of F = R U [1] (3,3), into E (3,3); C and N (3,3) are scratch.
 
     For moderate strain, tr Y < 0.12 (stretches of 0.7 to 1.4), by a series, exact to 1e-13:
@@ -75,7 +76,7 @@ def log_stretch(F, C, N, E):
 
 
 @kernel
-def _stress_alone(F, J, p, P, A):
+def _stress_alone(F: Matrix, J: float, p: Array, P: Matrix, A: Matrix):
     """`strain_energy` without the tangent; A is scratch. As ln U commutes with C, P = F 2 mu dev(ln U) C^-1 equals
     2 mu F^-T dev(ln U)."""
     shear, bulk = p[0], p[1]
@@ -96,7 +97,7 @@ def _stress_alone(F, J, p, P, A):
 
 
 @kernel(pointer=True)
-def strain_energy(F, J, p, P, A):
+def strain_energy(F: Matrix, J: float, p: Array, P: Matrix, A: Matrix):
     if np.isnan(A[0, 0]):
         return _stress_alone(F, J, p, P, A)
     shear, bulk = p[0], p[1]

@@ -34,6 +34,7 @@ import numpy as np
 
 from palpate.compiler.kernel import kernel
 from palpate.physics import materials
+from palpate.physics.arrays import Array, Record
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.materials.compiled import LAW, compile_law
 from palpate.registry import modules
@@ -100,7 +101,7 @@ def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
 
 
 @kernel
-def _uniaxial(law, p, stretch, stress):
+def _uniaxial(law: Record, p: Array, stretch: Array, stress: Array):
     P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
     for i in range(len(stretch)):
         across = stretch[i] ** -0.5

@@ -11,10 +11,11 @@ import numba
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Matrix
 
 
 @numba.njit(inline="always")
-def cofactor(F, G):
+def cofactor(F: Matrix, G: Matrix):
     """G = det(F) F^-T, the cofactors of F (3,3); returns det F."""
     a, b, c = F[0, 0], F[0, 1], F[0, 2]
     d, e, f = F[1, 0], F[1, 1], F[1, 2]
@@ -26,7 +27,7 @@ def cofactor(F, G):
 
 
 @kernel
-def volume_tangent(F, C, dU, ddU, A):
+def volume_tangent(F: Matrix, C: Matrix, dU: float, ddU: float, A: Matrix):
     """Add the tangent of U(J) to A (9,9): U'' C_ij C_kl + U' d2J/dF_ij dF_kl, with the cofactors C of F and
     d2J/dF_ij dF_kl = eps_ikm eps_jln F_mn."""
     for i in range(3):
@@ -45,7 +46,7 @@ def volume_tangent(F, C, dU, ddU, A):
 
 
 @kernel
-def products(F, C, B):
+def products(F: Matrix, C: Matrix, B: Matrix):
     """Write F'F into C and FF' into B."""
     for i in range(3):
         for j in range(3):
@@ -57,7 +58,7 @@ def products(F, C, B):
 
 
 @numba.njit(inline="always")
-def strain_squares(F):
+def strain_squares(F: Matrix):
     """Entries 00, 11, 22, 01, 02, 12 of F'F, and det F, without allocation."""
     c00 = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
     c11 = F[0, 1] * F[0, 1] + F[1, 1] * F[1, 1] + F[2, 1] * F[2, 1]
@@ -74,7 +75,7 @@ def strain_squares(F):
 
 
 @numba.njit(inline="always")
-def shape_invariants(F):
+def shape_invariants(F: Matrix):
     """J, I = J^(-2/3) I1 - 3 and II = J^(-4/3) I2 - 3 of F (3,3)."""
     c00, c11, c22, c01, c02, c12, J = strain_squares(F)
     i1 = c00 + c11 + c22
@@ -84,7 +85,7 @@ def shape_invariants(F):
 
 
 @numba.njit(inline="always")
-def _shape_stress_alone(F, w1, w2, P):
+def _shape_stress_alone(F: Matrix, w1: float, w2: float, P: Matrix):
     """P of `shape_stress` without its tangent."""
     c00, c11, c22, c01, c02, c12, J = strain_squares(F)
     i1 = c00 + c11 + c22
@@ -102,7 +103,7 @@ def _shape_stress_alone(F, w1, w2, P):
 
 
 @numba.njit(inline="always")
-def shape_stress(F, w1, w2, w11, w12, w22, P, A):
+def shape_stress(F: Matrix, w1: float, w2: float, w11: float, w12: float, w22: float, P: Matrix, A: Matrix):
     """P = dW/dF and A = d2W/dF2 of W(I, II) from its derivatives w1, w2, w11, w12, w22 [Pa] by I and II; no tangent if
     A[0, 0] is NaN."""
     if np.isnan(A[0, 0]):
@@ -112,7 +113,9 @@ def shape_stress(F, w1, w2, w11, w12, w22, P, A):
 
 
 @kernel
-def _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A):
+def _shape_stress_and_tangent(
+    F: Matrix, w1: float, w2: float, w11: float, w12: float, w22: float, P: Matrix, A: Matrix
+):
     C, B, G, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     D1, D2 = np.empty((3, 3)), np.empty((3, 3))
     J = cofactor(F, G)

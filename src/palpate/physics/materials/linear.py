@@ -4,13 +4,14 @@ W = mu |dev e|²,    U = (kappa/2) (tr e)²
 """
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
 
 EXAMPLE = (1e4, 0.3)
 
 
 @kernel(pointer=True)
-def strain_energy(F, J, p, P, A):
+def strain_energy(F: Matrix, J: float, p: Array, P: Matrix, A: Matrix):
     shear, bulk = p[0], p[1]
     third = (F[0, 0] + F[1, 1] + F[2, 2] - 3.0) / 3.0
     A[:] = 0.0

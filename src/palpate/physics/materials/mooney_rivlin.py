@@ -8,6 +8,7 @@ with I = J^(-2/3) I1 - 3 and II = J^(-4/3) I2 - 3.
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.materials.hyperelastic import Material, MaterialError, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
@@ -15,7 +16,7 @@ EXAMPLE = (2430.0, 5420.0, 239000.0, 262000.0, 74700.0, 13.3e-6)
 
 
 @kernel(pointer=True)
-def strain_energy(F, J, p, P, A):
+def strain_energy(F: Matrix, J: float, p: Array, P: Matrix, A: Matrix):
     c10, c01, c20, c11, c02, d1 = p[0], p[1], p[2], p[3], p[4], p[5]
     _, x, y = shape_invariants(F)
     shape_stress(

@@ -4,6 +4,7 @@ W = (mu/2) I,    U = (kappa/2) (J - 1)²,    I = J^(-2/3) I1 - 3
 """
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.materials.hyperelastic import Material, moduli, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
@@ -11,7 +12,7 @@ EXAMPLE = (1e4, 0.3)
 
 
 @kernel(pointer=True)
-def strain_energy(F, J, p, P, A):
+def strain_energy(F: Matrix, J: float, p: Array, P: Matrix, A: Matrix):
     _, i1, _ = shape_invariants(F)
     shape_stress(F, 0.5 * p[0], 0.0, 0.0, 0.0, 0.0, P, A)
     return 0.5 * p[0] * i1, 0.5 * p[1] * (J - 1.0) ** 2, p[1] * (J - 1.0), p[1]

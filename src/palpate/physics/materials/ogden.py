@@ -12,6 +12,7 @@ R. W. Ogden, Proc. R. Soc. Lond. A 326 (1972) 565-584; S. Budday et al., Acta Bi
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.materials.hyperelastic import Material, MaterialError, of_rest, wants_mixed
 from palpate.physics.materials.principal import principal_squares, principal_stress
 
@@ -19,7 +20,7 @@ EXAMPLE = (0.4, 8e3, 4.7, 2e3, -3.0)
 
 
 @kernel(pointer=True)
-def strain_energy(F, J, p, P, A):
+def strain_energy(F: Matrix, J: float, p: Array, P: Matrix, A: Matrix):
     c, N = principal_squares(F)
     e = 0.5 * np.log(c)
     e -= np.sum(e) / 3.0

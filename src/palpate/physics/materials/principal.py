@@ -3,10 +3,11 @@
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 
 
 @kernel
-def principal_axes(C, N):
+def principal_axes(C: Matrix, N: Matrix):
     """Diagonalise the symmetric C (3,3) in place by Jacobi rotations; its eigenvectors are the columns of N (3,3)."""
     for i in range(3):
         for j in range(3):
@@ -35,7 +36,7 @@ def principal_axes(C, N):
 
 
 @kernel
-def principal_squares(F):
+def principal_squares(F: Matrix):
     """Squares of the principal stretches of F (3,3), and the principal directions as columns (3,3)."""
     C, N, c = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     for i in range(3):
@@ -48,7 +49,7 @@ def principal_squares(F):
 
 
 @kernel
-def principal_stress(F, c, N, tau, curve, P, A):
+def principal_stress(F: Matrix, c: Array, N: Matrix, tau: Array, curve: Matrix, P: Matrix, A: Matrix):
     """P = dW/dF and A = d2W/dF2 of an energy in the logarithms of the principal stretches.
 
     c      [1]  (3,)   eigenvalues of F'F, squares of the stretches; N (3,3) its eigenvectors, in columns

@@ -13,11 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array
 from palpate.physics.materials.hyperelastic import MaterialError
 
 
 @kernel
-def _relaxed_kernel(shares, times, time, elastic):
+def _relaxed_kernel(shares: Array, times: Array, time: Array, elastic: Array):
     out = np.empty(len(elastic))
     history = shares * elastic[0]
     out[0] = elastic[0]

@@ -24,6 +24,7 @@ relaxation time after Pawluk & Howe (1999). Details: docs/equations/beam-bundle.
 from dataclasses import dataclass
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ STRAIN_LIMIT = 0.9
 
 
 @kernel
-def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
+def chain_strain_step(strains: Array, moduli: Array, viscosities: Array, shares: Array, strain: float, dt: float):
     """Step one chain to an imposed strain, see the equation above; updates `strains` and returns the stress [Pa] >= 0.
 
     A chain that would pull separates and recovers freely (stress 0). Elements are limited to STRAIN_LIMIT, and the
@@ -108,7 +109,7 @@ def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
 
 
 @kernel
-def chain_stress_step(strains, moduli, viscosities, shares, stress, dt):
+def chain_stress_step(strains: Array, moduli: Array, viscosities: Array, shares: Array, stress: float, dt: float):
     """Step one chain under an imposed stress [Pa] >= 0, e_j <- min(((c_j/T) e_j + sigma)/b_j, STRAIN_LIMIT); updates
     `strains` and returns the strain [1] of the chain. Other arguments as for `chain_strain_step`."""
     total = 0.0
@@ -121,7 +122,7 @@ def chain_stress_step(strains, moduli, viscosities, shares, stress, dt):
 
 
 @kernel
-def chain_compliance(moduli, viscosities, shares, dt):
+def chain_compliance(moduli: Array, viscosities: Array, shares: Array, dt: float):
     """d strain/d stress = sum_j phi_j/(E_j + c_j/T) [1/Pa] of a step of length dt > 0 [s], no element at its limit."""
     total = 0.0
     for j in range(moduli.shape[0]):

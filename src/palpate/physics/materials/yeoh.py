@@ -10,6 +10,7 @@ O. H. Yeoh, Rubber Chem. Technol. 66 (1993) 754-771.
 import numpy as np
 
 from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.materials.hyperelastic import Material, MaterialError, of_rest, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
@@ -17,7 +18,7 @@ EXAMPLE = (0.4, 5e3, 1.2e3, 150.0)
 
 
 @kernel(pointer=True)
-def strain_energy(F, J, p, P, A):
+def strain_energy(F: Matrix, J: float, p: Array, P: Matrix, A: Matrix):
     kappa, c1, c2, c3 = p[0], p[1], p[2], p[3]
     _, x, _ = shape_invariants(F)
     shape_stress(F, c1 + x * (2.0 * c2 + 3.0 * c3 * x), 0.0, 2.0 * c2 + 6.0 * c3 * x, 0.0, 0.0, P, A)

@@ -12,7 +12,8 @@ import math
 
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Array, Indices
 from palpate.physics.device.random_numbers import uniform
 
 
@@ -27,8 +28,8 @@ def line_spectrum(a: np.ndarray) -> np.ndarray:
     return angles
 
 
-@kernel(error_model="numpy")
-def coefficients(lsf, p, q, a):
+@ieee_kernel
+def coefficients(lsf: Array, p: Array, q: Array, a: Array):
     """Fill a (n) from LSF [rad] (n); p and q (n + 2) are workspace."""
     n = len(lsf)
     p[:], q[:] = 0.0, 0.0
@@ -48,8 +49,8 @@ def coefficients(lsf, p, q, a):
         a[j] = 0.5 * (p[j + 1] + q[j + 1])
 
 
-@kernel(error_model="numpy")
-def innovation(a, work):
+@ieee_kernel
+def innovation(a: Array, work: Array):
     """Gain g [1] for which the process a (n) has variance 1: g^2 = prod (1 - k_j^2) with its reflection coefficients
     k_j; work (n) is workspace."""
     power = 1.0
@@ -67,8 +68,8 @@ def innovation(a, work):
     return math.sqrt(power)
 
 
-@kernel(error_model="numpy")
-def filter_sample(a, gain, past, newest, random):
+@ieee_kernel
+def filter_sample(a: Array, gain: float, past: Array, newest: int, random: Indices):
     """The next sample, and its index in the ring buffer `past` (n); random: state of `random_numbers`. Normal noise:
     G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29 (1958) 610-611."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(random)))

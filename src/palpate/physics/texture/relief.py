@@ -29,7 +29,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.exact import exp
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Tensor
 
 LEVELS = 24
 """Mean pressures of the table: those of full contact times (j/LEVELS)⁴."""
@@ -131,7 +132,7 @@ def _solved(
 
 
 @kernel
-def _total(x, which):
+def _total(x: Array, which: Array):
     """The sum of x (n) where `which` (n), in the order of the rows, so that it has the same bits everywhere."""
     total = 0.0
     for i in range(len(x)):
@@ -166,8 +167,8 @@ def imprint(height: np.ndarray, spacing: float, modulus: float, poisson: float, 
     return Imprint(stress.reshape(-1, count, 3), surface, full)
 
 
-@kernel(error_model="numpy")
-def felt(stress, surface, full, layer, place, mean):
+@ieee_kernel
+def felt(stress: Tensor, surface: Tensor, full: float, layer: int, place: float, mean: float):
     """Fluctuation of zz, xz, xx [Pa] at a depth, and displacement [N/m] inwards and along s, from the table `Imprint`:
     index of the depth, place in the period [points], mean pressure [Pa]. Linear between places and pressures."""
     n, top = stress.shape[1], surface.shape[0] - 1

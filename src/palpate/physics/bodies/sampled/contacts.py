@@ -17,7 +17,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.dot import inner, times
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Indices, Matrix, Record, Tensor
 from palpate.physics.bodies.sampled import step
 
 
@@ -32,8 +33,18 @@ class SampledContacts(NamedTuple):
     depths: Annotated[np.ndarray, "<f8", 2]  # [m] (2,c) s_free and s
 
 
-@kernel(error_model="numpy")
-def step_all(model, dt, fields, active, vectors, matrices, room, state, contacts):
+@ieee_kernel
+def step_all(
+    model: Record,
+    dt: float,
+    fields: Tensor,
+    active: Indices,
+    vectors: Matrix,
+    matrices: Tensor,
+    room: Record,
+    state: Record,
+    contacts: SampledContacts,
+):
     """A step under all loads. Fills `contacts` except for forces and measures; other arguments as of `step.step`.
     Returns the number of evaluations of the energy, and whether the step converged."""
     held, load, touched, bent = fields[0], fields[1], fields[2], fields[3]

@@ -12,7 +12,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.dot import add_products, inner, left_times, times
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.materials.compiled import law_at
 from palpate.physics.materials.invariants import cofactor, volume_tangent
 
@@ -60,8 +61,8 @@ def scratch(points: Points) -> SampledWorkspace:
     )  # fmt: skip
 
 
-@kernel(error_model="numpy")
-def _deform(D, at, F, C):
+@ieee_kernel
+def _deform(D: Array, at: int, F: Matrix, C: Matrix):
     """Fill F of a point from its displacement gradient D[at : at + 9], and its cofactors C; returns det F."""
     for i in range(3):
         for j in range(3):
@@ -70,8 +71,8 @@ def _deform(D, at, F, C):
     return cofactor(F, C)
 
 
-@kernel(error_model="numpy")
-def barrier(square, limit):
+@ieee_kernel
+def barrier(square: float, limit: float):
     """B(q) [J] at `square` = |q|², zero up to `limit`, and its first two derivatives by |q|²."""
     t = (square / limit - 1.0) / ROOM
     if not t > 0.0:
@@ -81,8 +82,8 @@ def barrier(square, limit):
     return (-ROOM * limit * (np.log(1.0 - t) + t), 1.0 / (1.0 - t) - 1.0, 1.0 / ((1.0 - t) ** 2 * ROOM * limit))
 
 
-@kernel(error_model="numpy")
-def forces(points, q, work, g):
+@ieee_kernel
+def forces(points: Points, q: Array, work: SampledWorkspace, g: Array):
     """Fill `g` (r,) with the gradient of W(q) [J]. Returns W, inf if a point is inverted or q is out of bounds."""
     D, f, F, C, P, A = work.D, work.f, work.F, work.C, work.P, work.A
     total, pull, _ = barrier(inner(q, q), points.limit)
@@ -121,8 +122,8 @@ def forces(points, q, work, g):
     return total
 
 
-@kernel(error_model="numpy")
-def tangent(points, q, work, hessian):
+@ieee_kernel
+def tangent(points: Points, q: Array, work: SampledWorkspace, hessian: Matrix):
     """Fill `hessian` (r,r) with d²W/dq² [J]. Returns False if a point is inverted or q is out of bounds."""
     D, F, C, P, A, M, T = work.D, work.F, work.C, work.P, work.A, work.M, work.T
     _, pull, curve = barrier(inner(q, q), points.limit)

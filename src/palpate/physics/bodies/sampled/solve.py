@@ -11,7 +11,8 @@ import numpy as np
 
 from palpate.compiler.dot import inner, times
 from palpate.compiler.fields import blank_record
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Array, Matrix, Record
 from palpate.physics.bodies.sampled.energy import forces, tangent
 
 TOLERANCE = 3e-3  # Energy norm of the residual over that of the solution
@@ -28,8 +29,8 @@ def offline_budget() -> Any:
     return blank_record(BUDGET, evaluations=MOST, length=1.0)
 
 
-@kernel(error_model="numpy")
-def invert(K, L, H):
+@ieee_kernel
+def invert(K: Matrix, L: Matrix, H: Matrix):
     """Fill H (r,r) with the inverse of K, or of K + shift 1 if K is not positive definite; L is workspace."""
     r = len(K)
     mean = 0.0
@@ -75,16 +76,28 @@ def invert(K, L, H):
             H[i, j] = H[j, i] = L[i, j]
 
 
-@kernel(error_model="numpy")
-def at_rest(H):
+@ieee_kernel
+def at_rest(H: Matrix):
     """Fill H (r,r) with the inverse of the tangent at rest, which is 1."""
     H[:] = 0.0
     for i in range(len(H)):
         H[i, i] = 1.0
 
 
-@kernel(error_model="numpy")
-def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
+@ieee_kernel
+def settle(
+    points: Record,
+    work: Record,
+    p: Array,
+    q: Array,
+    g: Array,
+    H: Matrix,
+    K: Matrix,
+    L: Matrix,
+    vectors: Matrix,
+    energy: float,
+    budget: Record,
+):
     """Iterate q (r,) to equilibrium under p (r,). Returns W there, number of evaluations, and whether it converged.
 
     g (r,) and `energy` are the gradient of W and W at q, before and after; `budget` is a `BUDGET`, of whose evaluations
@@ -155,8 +168,8 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
             _improve(H, d, change, trial, curve)
 
 
-@kernel(error_model="numpy")
-def _improve(H, s, y, Hy, curve):
+@ieee_kernel
+def _improve(H: Matrix, s: Array, y: Array, Hy: Array, curve: float):
     """BFGS update of the inverse H (r,r) for the step s (r,) and the change y (r,) of the gradient, curve = s.y > 0;
     Hy (r,) is workspace."""
     r = len(s)

@@ -7,7 +7,8 @@ import numpy as np
 
 from palpate.compiler.dot import times
 from palpate.compiler.fields import element_type
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor, Vector3
 from palpate.physics.bodies.condensed_step import FORGOTTEN, LEAST_FORCE
 from palpate.physics.bodies.patch import normal_force, share_of
 from palpate.physics.bodies.sampled.energy import Points
@@ -44,8 +45,8 @@ STATE = {
 STATE_TYPE = element_type(STATE)
 
 
-@kernel(error_model="numpy")
-def gamma(square, scale, power, most):
+@ieee_kernel
+def gamma(square: float, scale: float, power: float, most: float):
     """gamma = (1 + (w/scale)²)^((power - 1)/2) [1] at `square` = w² [1], and its derivative by w over w; gamma w is
     constant for w > most."""
     if square > most * most:
@@ -56,8 +57,17 @@ def gamma(square, scale, power, most):
     return x ** (0.5 * (power - 1.0)), (power - 1.0) / (scale * scale) * x ** (0.5 * (power - 3.0))
 
 
-@kernel(error_model="numpy")
-def gather(corners, weights, patch, pull, share, normal, load, measure):
+@ieee_kernel
+def gather(
+    corners: Indices,
+    weights: Matrix,
+    patch: Indices,
+    pull: Matrix,
+    share: float,
+    normal: Vector3,
+    load: Matrix,
+    measure: Matrix,
+):
     """Add a load (k,3) to that on the coarse vertices, fill its shares in the normal force. Returns that force [N]."""
     measure[:] = 0.0
     total = normal_force(pull, normal)
@@ -72,8 +82,8 @@ def gather(corners, weights, patch, pull, share, normal, load, measure):
     return max(total, 0.0) * share
 
 
-@kernel(error_model="numpy")
-def residual_displacement(residual_compliance, x, active, count, v):
+@ieee_kernel
+def residual_displacement(residual_compliance: Matrix, x: Matrix, active: Indices, count: int, v: int):
     """R x at one vertex; x (V,3) is nonzero only at active vertices."""
     row0, row1, row2 = residual_compliance[3 * v], residual_compliance[3 * v + 1], residual_compliance[3 * v + 2]
     out0 = out1 = out2 = 0.0
@@ -86,16 +96,16 @@ def residual_displacement(residual_compliance, x, active, count, v):
     return out0, out1, out2
 
 
-@kernel(error_model="numpy")
-def apply_residual_compliance(residual_compliance, x, active, count, out):
+@ieee_kernel
+def apply_residual_compliance(residual_compliance: Matrix, x: Matrix, active: Indices, count: int, out: Matrix):
     """Fill R x (V,3) at the active vertices."""
     for k in range(count):
         v = active[k]
         out[v, 0], out[v, 1], out[v, 2] = residual_displacement(residual_compliance, x, active, count, v)
 
 
-@kernel(error_model="numpy")
-def project(modes, x, active, count, out):
+@ieee_kernel
+def project(modes: Matrix, x: Matrix, active: Indices, count: int, out: Array):
     """Fill Phi'x (r,)."""
     out[:] = 0.0
     for k in range(count):
@@ -106,8 +116,8 @@ def project(modes, x, active, count, out):
                     out[m] += modes[3 * v + i, m] * x[v, i]
 
 
-@kernel(error_model="numpy")
-def dot(x, y, active, count):
+@ieee_kernel
+def dot(x: Matrix, y: Matrix, active: Indices, count: int):
     total = 0.0
     for k in range(count):
         v = active[k]
@@ -115,8 +125,17 @@ def dot(x, y, active, count):
     return total
 
 
-@kernel(error_model="numpy")
-def follow(model, dt, fields, active, vectors, matrices, room, state):
+@ieee_kernel
+def follow(
+    model: SampledModel,
+    dt: float,
+    fields: Tensor,
+    active: Indices,
+    vectors: Matrix,
+    matrices: Tensor,
+    room: Record,
+    state: Record,
+):
     """Update the load history h (Kelvin-Voigt retardation) and the equilibrium of the modes, dW/dq = Phi'h/E. Returns
     the state of active vertices and of energy evaluations, and whether it converged. Arguments as of `step`."""
     held, load, measure = fields[0], fields[1], fields[2]
@@ -153,8 +172,18 @@ def follow(model, dt, fields, active, vectors, matrices, room, state):
     return count, used, settled
 
 
-@kernel(error_model="numpy")
-def step(model, force, dt, fields, active, vectors, matrices, room, state):
+@ieee_kernel
+def step(
+    model: SampledModel,
+    force: float,
+    dt: float,
+    fields: Tensor,
+    active: Indices,
+    vectors: Matrix,
+    matrices: Tensor,
+    room: Record,
+    state: Record,
+):
     """A step under one contact, whose load and shares are in `fields`. Returns the number of evaluations of the energy,
     and whether the step converged.
 
@@ -216,8 +245,8 @@ def step(model, force, dt, fields, active, vectors, matrices, room, state):
     return used, settled
 
 
-@kernel(error_model="numpy")
-def _ray(t, end, start_slope, end_slope):
+@ieee_kernel
+def _ray(t: float, end: float, start_slope: float, end_slope: float):
     """The cubic from 0 to `end` with these slopes, limited to be monotonic, at t in [0, 1]."""
     if not abs(end) > 0.0:
         return 0.0
@@ -226,8 +255,8 @@ def _ray(t, end, start_slope, end_slope):
     return end * (t * t * (3.0 - 2.0 * t) + a * t * u * u - b * t * t * u)
 
 
-@kernel(error_model="numpy")
-def field(model, feet, far, fields, active, q, more):
+@ieee_kernel
+def field(model: SampledModel, feet: Matrix, far: float, fields: Tensor, active: Indices, q: Array, more: float):
     """Fill fields[3], u [m] (V,3): the displacement of the modes, plus that of the residual compliance near the feet
     [m] (c,3), within the squared distance `far` [m²]."""
     points, held, u = model.vertices, fields[0], fields[3]
