@@ -17,7 +17,7 @@ from palpate.launch.run.work.compiling import compiling
 
 SOURCE = """
 import numpy as np
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import ieee_kernel, kernel
 
 
 @kernel
