@@ -132,7 +132,9 @@ def draw(path: Path, found: dict, yarns: dict, recorded: dict) -> None:
     for n, (name, rate) in enumerate(recorded.items()):
         for k in range(3):
             right.plot(3.6 + 0.35 * n, rate[k], "*", color=colours[k], markersize=9)
-        right.text(3.6 + 0.35 * n, 1.1 * max(rate), name.replace("_", " "), rotation=90, size=7, ha="center", va="bottom")
+        right.text(
+            3.6 + 0.35 * n, 1.1 * max(rate), name.replace("_", " "), rotation=90, size=7, ha="center", va="bottom"
+        )
     right.set(title="Round yarns side by side, 0.5 N; right: recorded textures", xlabel="diameter of the yarns [mm]",
               ylabel="mean rate [1/s]", ylim=(0, None))  # fmt: skip
     right.legend()
