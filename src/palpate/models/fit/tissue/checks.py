@@ -95,8 +95,8 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
 
 def bent(problem: Problem, best: Estimate) -> tuple[dict[str, tuple[float, float]], list[str]]:
     """95 % intervals of the parameters if the baseline of each press with rows before contact may also bend, quadratic
-    in time, and notes. Such a bend hides below the noise before contact, and its shape is similar to that of a press,
-    so no test can exclude it. If it is significant, the intervals of `best` are widened to these."""
+    in time, and notes. The bend hides below the noise before contact, and its shape is similar to that of a press, so
+    no test can exclude it. If it is significant, the intervals of `best` are widened to these."""
     if not any(press.air for press in problem.presses):
         return {}, []
     other = problem.changed([replace(press, bends=press.air) for press in problem.presses])
