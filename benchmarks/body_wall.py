@@ -19,7 +19,7 @@ from palpate.compiler.entry_point import NO_NODES, NO_VECTORS
 from palpate.launch.load.classes import find_class
 from palpate.messages import Contact, Load, Pose, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs, settings
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.nodes.base.surface import OnSurface
 from palpate.nodes.contact import Series
 from palpate.nodes.controller import Haptic
@@ -65,7 +65,7 @@ class Wall:
         self._contact, self._spread, self._body, self._dt = Series(**BALL), Kernel(**PLACE), body, period
         for node in (self._contact, self._spread, body):
             node.start()
-        self._surface = press(body, Load(nodes=NO_NODES, forces=NO_VECTORS, foot=NONE, normal=UP), dt=period)
+        self._surface = press_body(body, Load(nodes=NO_NODES, forces=NO_VECTORS, foot=NONE, normal=UP), dt=period)
 
     def press(self, depth: float) -> Contact:
         """The finger at this depth [m], below 0 in the air."""
@@ -73,7 +73,7 @@ class Wall:
             foot=NONE, normal=UP, coordinates=(0.0, 0.0), element=0, gap=-depth, approach=max(depth, 0.0), slip=NONE
         )
         contact = self._contact.step(near, self._surface, dt=self._dt)
-        self._surface = press(self._body, self._spread.step(contact, None, dt=self._dt), dt=self._dt)
+        self._surface = press_body(self._body, self._spread.step(contact, None, dt=self._dt), dt=self._dt)
         return contact
 
     def linear(self, force: float) -> tuple[float, float]:

@@ -16,8 +16,8 @@ import numpy as np
 
 import palpate
 import palpate.physics
-from palpate.calling import described
-from palpate.launch.load.placement import fused
+from palpate.calling import describe_run
+from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
@@ -30,11 +30,11 @@ KEEP = "contact", "force"
 
 def single(body: str, duration: float) -> tuple[float, float]:
     """Ticks per second of one fused run without recording: by wall time, by processor time."""
-    launch = described("kidney", scene=None, duration=duration, sets=(), nodes={"tissue": body})
+    launch = describe_run("kidney", scene=None, duration=duration, sets=(), nodes={"tissue": body})
     graph = launch.load()
     set_recording(graph, None)
     planned, ticks = plan(graph), round(duration * graph.rate)
-    (job,) = jobs(planned, fused(planned), ticks=ticks)
+    (job,) = jobs(planned, fuse_nodes(planned), ticks=ticks)
     worker = Worker(job, None, lambda report: None)
     worker.start()
     worker.begin(0)

@@ -24,10 +24,10 @@ def extend(graph: str) -> Path:
     with replacing(path) as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays)
     basis_store.start.cache_clear()
-    start = Start.of(node._made())
+    start = Start.of(node._make_shared())
     lower = start.table[np.tril_indices(len(start.table))]
     assert (start.table == start.table.T).all()
-    more = {**start._asdict(), "table": lower, "start": np.array(node.start_key(*node._placed()))}
+    more = {**start._asdict(), "table": lower, "start": np.array(node.start_key(*node._place_basis()))}
     with replacing(path) as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays, **more)
     return path

@@ -60,7 +60,7 @@ def felupe(problem: FEProblem, faces: bool = False, cholmod: bool = False) -> di
     begun, used = time.perf_counter(), time.process_time()
     mesh, count = problem.mesh, len(problem.mesh.points)
     points = np.concatenate([mesh.points, [[0.0, 0.0, problem.floor]]])  # the last point carries the plane
-    field = peer.displaced(fem, fem.Mesh(points, mesh.elements, "tetra10"))
+    field = peer.displacement_field(fem, fem.Mesh(points, mesh.elements, "tetra10"))
     items = [peer.neo_hooke(fem, field, YOUNG, POISSON)]
     if faces and len(problem.skin):
         items.append(FacePlane(field, problem))

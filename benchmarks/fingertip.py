@@ -32,7 +32,7 @@ def fit_divisor(steel: Record) -> float:
     points = PAPER["steel"]
 
     def miss(log: float) -> float:
-        curve = steel.softened(float(np.exp(log)))
+        curve = steel.soften(float(np.exp(log)))
         ends = [min(f, curve.force[-1]) for f, _ in points]
         return sum((curve.at(e)[0] - depth) ** 2 + (e - f) ** 2 for e, (f, depth) in zip(ends, points, strict=True))
 
@@ -77,7 +77,7 @@ def main() -> None:
     records = {name: {plate: pair[1] for plate, pair in plates.items()} for name, plates in every.items()}
     tables = {"Table III": points(records)}
     tables |= {f"statements, {name}": statements(**plates) for name, plates in records.items()}
-    divisor = fit_divisor(records["calibrated"]["steel"].softened(1.0 / CALIBRATED))
+    divisor = fit_divisor(records["calibrated"]["steel"].soften(1.0 / CALIBRATED))
     if given.pictures:
         from fingertip_flow import draw
 

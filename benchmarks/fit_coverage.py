@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.estimate import Problem
 from palpate.models.fit.tissue.fit import TissueFit, fit_tissue
-from palpate.models.fit.tissue.measured import MeasuredPress, prepared
+from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press
 from palpate.models.fit.tissue.rigs import Rig, closed_form
 
 RIG = Rig("ball", 8e-3, 20e-3)
@@ -62,7 +62,7 @@ def trial(
     depth = np.clip(time / 2.0, -0.5, 1.0) * 2e-3
     ideal = MeasuredPress("synthetic", time, depth, np.zeros(rows), 0.0, 1e-4, 0.0)
     force = relaxing.force(kind, closed_form(RIG, "layer"), TRUTH, ideal, 0.0)
-    return prepared("synthetic", time, depth + OFFSET, force + size * force.max() * noise(rows, correlation, rng))
+    return prepare_press("synthetic", time, depth + OFFSET, force + size * force.max() * noise(rows, correlation, rng))
 
 
 def covered(trials: int, kind: str, correlation: float, first: int = 0) -> dict[str, float]:
@@ -119,7 +119,7 @@ def noisy(case: str, what: str, seed: int, rows: int = 300) -> MeasuredPress:
         force = force + peak * (0.005 * noise(rows, 0.0, rng) + rng.choice((-1.0, 1.0)) * 0.02 * curved)
     else:
         force = force + 0.01 * peak * noise(rows, 0.9 if what == "correlated" else 0.0, rng)
-    return prepared("synthetic", time, depth + OFFSET, force)
+    return prepare_press("synthetic", time, depth + OFFSET, force)
 
 
 def by_noise(case: str, what: str, trials: int, first: int = 0) -> dict[str, float]:
@@ -193,7 +193,7 @@ def flawed(flaw: str, correlation: float, seed: int) -> tuple[TissueFit, float, 
     force = force + rng.choice((-1.0, 1.0)) * drift if "drift" in flaw else force
     kept = depth >= ((0.1 + 0.3 * large) * reach if "begins" in flaw else -1.0)
     force = force - (force[kept][:3].mean() if "begins" in flaw else 0.0)
-    return fit_tissue([prepared("press.csv", time[kept], depth[kept], force[kept])], RIG, "hertz"), young, exceeds
+    return fit_tissue([prepare_press("press.csv", time[kept], depth[kept], force[kept])], RIG, "hertz"), young, exceeds
 
 
 def residual(depth: np.ndarray, force: np.ndarray) -> float:

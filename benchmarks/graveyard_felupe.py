@@ -36,7 +36,7 @@ def _linear(poisson: float) -> float:
     mesh = box((1.0, 1.0, 1.0), (CELLS, CELLS, CELLS))
     corners, elements = np.unique(mesh.elements[:, :4], return_inverse=True)
     points = mesh.points[corners]
-    field = peer.displaced(fem, fem.Mesh(points, elements.reshape(-1, 4), "tetra"))
+    field = peer.displacement_field(fem, fem.Mesh(points, elements.reshape(-1, 4), "tetra"))
     solid = peer.neo_hooke(fem, field, YOUNG, poisson)
     z = points[:, 2]
     top, foot = z > 1 - 1e-9, z < 1e-9

@@ -28,7 +28,7 @@ from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.contact.area import FIXED, AreaLaw, ball, of_table, radius_at
 from palpate.physics.contact.spread import spread, spreader
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, SLAB, YOUNG, graded
+from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, SLAB, YOUNG, grade_axis
 
 UP, FOOT = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 WIDE, THICK = 9.5e-3, 12e-3  # [m] half width of the pad, and its thickness on the axis
@@ -54,8 +54,8 @@ def indentations(area: AreaLaw, young: float, forces: np.ndarray) -> np.ndarray:
 
 def pad(size: float) -> TetMesh:
     """A quarter of the pad, its apex at the origin."""
-    x = graded(0.0, 0.0, WIDE, WIDE, size)
-    z = graded(0.0, 0.0, 4.0 * size, THICK, size)
+    x = grade_axis(0.0, 0.0, WIDE, WIDE, size)
+    z = grade_axis(0.0, 0.0, 4.0 * size, THICK, size)
     points, cells = grid(x, x, z)
     mesh = quadratic(points, bricks(points, cells))
     p = mesh.points
@@ -65,8 +65,8 @@ def pad(size: float) -> TetMesh:
 
 def slab(size: float) -> TetMesh:
     """A quarter of the slab, its top at z = 0."""
-    x = graded(0.0, 0.0, WIDE, SIDE / 2, size)
-    points, cells = grid(x, x, graded(-SLAB, -4.0 * size, 0.0, 0.0, size))
+    x = grade_axis(0.0, 0.0, WIDE, SIDE / 2, size)
+    points, cells = grid(x, x, grade_axis(-SLAB, -4.0 * size, 0.0, 0.0, size))
     return quadratic(points, bricks(points, cells))
 
 

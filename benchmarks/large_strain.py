@@ -19,7 +19,7 @@ import numpy as np
 from palpate.physics.bodies.large_displacement import linear_depth, nonlinearity
 from palpate.physics.bodies.true_patch import HELD, MEAN
 from palpate.studies.accuracy import kidney
-from palpate.studies.peers.continuum import YOUNG, ContinuumCurve, TissueBlock, press
+from palpate.studies.peers.continuum import YOUNG, ContinuumCurve, TissueBlock, press_block
 
 DEEPEST = 1.05  # [1] s/R up to which the errors count
 SHARES = np.array([0.004, 0.17, 0.33, 0.54, 0.75, 1.0])  # [1] Forces over the largest one
@@ -69,9 +69,9 @@ def full(case: Case, cells: int) -> ContinuumCurve:
     levels = SHARES * LARGEST * (case.radius / 8e-3) ** 2 * (1.3 if case.poisson < 0.35 else 1.0)
     if case.organ == "kidney":
         kidney.RADIUS, kidney.POISSON = case.radius, case.poisson
-        return kidney.press(kidney.Kidney(case.place, cells), levels)
+        return kidney.press_kidney(kidney.Kidney(case.place, cells), levels)
     block = CoveredBlock if case.organ == "capsule" else TissueBlock
-    return press(block(case.place, cells, case.organ == "nodule", case.radius, case.poisson), levels)
+    return press_block(block(case.place, cells, case.organ == "nodule", case.radius, case.poisson), levels)
 
 
 def half_space(case: Case) -> float:

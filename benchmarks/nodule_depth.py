@@ -40,7 +40,7 @@ def rates(folder: Path, depth: float | None) -> tuple[np.ndarray, int]:
     if not result.ok:
         raise SystemExit(str(result.deaths[0]))
     recording = Recording(folder / "run.mcap")
-    kind = plan_of(recording).make("finger0").made().kind  # type: ignore[attr-defined]
+    kind = plan_of(recording).make("finger0").make_population().kind  # type: ignore[attr-defined]
     count = int(np.sum(kind == 0))
     spikes = [
         sum(int(np.sum(kind[sent.unit] == 0)) for sent in recording.messages(f"finger{k}", (BEGIN, END)))  # type: ignore[attr-defined]

@@ -20,7 +20,7 @@ from palpate.physics.bodies.condensed_body import CondensedBody, answer, bear, c
 from palpate.physics.contact.spread import spread, spreader
 from palpate.physics.geometry.mesh import Mesh
 from palpate.studies.accuracy.bodies.reduced_fe import ready
-from palpate.studies.peers.continuum import POISSON, SIDE, YOUNG, TissueBlock, press
+from palpate.studies.peers.continuum import POISSON, SIDE, YOUNG, TissueBlock, press_block
 
 UP = (0.0, 0.0, 1.0)
 LIGHT, DEEP = 0.01, 0.25
@@ -56,7 +56,7 @@ def main() -> None:
         corrected, widened = condensed_body(*law, poisson), condensed_body(*law)
         soft = indentation(corrected, mesh, place, radius, 1e-3) / 1e-3
         levels = np.array([LIGHT, DEEP]) * radius / soft
-        curve = press(TissueBlock(place, given.cells, radius=radius, poisson=poisson), levels)
+        curve = press_block(TissueBlock(place, given.cells, radius=radius, poisson=poisson), levels)
         errors = [
             indentation(body, mesh, place, radius, f) / s - 1.0
             for body in (corrected, widened)

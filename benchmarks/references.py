@@ -48,7 +48,7 @@ def kept(block: Place, solver: str) -> ContinuumCurve:
         with np.load(path) as file:
             stored = {f.name: file[f.name] for f in fields(ContinuumCurve)}
         return ContinuumCurve(**{**stored, "unknowns": int(stored["unknowns"])})
-    curve = sites.computed(block, solver)
+    curve = sites.compute_curve(block, solver)
     make_folder(path.parent)
     with replacing(path, cached=True) as part:
         np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
@@ -89,7 +89,7 @@ def rebuild(
         numbers = {f.name: getattr(place, f.name) for f in fields(ReferenceSite) if f.name != "about"}
         numbers["shape"] = place.shape.astype(np.float32)
         np.savez_compressed(folder / f"{name}.npz", **numbers, about=np.array(json.dumps(about)))
-    sites.stored.cache_clear()
+    sites.load_reference.cache_clear()
     yield "stored", 1.0
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from rich.progress import track
 from tables import parser, print_tables
 
-from palpate.calling import described
+from palpate.calling import describe_run
 from palpate.nodes.controller import Haptic
 from palpate.nodes.device import Simulated
 from palpate.stepping import Stepper
@@ -43,7 +43,7 @@ def press(delay: float, jitter: float, loss: float, controller: str) -> tuple[np
     network = {"delay": delay, "jitter": jitter, "loss": loss}
     sets = [f"scene.network.{name}={value}" for name, value in network.items()]
     sets += [f"controller.passivity={str(passive).lower()}", f"controller.delay={round(2e3 * delay) if known else 0}"]
-    stepper = Stepper(described("remote", scene=None, duration=None, sets=sets, nodes={}))
+    stepper = Stepper(describe_run("remote", scene=None, duration=None, sets=sets, nodes={}))
     stepper.start()
     device, display = stepper.node("device"), stepper.node("controller")
     assert isinstance(device, Simulated) and isinstance(display, Haptic)

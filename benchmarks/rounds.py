@@ -134,7 +134,7 @@ def main() -> None:
     for name, body in BODIES.items():
         for kind, path in ROUNDS.items():
             touch = measure(body(), *path, turns)
-            made, put = touch.ledger.node.generated("tissue"), touch.put
+            made, put = touch.ledger.node.generated_energy("tissue"), touch.put
             note = "" if touch.surface.stored else " (does not report its stored energy)"
             row = f"{1e3 * put / turns:.3f} | {1e3 * made:.3f}{note} | {100.0 * made / put:.1f} %"
             given = f"{1e3 * touch.bare.most:.3f} | {1e3 * touch.kept.most:.3f}"

@@ -24,7 +24,7 @@ from palpate.messages import Load
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
 from palpate.models.fe.reduce.reduction import CELLS, equilibrium, finger_touches
-from palpate.models.fe.reduce.snapshots import STIFFENING, PressSolution, press
+from palpate.models.fe.reduce.snapshots import STIFFENING, PressSolution, press_touches
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.sampled_body import SampledBasis, sampled_body
@@ -141,7 +141,7 @@ def main() -> None:
     assert isinstance(basis, SampledBasis)
     full = of_finger(FingertipDimensions(cells=CELLS))
     begun = time.perf_counter()
-    presses = press(full, finger_touches(full, given.touches, given.seed))
+    presses = press_touches(full, finger_touches(full, given.touches, given.seed))
     seconds = (time.perf_counter() - begun) / max(sum(len(p.solutions) for p in presses), 1)
     node.start()
     shown = {

@@ -162,7 +162,7 @@ class FakeBus:
         """The inputs of a step, for `engine.tick`."""
         return self._inputs
 
-    def sent(self, slot: Slot, tick: int) -> None:
+    def take_outputs(self, slot: Slot, tick: int) -> None:
         """Nothing to send: the outputs are read from the slot."""
 
 

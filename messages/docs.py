@@ -9,7 +9,7 @@ import sys
 from typing import NamedTuple
 
 from palpate.messages.base import Message
-from palpate.registry import classes, declared, registered
+from palpate.registry import classes, declared_classes, registered_modules
 
 _CONTINUED = re.compile(r"(?<=\S)\n +(?=\S)")
 _LINE = re.compile(r"(\w+)\s+\[([^\]]+)\]\s+\(([^)]*)\)\s+(\S.*)")
@@ -24,7 +24,7 @@ class Documented(NamedTuple):
     about: str
 
 
-def documented(kind: type) -> list[Documented]:
+def documented_fields(kind: type) -> list[Documented]:
     """The fields that a message's docstring describes, in its order."""
     text = _CONTINUED.sub(" ", inspect.getdoc(kind) or "")
     matches = [match for match in map(_LINE.fullmatch, text.splitlines()) if match]
@@ -40,7 +40,7 @@ def summary(thing: object) -> str:
 
 def message_types() -> dict[str, type[Message]]:
     """All message types by name: from every file of this folder, and those that other distributions register."""
-    others = registered("palpate.messages")[0].values()
-    kinds = {kind.__name__: kind for module in others for kind in declared(module, Message)}
+    others = registered_modules("palpate.messages")[0].values()
+    kinds = {kind.__name__: kind for module in others for kind in declared_classes(module, Message)}
     kinds |= classes(sys.modules[Message.__module__.rpartition(".")[0]], Message)
     return {name: kinds[name] for name in sorted(kinds) if kinds[name] is not Message}

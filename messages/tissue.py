@@ -14,7 +14,7 @@ for _empty in (NO_FLOATS, NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING):
     _empty.setflags(write=False)  # avoids a copy per message; the last three are omitted on the wire by identity
 
 
-def sent(value: Any) -> Any:
+def always_sent(value: Any) -> Any:
     """A default value that is nevertheless sent."""
     return msgspec.field(default_factory=lambda: value)
 
@@ -22,10 +22,10 @@ def sent(value: Any) -> Any:
 class _Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
     """A message whose plain default values are omitted on the wire; the header is always sent."""
 
-    tick: Annotated[int, "1"] = sent(-1)
-    time: Annotated[int, "ns"] = sent(-1)
-    source: Annotated[str, "1"] = sent("")
-    used: Annotated[tuple[int, ...], "1", ("u",)] = sent(())
+    tick: Annotated[int, "1"] = always_sent(-1)
+    time: Annotated[int, "ns"] = always_sent(-1)
+    source: Annotated[str, "1"] = always_sent("")
+    used: Annotated[tuple[int, ...], "1", ("u",)] = always_sent(())
 
 
 class Surface(_Sparse):
@@ -73,15 +73,15 @@ class Surface(_Sparse):
     damping: Annotated[float, "s/m"]
     rest_indentation: Annotated[float, "m"]
     previous_indentation: Annotated[float, "m"]
-    pressure: Annotated[Floats, "Pa", ("p",)] = sent(NO_FLOATS)
-    slipped: Annotated[Ints, "1", ("q",)] = sent(NO_INTS)
-    step: Annotated[float, "s"] = sent(0.0)
-    relaxation: Annotated[float, "s"] = sent(0.0)
-    limited: Annotated[int, "1"] = sent(0)
-    tangential_gradient: Annotated[Vector3, "N"] = sent((0.0, 0.0, 0.0))
-    shape_operator: Annotated[Vector, "1/m", ("t",)] = sent(())
-    extrapolation: Annotated[float, "1"] = sent(0.0)
-    stored: Annotated[Vector, "J", ("e",)] = sent(())
+    pressure: Annotated[Floats, "Pa", ("p",)] = always_sent(NO_FLOATS)
+    slipped: Annotated[Ints, "1", ("q",)] = always_sent(NO_INTS)
+    step: Annotated[float, "s"] = always_sent(0.0)
+    relaxation: Annotated[float, "s"] = always_sent(0.0)
+    limited: Annotated[int, "1"] = always_sent(0)
+    tangential_gradient: Annotated[Vector3, "N"] = always_sent((0.0, 0.0, 0.0))
+    shape_operator: Annotated[Vector, "1/m", ("t",)] = always_sent(())
+    extrapolation: Annotated[float, "1"] = always_sent(0.0)
+    stored: Annotated[Vector, "J", ("e",)] = always_sent(())
     laws: Annotated[Floats, "N/m^n, 1, s/m, m, m", ("c", 5)] = NO_LAWS
     slopes: Annotated[Floats, "N (3), 1/m (9)", ("c", 12)] = NO_SLOPES
     coupling: Annotated[Floats, "1", ("c", "c")] = NO_COUPLING

@@ -7,7 +7,7 @@ import msgspec
 from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import CompiledNode, Out, Wants
-from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, faded, paced, shared
+from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, fade_value, keep_pace, step_gain
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.device.controller import (
     GAINS,
@@ -33,7 +33,7 @@ _past_of = unpacking(Past)
 
 
 @kernel
-def lost(had, present):
+def find_lost_input(had, present):
     """(whether a message lacks an input that earlier messages of its sender had, bit mask of all inputs so far)."""
     return present != had | present, had | present
 
@@ -87,7 +87,7 @@ def share_of(own, lacks, pausing, released, touching, dt):
         gain.value = 0.0
         put(state.force, (0.0, 0.0, 0.0))
     elif missing or not touching or energy > before or own.ramp == 0.0 or not own.passivity:
-        shared(gain, not missing, dt)
+        step_gain(gain, not missing, dt)
     elif energy > own.least:
         gain.value = min(gain.value + dt / SETTLE, 1.0)
     elif energy < before and gain.value < 1.0:
@@ -191,17 +191,17 @@ class Haptic(CompiledNode):
         state, before = own.state, own.gain.value
         lacks = not contact.there or not pose.there
         if not lacks:
-            lacks, own.had = lost(own.had, contact.present)
+            lacks, own.had = find_lost_input(own.had, contact.present)
         if device.there:
-            without, own.had_device = lost(own.had_device, device.present)
+            without, own.had_device = find_lost_input(own.had_device, device.present)
             lacks = lacks or without
             forget_credit(own, without, dt)
         else:
             without = True
         # gain of the force: falls while an input is missing, ramps up after an outage
         touching = not contact.there or contact.force > 0.0
-        p = faded(own.friction, friction.there, friction.force, dt)
-        pausing = paced(own.pace, dt)
+        p = fade_value(own.friction, friction.there, friction.force, dt)
+        pausing = keep_pace(own.pace, dt)
         usual = own.pace.usual
         share = share_of(own, lacks, pausing, without, touching, usual)
         if pausing:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.angles import cos, sin
 from palpate.compiler.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
 from palpate.nodes.base import Node, SettingError, Switch, part
@@ -53,7 +54,7 @@ class Slide(Node):
         if self.lift > 0 and way >= self.distance:
             since = sliding - (self.distance / self.speed if self.distance > 0 else 0.0)
             depth = max(depth - self.lift * since, -CLEAR)
-        place = (way * math.cos(self.direction), way * math.sin(self.direction), self.thickness + self.plate - depth)
+        place = (way * cos(self.direction), way * sin(self.direction), self.thickness + self.plate - depth)
         x, y, z = self.place
         velocity = ((place[0] - x) / dt, (place[1] - y) / dt, (place[2] - z) / dt)
         self.place = place

@@ -47,7 +47,7 @@ def send(own, seen, age, out):
 
 
 @kernel
-def sampled(own, state, count, out, dt):
+def read_clock(own, state, count, out, dt):
     """Set the clock to the time of a sample of `count` numbers. Returns whether to use the sample.
 
     The time is that of the message less its age, or the sum of the steps if it has none. Until the device is homed, the
@@ -89,7 +89,7 @@ class FalconKinematics(_Tracker):
 
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("joints", "homed")], out: Out[Pose], dt):
-        if sampled(own, state, state.joints.count, out, dt):
+        if read_clock(own, state, state.joints.count, out, dt):
             given = own.track, own.resolution, own.speed_limit, own.clock
             seen = pose_falcon(*given, vector(state.joints.values), geometry_of(own.geometry))
             send(own, seen, age_of(own, state), out)
@@ -106,7 +106,7 @@ class Cartesian(_Tracker):
 
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("position", "homed")], out: Out[Pose], dt):
-        if sampled(own, state, state.position.count, out, dt):
+        if read_clock(own, state, state.position.count, out, dt):
             given = own.track, own.resolution, own.speed_limit, own.clock
             seen = pose(*given, vector(state.position.values))
             send(own, seen, age_of(own, state), out)

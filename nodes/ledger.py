@@ -50,7 +50,7 @@ class Energy(CompiledNode):
         super().start()
         self.hold("past", np.zeros((self.delay + 2, ledger.FINGERS), ledger.MOMENT_TYPE))
 
-    def generated(self, part: str) -> float:
+    def generated_energy(self, part: str) -> float:
         """Energy [J] that one part has generated."""
         return float(self.own["account"]["accounts"]["generated"][PARTS.index(part)])
 

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.compiler.records import floats, form, lend_first, put, unpacking, vector
 from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import ARRAY, CompiledNode, Out, SettingError, Wants
-from palpate.nodes.base.absence import FADE, FADED, begin, faded
+from palpate.nodes.base.absence import FADE, FADED, begin, fade_value
 from palpate.nodes.base.area import WithArea
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.kernels import kernel as compiled
@@ -107,7 +107,7 @@ class Kernel(CompiledNode, WithArea):
         dt,
     ):
         count, f, n = 0, contact.force, vector(contact.normal)
-        t = faded(own.friction, friction.there, friction.force, dt)
+        t = fade_value(own.friction, friction.there, friction.force, dt)
         if not friction.there or sample_of(friction) != sample_of(contact):
             t = within(t, ROUGHEST * f)
         grows = own.law_forces.shape[0] > 0

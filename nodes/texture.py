@@ -14,11 +14,11 @@ from palpate.messages.vibration import Vibration
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import slid
-from palpate.nodes.base.texture_file import read_texture, tabulated
+from palpate.nodes.base.texture_file import read_texture, tabulate_texture
 from palpate.nodes.base.textured import FRICTION, PATH, SLIDES, SLIP, WithTexture, advance, meet, slide
 from palpate.physics.device import random_numbers
-from palpate.physics.device.random_numbers import seeded
-from palpate.physics.texture.autoregressive import coefficients, filtered, innovation
+from palpate.physics.device.random_numbers import seed_state
+from palpate.physics.texture.autoregressive import coefficients, filter_sample, innovation
 
 LONGEST = 0.1  # [s] longest block; a longer step is truncated
 PRESS = Wants("force")
@@ -221,14 +221,14 @@ class Autoregressive(_TextureNode):
             texture = read_texture(Path(self.model))
         except (OSError, ValueError) as error:
             raise SettingError(f"setting 'model': {self.model}: {error}") from None
-        speeds, forces, table = tabulated(texture)
+        speeds, forces, table = tabulate_texture(texture)
         order = table.shape[2] - 1
         self.room(texture.sampling)
         held = {"speeds": speeds, "forces": forces, "table": table, "row": np.zeros(order + 1)}
         held |= {"a": np.zeros(order), "work": np.zeros((2, order + 2)), "past": np.zeros(order)}
         for name, array in held.items():
             self.hold(name, np.ascontiguousarray(array))
-        self.own["sampling"], self.own["random"] = texture.sampling, seeded(self.seed)
+        self.own["sampling"], self.own["random"] = texture.sampling, seed_state(self.seed)
         self.own["unit"] = self.mass if texture.quantity == "acceleration" else 1.0
 
     @ieee_kernel
@@ -255,7 +255,7 @@ class Autoregressive(_TextureNode):
             coefficients(row[: len(a)], work[0], work[1], a)
             gain = innovation(a, work[0])
             for k in range(count):
-                samples[k], own.newest = filtered(a, gain, past, own.newest, own.random)
+                samples[k], own.newest = filter_sample(a, gain, past, own.newest, own.random)
             amplitude = (
                 own.unit * row[len(a)] * min(sliding / own.onset, sliding / speeds[0], contact.force / forces[0], 1.0)
             )

@@ -10,7 +10,8 @@ IRREGULAR = re.compile(
     "|paid|said|seen|sent|shown|sold|spent|struck|sunk|swept|taken|taught|thrown|told|understood|won|worn|written"
 )
 VERBS = {"bed", "feed", "need", "embed", "seed", "shed", "speed"}
-MOST = 0.07  # of all functions; the goal is 3 %
+MOST = 0.03  # of all functions
+VAGUE = {"draw", "press", "energy", "tell", "heard", "saw", "reel"}  # formerly the names of up to 18 functions each
 
 
 def functions():
@@ -38,6 +39,10 @@ def test_few_functions_have_a_participle_as_their_name():
     assert len(found) > 3000
     share = len(bare) / len(found)
     assert share <= MOST, sorted(set(bare))
+
+
+def test_no_function_has_a_name_that_meant_several_things():
+    assert VAGUE.isdisjoint(name.strip("_") for name in functions())
 
 
 def test_a_verb_and_two_words_are_no_participle():

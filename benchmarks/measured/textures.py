@@ -70,7 +70,7 @@ def rates(s: np.ndarray, height: np.ndarray, force: float, seconds: float = 0.6)
         slides, fires = FakeBus(relief, rate=RATE), FakeBus(Afferents(**UNITS), rate=RATE)
         for name, message in (("load", load), ("friction", friction), ("contact", contact)):
             slides.hold(name, message)
-        kind = fires.node.made().kind
+        kind = fires.node.make_population().kind
         counts = np.zeros(3)
         for tick in range(round((0.2 + seconds) * RATE)):
             foot = (SPEED * (tick + 1) / RATE, 0.0, 0.0)

@@ -30,7 +30,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Slip, Surface
 from palpate.records.reader import Recording
-from palpate.views.pictures import draw
+from palpate.views.pictures import draw_pictures
 from palpate.views.pictures.slip import slides
 from palpate.views.pictures.touch import TouchStreams
 
@@ -60,7 +60,7 @@ def sliding(angle: float, direction: float = 90):
 def as_shipped(path: Path) -> None:
     """The pictures of a run."""
     touch = run(duration=5.0)
-    made = {file.stem: file for file in draw(touch.recording.path, Path(SCRATCH.name))}
+    made = {file.stem: file for file in draw_pictures(touch.recording.path, Path(SCRATCH.name))}
     shutil.copyfile(made["slip"], path)
     shutil.copyfile(made["pad"], path.with_name("beam-bundle-pad.png"))
 

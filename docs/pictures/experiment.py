@@ -12,8 +12,8 @@ import tempfile
 from pathlib import Path
 
 from palpate.studies.psychophysics.analysis import analyse, save
-from palpate.studies.psychophysics.opening import opened
-from palpate.studies.psychophysics.pictures import draw
+from palpate.studies.psychophysics.opening import open_sitting
+from palpate.studies.psychophysics.pictures import draw_answers
 from palpate.views.page import serve
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -26,11 +26,11 @@ def main(folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as results:
         data = Path(results)
         for participant in ("01", "02"):
-            with opened(NAME, data, participant, None, [], True, lambda text: None) as sitting:
+            with open_sitting(NAME, data, participant, None, [], True, lambda text: None) as sitting:
                 sitting.simulate(None, lambda trial: None)
         outcomes = analyse(data)
         save(outcomes, data)
-        shutil.copyfile(draw(outcomes, data)[0], target)
+        shutil.copyfile(draw_answers(outcomes, data)[0], target)
     return [target, *([page(folder / "experiment-page.png")] if CHROMIUM else [])]
 
 
@@ -43,7 +43,7 @@ def page(target: Path) -> Path:
         shots = [Path(results, name) for name in ("interval.png", "question.png")]
         browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
         window = browser.new_page(viewport={"width": 720, "height": 520})
-        with opened(NAME, Path(results), None, None, [], True, lambda text: None) as sitting:
+        with open_sitting(NAME, Path(results), None, None, [], True, lambda text: None) as sitting:
             server = serve(sitting.page())
             window.goto(server.address)
             for _ in range(2):  # the instructions of the experiment, those of the block

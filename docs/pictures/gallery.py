@@ -19,7 +19,7 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pose
 from palpate.records.reader import Recording
 from palpate.views.errors import PictureError
-from palpate.views.pictures import draw
+from palpate.views.pictures import draw_pictures
 from palpate.views.run import Run
 from palpate.views.surface.film import picture
 
@@ -45,7 +45,7 @@ def drawn(name: str, folder: Path) -> Path:
             return target
     except PictureError:
         pass
-    made = {path.stem: path for path in draw(file, folder)}
+    made = {path.stem: path for path in draw_pictures(file, folder)}
     if not made:
         Run(file).plot(f"{touch}.force", f"{hand}.position").savefig(target)
     return next((made[name] for name in ("slip", "softness", *made) if name in made), target)

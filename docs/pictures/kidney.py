@@ -13,7 +13,7 @@ from PIL import Image
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.views.pictures import draw
+from palpate.views.pictures import draw_pictures
 
 WIDTH = 1500  # [px]
 TARGET = Path(__file__).with_name("kidney.png")
@@ -26,7 +26,7 @@ def main() -> None:
         outcome = execute(find("kidney").but(place="fused", record=folder / "kidney.mcap"))
         if not outcome.result.ok or outcome.recording is None:
             raise SystemExit("\n".join(map(str, outcome.result.deaths)))
-        made = {path.stem: path for path in draw(outcome.recording, folder, print)}
+        made = {path.stem: path for path in draw_pictures(outcome.recording, folder, print)}
         if "deformation" not in made:
             raise SystemExit(1)
         with Image.open(made["deformation"]) as picture:

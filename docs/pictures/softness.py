@@ -15,7 +15,7 @@ from pathlib import Path
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.views.pictures import draw
+from palpate.views.pictures import draw_pictures
 
 RUNS = {
     "softness.png": ("softness", "softness", ()),
@@ -38,7 +38,7 @@ def main(folder: Path) -> list[Path]:
             )
             if not outcome.result.ok:
                 raise SystemExit("\n".join(map(str, outcome.result.deaths)))
-            made = {path.stem: path for path in draw(file, Path(scratch))}
+            made = {path.stem: path for path in draw_pictures(file, Path(scratch))}
             shutil.copyfile(made[picture], folder / target)
     return [folder / target for target in RUNS]
 

@@ -67,7 +67,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "texture.mcap"
             assert execute(find("texture").but(record=file, place="fused")).result.ok
-            drawing = texture.draw(TouchStreams(Recording(file)))
+            drawing = texture.draw_picture(TouchStreams(Recording(file)))
             assert drawing is not None
             drawing.savefig(FOLDER / "texture.png", dpi=90)
 

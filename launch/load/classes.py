@@ -19,7 +19,7 @@ from palpate.messages.docs import summary
 from palpate.nodes.base import CompiledNode, Node, Observer, inputs, outputs, settings
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.extras import extra_of, missing
-from palpate.registry import declared, files, registered
+from palpate.registry import declared_classes, files, registered_modules
 
 SHIPPED = palpate.nodes.__name__
 
@@ -149,7 +149,7 @@ def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
     """Shipped node classes and those of entry points in the group `palpate.nodes`, sorted by name; and the modules
     that cannot be imported, with the reason."""
     uses: dict[type[Node], str] = {}
-    others, missing = registered("palpate.nodes")
+    others, missing = registered_modules("palpate.nodes")
     for file in files(palpate.nodes):
         name = file.rpartition(".")[2]
         try:
@@ -162,7 +162,7 @@ def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
                 uses.setdefault(cls, f"{name}.{cls.__name__}")
     for name, module in others.items():
         try:
-            for cls in declared(module, Node):
+            for cls in declared_classes(module, Node):
                 _check(f"{name}.{cls.__name__}", cls)
                 uses[cls] = f"{name}.{cls.__name__}"
         except ClassError as error:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from palpate.engine.faults import NOWHERE, GraphError
 from palpate.engine.graph import EffectChoice
 from palpate.engine.plan import Plan
-from palpate.launch.load.effects import by_effect, state, trimmed
+from palpate.launch.load.effects import by_effect, state, trim_fields
 from palpate.launch.load.plan import plan
 from palpate.nodes.base import Effect, inputs
 
@@ -89,7 +89,7 @@ def _without(planned: Plan, name: str, able: list[tuple[str, Effect]]) -> Plan |
     except GraphError:
         return None
     wanted = {s: planned.wanted[s] & names for s, names in other.wanted.items() if s in planned.wanted}
-    return replace(other, wanted=trimmed(wanted, switched, [specs[n] for n in other.edges]))
+    return replace(other, wanted=trim_fields(wanted, switched, [specs[n] for n in other.edges]))
 
 
 def _rule(planned: Plan, name: str, able: list[tuple[str, Effect]], on: bool) -> str:

@@ -26,12 +26,12 @@ def by_effect(named: Iterable[tuple[str, type[Node]]]) -> dict[str, list[tuple[s
     return dict(sorted(table.items()))
 
 
-def known() -> dict[str, list[tuple[str, Effect]]]:
+def list_effects() -> dict[str, list[tuple[str, Effect]]]:
     """Each effect that a shipped class can compute: the class's name in `use:` and the kind of effect."""
     return by_effect((entry.use, entry.cls) for entry in catalogue()[0])
 
 
-def chosen(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, EffectChoice]:
+def choose_effects(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, EffectChoice]:
     """The effects that are switched explicitly; the scene takes precedence over the graph."""
     switched: dict[str, EffectChoice] = {}
     for source in (graph, scene):
@@ -54,7 +54,7 @@ def apply(switched: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults:
     for name, choice in switched.items():
         parts = [(spec, effect) for spec in nodes.values() for effect in effects(spec.cls) if effect.name == name]
         if not parts:
-            if name not in known() or not (choice.on and _fills_effect(name, nodes)):
+            if name not in list_effects() or not (choice.on and _fills_effect(name, nodes)):
                 _unknown(name, choice, faults)
             continue
         for spec, effect in parts:
@@ -74,13 +74,13 @@ def apply(switched: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults:
 
 def _fills_effect(name: str, nodes: dict[str, NodeSpec]) -> bool:
     """Whether a node without declared parts sends a message with the fields that show an effect."""
-    shown = {field for _, effect in known()[name] for field in effect.fields}
+    shown = {field for _, effect in list_effects()[name] for field in effect.fields}
     plain = [spec for spec in nodes.values() if all(effect.how != "part" for effect in effects(spec.cls))]
     return any(not shown.isdisjoint(kind.__struct_fields__) for spec in plain for kind in spec.streams.values())
 
 
 def _unknown(name: str, choice: EffectChoice, faults: Faults) -> None:
-    table = known()
+    table = list_effects()
     if name in table:
         able = dict.fromkeys(use for use, _ in table[name])
         does = "computes" if choice.on else "can leave out"
@@ -93,7 +93,7 @@ def _unknown(name: str, choice: EffectChoice, faults: Faults) -> None:
         faults.add(f"effects: there is no effect {name!r}", choices("Effects", name, table), choice.place)
 
 
-def trimmed(
+def trim_fields(
     wanted: dict[str, frozenset[str]], switched: dict[str, EffectChoice], specs: Iterable[NodeSpec]
 ) -> dict[str, frozenset[str]]:
     """Wanted fields of each stream: adds those of effects that are on; removes those of effects that are off and those

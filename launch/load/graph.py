@@ -18,14 +18,14 @@ from palpate.launch.load.classes import ClassError, body, find_class
 from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_surfaces
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
-from palpate.launch.load.effects import chosen as chosen_effects
+from palpate.launch.load.effects import choose_effects as chosen_effects
 from palpate.launch.load.files import GRAPHS, ORGAN, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.network import unknown_delays
 from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.resting import restless
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
-from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve, uncalibrated
+from palpate.launch.load.values.settings import Offer, calibration_notes, check_offers, check_taken, resolve
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, unknown, wires
 from palpate.messages import Message
@@ -137,7 +137,7 @@ def load(
             offered.setdefault(offer.node, []).append(offer)
         for name, draft in drafts.items():
             if nodes[name].off is None:
-                notes += uncalibrated(name, draft.cls, draft.set_keys, offered.get(name, ()))
+                notes += calibration_notes(name, draft.cls, draft.set_keys, offered.get(name, ()))
     switch(switched, nodes, faults)
     # Check the force path: contacts, bodies, controllers, divisors and delays.
     if not unclear:

@@ -94,10 +94,10 @@ class LaunchFile:
     def load(self) -> Graph:
         """The checked graph of this run. GraphError: all faults. MeshError, SettingError: the organ cannot be used."""
         if self.organ is not None:
-            return self.settled().load()
+            return self.settle_organ().load()
         graph = self.read()
         if graph.organ is not None and not self.notes:
-            return self.settled(graph).load()
+            return self.settle_organ(graph).load()
         graph.notes += self.notes
         return graph
 
@@ -105,7 +105,7 @@ class LaunchFile:
         """The checked graph with the organ of its scene. GraphError: all faults."""
         return load(self.graph, overrides=self.overrides, scene=self.scene, wanted=self.wanted)
 
-    def settled(self, graph: Graph | None = None) -> LaunchFile:
+    def settle_organ(self, graph: Graph | None = None) -> LaunchFile:
         """The run with the mesh file of its organ, if it has one, as values of its scene, so that it is placed once and
         not at each load. Overrides that are appended later do not move it. Errors as of `load`.
 
@@ -116,10 +116,12 @@ class LaunchFile:
             if self.notes or (given := (graph or self.read()).organ) is None:
                 return self
             organ = organ_of(*given)
-        from palpate.launch.load.organ import placed  # numba and scipy, which few graphs need
+        from palpate.launch.load.organ import place_organ  # numba and scipy, which few graphs need
 
         bare = replace(self, organ=None)
-        changes, note = placed(lambda changed: replace(bare, overrides=tuple(changed)).read(), self.overrides, organ)
+        changes, note = place_organ(
+            lambda changed: replace(bare, overrides=tuple(changed)).read(), self.overrides, organ
+        )
         record = self.record and self.record.with_name(f"{organ.file.stem}.mcap")
         return replace(bare, overrides=(*changes, *self.overrides), record=record, notes=(*self.notes, note))
 

@@ -28,7 +28,7 @@ SCALES = tuple(k / 10 for k in range(10, -1, -1))
 BETWEEN = 5  # points checked between two points of the path
 
 
-def placed(
+def place_organ(
     read: Callable[[Sequence[str | Override]], Graph], overrides: Sequence[str | Override], organ: OrganFile
 ) -> tuple[list[Override], str]:
     """Overrides that replace the organ of a scene by this one, before those of the user, and a note on its position.

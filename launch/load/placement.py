@@ -80,7 +80,7 @@ class Placement:
         return {name: group for group in self.groups for name in group.nodes}[node]
 
 
-def fused(plan: Plan) -> Placement:
+def fuse_nodes(plan: Plan) -> Placement:
     """Everything in one process."""
     return Placement([ProcessGroup(FUSED, _names(plan))])
 
@@ -137,7 +137,7 @@ def load_place(path: str | Path | Placement | None, plan: Plan, times: Mapping[s
         placed = [name for group in path.groups for name in group.nodes]
         return Placement([*path.groups, *(ProcessGroup(name, [name]) for name in _names(plan) if name not in placed)])
     if path is None or str(path) in BUILT_IN:
-        return auto(plan, times) if path == AUTO else fused(plan) if path == FUSED else apart(plan)
+        return auto(plan, times) if path == AUTO else fuse_nodes(plan) if path == FUSED else apart(plan)
     source = read(find_file(str(path), PLACES, what="placement", words=BUILT_IN))
     if not isinstance(source.data, dict):
         text = "expected a mapping of group names to {nodes: [...], core: ...}"

@@ -13,7 +13,7 @@ from palpate.engine.faults import Fault, GraphError
 from palpate.engine.graph import Edge, Graph
 from palpate.engine.plan import Plan
 from palpate.launch.load.classes import body
-from palpate.launch.load.effects import trimmed
+from palpate.launch.load.effects import trim_fields
 from palpate.nodes.base import SettingError, inputs
 
 
@@ -92,7 +92,7 @@ def _wanted_fields(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: li
                     whole.add(stream)
                 else:
                     extra[stream] |= body(kinds[stream]).intersection(asked)
-    return trimmed(
+    return trim_fields(
         {s: body(kinds[s]) if s in whole else read | extra[s] for s, read in fields.items()},
         graph.effects,
         [graph.nodes[name] for name in edges],

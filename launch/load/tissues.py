@@ -17,7 +17,7 @@ import palpate.graphs
 from palpate.engine.faults import Fault, GraphError, Location, choices
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.launch.load.values.units import UnitError, convert
-from palpate.physics.contact.under_finger import rounded, under_finger
+from palpate.physics.contact.under_finger import round_settings, under_finger
 
 if TYPE_CHECKING:
     from palpate.physics.materials.hyperelastic import Material
@@ -134,7 +134,7 @@ def settings(name: str, place: Location) -> dict[str, Any]:
         return dict(found[name]["scene"])
     shear, bulk = rest_moduli(material(found[name]))
     plane = 2.0 * shear / (1.0 - poisson_of(shear, bulk))  # E/(1 - nu²)
-    return rounded(under_finger(plane))
+    return round_settings(under_finger(plane))
 
 
 def fill_in(source: YamlSource, *keys: str) -> None:

@@ -60,7 +60,7 @@ def jobs(
     return assignments
 
 
-def spared(plan: Plan) -> frozenset[str]:
+def spared_nodes(plan: Plan) -> frozenset[str]:
     """Nodes whose death does not end a run on the real clock: optional parts of the graph (`when:`) that only optional
     inputs read. An energy ledger is not among them: it is a safety check that the user has switched on."""
     needed = set()

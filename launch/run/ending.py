@@ -45,7 +45,7 @@ class Ending:
         return self.near or self.closed
 
     def stop(self) -> None:
-        self._control.tell("*", Stop())
+        self._control.send_order("*", Stop())
         self._deadline = time.monotonic() + STOP_PATIENCE
 
     def quit_after(self, seconds: float) -> None:
@@ -62,13 +62,13 @@ class Ending:
         """
         left = [m for m in self._members.values() if not (m.state == "gone" or (m.state == "done" and m.clean_exit))]
         if self._real and not any(member.job.leads for member in left):
-            self._control.tell("*", Stop())
+            self._control.send_order("*", Stop())
         if not any(member.job.nodes for member in left):
             lost = [
                 group for group, member in self._members.items() if not member.clean_exit and member.state == "gone"
             ]
             self.closed = True
-            self._control.tell("*", Close(tuple(lost)))
+            self._control.send_order("*", Close(tuple(lost)))
             self._deadline = None if left else time.monotonic() + STOP_PATIENCE
 
     def check(self, begun: bool) -> None:
@@ -79,7 +79,7 @@ class Ending:
         self._checked = moment
         if self._quit_at is not None and moment >= self._quit_at:
             self._quit_at = None
-            self._control.tell("*", Quit())
+            self._control.send_order("*", Quit())
             if not begun:
                 self._deadline = moment + 0.5
         if self._deadline is not None and moment >= self._deadline:
@@ -99,7 +99,7 @@ class Ending:
                 self._note(f"{left[group].names} did not end within {STOP_PATIENCE:g} s and was killed")
         self.kill(None if last else silent | building)
         if silent:
-            self._control.tell("*", Quit())  # otherwise the others wait for their messages
+            self._control.send_order("*", Quit())  # otherwise the others wait for their messages
 
     def kill(self, only: Collection[str] | None = None) -> None:
         """Kill these workers, or all."""

@@ -27,7 +27,7 @@ from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, auto
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import record_sources, set_recording
-from palpate.launch.run.assign import jobs, spared
+from palpate.launch.run.assign import jobs, spared_nodes
 from palpate.launch.run.notes import RunNote
 from palpate.launch.run.result import Result, Verdict, verdict
 from palpate.launch.run.screen import Screen, print_death
@@ -35,7 +35,7 @@ from palpate.launch.run.wire import keys
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
-from palpate.records.format.claim import claimed
+from palpate.records.format.claim import claim_file
 from palpate.records.format.mcap_append import NOTES, append_metadata
 from palpate.records.format.mcap_file import lacking
 
@@ -80,7 +80,7 @@ class RunOutcome:
         """The missing part of the recording: its end, if the disk was full, or messages; empty if complete."""
         return lacking(self.recording) if self.recording is not None and self.result.ticks else ""
 
-    def signalled(self) -> None:
+    def raise_signal(self) -> None:
         """Raise the signal that ended the run again, for its handler in this process (Ctrl-C: KeyboardInterrupt)."""
         if self.result.signal:
             signal.raise_signal(self.result.signal)
@@ -240,7 +240,7 @@ def _in_processes(
         key=key,
         patience=patience,
         restart=frozenset(name for name in planned.order if planned.graph.nodes[name].restart),
-        spared=spared(planned),
+        spared=spared_nodes(planned),
         show=show,
         printed=screen.print if screen else silent,
         died=lambda death: print_death(death, screen.console) if screen else None,
@@ -305,7 +305,7 @@ def _file(file: Path | None, force: bool) -> Iterator[bool]:
         with contextlib.ExitStack() as stack:
             try:
                 check_file(file)
-                fresh = stack.enter_context(claimed(file, force))
+                fresh = stack.enter_context(claim_file(file, force))
             except OSError as error:  # with the name of a file it is wrong input: exit code 2
                 what = f"{error.strerror}; choose another file with --record FILE"
                 raise OSError(error.errno, what, f"recording {file}") from None

@@ -60,7 +60,7 @@ class ForkServer:
         *lines, self._rest = self._rest.split(b"\n")
         return [ANSWERS.decode(line) for line in lines]
 
-    def printed(self) -> str:
+    def read_printout(self) -> str:
         printout = b""
         while len(printout) < MOST_PRINTED and (data := self.output.read(65536)):
             printout += data
@@ -77,7 +77,7 @@ class ForkServer:
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        last = self.printed()
+        last = self.read_printout()
         self.output.close()
         return last
 

@@ -12,7 +12,7 @@ Work = Callable[[Callable[[], bool]], None]
 """What a thread does. It gets a function that returns whether to stop, and asks it after each call of compiled code."""
 
 
-def adapted(block: int, took: float) -> int:
+def adapt_block(block: int, took: float) -> int:
     """The number of ticks of the next call, after a call of `block` ticks that took this time [s]."""
     return max(1, block // 2) if took > BLOCK else block * 2 if took < 0.5 * BLOCK else block
 

@@ -48,16 +48,16 @@ class Preparation:
         name = repr([value for path, value in values.items() if path not in self._extremes])
         group = self._groups.get(name)
         if group is None:
-            loaded = self._loaded(values)
+            loaded = self._load_once(values)
             self._groups[name] = [values, None]
             return loaded
         first, reached = group
-        base = self._loaded(first)
+        base = self._load_once(first)
         if reached is None:
-            reached = group[1] = self._reached(first, base)
-        one = self._loaded({path: first[path] if path in reached else value for path, value in values.items()})
+            reached = group[1] = self._find_targets(first, base)
+        one = self._load_once({path: first[path] if path in reached else value for path, value in values.items()})
         if one.structure != base.structure:
-            return self._loaded(values)
+            return self._load_once(values)
         nodes = list(one.job.nodes)
         for path, places in reached.items():
             for place, name in places:
@@ -65,7 +65,7 @@ class Preparation:
                 nodes[place] = msgspec.structs.replace(nodes[place], settings=settings)
         return Prepared(one.graph, msgspec.structs.replace(one.job, nodes=tuple(nodes)))
 
-    def _loaded(self, values: Mapping[str, Any]) -> Prepared:
+    def _load_once(self, values: Mapping[str, Any]) -> Prepared:
         key = repr(values)
         if key not in self._known:
             if len(self._known) >= KNOWN:
@@ -74,12 +74,12 @@ class Preparation:
             self._known[key] = self._load(values)
         return self._known[key]
 
-    def _reached(self, first: Mapping[str, Any], base: Prepared) -> dict[str, set[tuple[int, str]]]:
+    def _find_targets(self, first: Mapping[str, Any], base: Prepared) -> dict[str, set[tuple[int, str]]]:
         """For each path, the settings that equal its value. Paths that change anything else are left out."""
         reached: dict[str, set[tuple[int, str]]] = {}
         for path, values in self._extremes.items():
             try:
-                others = [(self._loaded({**first, path: value}), value) for value in values]
+                others = [(self._load_once({**first, path: value}), value) for value in values]
             except PalpateError:
                 continue
             targets = [_follows(base, other, first[path], value) for other, value in others]
@@ -122,20 +122,21 @@ class LanePreparation:
     @cached_property
     def first(self) -> Prepared:
         """Lane 0. GraphError, ArgumentError: what is wrong with it."""
-        return self._named(0, self._values)
+        return self._prepare_lane(0, self._values)
 
     def __call__(self, lane: int) -> Prepared:
         """A lane. GraphError, ArgumentError: what is wrong with it; names it."""
         values = {path: given[lane - self._begin] for path, given in self._over.items()}
-        one = self._named(lane, values) if lane else self.first
+        one = self._prepare_lane(lane, values) if lane else self.first
         if one.structure != self.first.structure:
             raise ArgumentError(
-                f"lane {lane} ({shown(values)}): found other nodes, streams or rates than in lane 0 "
-                f"({shown(self._values)}), expected lanes that differ in settings alone; make an ensemble of each kind"
+                f"lane {lane} ({describe_values(values)}): found other nodes, streams or rates than in lane 0 "
+                f"({describe_values(self._values)}), expected lanes that differ in settings alone; make an ensemble of "
+                "each kind"
             )
         return one
 
-    def _named(self, lane: int, values: Mapping[str, Any]) -> Prepared:
+    def _prepare_lane(self, lane: int, values: Mapping[str, Any]) -> Prepared:
         self._lane = lane  # `_load` names it in faults of a value, but not in what a value does to a node
         try:
             return self._prepare(values)
@@ -148,7 +149,7 @@ class LanePreparation:
         return prepare(with_values(self._launch, values, self._lane), self._keep)
 
 
-def shown(values: Mapping[str, Any]) -> str:
+def describe_values(values: Mapping[str, Any]) -> str:
     """The settings of a lane that differ from the graph, as text."""
     return ", ".join(f"{path}={value}" for path, value in values.items()) or "the settings of the graph"
 

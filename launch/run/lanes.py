@@ -19,11 +19,11 @@ from palpate.engine.plan import Plan
 from palpate.engine.segment import CompiledSegment, record_of
 from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.load.placement import fused
+from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
-from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapted
+from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapt_block
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.logger import Mcap
@@ -68,7 +68,7 @@ def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | 
     check_compiled(planned)
     if launch.clock == "real":
         raise ArgumentError(f"{graph.path.stem}: lanes need simulated time, but clock: real; run it with palpate.run")
-    (job,) = jobs(planned, fused(planned))
+    (job,) = jobs(planned, fuse_nodes(planned))
     return Prepared(graph, msgspec.structs.replace(job, observers=()))
 
 
@@ -178,7 +178,7 @@ class LaneRun:
                     if reached < now + count:
                         break
                     if count == block:
-                        block = adapted(block, took)
+                        block = adapt_block(block, took)
                     now = reached
 
         count = min(threads or len(usable_cores()), self.lanes.count)

@@ -23,11 +23,11 @@ from palpate.launch.run import reports
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
-from palpate.launch.run.member import WorkerHandle, lost
+from palpate.launch.run.member import WorkerHandle, find_loss
 from palpate.launch.run.notes import RunNote
 from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.wire.keys import Key
-from palpate.launch.run.wire.wires import ControlChannel, blocked_by, heard, listeners
+from palpate.launch.run.wire.wires import ControlChannel, blocked_by, listeners, read_streams
 from palpate.launch.run.work.compiling import LONGEST
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
@@ -157,7 +157,7 @@ class Launcher:
 
     def _fork(self, member: WorkerHandle) -> None:
         self._control.expect(member.job.group)
-        member.forked()
+        member.reset_state()
         control = self._control
         self.forkserver.ask(
             reports.Start(member.job, self.run_id, control.control, control.reports, self.key, control.guarded)
@@ -182,7 +182,7 @@ class Launcher:
         self.show(self)
 
     def _listen(self) -> None:
-        text = self.forkserver.printed()
+        text = self.forkserver.read_printout()
         if text:
             self._tail = (self._tail + text.splitlines())[-40:]
             self.printed(text)
@@ -191,7 +191,7 @@ class Launcher:
 
     def _next_report(self, wait: int = 0) -> bool:
         """Handle the next report. False: none arrived within `wait` [ms]."""
-        if not self._control.reported(wait):
+        if not self._control.has_report(wait):
             return False
         addressed = self._control.report()
         if addressed is not None:
@@ -205,7 +205,7 @@ class Launcher:
             member.reset_silence()
         match report:
             case reports.Hello():
-                self._control.tell(f"join-{member.job.group}", reports.Take(member.job, self.run_id))
+                self._control.send_order(f"join-{member.job.group}", reports.Take(member.job, self.run_id))
             case reports.Starting(node, kernels):
                 member.busy, member.kernels = node, kernels
             case reports.Compiling(active):
@@ -215,7 +215,7 @@ class Launcher:
             case reports.Ready():
                 self._ready(member, report)
             case reports.Linked():
-                self._linked(member)
+                self._link_worker(member)
             case reports.Alive(nodes, awaits):
                 self.result.health.update(msgspec.to_builtins(nodes))
                 member.waits(awaits)
@@ -223,9 +223,9 @@ class Launcher:
                 member.paused = tick
                 ticks = [lead.paused for lead in self._leads()]
                 if None not in ticks:
-                    self._control.tell("*", reports.End(max(tick for tick in ticks if tick is not None)))
+                    self._control.send_order("*", reports.End(max(tick for tick in ticks if tick is not None)))
             case NodeFault():
-                self._died(member, report)
+                self._report_death(member, report)
             case reports.Note(text, node, time_):
                 self.result.notes.append(RunNote(text, node, time_))
                 if self.printed is not silent:
@@ -251,7 +251,7 @@ class Launcher:
         member.endpoints, member.secured = report.endpoints, report.secured
         member.busy, member.state = "", "ready"
         if self._ending.over or (self._real and not any(lead.alive for lead in self._leads())):
-            self._control.tell(member.job.group, reports.Stop())  # it missed the end of the run
+            self._control.send_order(member.job.group, reports.Stop())  # it missed the end of the run
             return
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
@@ -268,23 +268,23 @@ class Launcher:
         """Send a worker the outlets to connect to and the number of readers to wait for."""
         others = {group: job for group, job in self.jobs.items() if group != member.job.group}
         sources = []
-        for group, outlet, streams in heard(member.job, others):
+        for group, outlet, streams in read_streams(member.job, others):
             other = self.members[group]
             if other.endpoints:
                 # The local address if both are on one machine, else the TCP address.
                 address = other.endpoints[outlet][0 if member.joined == other.joined else -1]
                 observed = outlet == "observers"
                 sources.append(reports.OutletAddress(group, address, tuple(streams), observed, other.secured))
-        self._control.tell(member.job.group, reports.Connect(tuple(sources), listeners(member.job, others)))
+        self._control.send_order(member.job.group, reports.Connect(tuple(sources), listeners(member.job, others)))
 
-    def _linked(self, member: WorkerHandle) -> None:
+    def _link_worker(self, member: WorkerHandle) -> None:
         if not member.alive:
             return  # it has been killed
         member.state = "linked"
         if self.phase == "linking" and self._all("linked") and not self._ending.over:
             self._go()
         elif self.phase == "running":  # it was restarted
-            self._control.tell(member.job.group, reports.Go(self.origin))
+            self._control.send_order(member.job.group, reports.Go(self.origin))
             member.state = "running"
             self._send_gone({node.name for node in member.job.nodes}, back=True)
 
@@ -294,14 +294,14 @@ class Launcher:
         self.result.start = self._started - self.begun
         self.result.origin = self._started
         self.origin = now() + (HEAD_START if self._real else 0)
-        self._control.tell("*", reports.Go(self.origin))
+        self._control.send_order("*", reports.Go(self.origin))
         for member in self.members.values():
             member.state = "running"
             member.reset_silence()
 
     # -- failures ------------------------------------------------------------------------------------------------
 
-    def _died(self, member: WorkerHandle, fault: NodeFault) -> None:
+    def _report_death(self, member: WorkerHandle, fault: NodeFault) -> None:
         member.state = "failed"
         death = msgspec.structs.replace(fault, node=fault.node or member.names)
         self.result.deaths.append(death)
@@ -329,7 +329,7 @@ class Launcher:
 
     def _send_gone(self, nodes: set[str], back: bool = False) -> None:
         blocked = blocked_by(self.jobs.values(), nodes)
-        self._control.tell("*", reports.Gone(tuple(sorted(nodes)), tuple(sorted(blocked)), back))
+        self._control.send_order("*", reports.Gone(tuple(sorted(nodes)), tuple(sorted(blocked)), back))
 
     def _answer(self, answer: reports.Started | reports.Exited) -> None:
         member = self.members[answer.group]
@@ -347,7 +347,7 @@ class Launcher:
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
             self._listen()
             trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
-            self._died(member, NodeFault("", "process", f"its process ended: {how}", trace))
+            self._report_death(member, NodeFault("", "process", f"its process ended: {how}", trace))
         member.pid = None
         if member.state == "restarting":
             self._fork(member)
@@ -382,7 +382,7 @@ class Launcher:
             self._beat = moment
             for group, member in self.members.items():
                 if member.state != "starting":
-                    self._control.tell(group, reports.Beat())
+                    self._control.send_order(group, reports.Beat())
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()
@@ -392,9 +392,9 @@ class Launcher:
         """A lost message on the simulated clock ends the run as a failure of its sender."""
         if self._real or self.phase != "running" or not self._caught_up:
             return
-        gone = lost(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
+        gone = find_loss(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
         if gone is not None:
-            self._died(gone[0], NodeFault("", "stream", gone[1]))
+            self._report_death(gone[0], NodeFault("", "stream", gone[1]))
 
     def _check_hung(self) -> None:
         """Kill workers that are silent for too long."""
@@ -418,7 +418,7 @@ class Launcher:
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:g} s: it hangs or was suspended"
-            self._died(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
+            self._report_death(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
             if member.joined:
                 self._is_gone(member)

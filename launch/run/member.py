@@ -89,7 +89,7 @@ class WorkerHandle:
             self._silence += passed
         return self._silence + max(0.0, self._at_disk - DISK_PATIENCE)
 
-    def forked(self) -> None:
+    def reset_state(self) -> None:
         """Reset the state for a new process."""
         self.state, self.pid, self.paused = "starting", None, None
         self.flushed = self.clean_exit = self.compiling = False
@@ -107,14 +107,14 @@ def at_the_disk(pid: int) -> bool:
     return "D" in states and "R" not in states
 
 
-def lost(
+def find_loss(
     members: Iterable[WorkerHandle], health: Mapping[str, Mapping[str, Any]], signs: int
 ) -> tuple[WorkerHandle, str] | None:
     """The sender of a lost message and the text of the fault. Call it when all received reports were handled.
 
     A connection to another machine may break. If a later message of the stream arrives, its reader detects the gap
-    (`Input.lost`). On the simulated clock none arrives, since all other nodes wait as well, so the launcher detects it:
-    a message counts as lost if its reader still waits for it `signs` heartbeats after it was sent.
+    (`Input.is_lost`). On the simulated clock none arrives, since all other nodes wait as well, so the launcher detects
+    it: a message counts as lost if its reader still waits for it `signs` heartbeats after it was sent.
 
     health  counters of the nodes by name. The message has been sent if its sender has stepped beyond it, or has made
             the step and waits for a message; otherwise another reader may still block the sender

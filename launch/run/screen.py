@@ -62,14 +62,14 @@ class Screen:
                 self._speed[name] = (health["steps"] - steps) / (moment - then)
                 self._before[name] = (health["steps"], moment)
         result.health = {name: result.health[name] for name in self.order if name in result.health}
-        self._live.update(self._draw(result, phase, busy or {}, moment))
+        self._live.update(self._draw_state(result, phase, busy or {}, moment))
 
     def print(self, text: str) -> None:
         """Print output of the nodes above the view."""
         if text.strip():
             self.console.print(Text(text.rstrip("\n"), style="dim"))
 
-    def _draw(self, result: Result, phase: str, busy: dict[str, str], moment: float) -> RenderableType:
+    def _draw_state(self, result: Result, phase: str, busy: dict[str, str], moment: float) -> RenderableType:
         tick = max((h["tick"] for h in result.health.values()), default=0)
         head = Text.assemble((self.title, "bold"), f"  {phase}  ", (f"{tick / self.rate:8.3f} s", "cyan"))
         parts: list[RenderableType] = [head]

@@ -30,7 +30,7 @@ def begin(gain: Any, fall: float, rise: float) -> None:
 
 
 @kernel
-def paced(pace, dt):
+def keep_pace(pace, dt):
     """Record the time dt [s] since the last step. Returns whether the node was paused during it."""
     pause = dt > GAP and 0.0 < 3.0 * pace.last < dt
     pace.usual = pace.last if 0.0 < pace.last < dt else dt
@@ -39,7 +39,7 @@ def paced(pace, dt):
 
 
 @ieee_kernel
-def shared(gain, present, dt):
+def step_gain(gain, present, dt):
     """The gain after a step of dt [s]."""
     if not present:
         gain.value = max(gain.value - dt / gain.fall, 0.0)
@@ -49,7 +49,7 @@ def shared(gain, present, dt):
 
 
 @kernel
-def faded(state, there, value, dt):
+def fade_value(state, there, value, dt):
     """The faded value (3) in a step of dt [s]; `there`: whether the current value is available."""
     if there:
         for i in range(3):
@@ -61,7 +61,7 @@ def faded(state, there, value, dt):
         elif state.gain.value == 1.0 and state.share == 0.0:
             return value[0], value[1], value[2]
     state.missing = not there
-    gain = shared(state.gain, there, dt)
+    gain = step_gain(state.gain, there, dt)
     state.share = max(state.share - dt / state.gain.fall, 0.0)
     if gain == 1.0 and state.share == 0.0:
         return state.last[0], state.last[1], state.last[2]

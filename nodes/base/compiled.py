@@ -76,7 +76,7 @@ class CompiledNode(Node):
             if name in settings(type(self)):
                 self.own[name] = _number(settings(type(self))[name].type, getattr(self, name))
             elif isinstance(part := getattr(type(self), name, None), Part):
-                self.own[name] = part.wanted(self)
+                self.own[name] = part.is_wanted(self)
         self._records: Records | None = None
 
     def _note_once(self, text: str) -> None:

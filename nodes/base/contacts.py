@@ -56,6 +56,6 @@ def vertex_error(surface: str, count: int, loads: Sequence[Load]) -> SettingErro
     )
 
 
-def press(body: Node, *loads: Load, dt: float) -> Surface:
+def press_body(body: Node, *loads: Load, dt: float) -> Surface:
     """A step of any body, called from scripts; most bodies take a list of loads."""
     return body.step([*loads] if inputs(type(body))[0].many else loads[0], dt=dt)

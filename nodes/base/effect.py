@@ -78,7 +78,7 @@ class Part:
         self.part = Effect(effect, "part", fields, about=about, also=also)
         self._needed = frozenset((*fields, *also))
 
-    def wanted(self, node: Node) -> bool:
+    def is_wanted(self, node: Node) -> bool:
         """Whether one of its fields is read."""
         return node.wanted is None or not node.wanted.isdisjoint(self._needed)
 
@@ -96,7 +96,7 @@ def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) 
 
         @functools.wraps(method)
         def where_wanted(self: Node, *given: Any) -> Any:
-            return method(self, *given) if marked.wanted(self) else otherwise
+            return method(self, *given) if marked.is_wanted(self) else otherwise
 
         where_wanted.part = marked.part  # type: ignore[attr-defined]
         return typing.cast(Method, where_wanted)

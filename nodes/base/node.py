@@ -181,7 +181,7 @@ class Observer(Node):
         """Called once before `start`, with the available streams and the provenance of the run (plain data)."""
         self.streams, self.about = streams, about
 
-    def begun(self, origin: int) -> None:
+    def take_origin(self, origin: int) -> None:
         """Called after `start`, before the first message, with the time of tick 0 [ns] on the monotonic clock.
 
         On the simulated clock later ticks are independent of the monotonic clock unless the run is paced.

@@ -24,15 +24,15 @@ import scipy  # imports its slow submodules at their first use
 from palpate.compiler.exact import product
 from palpate.messages import Surface, Vector3
 from palpate.nodes.base import Node, SettingError
-from palpate.physics.geometry.graded import filled, spread_over
+from palpate.physics.geometry.graded import fill_field, spread_over
 from palpate.physics.geometry.kidney import THICKNESS, kidney
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import capsule, plane_patch, sphere
-from palpate.physics.geometry.refined import refined
+from palpate.physics.geometry.refined import refine_mesh
 from palpate.physics.geometry.tessellate import tessellate
-from palpate.physics.geometry.thinned import thinned
+from palpate.physics.geometry.thinned import thin_mesh
 
 SURFACES = ("kidney", "sphere", "plane", "fingertip")
 OPEN = ("plane",)  # the built-in surfaces that have a border
@@ -152,7 +152,7 @@ def _placed_mesh(
         if file_unit not in UNITS:
             raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
         mesh = read_mesh(surface, UNITS[file_unit], piece)
-        mesh = refined(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
+        mesh = refine_mesh(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
     turn = rotation_matrix(rotation)
     _finite("position", position)
     return Mesh(np.ascontiguousarray(product(mesh.vertices, turn.T) + np.asarray(position)), mesh.triangles)
@@ -174,7 +174,7 @@ def _thinned_mesh(
     spacing: float,
 ) -> Mesh:
     """`OnThinnedSurface.mesh` of a file with this digest."""
-    return thinned(_placed_mesh(surface, vertices, position, rotation, file_unit, piece, refine, content), spacing)
+    return thin_mesh(_placed_mesh(surface, vertices, position, rotation, file_unit, piece, refine, content), spacing)
 
 
 @lru_cache(maxsize=4)
@@ -207,7 +207,7 @@ def complete(surface: Surface, points: np.ndarray) -> Surface:
     more = {n: spread(v) for n in ("pressure", "slipped") if len(v := getattr(surface, n)) == len(nodes)}
     return msgspec.structs.replace(
         surface, nodes=np.arange(len(points), dtype=np.int32),
-        displacement=filled(points, nodes, surface.displacement), **more,
+        displacement=fill_field(points, nodes, surface.displacement), **more,
     )  # fmt: skip
 
 
@@ -220,7 +220,7 @@ def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = L
             "Use collision.Mesh for a mesh file."
         )
     _finite("position", position)
-    return _patch(surface).moved(rotation_matrix(rotation), np.asarray(position))
+    return _patch(surface).move(rotation_matrix(rotation), np.asarray(position))
 
 
 def _patch(surface: str) -> NurbsPatch:
@@ -228,7 +228,7 @@ def _patch(surface: str) -> NurbsPatch:
         return kidney()
     if surface == "fingertip":
         forward = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-        return capsule(FINGER_RADIUS, FINGER_LENGTH).moved(forward, np.array([0.0, -FINGER_LENGTH, 0.0]))
+        return capsule(FINGER_RADIUS, FINGER_LENGTH).move(forward, np.array([0.0, -FINGER_LENGTH, 0.0]))
     return sphere(THICKNESS / 2) if surface == "sphere" else plane_patch(PLANE_SIZE)
 
 

@@ -89,7 +89,7 @@ def _penn(data: bytes) -> Texture:
     return Texture(sampling=sampling, quantity="acceleration", models=tuple(models))
 
 
-def tabulated(texture: Texture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def tabulate_texture(texture: Texture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(speeds (n), forces (m), table (n, m, p + 1)) of LSF and rms: linear on the triangles of the models' speeds and
     forces, with the nearest node outside of them. Each row is a weighted mean of models, so it is stable."""
     from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator  # slow to import

@@ -5,7 +5,7 @@ import math
 from palpate.compiler.records import vector
 from palpate.nodes.base.absence import FALL
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.physics.bodies.place_energy import bounded, on_hand
+from palpate.physics.bodies.place_energy import limit_tangential, on_hand
 from palpate.physics.contact.end_rate import COURSE, advance
 from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
 
@@ -172,7 +172,7 @@ def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness
             motion = dt * (math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2) + abs(finger.rate) + abs(rate))
             lateral = on_hand(gradient, shape, -proximity.gap, vector(proximity.normal))
             reached = max(proximity.approach, finger.compression)  # above the undeformed surface: the compression
-            lateral = bounded(lateral, force, motion, reached, finger.aside)
+            lateral = limit_tangential(lateral, force, motion, reached, finger.aside)
     if not force > 0.0:
         finger.aside[0] = finger.aside[1] = finger.aside[2] = 0.0
     if finger.compression > thickness > 0.0:

@@ -16,7 +16,7 @@ from palpate.nodes.contact.finger import FINGER
 from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
 from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.joint import joint_step
-from palpate.physics.contact.series import energy
+from palpate.physics.contact.series import series_energy
 
 MISMATCH = 2  # fault: the number of the body's laws differs from the number of fingers
 NO_FINGER = 1  # fault: no finger with this index
@@ -142,7 +142,9 @@ class Joint(Series):
             out.compression.values[i], out.compression_rate.values[i] = one.compression, rate
             lateral[i, 0], lateral[i, 1], lateral[i, 2] = along
             if own.energy:
-                out.stored.values[i] = energy(one.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3])
+                out.stored.values[i] = series_energy(
+                    one.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]
+                )
         out.force.count = out.indentation.count = out.indentation_rate.count = count
         out.compression.count = out.compression_rate.count = count
         out.stored.count = count if own.energy else 0

@@ -122,7 +122,10 @@ class Series(CompiledNode):
         put(out.normal, vector(proximity.normal))
         put(out.lateral_force, lateral)
         if own.energy:
-            one(out.stored, laws.energy(own.finger.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]))
+            one(
+                out.stored,
+                laws.series_energy(own.finger.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]),
+            )
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         """Why the body's law was refused."""

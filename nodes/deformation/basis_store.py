@@ -46,7 +46,7 @@ def key(inputs: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def shipped() -> dict[str, dict[str, Any]]:
+def shipped_bases() -> dict[str, dict[str, Any]]:
     """Provenance of each shipped basis by the name of its file."""
     index: dict[str, dict[str, Any]] = json.loads((SHIPPED / "index.json").read_text(encoding="utf-8"))
     return index
@@ -55,7 +55,7 @@ def shipped() -> dict[str, dict[str, Any]]:
 def find(folder: Path, wanted: str) -> Path | None:
     """Path of the basis with this key in a folder; None if it is missing, or another user can have written it."""
     if folder == SHIPPED:
-        names = [name for name, about in shipped().items() if about["key"] == wanted]
+        names = [name for name, about in shipped_bases().items() if about["key"] == wanted]
         return folder / names[0] if names else None
     found = sorted(folder.glob(f"*-{wanted}.npz"))
     return next((path for path in found if folder != cache() or may_read(path)), None)

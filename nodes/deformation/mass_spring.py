@@ -201,7 +201,7 @@ class MassSpring(CompiledNode, WithNodule):
             forces[i] = springs.normal_force(floats(each.forces), vector(each.normal))
             for j in range(i + 1 if several else 0):
                 other = nth(load, j)
-                coupling[i, j] = springs.shared(each.foot, other.foot, each.normal, other.normal, own.radius)
+                coupling[i, j] = springs.shared_load(each.foot, other.foot, each.normal, other.normal, own.radius)
                 coupling[j, i] = coupling[i, j]
         # indentation of each contact, and its terminal law for the next step
         body, count, courses = _body_of(own.body), 0, _courses_of(own.courses)
@@ -222,7 +222,7 @@ class MassSpring(CompiledNode, WithNodule):
             stiffness, previous, course = own.stiffness * factors[i], laws[i, 4], courses[i]
             if mapped:  # the indentation that the contact computed, with the law at the previous position
                 reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
-            moving, rest = springs.retarded(stiffness, own.exponent, own.retardation, dt)
+            moving, rest = springs.retard_law(stiffness, own.exponent, own.retardation, dt)
             free = rest * course.ahead * previous
             s = indentation(acting[i], dt, moving, own.exponent, own.damping, free, previous)
             shift = 0.0
@@ -244,7 +244,7 @@ class MassSpring(CompiledNode, WithNodule):
             if own.shape:  # displacement of the surface by the nodal law
                 pull, normal = floats(each.forces), vector(each.normal)
                 if 0.0 < share < 1.0:
-                    pull = springs.shifted(pull, normal, 1.0 / share - 1.0)
+                    pull = springs.add_shared(pull, normal, 1.0 / share - 1.0)
                 count = springs.move(body, i, integers(each.nodes), pull, normal, dt, course.ahead)
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)

@@ -122,7 +122,7 @@ class ReducedFE(CompiledNode, WithNodule):
         self.hold("areas", np.ascontiguousarray(mesh.areas))
         self.hold("push", np.zeros(len(mesh.vertices)))
         self.hold("pressures", np.zeros(len(mesh.vertices)))
-        self._organ = self._made()
+        self._organ = self._make_shared()
         self._remark()
         self._make(self._count)
 
@@ -150,10 +150,10 @@ class ReducedFE(CompiledNode, WithNodule):
         self.hold("body", body)
         self.hold("coupling", body.coupling)
 
-    def _made(self, basis: Basis | None = None) -> Any:
+    def _make_shared(self, basis: Basis | None = None) -> Any:
         """The part of the body that is independent of the number of contacts."""
-        placed, given = self._placed(basis)
-        assert isinstance(placed, Basis)  # `_sampled_class` has its `_made`
+        placed, given = self._place_basis(basis)
+        assert isinstance(placed, Basis)  # `_sampled_class` has its `_make_shared`
         large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
@@ -200,8 +200,8 @@ class ReducedFE(CompiledNode, WithNodule):
         if own.slope:
             along_the_surface(own, body, load, out)
         if own.energy:
-            one(out.stored, condensed.stored(body))
-        count = condensed.displaced(body) if own.shape else 0
+            one(out.stored, condensed.patch_energy(body))
+        count = condensed.displace_fine(body) if own.shape else 0
         send(own, load, count, out, dt)
 
     def notes(self) -> list[str]:
@@ -236,7 +236,7 @@ class ReducedFE(CompiledNode, WithNodule):
     def _placing(self) -> tuple[np.ndarray, np.ndarray]:
         return rotation_matrix(self.rotation), np.asarray(self.position, float)
 
-    def _placed(
+    def _place_basis(
         self, basis: Basis | SampledBasis | None = None
     ) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
         """The stored basis, or the given one, at its position in the world, and the other arguments of its body."""
@@ -244,7 +244,7 @@ class ReducedFE(CompiledNode, WithNodule):
         turn, origin = self._placing()
         vertices, count = product(basis.vertices, turn.T) + origin, len(basis.vertices)
 
-        def turned(matrix: np.ndarray) -> np.ndarray:
+        def turn_matrix(matrix: np.ndarray) -> np.ndarray:
             blocks = matrix.reshape(count, 3, count, 3)
             if self.rotation != LEVEL:
                 blocks = np.einsum("aibk,lk->aibl", np.einsum("ij,ajbk->aibk", turn, blocks), turn)
@@ -253,15 +253,15 @@ class ReducedFE(CompiledNode, WithNodule):
         given = (self.mesh(), self.young, self.retardation, self.radius, max(self.reach, 1.25 * self.radius))
         if isinstance(basis, SampledBasis):
             modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
-            residual = turned(basis.residual_compliance)
+            residual = turn_matrix(basis.residual_compliance)
             return SampledBasis(vertices, basis.triangles, residual, modes, basis.points, basis.bend), given
-        return Basis(vertices, basis.triangles, turned(basis.compliance)), given
+        return Basis(vertices, basis.triangles, turn_matrix(basis.compliance)), given
 
     def stiffness_field(self, basis: Basis | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Stiffness [1] (V) under a patch of `radius` round each vertex of the surface, over that of a half-space; and
         the indentation by a force along the surface, over that by an equal normal force [1] (V,3).
         `basis`: instead of the stored one. SettingError: that is missing."""
-        body, triangles = self._made(basis), self._placed(basis)[0].triangles
+        body, triangles = self._make_shared(basis), self._place_basis(basis)[0].triangles
         model, true = body.model, body.model.true
         soft, sideways = softness(Mesh(model.vertices, triangles), model, body.fine.spreader)
         compliance = exp((model.weights * soft[model.corners]).sum(axis=1))
@@ -269,16 +269,16 @@ class ReducedFE(CompiledNode, WithNodule):
         return stiff, np.einsum("wa,wai->wi", model.weights, sideways[model.corners])
 
     def coarse_mesh(self) -> Mesh:
-        """The surface to which the organ is condensed, in its frame; of a file before it is reduced (`reduced`)."""
+        """The surface to which the organ is condensed, in its frame; of a file before `reduced_count` applies."""
         return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit, piece=self.piece, refine=0.0)
 
-    def reduced(self) -> int | None:
+    def reduced_count(self) -> int | None:
         """Number of vertices to which the surface of a file is reduced; None: the basis has those of the surface."""
         if self.surface in SURFACES:
             return None
         mesh, wanted = self.coarse_mesh(), self.coarse
         if wanted == ReducedFE.coarse:  # not set
-            even = float(mesh.areas.sum()) / (0.5 * 3.0**0.5 * basis_store.EDGE**2)
+            even = float(mesh.areas.sum()) / (0.5 * np.sqrt(3.0) * basis_store.EDGE**2)
             wanted = int(np.clip(10 * round(even / 10), wanted, basis_store.MOST_REDUCED))
         return wanted if len(mesh.vertices) > basis_store.KEPT * wanted else None
 
@@ -289,7 +289,7 @@ class ReducedFE(CompiledNode, WithNodule):
             inputs["modes"] = self.modes
         if self.model != "sampled" or self.surface != "fingertip":
             inputs |= {"mesh": basis_store.digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
-            if (reduced := self.reduced()) is not None:
+            if (reduced := self.reduced_count()) is not None:
                 inputs["coarse"] = reduced
             if self.nodule_radius > 0:
                 inputs |= {"nodule": [*self.nodule_centre(), self.nodule_radius, self.nodule_ratio]}
@@ -317,7 +317,7 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def basis(self) -> Basis | SampledBasis:
         """The stored basis. SettingError: it is missing or unreadable, or has another position or shape."""
-        stored = self.stored(basis_store.SHIPPED, basis_store.cache())
+        stored = self.find_stored(basis_store.SHIPPED, basis_store.cache())
         if stored is None:
             raise SettingError(
                 "no reduced basis is stored for these settings of model, surface, poisson, bed, coarse, nodule, "
@@ -348,7 +348,7 @@ class ReducedFE(CompiledNode, WithNodule):
     def _nearest(self) -> str:
         """The differences of these settings from the inputs of the shipped basis of this surface and kind."""
         wanted = self.inputs()
-        for name, about in basis_store.shipped().items():
+        for name, about in basis_store.shipped_bases().items():
             made = about["inputs"]
             if made["surface"] == wanted["surface"] and ("modes" in made) == ("modes" in wanted):
                 changes = basis_store.differences(made, wanted)
@@ -356,7 +356,7 @@ class ReducedFE(CompiledNode, WithNodule):
                 return f"; of the shipped {name}, {'; '.join(changes[:3])}{more}"
         return ""
 
-    def stored(self, *folders: Path) -> tuple[Path, Basis | SampledBasis] | None:
+    def find_stored(self, *folders: Path) -> tuple[Path, Basis | SampledBasis] | None:
         """Path and basis for these settings in the first folder that contains one. SettingError: it is unreadable."""
         for folder in folders:
             path = basis_store.find(folder, self.key())
@@ -374,10 +374,10 @@ class _Sampled:
     State = ReducedFE.State | {"body": form(SampledBody), "cautions": (1, 4), "evaluations": int, "settled": bool}
     idle = None
 
-    def _made(self: Any, basis: Any = None) -> Any:
+    def _make_shared(self: Any, basis: Any = None) -> Any:
         if self.area != "fixed":
             raise SettingError(f"setting 'area': found {self.area!r}, expected 'fixed' with model: sampled")
-        return self._placed(basis)
+        return self._place_basis(basis)
 
     def _make(self: Any, count: int) -> None:
         self._count = count
@@ -397,7 +397,7 @@ class _Sampled:
             sampled.bear(body, i, nodes, forces, vector(each.foot), vector(each.normal))
         own.evaluations, own.settled = sampled.answer(body, floats(own.laws), floats(own.coupling), dt)
         own.beyond = sampled.extrapolation(body)
-        count = sampled.displaced(body) if own.shape else 0
+        count = sampled.displace_fine(body) if own.shape else 0
         send(own, load, count, out, dt)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.compiler.records import floats, put, vector
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.base.kernels import kernel
-from palpate.nodes.device.hand import HELD_GRIP, HeldGrip, check_reach, geometry_of, hold_grip, moved
+from palpate.nodes.device.hand import HELD_GRIP, HeldGrip, check_reach, geometry_of, hold_grip, move_grip
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.grip import LINEAR
@@ -50,7 +50,7 @@ def follow(own, goal, torque, force, out, dt):
     floats(own.ends)[0] = dt
     put(points[0], vector(own.goal))
     put(points[1], goal)
-    joints = moved(own, torques, dt)
+    joints = move_grip(own, torques, dt)
     put(own.goal, goal)
     out.joints.count = out.position.count = 3
     out.homed = True

@@ -10,7 +10,7 @@ from palpate.compiler.records import floats, form, integers, unpacking
 from palpate.messages import Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node, SettingError
 from palpate.nodes.base.kernels import kernel
-from palpate.physics.device.falcon import FALCON, HOME, Geometry, leg
+from palpate.physics.device.falcon import FALCON, HOME, Geometry, directions
 from palpate.physics.device.grip import GRIP, LINEAR, MINIMUM_JERK, MOTION, grip_kernel
 
 geometry_of = unpacking(Geometry)
@@ -76,7 +76,7 @@ def check_reach(grip: HeldGrip, name: str, point: Vector3) -> np.ndarray:
     """A point of the world [m] in the device's frame (3). SettingError: out of its reach; `name`: of the setting."""
     inside = np.array(point) - np.array(grip.origin)
     # Uncompiled, because the launcher needs no other kernel and the compiler takes 0.25 s to start.
-    if not all(leg.py_func(FALCON.geometry, i, *inside.tolist())[0] for i in range(3)):
+    if not all(directions.py_func(FALCON.geometry, i, *inside.tolist())[0] for i in range(3)):
         raise SettingError(
             f"setting {name!r} [m]: found {point}, {tuple(inside.tolist())} from the device's origin, which is out of "
             f"its reach. Points near {HOME} from its origin work; 'origin' places the device in the world."
@@ -96,7 +96,7 @@ def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: 
 
 
 @kernel
-def moved(own, torques, dt):
+def move_grip(own, torques, dt):
     """Move the grip by one step of dt [s] under motor torques [N m] (3). Returns its driven angles [rad]."""
     return grip_kernel(
         geometry_of(own.geometry), own.grip, own.motion, floats(own.ends), floats(own.points),

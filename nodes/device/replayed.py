@@ -9,7 +9,7 @@ from mcap.records import Channel
 from palpate.messages import DeviceState, Force, MessageError, Torque, unpack
 from palpate.nodes.base import Node, SettingError
 from palpate.nodes.device.motion import read_motion
-from palpate.records.format.mcap_file import Broken, declared, messages, opened
+from palpate.records.format.mcap_file import Broken, messages, read_declarations, read_records
 
 
 class Replayed(Node):
@@ -50,10 +50,10 @@ class Replayed(Node):
         # read chunk by chunk, because a recording of hours may exceed the memory
         channel = None
         try:
-            for chunk in opened(self.path):
+            for chunk in read_records(self.path):
                 if not isinstance(chunk, bytes):
                     continue
-                for each in declared(chunk):
+                for each in read_declarations(chunk):
                     if isinstance(each, Channel) and each.topic == self.stream:
                         channel = each.id
                 for which, _, _, payload in messages(chunk):

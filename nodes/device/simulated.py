@@ -8,13 +8,13 @@ import numpy as np
 from palpate.compiler.records import floats, integers, put, vector
 from palpate.messages import DeviceState, Torque
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
-from palpate.nodes.base.absence import FADED, FALL, PACE, begin, faded, paced
+from palpate.nodes.base.absence import FADED, FALL, PACE, begin, fade_value, keep_pace
 from palpate.nodes.base.kernels import kernel
-from palpate.nodes.device.hand import HELD_GRIP, SimulatedOperator, check_reach, geometry_of, hold_grip, moved
+from palpate.nodes.device.hand import HELD_GRIP, SimulatedOperator, check_reach, geometry_of, hold_grip, move_grip
 from palpate.physics.device import random_numbers
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.grip import angles
-from palpate.physics.device.random_numbers import seeded, uniform
+from palpate.physics.device.random_numbers import seed_state, uniform
 
 GLITCH = 1000 * FALCON.count  # [rad]
 
@@ -59,7 +59,7 @@ class Simulated(SimulatedOperator, CompiledNode):
         self.hold("buttons", np.array([segment.buttons for segment in self.path] or [0], np.int32))
         self.hold("reports", np.zeros((self.delay + 1, 3)))
         self.own["newest"] = -1
-        self.own["random"] = seeded(self.seed)
+        self.own["random"] = seed_state(self.seed)
         begin(self.own["torques"]["gain"], FALL, FALL)
 
     @kernel
@@ -71,12 +71,12 @@ class Simulated(SimulatedOperator, CompiledNode):
             for i in range(count):
                 put(reports[i], first)
             put(own.last, first)
-        if paced(own.pace, dt):
+        if keep_pace(own.pace, dt):
             dt = own.pace.usual
-        torques = faded(own.torques, torque.there, torque.torques, dt)
+        torques = fade_value(own.torques, torque.there, torque.torques, dt)
         put(own.applied, torques)
         own.newest = (own.newest + 1) % count
-        put(reports[own.newest], moved(own, torques, dt))
+        put(reports[own.newest], move_grip(own, torques, dt))
         if own.lost == 0.0 or uniform(own.random) >= own.lost:
             put(own.last, vector(reports[(own.newest + 1) % count]))
         out.joints.count, out.homed = 3, True

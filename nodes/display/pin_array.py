@@ -67,7 +67,7 @@ class PinArray(OnThinnedSurface):
 
     def start(self) -> None:
         self.grid = pin_grid(self.rows, self.columns, self.pitch).reshape(-1, 2)
-        self.distance = np.hypot(self.grid[:, 0], self.grid[:, 1])
+        self.distance = np.sqrt(self.grid[:, 0] ** 2 + self.grid[:, 1] ** 2)
         self.pins = np.zeros(len(self.grid))
         self.shown = np.zeros(len(self.grid))
         self.shape = np.zeros(len(self.grid))

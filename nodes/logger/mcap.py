@@ -252,7 +252,7 @@ class Mcap(Observer):
         except OSError as error:
             self._give_up(error)
 
-    def lost(self, stream: Stream) -> int:
+    def count_lost(self, stream: Stream) -> int:
         """Number of messages of a stream that were sent but not received.
 
         If the sender has not reported its number of steps, this is the number of ticks without a message.
@@ -280,7 +280,7 @@ class Mcap(Observer):
             return
         try:
             known = [stream for stream in self.streams if stream.name in self._recorded]
-            counts = {s.name: {"count": self._recorded[s.name].count, "lost": self.lost(s)} for s in known}
+            counts = {s.name: {"count": self._recorded[s.name].count, "lost": self.count_lost(s)} for s in known}
             for name, about in (("palpate.counts", counts), ("palpate.times", self._times)):
                 self._writer.add_metadata(name, {key: json.dumps(value) for key, value in about.items()})
             self._writer.finish()

@@ -44,12 +44,12 @@ class NetFT(Wired):
         self.pressed = 0.0  # [N] by the finger, on the emulated sample
         super().start()
 
-    def felt(self, now: int) -> Wrench:
+    def sensed_wrench(self, now: int) -> Wrench:
         """Force [N] and torque [N m] on the emulated sensor at `now` [ns]."""
         x, y, z = self.normal
         return (-self.pressed * x, -self.pressed * y, -self.pressed * z, 0.0, 0.0, 0.0)
 
-    def _press(self, pose: Pose) -> float:
+    def _press_bone(self, pose: Pose) -> float:
         above = sum((p - f) * n for p, f, n in zip(pose.position, self.foot, self.normal, strict=True))
         rate = -sum(v * n for v, n in zip(pose.velocity, self.normal, strict=True))
         depth = max(self.top - above, 0.0)
@@ -57,7 +57,7 @@ class NetFT(Wired):
 
     def step(self, pose: Pose | None, *, dt: float) -> Contact:
         if self.port == EMULATOR and pose is not None:
-            self.pressed = self._press(pose)
+            self.pressed = self._press_bone(pose)
         sample = self.talk((), dt)
         self.clock += dt
         force = 0.0
@@ -80,7 +80,7 @@ class NetFT(Wired):
 
         if self.port != EMULATOR:
             return Sensor(self.port)
-        self.emulated = EmulatedNetFT(self.felt, self.faults)
+        self.emulated = EmulatedNetFT(self.sensed_wrench, self.faults)
         return self.emulated.driver()
 
     def stop(self) -> None:

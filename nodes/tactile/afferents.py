@@ -54,7 +54,7 @@ class Afferents(WithReceptors):
     def start(self) -> None:
         super().start()
         self.three("gains", 0.0)
-        made = self.made()
+        made = self.make_population()
         n = len(made.kind)
         rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson, made.kind)
         share = np.array(self.gains)[made.kind]
@@ -74,7 +74,7 @@ class Afferents(WithReceptors):
         self.own["sampled"] = -1
         self.own["counts"] = np.maximum(np.bincount(made.kind, minlength=3), 1)
 
-    def made(self) -> population.Population:
+    def make_population(self) -> population.Population:
         """The receptors. SettingError: the file or the densities are invalid."""
         return self.receptors(self.seed, self.trial)
 
@@ -121,7 +121,7 @@ class Afferents(WithReceptors):
             if energy or len(surface) == 0:
                 above = rows[n, 13] * target
             else:
-                above = dynamic[n] * population.deflected(surface, corners[n], weights[n])
+                above = dynamic[n] * population.deflection_stimulus(surface, corners[n], weights[n])
             if begins:
                 state[n, 6], state[n, 12] = target, above
             fired_before = spikes

@@ -1,5 +1,6 @@
 """Stress at the receptors while a relief slides under the skin (docs/equations/relief.md)."""
 
+import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -77,7 +78,7 @@ class Relief(WithReceptors, WithTexture):
         node, weight = np.polynomial.legendre.leggauss(64)
         q = 0.5 * (node + 1.0)
         total = np.pi * float(np.sum(weight * q * kernel_values(self.kernel, q))) * self.radius**2
-        away = np.hypot(made.at[:, 0], made.at[:, 1]) / self.radius
+        away = np.sqrt(made.at[:, 0] ** 2 + made.at[:, 1] ** 2) / self.radius
         held = {
             "at": made.at, "share": kernel_values(self.kernel, away) / total, "layer": layer.astype(np.int32),
             "corners": np.zeros((len(layer), 8), np.int32), "weights": np.zeros((len(layer), 8)),
@@ -126,7 +127,7 @@ class Relief(WithReceptors, WithTexture):
             a[0] * normal[1] - a[1] * normal[0],
         )
         v = x[0] * b[0] + x[1] * b[1] + x[2] * b[2]
-        size = (u * u + v * v) ** 0.5
+        size = math.sqrt(u * u + v * v)
         c, s = (u / size, v / size) if size > 0.0 else (1.0, 0.0)
         forces, pressing = floats(load.forces), 0.0
         for k in range(len(forces)):

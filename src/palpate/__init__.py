@@ -74,10 +74,10 @@ def steps(
 
     PalpateError: the graph is invalid, or a node failed.
     """
-    from palpate.calling import described
+    from palpate.calling import describe_run
     from palpate.stepping import Stepper, ticks
 
-    return ticks(Stepper(described(graph, duration=duration, scene=scene, sets=sets, nodes=nodes, organ=organ)))
+    return ticks(Stepper(describe_run(graph, duration=duration, scene=scene, sets=sets, nodes=nodes, organ=organ)))
 
 
 def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Comparison:

@@ -60,7 +60,7 @@ def run(
     """
     if clock not in (None, "simulated", "real"):
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
-    launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
+    launch = describe_run(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
     launch = launch.but(clock=clock, place=find_place(place))
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
@@ -80,7 +80,7 @@ def run(
         else:
             file = recording_name(Path(record), "record")
         outcome = execute(launch.but(record=file), loaded, force=force)
-    outcome.signalled()
+    outcome.raise_signal()
     if not outcome.result.ok:
         kept = "" if temporary else f" What was recorded before is in {outcome.recording}."
         raise RunError("; ".join(map(str, outcome.result.deaths)) + kept)
@@ -93,7 +93,7 @@ def run(
     return run
 
 
-def described(
+def describe_run(
     graph: str | Path,
     *,
     scene: str | None,
@@ -116,7 +116,7 @@ def described(
             duration=None if duration is None else _seconds(duration),
             organ=None if organ is None else organ_of(organ),
         )
-        .settled()
+        .settle_organ()
     )
 
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from palpate.bases import build_for_each, depends
-from palpate.calling import Organ, described
+from palpate.calling import Organ, describe_run
 from palpate.compiler import kernel_cache
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
 from palpate.launch.load.dependencies import digest
 from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneKeep, LaneTask, block_size
-from palpate.launch.run.lane_values import LanePreparation, extremes, identity, shown, with_values
+from palpate.launch.run.lane_values import LanePreparation, describe_values, extremes, identity, with_values
 from palpate.launch.run.lanes import Prepared
 from palpate.launch.run.notes import RunNote, warn
 from palpate.launch.run.progress import StageBars
@@ -68,7 +68,7 @@ class Ensemble:
         for name, value in (("lanes", lanes), ("every", every), ("threads", threads)):
             if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
                 raise ArgumentError(f"{name}: found {value!r}, expected a whole number from 1")
-        launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
+        launch = describe_run(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
         if launch.duration is None:
             raise ArgumentError(f"{graph}: the graph has no duration; pass duration=2.0 [s]")
         base = launch.load()
@@ -97,18 +97,18 @@ class Ensemble:
         self._lane.give(0, self.over)
         kept, size = LaneKeep(names, self.ticks, every), block_size(lanes, self._row, self.ticks)
         self._prepared: list[Prepared] = []
-        self._blocks = LaneBlocks(self._checked, self._lane.first, lanes, size, kept)
+        self._blocks = LaneBlocks(self._check_lane, self._lane.first, lanes, size, kept)
         self._prepared = [self._lane(lane) for lane in self._blocks.checked]
         same = digest(identity(self._lane.first))
         self._task = LaneTask(launch, first, varied, lanes, size, kept, same)
 
-    def _checked(self, lane: int) -> Prepared:
+    def _check_lane(self, lane: int) -> Prepared:
         """A lane. GraphError, ArgumentError: it is refused."""
         return self._prepared[lane] if lane < len(self._prepared) else self._lane(lane)
 
     def settings(self, lane: int) -> str:
         """The settings of a lane that differ from the graph, as text."""
-        return shown({path: values[lane] for path, values in self.over.items()})
+        return describe_values({path: values[lane] for path, values in self.over.items()})
 
     def run(self, *, out: str | Path | None = None, quiet: bool = False, executor: Executor | None = None) -> Any:
         """Run all lanes from the start.
@@ -213,7 +213,7 @@ class Ensemble:
         """Run blocks on an executor."""
         ran, ended = 0, ""
 
-        def finished(blocks: Finished) -> None:
+        def add_blocks(blocks: Finished) -> None:
             nonlocal ran, ended
             for (first, _), found in blocks:
                 count = self._width(first)
@@ -226,7 +226,7 @@ class Ensemble:
 
         slices = [slice(first, first + self._width(first)) for first in firsts]
         items = [(part.start, {path: values[part] for path, values in self.over.items()}) for part in slices]
-        spread(executor, about(), self._task, items, finished)
+        spread(executor, about(), self._task, items, add_blocks)
         if ended:
             raise RunError(f"{ended}; the other lanes have run")
 
@@ -248,7 +248,7 @@ class Ensemble:
 
     def _dataset(self, time: np.ndarray, columns: Sequence[np.ndarray], errors: list[str]) -> Any:
         """The results as a Dataset, or as a dictionary without xarray."""
-        found = [field.shown(column) for field, column in zip(self._fields, columns, strict=True)]
+        found = [field.decode_words(column) for field, column in zip(self._fields, columns, strict=True)]
         try:
             import xarray
         except ImportError:

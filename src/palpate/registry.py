@@ -35,7 +35,7 @@ def modules(package: ModuleType) -> dict[str, ModuleType]:
 
 def classes(package: ModuleType, base: type[T]) -> dict[str, type[T]]:
     """The subclasses of `base` that the files of a package declare, by name. Imports all files."""
-    found = {kind.__name__: kind for module in modules(package).values() for kind in declared(module, base)}
+    found = {kind.__name__: kind for module in modules(package).values() for kind in declared_classes(module, base)}
     return dict(sorted(found.items()))
 
 
@@ -50,7 +50,7 @@ def find(package: ModuleType, name: str, base: type[T]) -> type[T] | None:
         except ImportError as error:  # this file needs a missing package; the wanted class may be in another file
             unread.append(error)
             continue
-        for kind in declared(module, base):
+        for kind in declared_classes(module, base):
             if kind.__name__ == name:
                 return kind
     if unread:
@@ -58,7 +58,7 @@ def find(package: ModuleType, name: str, base: type[T]) -> type[T] | None:
     return None
 
 
-def declared(module: ModuleType, base: type[T]) -> Iterator[type[T]]:
+def declared_classes(module: ModuleType, base: type[T]) -> Iterator[type[T]]:
     """The public subclasses of `base` that a file declares, without those that it imports."""
     for name, kind in vars(module).items():
         public = isinstance(kind, type) and issubclass(kind, base) and not name.startswith("_")
@@ -66,7 +66,7 @@ def declared(module: ModuleType, base: type[T]) -> Iterator[type[T]]:
             yield kind
 
 
-def registered(group: str) -> tuple[dict[str, ModuleType], dict[str, str]]:
+def registered_modules(group: str) -> tuple[dict[str, ModuleType], dict[str, str]]:
     """Modules that other distributions register as entry points of this group, by full name, and by the same names the
     errors of those that cannot be imported. Only listings call this, because it imports the distributions' code."""
     from importlib.metadata import entry_points

@@ -15,7 +15,7 @@ from palpate.engine.faults import choices
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError, Slot
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.load.placement import fused
+from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.load.values.settings import in_si
@@ -80,7 +80,7 @@ class Tick:
         NodeError: the node fails to start with them, which ends the loop.
         """
         slot = slot_of(self._worker, node)
-        new = settled(slot, values)
+        new = convert_settings(slot, values)
         try:
             slot.node.stop()
             for name, value in new.items():
@@ -108,9 +108,9 @@ class Stepper:
             name = graph.path.stem
             raise ArgumentError(f"{name}: stepping needs simulated time, but {what}; run it with palpate.run")
         ticks = max(1, round(launch.duration * graph.rate)) if launch.duration is not None else None
-        (self.job,) = jobs(self.plan, fused(self.plan), ticks=ticks)  # of all nodes that run
+        (self.job,) = jobs(self.plan, fuse_nodes(self.plan), ticks=ticks)  # of all nodes that run
         self._notes: list[RunNote] = []
-        self._worker = Worker(self.job, None, self._noted)
+        self._worker = Worker(self.job, None, self._keep_note)
         self._clock = SimulatedClock(self._worker)
         self.rate, self.last = graph.rate, self._worker.last
         self._own = {slot.name: _settings(slot.node) for slot in self._worker.slots}
@@ -135,7 +135,7 @@ class Stepper:
         ArgumentError, SettingError: unknown node or setting, or invalid value; nothing changes. NodeError: a node
         failed.
         """
-        new = {name: settled(slot_of(self._worker, name), values) for name, values in changes.items()}
+        new = {name: convert_settings(slot_of(self._worker, name), values) for name, values in changes.items()}
         for slot in self._worker.slots:
             for name, value in (self._own[slot.name] | new.get(slot.name, {})).items():
                 setattr(slot.node, name, value)
@@ -158,7 +158,7 @@ class Stepper:
         """Stop all nodes."""
         self._worker.stop()
 
-    def _noted(self, report: Report) -> None:
+    def _keep_note(self, report: Report) -> None:
         if isinstance(report, Note):
             self._notes.append(RunNote(report.text, report.node, report.time))
 
@@ -188,7 +188,7 @@ def _settings(node: Node) -> dict[str, Any]:
     return {name: getattr(node, name) for name in settings(type(node))}
 
 
-def settled(slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
+def convert_settings(slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
     """Convert given settings to the values that the node stores. SettingError: unknown setting or invalid value."""
     known = settings(type(slot.node))
     new = {}

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.cli.terminal.group import SYNONYMS
 from palpate.cli.terminal.output import table
-from palpate.cli.terminal.run_summary import ended
+from palpate.cli.terminal.run_summary import print_end
 from palpate.launch.load.launchfile import find as find_graph
 from palpate.launch.run.result import Result
 from palpate.launch.run.wire import keys
@@ -332,13 +332,13 @@ def test_plot_returns_the_current_figure_of_pyplot():
 def test_pictures_are_announced_and_skipped_after_ctrl_c(stopped, tmp_path, monkeypatch, capsys):
     drawn = []
     monkeypatch.setattr(
-        "palpate.views.pictures.draw", lambda file, folder, warn, done: done(0.0) or drawn.append(file) or []
+        "palpate.views.pictures.draw_pictures", lambda file, folder, warn, done: done(0.0) or drawn.append(file) or []
     )
     file = tmp_path / "run.mcap"
     file.touch()
     plan = SimpleNamespace(graph=SimpleNamespace(notes=(), rate=1000.0), skipped={})
     result = Result(ticks=5, signal=signal.SIGINT if stopped else 0)
-    ended(SimpleNamespace(result=result, plan=plan, recording=file, verdict=None, lacking="", placed=""), "kidney",
+    print_end(SimpleNamespace(result=result, plan=plan, recording=file, verdict=None, lacking="", placed=""), "kidney",
           tmp_path, False, False)  # fmt: skip
     output_text = " ".join("".join(capsys.readouterr()).split())
     assert drawn == ([] if stopped else [file]) and ("drawing the pictures" in output_text) is not stopped
@@ -360,6 +360,6 @@ def test_notes_of_the_live_view_are_not_repeated_at_the_end(capsys):
         notes=["the hand feels a softer one", "a priority was refused"], live={"the hand feels a softer one"}
     )
     plan = SimpleNamespace(graph=graph, skipped={})
-    ended(SimpleNamespace(result=result, plan=plan, recording=None, verdict=None), "kidney", None, False, False)
+    print_end(SimpleNamespace(result=result, plan=plan, recording=None, verdict=None), "kidney", None, False, False)
     output_text = capsys.readouterr().out
     assert "a priority was refused" in output_text and "softer" not in output_text

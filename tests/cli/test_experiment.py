@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.cli.commands.studies import experiment as command
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
 from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import EXPERIMENTS, load
-from palpate.studies.psychophysics.opening import opened
+from palpate.studies.psychophysics.opening import open_sitting
 from palpate.studies.psychophysics.stimuli import Stimuli
 
 TEXT = """\
@@ -69,7 +69,7 @@ def test_an_observer_without_noise_finds_the_stiffer_kidney_and_replay_reproduce
     assert [row["hit"] for row in found] == ["1"] * 4 and {row["level"] for row in found} == {"2000.0", "4000.0"}
     for name in ("recording_1", "recording_2"):
         recording = Recording(tmp_path / "out" / found[0][name])
-        plan = changed(recording, ())
+        plan = change_plan(recording, ())
         assert verify(recording, plan).ok
         is_comparison = name == f"recording_{found[0]['interval']}"
         stiffness = plan.graph.nodes["tissue"].settings["stiffness"]
@@ -232,6 +232,6 @@ def test_the_shipped_experiments_can_be_simulated(file, tmp_path):
     experiment, source = load(file)
     stimuli = Stimuli(experiment, source, file)
     settings = simulated.load(source.sub("observer"))
-    with opened(str(file), tmp_path, None, None, [], False, lambda text: None) as sitting:
+    with open_sitting(str(file), tmp_path, None, None, [], False, lambda text: None) as sitting:
         assert sitting.trial.total > 40
         simulated.SimulatedObserver(stimuli, settings, "01", 1, 0)

@@ -152,14 +152,14 @@ def test_a_run_raises_keyboard_interrupt_and_the_next_run_works(tmp_path, monkey
 
 @pytest.mark.parametrize("to", ["csv", "parquet", "foxglove"])
 def test_an_interrupted_export_leaves_no_file(file, to, tmp_path, monkeypatch):
-    decoded = Recording.decoded
+    decode = Recording.decode
 
     def until_a_file_is_begun(*given):
         if any(path.is_file() for path in tmp_path.rglob("*")):
             ctrl_c()
-        return decoded(*given)
+        return decode(*given)
 
-    monkeypatch.setattr(Recording, "decoded", until_a_file_is_begun)
+    monkeypatch.setattr(Recording, "decode", until_a_file_is_begun)
     with pytest.raises(KeyboardInterrupt):
         export(Recording(file), to, tmp_path / "out")
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []

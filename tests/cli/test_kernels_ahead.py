@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from palpate.cli.machine.kernels import BODIES, MISSING, TOUCHES, shipped
+from palpate.cli.machine.kernels import BODIES, MISSING, TOUCHES, shipped_launches
 from palpate.launch.load.launchfile import names
 
 
@@ -39,5 +39,5 @@ def test_compiled_kernels_suffice_for_the_usual_graphs_in_one_and_several_proces
 
 @pytest.mark.long
 def test_the_wheel_contains_every_graph_and_body():
-    listed = [name for name, _ in shipped()]
+    listed = [name for name, _ in shipped_launches()]
     assert set(listed) >= set(names()) | {f"{graph} with {body}" for graph in TOUCHES for body in BODIES}

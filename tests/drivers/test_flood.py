@@ -133,6 +133,6 @@ def test_in_a_flood_the_force_goes_to_zero_and_commands_continue():
             far.flood = state
         far.waiting.append(state(0.0))
         sample = driver.cycle(command)
-        guard.saw(None if sample is None else sample._replace(time=now))
+        guard.note_answer(None if sample is None else sample._replace(time=now))
     assert sent[15] == 1.0 and sent[-1] == 0.0
     assert far.sent == 59

@@ -23,7 +23,7 @@ def run(guard, count, command=(1.0, 0.0, 0.0), start=1, sample=None, age=0):
         now = k * MS
         sent.append(guard.apply(command, now, now - age))
         given = DeviceSample(now, position=(0.0, 0.0, 0.0)) if sample is None else sample(now)
-        guard.saw(given)
+        guard.note_answer(given)
     return sent
 
 
@@ -38,7 +38,7 @@ def test_the_force_ramps_up_within_the_ramp_time():
 def test_the_first_command_begins_the_ramp_at_any_time_of_the_clock():
     """A monotonic clock is far from zero at the start; that time is no time of the ramp."""
     guard, begin = Guard(WIDE), 10**15
-    guard.saw(DeviceSample(begin, position=(0.0,) * 3))
+    guard.note_answer(DeviceSample(begin, position=(0.0,) * 3))
     sent = [guard.apply((1.0, 0.0, 0.0), begin + k * MS, begin + k * MS)[0] for k in range(3)]
     assert sent == approx([0.0, 0.01, 0.02])
 
@@ -72,7 +72,7 @@ def test_the_command_never_jumps_around_an_outage(without, after):
     guard = Guard(WIDE)
     run(guard, 300)
     old = [guard.apply((1.0, 0.0, 0.0), (300 + k) * MS, 300 * MS) for k in range(1, without)]
-    guard.saw(DeviceSample((299 + without) * MS, position=(0.0, 0.0, 0.0)))
+    guard.note_answer(DeviceSample((299 + without) * MS, position=(0.0, 0.0, 0.0)))
     x = np.array([c[0] for c in [*old, *run(guard, 200, (after, 0.0, 0.0), 300 + without)]])
     assert x[0] == 1.0 and x[-1] == after
     assert max(abs(np.diff(x))) <= (1.0 + abs(1.0 - after)) * 1e-3 / FALL + abs(after) * 1e-3 / WIDE.ramp + 1e-12
@@ -105,40 +105,40 @@ def test_the_force_requires_the_dead_man_button():
 def test_three_missing_answers_in_a_row_remove_the_force_and_two_do_not():
     guard = Guard(WIDE)
     for now in (MS, 2 * MS):
-        guard.saw(None)
-        guard.saw(None)
-        guard.saw(DeviceSample(now, position=(0.0,) * 3))
-        guard.saw(None)
-        guard.saw(None)
+        guard.note_answer(None)
+        guard.note_answer(None)
+        guard.note_answer(DeviceSample(now, position=(0.0,) * 3))
+        guard.note_answer(None)
+        guard.note_answer(None)
         assert guard.why(now, now) == ""
-    guard.saw(None)
+    guard.note_answer(None)
     assert guard.why(2 * MS, 2 * MS) == "answers are missing"
 
 
 def test_a_command_is_valid_after_9_ms_and_stale_after_11_ms():
     guard = Guard(WIDE)
-    guard.saw(DeviceSample(20 * MS, position=(0.0,) * 3))
+    guard.note_answer(DeviceSample(20 * MS, position=(0.0,) * 3))
     assert guard.why(20 * MS, 11 * MS) == "" and guard.why(20 * MS, 9 * MS) == "the command is old"
 
 
 def test_a_sensor_without_commands_gets_none():
     guard = Guard(Limits(0.0, 0.0, math.inf, ramp=0.0))
-    guard.saw(DeviceSample(MS, wrench=(0.0,) * 6))
+    guard.note_answer(DeviceSample(MS, wrench=(0.0,) * 6))
     assert guard.apply((), MS, MS) == ()
 
 
 def test_when_homing_is_lost_the_force_falls_linearly_without_a_known_power():
     guard = Guard(Limits(command=4.0, power=0.01, speed=math.inf, ramp=0.0))
-    guard.saw(DeviceSample(MS, position=(0.0,) * 3))
+    guard.note_answer(DeviceSample(MS, position=(0.0,) * 3))
     assert guard.apply((4.0, 0.0, 0.0), MS, MS)[0] == 4.0
-    guard.saw(DeviceSample(2 * MS, homed=False))
+    guard.note_answer(DeviceSample(2 * MS, homed=False))
     falling = [guard.apply((4.0, 0.0, 0.0), k * MS, k * MS)[0] for k in range(2, 20)]
     assert falling == approx([max(0.0, 4.0 * (1.0 - (k - 1) * 1e-3 / FALL)) for k in range(2, 20)], abs=1e-12)
 
 
 def test_the_ramp_starts_with_the_first_command():
     guard = Guard(WIDE)
-    guard.saw(DeviceSample(MS, position=(0.0,) * 3))
+    guard.note_answer(DeviceSample(MS, position=(0.0,) * 3))
     assert guard.apply((1.0, 0.0, 0.0), MS, MS) == (0.0, 0.0, 0.0)
 
 
@@ -146,7 +146,7 @@ def test_torques_are_limited_one_by_one_and_a_force_by_its_length():
     full = {}
     for each in (True, False):
         guard = Guard(Limits(command=0.4, power=math.inf, speed=math.inf, each=each, ramp=0.0))
-        guard.saw(DeviceSample(MS, joints=(0.0,) * 3))
+        guard.note_answer(DeviceSample(MS, joints=(0.0,) * 3))
         full[each] = guard.apply((4.0, 4.0, -4.0), MS, MS)
     assert full[True] == approx((0.4, 0.4, -0.4)) and np.linalg.norm(full[False]) == approx(0.4)
 
@@ -154,30 +154,30 @@ def test_torques_are_limited_one_by_one_and_a_force_by_its_length():
 def test_the_power_of_torques_is_computed_at_the_joints():
     guard = Guard(Limits(command=10.0, power=0.5, speed=math.inf, ramp=0.0))
     for k in range(1, 20):
-        guard.saw(DeviceSample(k * MS, joints=(2e-3 * k, 0.0, 0.0), position=(0.0, 1e-6 * k, 0.0)))  # 2 rad/s
+        guard.note_answer(DeviceSample(k * MS, joints=(2e-3 * k, 0.0, 0.0), position=(0.0, 1e-6 * k, 0.0)))  # 2 rad/s
     assert guard.apply((4.0, 0.0, 0.0), 19 * MS, 19 * MS)[0] == approx(0.25)
 
 
 def test_a_sample_with_an_old_time_is_ignored():
     guard = Guard(WIDE)
     for k, x in ((1, 0.0), (2, 1e-4), (3, 2e-4), (2, 0.5), (3, 0.5)):
-        guard.saw(DeviceSample(k * MS, position=(x, 0.0, 0.0)))
+        guard.note_answer(DeviceSample(k * MS, position=(x, 0.0, 0.0)))
     assert guard.rates()[1] == approx((0.1, 0.0, 0.0))
 
 
 def test_rates_are_empty_without_a_sample():
     guard = Guard(WIDE)
     assert guard.rates() == ((), ())
-    guard.saw(DeviceSample(MS, position=(0.0,) * 3))
+    guard.note_answer(DeviceSample(MS, position=(0.0,) * 3))
     assert guard.rates() == ((), ())
 
 
 def test_rates_are_averaged_over_the_last_eight_intervals():
     guard = Guard(WIDE)
     for k in range(1, 20):
-        guard.saw(DeviceSample(k * MS, position=(1.0 if k < 11 else 1.0 + 1e-3 * (k - 11), 0.0, 0.0)))
+        guard.note_answer(DeviceSample(k * MS, position=(1.0 if k < 11 else 1.0 + 1e-3 * (k - 11), 0.0, 0.0)))
     assert guard.rates()[1] == approx((1.0, 0.0, 0.0))
-    guard.saw(DeviceSample(20 * MS, position=(1.008, 0.0, 0.0)))
+    guard.note_answer(DeviceSample(20 * MS, position=(1.008, 0.0, 0.0)))
     assert guard.rates()[1] == approx((7 / 8, 0.0, 0.0))
 
 
@@ -190,7 +190,7 @@ def test_another_button_does_not_act_as_the_dead_man_button():
 def test_a_long_silence_removes_the_force_in_any_number_of_cycles():
     guard = Guard(WIDE)
     run(guard, 300)
-    guard.saw(None)
+    guard.note_answer(None)
     late = 300 * MS + round(SILENT * 1e9)
     assert guard.why(late, late) == "" and guard.why(late + 1, late + 1) == "answers are missing"
 
@@ -200,7 +200,7 @@ def test_a_long_silence_removes_the_force_in_any_number_of_cycles():
 def test_commands_are_limited_and_keep_their_direction(command, each):
     limits = Limits(command=0.4, power=math.inf, speed=math.inf, each=each, ramp=0.0)
     guard = Guard(limits)
-    guard.saw(DeviceSample(1, joints=(0.0,) * 3))
+    guard.note_answer(DeviceSample(1, joints=(0.0,) * 3))
     sent = np.array(guard.apply(command, 2, 2))
     assert np.all(np.isfinite(sent))
     size = np.abs(sent).max() if each else np.linalg.norm(sent)
@@ -216,7 +216,7 @@ def test_commands_are_limited_and_keep_their_direction(command, each):
 def test_only_the_power_given_to_the_hand_is_limited():
     guard = Guard(Limits(command=10.0, power=0.5, speed=math.inf, ramp=0.0))
     for k in range(1, 20):
-        guard.saw(DeviceSample(k * MS, position=(1e-3 * k, 0.0, 0.0)))  # 1 m/s along x
+        guard.note_answer(DeviceSample(k * MS, position=(1e-3 * k, 0.0, 0.0)))  # 1 m/s along x
     assert guard.apply((4.0, 0.0, 0.0), 20 * MS, 20 * MS)[0] == approx(0.5)
     assert guard.apply((-4.0, 0.0, 0.0), 20 * MS, 20 * MS)[0] == approx(-4.0)
     assert guard.apply((0.0, 4.0, 0.0), 20 * MS, 20 * MS)[1] == approx(4.0)
@@ -227,7 +227,7 @@ def test_only_the_power_given_to_the_hand_is_limited():
 def test_the_power_limit_leaves_smaller_commands_unchanged(force, speed):
     guard = Guard(Limits(command=20.0, power=0.5, speed=math.inf, ramp=0.0))
     for k in range(1, 20):
-        guard.saw(DeviceSample(k * MS, position=(1e-3 * k * speed, 0.0, 0.0)))
+        guard.note_answer(DeviceSample(k * MS, position=(1e-3 * k * speed, 0.0, 0.0)))
     sent, _, _ = guard.apply((force, 0.0, 0.0), 20 * MS, 20 * MS)
     asked = force * speed
     assert sent * speed == approx(min(asked, 0.5), abs=1e-9)
@@ -243,7 +243,7 @@ def test_every_device_has_finite_limits():
 def test_a_sample_is_extrapolated_for_a_limited_time():
     guard = Guard(WIDE)
     for k in range(1, 12):
-        guard.saw(DeviceSample(k * MS, joints=(1e-3 * k,), position=(0.0, 2e-3 * k, 0.0)))
+        guard.note_answer(DeviceSample(k * MS, joints=(1e-3 * k,), position=(0.0, 2e-3 * k, 0.0)))
     last = DeviceSample(11 * MS, joints=(0.011,), position=(0.0, 0.022, 0.0))
     soon = ahead(last, guard.rates(), 13 * MS)
     assert soon.joints == approx((0.013,)) and soon.position == approx((0.0, 0.026, 0.0))

@@ -9,7 +9,7 @@ import pytest
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
@@ -101,7 +101,7 @@ def test_a_falcon_touches_the_kidney(good):
 
 def test_a_replay_without_the_device_is_bit_equal(good):
     recording = Recording(good[2])
-    report = verify(recording, changed(recording))
+    report = verify(recording, change_plan(recording))
     assert report.ok and "device" not in report.nodes, report
 
 

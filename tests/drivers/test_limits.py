@@ -80,11 +80,11 @@ def test_any_command_of_a_node_is_limited_in_size_and_power(name):
     for k in range(1, 12):
         now = k * 1_000_000
         if name == "falcon":
-            still.saw(DeviceSample(now, joints=(0.0,) * 3, position=(0.0, 0.0, 0.1)))
-            moving.saw(DeviceSample(now, joints=(30e-3 * k,) * 3, position=(0.0, 0.0, 0.1)))
+            still.note_answer(DeviceSample(now, joints=(0.0,) * 3, position=(0.0, 0.0, 0.1)))
+            moving.note_answer(DeviceSample(now, joints=(30e-3 * k,) * 3, position=(0.0, 0.0, 0.1)))
         else:
-            still.saw(DeviceSample(now, position=(0.02, 0.1, 0.0)))
-            moving.saw(DeviceSample(now, position=(0.02 + 0.5e-3 * speed * k, 0.1, 0.0)))
+            still.note_answer(DeviceSample(now, position=(0.02, 0.1, 0.0)))
+            moving.note_answer(DeviceSample(now, position=(0.02 + 0.5e-3 * speed * k, 0.1, 0.0)))
     sent = np.array(still.apply((1e3,) * 3, now, now))
     assert (np.abs(sent).max() if name == "falcon" else np.linalg.norm(sent)) == approx(limit, rel=1e-12)
     sent = np.array(moving.apply((1e3,) * 3, now, now))

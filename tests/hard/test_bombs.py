@@ -21,7 +21,7 @@ from mcap.records import Footer as End
 
 from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.records.format.head import SCHEMA_VERSION
-from palpate.records.format.mcap_file import LIBRARY, MAGIC, MOST_HEAD, Broken, opened
+from palpate.records.format.mcap_file import LIBRARY, MAGIC, MOST_HEAD, Broken, read_records
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
@@ -78,7 +78,7 @@ def test_an_lz4_chunk_unpacks_to_no_more_than_it_claims(tmp_path, store_size):
     packed = lz4.frame.compress(bytes(1 << 27), store_size=store_size)
     path = one_chunk(tmp_path / "a.mcap", "lz4", packed, 1000)
     with pytest.raises(Broken, match="cannot be decompressed"):
-        list(opened(path))
+        list(read_records(path))
     setup = "from palpate.records.format.mcap_file import Broken, opened"
     call = "\n        ".join(["try: list(opened(path))", "except Broken as error: print(error)"])
     output, more = grown(setup, call, path)
@@ -97,12 +97,12 @@ def test_a_chunk_of_its_declared_size_is_read(tmp_path, compression):
     for packed in (sized[compression](data), unsized[compression](data)):
         path = one_chunk(tmp_path / "a.mcap", compression, packed, len(data))
         with pytest.raises(Broken, match="ends within"):  # of the file, which has no more
-            for chunk in opened(path):
+            for chunk in read_records(path):
                 assert chunk == data
         for wrong in (len(data) - 1, len(data) + 1):
             path = one_chunk(tmp_path / "a.mcap", compression, packed, wrong)
             with pytest.raises(Broken, match="cannot be decompressed"):
-                list(opened(path))
+                list(read_records(path))
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ from palpate.physics.errors import PalpateError
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
 from palpate.records.contents import contents
 from palpate.records.fill import recover
-from palpate.records.format.mcap_file import MAGIC, Broken, opened
+from palpate.records.format.mcap_file import MAGIC, Broken, read_records
 from palpate.records.reader import Recording
 
 FEW, MANY = 12, 4000
@@ -138,7 +138,7 @@ def test_a_chunk_that_claims_to_be_huge_reserves_no_memory(tmp_path):
         path.write_bytes(MAGIC + builder.end())
         tracemalloc.start()
         with pytest.raises(Broken, match="cannot be decompressed"):
-            list(opened(path))
+            list(read_records(path))
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert most < 10_000_000

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.physics.contact.series import energy, exponential, power
+from palpate.physics.contact.series import exponential, power, series_energy
 from palpate.physics.contact.terminal import Terminal
 
 FINGER, C1 = exponential(26.2641, 1681.06), 8.0
@@ -59,7 +59,7 @@ def test_the_series_law_is_bounded_and_generates_no_energy_on_any_path(path, dt,
     f, s1, s2 = series_path(e, dt, finger, C1, stiffness, N, C2)
     assert np.isfinite(f).all() and (f >= 0).all() and (s1 >= 0).all() and (s2 >= 0).all()
     assert (f[e <= 0] == 0).all()
-    held = np.array([energy(s, *finger) for s in s1]) + stiffness * s2 ** (N + 1) / (N + 1)
+    held = np.array([series_energy(s, *finger) for s in s1]) + stiffness * s2 ** (N + 1) / (N + 1)
     put_in = f[1:] * (np.diff(s1) + np.diff(s2))
     gained = np.diff(held) - put_in
     assert (gained <= 1e-8 * (held[1:] + held[:-1] + np.abs(put_in)) + 1e-15).all()

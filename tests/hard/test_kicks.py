@@ -10,7 +10,7 @@ from pytest import approx
 import palpate
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load, Pose
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.nodes.collision import Nurbs
 from palpate.nodes.deformation import MassSpring
 from palpate.nodes.spread import Kernel
@@ -24,7 +24,7 @@ from palpate.physics.geometry.tessellate import tessellate
 from palpate.studies.organs import runs as organs
 from palpate.studies.organs.invariants import contact, force, hand
 from palpate.studies.organs.touches import Finger, Setting, Touch
-from palpate.studies.organs.trace import traced
+from palpate.studies.organs.trace import trace_batch
 
 KEEP = ["contact.force", "contact.lateral_force", "contact.normal", "contact.foot", "controller.force",
         "finger.position", "collision.approach"]  # fmt: skip
@@ -124,7 +124,7 @@ def test_a_foot_that_follows_through_the_body_presses_its_surface(tmp_path):
     ]
     turn = (2.221441469079183, 0.0, 2.221441469079183)
     finger = Finger((0.021055, 0.019577, -0.05513), (0.0055, 0.0143, -0.1553), tuple(moves))
-    ((trace,),) = traced(
+    ((trace,),) = trace_batch(
         organs.run([Touch(Setting("kidney", 0, "ReducedFE", "LuGre", 5000.0, 1, turn), (finger,))], tmp_path)
     )
     for invariant in (contact, hand, force):
@@ -257,7 +257,7 @@ def test_an_organ_that_does_not_fit_the_patch_is_reported(tmp_path):
     body.start()
     force = np.array([[0.0, 0.0, -3.0]])
     load = Load(nodes=np.array([0], np.int32), forces=force, foot=(0.0, 0.0, 5e-3), normal=(0.0, 0.0, 1.0))
-    surface = press(body, load, dt=DT)
+    surface = press_body(body, load, dt=DT)
     assert surface.extrapolation == approx(3.0 / 257.0 / (10e-3 / 3.0) - 1.0, rel=0.02)
     assert any("indented by more than its thickness" in note for note in body.notes())
     assert body.condition() == "outside its range"

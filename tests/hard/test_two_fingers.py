@@ -4,11 +4,11 @@ not be felt as a kick: the force on each hand changes only as fast as the motion
 import numpy as np
 import pytest
 
-from palpate.studies.organs.invariants import contact, force, hand, judged
+from palpate.studies.organs.invariants import contact, force, hand, score_touch
 from palpate.studies.organs.runs import run
-from palpate.studies.organs.search import varied
+from palpate.studies.organs.search import vary_touch
 from palpate.studies.organs.touches import THICKNESS, Finger, Setting, Touch
-from palpate.studies.organs.trace import traced
+from palpate.studies.organs.trace import trace_batch
 
 
 def moves(*points, times, holds, shapes):
@@ -39,7 +39,7 @@ finger put in 9."""
 
 def traces_of(touches, folder):
     """What each finger of each touch went through."""
-    return [trace for listed in traced(run(touches, folder)) for trace in listed]
+    return [trace for listed in trace_batch(run(touches, folder)) for trace in listed]
 
 
 def test_the_energy_that_another_finger_put_in_is_returned_without_a_kick(tmp_path):
@@ -75,7 +75,7 @@ def test_a_surface_that_another_finger_lifts_is_touched_where_it_is(tmp_path):
     press, depth = first["contact.force"], THICKNESS - first["collision.gap"]
     assert ((press > 0.05) & (depth < 0.0)).any()
     for trace in (first, second):
-        broken = {name: score for name, score in judged(trace).items() if score.broken}
+        broken = {name: score for name, score in score_touch(trace).items() if score.broken}
         assert not broken, broken
         assert np.diff(trace["contact.force"]).max() < 0.3
 
@@ -83,7 +83,7 @@ def test_a_surface_that_another_finger_lifts_is_touched_where_it_is(tmp_path):
 def check_random(count, seed, folder):
     """Neither the force of the contact nor that on the hand jumps, and both have the force of their depth."""
     rng = np.random.default_rng(seed)
-    traces = traces_of([varied(GROOVE, 0.5, rng) for _ in range(count)], folder)
+    traces = traces_of([vary_touch(GROOVE, 0.5, rng) for _ in range(count)], folder)
     assert len(traces) == 2 * count
     broken = [score for trace in traces for score in (force(trace), hand(trace), contact(trace)) if score.broken]
     assert not broken, broken

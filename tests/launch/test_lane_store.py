@@ -93,7 +93,7 @@ def test_other_files_and_a_store_in_use_are_refused(tmp_path, monkeypatch):
     assert (tmp_path / "notes.txt").read_text() == "mine" and len(list(tmp_path.iterdir())) == 1
     with pytest.raises(ArgumentError, match="cannot be written: Not a directory"):
         touches().run(out=tmp_path / "notes.txt" / "t.zarr", quiet=True)
-    monkeypatch.setattr("palpate.physics.writable.locked", lambda file: False)
+    monkeypatch.setattr("palpate.physics.writable.lock_file", lambda file: False)
     with pytest.raises(ArgumentError, match="another run writes to"):
         touches().run(out=tmp_path / "t.zarr", quiet=True)
 

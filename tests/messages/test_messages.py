@@ -16,7 +16,7 @@ from pytest import approx
 from palpate.drivers.limits import LIMITS
 from palpate.messages import Friction, Load, Message, MessageError, check_finite, fields, pack, unpack
 from palpate.messages.checks import check_plausible, plausible_check
-from palpate.messages.docs import documented, message_types
+from palpate.messages.docs import documented_fields, message_types
 from palpate.messages.fields import MOST
 
 KINDS = list(message_types().values())
@@ -73,7 +73,7 @@ def test_messages_exist():
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
 def test_docstrings_agree_with_annotations(kind):
     declared = [(f.name, f.unit, f.shape) for f in fields(kind)]
-    described = {d.name: (d.name, d.unit, d.shape) for d in documented(kind)}
+    described = {d.name: (d.name, d.unit, d.shape) for d in documented_fields(kind)}
     for field in declared:
         assert described.pop(field[0], None) == field
     assert not described, "the docstring describes a field that there is not"
@@ -81,7 +81,7 @@ def test_docstrings_agree_with_annotations(kind):
 
 
 def test_the_header_is_described():
-    assert [d.name for d in documented(Message)] == ["tick", "time", "source", "used", "delayed"]
+    assert [d.name for d in documented_fields(Message)] == ["tick", "time", "source", "used", "delayed"]
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, faded, paced, shared
+from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, fade_value, keep_pace, step_gain
 
 DT = 1e-3
 
@@ -36,17 +36,17 @@ def fading(fall=FADE, rise=FADE):
 
 def steps(state, values):
     """The faded values for each value, None: missing."""
-    return np.array([faded(state, v is not None, v if v is not None else (9.0, 9.0, 9.0), DT) for v in values])
+    return np.array([fade_value(state, v is not None, v if v is not None else (9.0, 9.0, 9.0), DT) for v in values])
 
 
 def test_a_gain_begins_at_one_falls_within_its_time_and_rises_within_another():
     made = gain()
     assert made.value == 1.0
-    assert [shared(made, False, DT) for _ in range(5)] == approx([0.75, 0.5, 0.25, 0.0, 0.0])
-    assert [shared(made, True, 25 * DT) for _ in range(5)] == approx([0.25, 0.5, 0.75, 1.0, 1.0])
-    assert shared(gain(0.3, rise=0.0), True, DT) == 1.0
-    assert shared(gain(0.3, rise=-1.0), True, DT) == 1.0
-    assert shared(gain(0.5), True, 1e-9) == approx(0.5) and shared(gain(0.5), True, 0.02) == approx(0.7)
+    assert [step_gain(made, False, DT) for _ in range(5)] == approx([0.75, 0.5, 0.25, 0.0, 0.0])
+    assert [step_gain(made, True, 25 * DT) for _ in range(5)] == approx([0.25, 0.5, 0.75, 1.0, 1.0])
+    assert step_gain(gain(0.3, rise=0.0), True, DT) == 1.0
+    assert step_gain(gain(0.3, rise=-1.0), True, DT) == 1.0
+    assert step_gain(gain(0.5), True, 1e-9) == approx(0.5) and step_gain(gain(0.5), True, 0.02) == approx(0.7)
 
 
 @pytest.mark.parametrize(("last", "dt", "pause"), [
@@ -55,14 +55,14 @@ def test_a_gain_begins_at_one_falls_within_its_time_and_rises_within_another():
 ])  # fmt: skip
 def test_a_pause_is_a_step_longer_than_the_gap_and_three_times_the_last(last, dt, pause):
     pace = record(PACE)
-    paced(pace, last)
-    assert paced(pace, dt) == pause
+    keep_pace(pace, last)
+    assert keep_pace(pace, dt) == pause
     assert pace.last == dt and pace.usual == (last if 0.0 < last < dt else dt)
 
 
 def test_the_usual_step_is_the_shorter_of_the_last_two():
     pace = record(PACE)
-    assert [(paced(pace, dt), pace.usual)[1] for dt in (2.0, 3.0, 1.0, 5.0, 4.0)] == [2.0, 2.0, 1.0, 1.0, 4.0]
+    assert [(keep_pace(pace, dt), pace.usual)[1] for dt in (2.0, 3.0, 1.0, 5.0, 4.0)] == [2.0, 2.0, 1.0, 1.0, 4.0]
 
 
 def test_a_value_passes_unchanged_while_it_is_available():

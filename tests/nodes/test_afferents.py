@@ -67,7 +67,7 @@ def test_spikes_are_reproducible_and_differ_by_seed():
     node = Afferents(trial=3)
     noisy = run(course, node=node)
     assert not np.array_equal(first[0], noisy[0]) and len(first[0]) == approx(len(noisy[0]), rel=0.05)
-    assert np.array_equal(node.population.at, Afferents().made().at)
+    assert np.array_equal(node.population.at, Afferents().make_population().at)
 
 
 def test_spikes_at_5_khz_equal_those_at_1_khz_for_the_same_stress():

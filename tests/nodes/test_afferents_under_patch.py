@@ -55,7 +55,7 @@ def test_under_a_patch_the_inputs_are_the_published_sums_over_the_contact(kind, 
     static, dynamic = published_inputs(kind, at)
     found = 1e-6 * population.traction(sent.stress, corners[0], weights[0])
     assert found == approx(static, rel=0.001) if at == 0.0 else static < found < 1.06 * static  # with some shear stress
-    found = 1e-3 * population.deflected(sent.deflection, corners[0], weights[0]) / (1e3 * DEPTHS[kind]) ** 2
+    found = 1e-3 * population.deflection_stimulus(sent.deflection, corners[0], weights[0]) / (1e3 * DEPTHS[kind]) ** 2
     assert found == approx(dynamic, rel=0.03)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.cli.terminal.options import chosen
+from palpate.cli.terminal.options import choose_launch
 from palpate.messages import Contact
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
@@ -98,11 +98,11 @@ def test_a_law_for_another_modulus_is_reported():
 
 def test_a_scene_gives_the_law_to_both():
     sets = ["tissue.use=deformation.ReducedFE", "scene.surface.area=ball", "scene.surface.area_radius=6 mm"]
-    nodes = chosen("kidney", sets, None, None, False).plan().graph.nodes
+    nodes = choose_launch("kidney", sets, None, None, False).plan().graph.nodes
     for name in ("spread", "tissue"):
         assert (nodes[name].settings["area"], nodes[name].settings["area_radius"]) == ("ball", 6e-3)
     with pytest.raises(PalpateError, match="area_forces"):
-        chosen("kidney", [*sets[:1], "scene.surface.area=table"], None, None, False).plan()
+        choose_launch("kidney", [*sets[:1], "scene.surface.area=table"], None, None, False).plan()
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_scene_gives_the_law_to_both():
     ],
 )
 def test_different_laws_are_reported(sets, printed):
-    notes = chosen("kidney", ["tissue.use=deformation.ReducedFE", *sets], None, None, False).plan().graph.notes
+    notes = choose_launch("kidney", ["tissue.use=deformation.ReducedFE", *sets], None, None, False).plan().graph.notes
     found = [note for note in notes if "contact area" in note]
     assert len(found) == bool(printed) and all(printed in note for note in found)
 

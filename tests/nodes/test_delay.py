@@ -4,7 +4,7 @@ over a poor network."""
 import numpy as np
 import pytest
 
-from palpate.calling import described
+from palpate.calling import describe_run
 from palpate.engine.faults import GraphError
 from palpate.engine.imports import UntrustedError, full_name, load_class, recorded_class
 from palpate.launch.load.graph import load
@@ -215,7 +215,7 @@ def felt(delay, jitter, loss, known=True, passivity=True, drag=2.0):
     grip while the hand is still, forces on the hand [N] (k,3), and the range of the contact force [N]."""
     sets = [f"scene.network.delay={delay}", f"scene.network.jitter={jitter}", f"scene.network.loss={loss}"]
     sets += [f"controller.delay={round(2e3 * delay) if known else 0}", f"controller.passivity={str(passivity).lower()}"]
-    launch = described("remote", scene=None, duration=None, sets=[*sets, f"controller.drag={drag}"], nodes={})
+    launch = describe_run("remote", scene=None, duration=None, sets=[*sets, f"controller.drag={drag}"], nodes={})
     stepper = Stepper(launch)
     stepper.start()
     device = stepper.node("device")

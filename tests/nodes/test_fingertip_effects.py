@@ -6,7 +6,7 @@ import pytest
 from pytest import approx
 
 from palpate.engine.faults import GraphError
-from palpate.launch.load.effects import known
+from palpate.launch.load.effects import list_effects
 from palpate.launch.load.graph import load
 from palpate.launch.load.plan import plan
 from palpate.launch.testing import FakeBus
@@ -84,7 +84,7 @@ def test_a_disabled_effect_changes_the_plan_or_is_an_error(graph):
     before = plan(load(graph, overrides=["log.fields=all"] if graph != "softness" else []))
     settings = {name: spec.settings for name, spec in before.graph.nodes.items()}
     sets = ["log.fields=all"] if graph != "softness" else []
-    for effect in known():
+    for effect in list_effects():
         try:
             after = plan(load(graph, overrides=[*sets, f"effects.{effect}=off"]))
         except GraphError as error:

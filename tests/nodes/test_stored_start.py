@@ -11,10 +11,10 @@ GRAPH = find("kidney").but(overrides=("tissue.use=deformation.ReducedFE",))
 
 def body(*sets, stored=True, monkeypatch=None):
     node = GRAPH.but(overrides=sets).plan().make("tissue")
-    found = node._start(*node._placed())
+    found = node._start(*node._place_basis())
     if not stored:
         monkeypatch.setattr(basis_store, "start", lambda path, wanted: None)
-    made = Start.of(node._made())
+    made = Start.of(node._make_shared())
     monkeypatch.undo()
     return found, made
 
@@ -33,4 +33,4 @@ def test_the_stored_start_is_used_and_equals_the_computed_one(monkeypatch):
 def test_another_place_or_law_computes_its_start(monkeypatch):
     for sets in (("tissue.sticks=false",), ("scene.surface.position=[0.001, 0, 0]",), ("tissue.radius=0.005",)):
         node = GRAPH.but(overrides=sets).plan().make("tissue")
-        assert node._start(*node._placed()) is None
+        assert node._start(*node._place_basis()) is None

@@ -4,7 +4,7 @@ import numpy as np
 from pytest import approx
 
 from palpate.nodes.base.surface import surface_mesh
-from palpate.physics.geometry.graded import filled, ranges, spread_over
+from palpate.physics.geometry.graded import fill_field, ranges, spread_over
 
 POINTS = surface_mesh("kidney", 3000).vertices
 TOP = POINTS[POINTS[:, 2].argmax()]
@@ -30,7 +30,7 @@ def test_the_sent_vertices_cover_the_body_more_finely_near_the_contact():
 def test_a_tilted_and_lowered_body_is_interpolated():
     rigid = np.cross([0.02, -0.01, 0.03], POINTS) + [1e-3, 0.0, -2e-3]
     nodes = sent()
-    shown = filled(POINTS, nodes, rigid[nodes])
+    shown = fill_field(POINTS, nodes, rigid[nodes])
     assert (shown[nodes] == rigid[nodes]).all()
     assert np.abs(shown - rigid).max() < 0.005 * np.abs(rigid).max()
 
@@ -39,11 +39,11 @@ def test_the_field_of_a_point_load_below_the_surface_is_interpolated():
     depth = TOP - [0.0, 0.0, 6e-3]
     field = 1.0 / np.linalg.norm(POINTS - depth, axis=1)[:, None]
     nodes = sent()
-    assert np.abs(filled(POINTS, nodes, field[nodes]) - field).max() < 0.015 * field.max()
+    assert np.abs(fill_field(POINTS, nodes, field[nodes]) - field).max() < 0.015 * field.max()
 
 
 def test_few_vertices_are_used_unchanged():
-    one = filled(POINTS, np.array([5]), np.ones((1, 3)))
+    one = fill_field(POINTS, np.array([5]), np.ones((1, 3)))
     assert one.sum() == approx(3.0) and (one[5] == 1.0).all()
 
 

@@ -12,7 +12,7 @@ from palpate.physics.kept import KEPT
 def test_equal_contents_give_the_cached_result_and_others_a_new_one():
     calls = []
 
-    @kept.kept
+    @kept.keep_results
     def summed(points, more):
         calls.append(more)
         return points.sum(axis=0) + more
@@ -31,7 +31,7 @@ def test_equal_contents_give_the_cached_result_and_others_a_new_one():
 def test_the_oldest_entry_is_removed_from_a_full_cache():
     calls = []
 
-    @kept.kept
+    @kept.keep_results
     def same(points):
         calls.append(len(points))
         return points

@@ -6,7 +6,7 @@ import pytest
 from pytest import approx
 from scipy.signal import lfilter
 
-from palpate.nodes.base.texture_file import Model, Texture, read_texture, tabulated
+from palpate.nodes.base.texture_file import Model, Texture, read_texture, tabulate_texture
 from palpate.physics.texture.autoregressive import coefficients, innovation, line_spectrum, spectrum, yule_walker
 
 
@@ -81,7 +81,7 @@ def test_a_model_set_in_the_format_of_the_penn_toolkit_is_read(tmp_path):
     assert (model.speed, model.force, model.lsf) == (0.05, 0.5, (0.55, 1.5))
     response = lfilter([1.0], np.concatenate([[1.0], of(model.lsf)]), np.eye(1, 20_000)[0])
     assert model.rms == approx(0.1 * np.sqrt(np.sum(response**2)))
-    speeds, forces, table = tabulated(found)
+    speeds, forces, table = tabulate_texture(found)
     assert (speeds[0], speeds[-1], forces[0], forces[-1]) == (0.05, 0.1, 0.5, 1.0)
     assert np.all(np.diff(table[..., :-1], axis=2) > 0.0)
     middle = np.argmin(np.abs(speeds - 0.075))
@@ -116,5 +116,5 @@ def test_collinear_models_are_interpolated_along_their_line(at):
     texture = msgspec.json.decode(
         msgspec.json.encode(Texture(sampling=1e3, quantity="force", models=models)), type=Texture
     )
-    table = tabulated(texture)[2]
+    table = tabulate_texture(texture)[2]
     assert np.isfinite(table).all() and table[0, 0, -1] == approx(0.1) and table[-1, -1, 0] == approx(at[-1][0])

@@ -30,7 +30,7 @@ def test_pynwb_reads_times_types_and_positions_of_the_units(felt, tmp_path):
     pynwb = pytest.importorskip("pynwb")
     (path,) = export(felt, "nwb", tmp_path / "a.nwb")
     assert not pynwb.validate(path=str(path))
-    made = plan_of(felt).make("afferents").made()
+    made = plan_of(felt).make("afferents").make_population()
     sent = list(felt.messages("afferents"))
     unit, moment = (np.concatenate([getattr(each, name) for each in sent]) for name in ("unit", "moment"))
     assert len(unit) > 50 and len(set(unit)) < len(made.kind)  # some are silent

@@ -15,7 +15,7 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import RunOutcome, execute
 from palpate.launch.run.result import Result
 from palpate.messages import Load, pack, unpack
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.compare import compare
 from palpate.records.differences import Report
 from palpate.records.fill import begin_copy, write_json
@@ -59,12 +59,12 @@ def record_live(folder: Path, steps: int, **more) -> Path:
 
 def check(path: Path, *sets: str, tolerance: float = 0.0) -> Report:
     recording = Recording(path)
-    return verify(recording, changed(recording, sets), tolerance=tolerance)
+    return verify(recording, change_plan(recording, sets), tolerance=tolerance)
 
 
 def play(path: Path, out: Path, *sets: str, **more) -> Replay:
     recording = Recording(path)
-    replay = Replay(recording, changed(recording, sets, more.pop("graph", None)), out=out, **more)
+    replay = Replay(recording, change_plan(recording, sets, more.pop("graph", None)), out=out, **more)
     replay.run()
     return replay
 
@@ -223,7 +223,7 @@ def test_inputs_absent_after_a_death_are_absent_in_the_check(tmp_path):
     ends = [m.used for m in recording.messages("source")]
     assert (-1,) in ends[10:], "the source never lost its torque"
     # The killed node would kill this process at its hundredth step: it is left alone, the others are checked.
-    report = verify(recording, changed(recording, ["spring.at=0"]))
+    report = verify(recording, change_plan(recording, ["spring.at=0"]))
     assert report.nodes["source"].differing == 0 and report.nodes["source"].checked > 100
 
 
@@ -238,7 +238,7 @@ def test_a_restarted_node_is_restarted_in_the_check(tmp_path, source, at):
     (begun,) = recording.restarted["drag"]
     ticks = [m.tick for m in recording.messages("drag")]
     assert begun > 0 and max(ticks) > begun
-    report = verify(recording, changed(recording, ["drag.at=0"]))
+    report = verify(recording, change_plan(recording, ["drag.at=0"]))
     assert report.nodes["drag"].differing == 0 and report.nodes["drag"].checked > at
 
 
@@ -543,7 +543,7 @@ def test_compare_honours_every(kidney):
 def test_settings_without_an_override_are_as_recorded_also_if_the_default_changed(kidney):
     """The golden friction was recorded with `rescale` off, which is on by default since."""
     recording = Recording(kidney)
-    assert changed(recording, ["tissue.every=10"]).graph.nodes["friction"].settings["rescale"] is False
+    assert change_plan(recording, ["tissue.every=10"]).graph.nodes["friction"].settings["rescale"] is False
     (variant,) = compare(recording, [["friction.rescale=true"]], reference=[])[1:]
     assert variant.swapped == ("friction",) and variant.plan.graph.nodes["friction"].settings["rescale"] is True
 

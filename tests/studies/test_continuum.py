@@ -9,7 +9,7 @@ from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import sites
 from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.peers import MissingError, continuum, felupe
-from palpate.studies.peers.continuum import RADIUS, TissueBlock, press
+from palpate.studies.peers.continuum import RADIUS, TissueBlock, press_block
 
 FIRST = np.array([0.03, 0.1])
 
@@ -44,8 +44,8 @@ def test_the_load_is_the_integral_of_the_pressure():
 
 
 def test_a_coarse_mesh_agrees_with_the_stored_reference_and_a_finer_one_is_softer():
-    right = sites.stored("middle")
-    coarse, finer = (press(TissueBlock(0.0, n), FIRST).indentation for n in (1, 2))
+    right = sites.load_reference("middle")
+    coarse, finer = (press_block(TissueBlock(0.0, n), FIRST).indentation for n in (1, 2))
     assert (coarse < finer).all()  # displacement elements are too stiff
     assert (finer < right.indentation[:2] + right.band[:2]).all()
     assert finer == pytest.approx(right.indentation[:2], rel=0.04)
@@ -53,13 +53,13 @@ def test_a_coarse_mesh_agrees_with_the_stored_reference_and_a_finer_one_is_softe
 
 def test_a_reference_solver_agrees_on_other_elements():
     pytest.importorskip("felupe")
-    right = sites.stored("middle")
-    assert felupe.press(TissueBlock(0.0, 1), FIRST).indentation == pytest.approx(right.indentation[:2], rel=0.05)
+    right = sites.load_reference("middle")
+    assert felupe.press_block(TissueBlock(0.0, 1), FIRST).indentation == pytest.approx(right.indentation[:2], rel=0.05)
 
 
 @pytest.mark.parametrize("name", sorted({p for t in TOUCHES.values() if t.place for p in sites.on_path(t.place)}))
 def test_a_stored_reference_contains_its_origin_and_error(name):
-    place = sites.stored(name)
+    place = sites.load_reference(name)
     assert {"command", "commit", "solvers", "young", "felupe", "place"} <= set(place.about)
     assert all(len(printed["unknowns"]) == 2 for printed in place.about["solvers"].values())
     assert (np.diff(place.indentation) > 0).all()
@@ -68,12 +68,12 @@ def test_a_stored_reference_contains_its_origin_and_error(name):
 
 
 def test_a_harder_position_yields_less():
-    depth = {name: sites.stored(name).indentation[-1] for name in ("middle", "edge", "nodule-00", "nodule-10")}
+    depth = {name: sites.load_reference(name).indentation[-1] for name in ("middle", "edge", "nodule-00", "nodule-10")}
     assert depth["nodule-00"] < depth["nodule-10"] < depth["middle"] < depth["edge"]
 
 
 def test_a_surface_free_to_slide_is_softer_with_a_difference_that_grows_with_the_load():
-    free, held = sites.stored("slip"), sites.stored("middle")
+    free, held = sites.load_reference("slip"), sites.load_reference("middle")
     assert free.about["place"]["sticks"] is False
     more = free.indentation / np.interp(free.force, np.append(0.0, held.force), np.append(0.0, held.indentation)) - 1.0
     assert more[0] == pytest.approx(0.006, abs=0.003) and (np.diff(more) > 0.0).all()  # HELD (1 - 2 nu)²/(1 - nu)²
@@ -83,16 +83,18 @@ def test_a_surface_free_to_slide_is_softer_with_a_difference_that_grows_with_the
 def test_references_are_rebuilt_with_their_error_band(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(sites, "LEVELS", FIRST)
-    monkeypatch.setattr(sites, "computed", sites.computed.__wrapped__)  # other loads than elsewhere: nothing is kept
+    monkeypatch.setattr(
+        sites, "compute_curve", sites.compute_curve.__wrapped__
+    )  # other loads than elsewhere: nothing is kept
     printed = list(references.rebuild(["middle"], {"command": "here"}, tmp_path, {"fe": (1, 2)}))
     assert printed[-1][1] == 1.0
     monkeypatch.setattr(sites, "SHIPPED", tmp_path)
-    sites.stored.cache_clear()
+    sites.load_reference.cache_clear()
     try:
-        place = sites.stored("middle")
+        place = sites.load_reference("middle")
     finally:
-        sites.stored.cache_clear()
-    coarse, finer = (press(TissueBlock(0.0, n), FIRST).indentation for n in (1, 2))
+        sites.load_reference.cache_clear()
+    coarse, finer = (press_block(TissueBlock(0.0, n), FIRST).indentation for n in (1, 2))
     assert place.indentation == pytest.approx(finer)
     assert place.band == pytest.approx((finer - coarse) / 3.0)
     assert place.about["command"] == "here"
@@ -100,10 +102,10 @@ def test_references_are_rebuilt_with_their_error_band(tmp_path, monkeypatch):
 
 def test_a_missing_or_damaged_reference_is_an_error_with_the_cure(tmp_path, monkeypatch):
     monkeypatch.setattr(sites, "SHIPPED", tmp_path)
-    sites.stored.cache_clear()
+    sites.load_reference.cache_clear()
     with pytest.raises(MissingError, match=r"benchmarks/references\.py"):
-        sites.stored("middle")
+        sites.load_reference("middle")
     (tmp_path / "middle.npz").write_bytes(b"no archive")
     with pytest.raises(ArgumentError, match="damaged"):
-        sites.stored("middle")
-    sites.stored.cache_clear()
+        sites.load_reference("middle")
+    sites.load_reference.cache_clear()

@@ -14,7 +14,7 @@ from palpate.launch.load.launchfile import find
 from palpate.messages import Load
 from palpate.nodes.deformation import BeamBundle
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy.sites import stored
+from palpate.studies.accuracy.sites import load_reference
 from palpate.studies.fit_body import fit_body, power_law
 
 TAP = (
@@ -84,7 +84,7 @@ def test_a_bundle_fitted_on_the_slab_has_the_indentation_of_two_full_solvers_and
     beams = ("collision.use=collision.Mesh", "tissue.use=deformation.BeamBundle")
     launch = find("kidney").but(duration=0.5, overrides=beams, scene=tmp_path / "slab.yaml")
     fitted = fit_body(launch, tmp_path / "fitted.yaml")
-    moduli, right = fitted.overrides["tissue.moduli"], stored("middle")
+    moduli, right = fitted.overrides["tissue.moduli"], load_reference("middle")
     depth, shape = pressed(moduli, right)
     shipped, _ = pressed(BeamBundle().moduli, right)
     assert np.abs(depth / right.indentation - 1.0).max() < 0.025

@@ -9,7 +9,7 @@ from palpate.messages import Pose
 from palpate.nodes.collision import Nurbs
 from palpate.studies.accuracy import kidney, reference, sites
 from palpate.studies.accuracy.cases import TOUCHES
-from palpate.studies.accuracy.kidney import Kidney, along, press, press_felupe
+from palpate.studies.accuracy.kidney import Kidney, along, press_kidney, press_kidney_felupe
 from palpate.studies.peers import felupe
 from palpate.studies.peers.continuum import CUTS, RADIUS
 
@@ -60,13 +60,13 @@ def test_the_faces_of_the_bricks_point_outwards_and_enclose_the_volume():
 @pytest.mark.parametrize("place", [-0.012, 0.012])
 def test_two_solvers_with_different_elements_agree_on_coarse_meshes(place):
     pytest.importorskip("felupe")
-    tetrahedra, bricks = press(Kidney(place, 1), FIRST), press_felupe(Kidney(place, 1), FIRST)
+    tetrahedra, bricks = press_kidney(Kidney(place, 1), FIRST), press_kidney_felupe(Kidney(place, 1), FIRST)
     assert tetrahedra.indentation == pytest.approx(bricks.indentation, rel=0.08)
 
 
 def test_finer_meshes_converge_to_the_stored_reference_from_below():
-    right = sites.stored("kidney+00")
-    coarse, fine = (press(Kidney(0.0, n), right.force[:1]).indentation for n in (1, 2))
+    right = sites.load_reference("kidney+00")
+    coarse, fine = (press_kidney(Kidney(0.0, n), right.force[:1]).indentation for n in (1, 2))
     assert coarse < fine < right.indentation[:1] + right.band[:1]
     assert fine == pytest.approx(right.indentation[:1], rel=0.05)
 
@@ -75,9 +75,9 @@ def test_finer_meshes_converge_to_the_stored_reference_from_below():
 def test_a_parabola_through_three_positions_interpolates_between_them():
     """On one coarse mesh, whose error also varies along the path."""
     at = reference.path_of(TOUCHES["stroke"])
-    three = np.array([press(Kidney(x, 2), FIRST[:1]).indentation for x in at])
+    three = np.array([press_kidney(Kidney(x, 2), FIRST[:1]).indentation for x in at])
     between = np.array([-0.006, 0.006])
-    own = np.array([press(Kidney(x, 2), FIRST[:1]).indentation for x in between])
+    own = np.array([press_kidney(Kidney(x, 2), FIRST[:1]).indentation for x in between])
     assert reference._shares(between, at, True) @ three == pytest.approx(own, rel=1e-3)
     assert np.ptp(three) > 0.02 * three.mean()
 
@@ -94,7 +94,7 @@ def test_the_reference_of_the_stroke_has_friction_and_an_error_bound():
 
 @pytest.mark.parametrize(("time", "name"), [(0.3, "kidney-12"), (0.9, "kidney+12")])
 def test_a_finger_at_rest_divides_the_approach_by_the_force_curve_of_its_position(time, name):
-    place = sites.stored(name)
+    place = sites.load_reference(name)
     depth = CubicSpline(np.append(0.0, place.force), np.append(0.0, place.indentation))
     static = brentq(lambda f: np.log1p(M * f / B) / M + depth(f) - 5e-3, 1e-6, 1.0, xtol=1e-14)
     assert reference.reference_solution(TOUCHES["stroke"]).value("force", np.array([time])) == pytest.approx(

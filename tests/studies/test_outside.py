@@ -13,7 +13,7 @@ from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.cells import one
 from palpate.studies.accuracy.score import CHARGED
 from palpate.studies.peers import MissingError, calculix, mujoco
-from palpate.studies.peers.continuum import BED, POISSON, YOUNG, TissueBlock, press, tetrahedra
+from palpate.studies.peers.continuum import BED, POISSON, YOUNG, TissueBlock, press_block, tetrahedra
 
 EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 FIRST = np.array([0.03, 0.1])
@@ -58,7 +58,7 @@ def linear_tetrahedra(block, force):
     ids=["middle", "edge", "nodule"],
 )
 def test_calculix_agrees_with_palpate_on_the_same_tetrahedra(block):
-    own, theirs = press(block, FIRST), calculix.press(block, FIRST)
+    own, theirs = press_block(block, FIRST), calculix.press_block(block, FIRST)
     assert theirs.indentation == pytest.approx(own.indentation, rel=3e-4)
     assert theirs.shape == pytest.approx(own.shape, abs=1e-3 * own.shape.max())
 
@@ -67,22 +67,22 @@ def test_calculix_agrees_with_palpate_on_the_same_tetrahedra(block):
 def test_mujoco_at_rest_agrees_with_linear_elasticity_on_linear_tetrahedra(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     force = 1e-3
-    found = mujoco.press(TissueBlock(0.0, 1), np.array([force])).indentation[0]
+    found = mujoco.press_block(TissueBlock(0.0, 1), np.array([force])).indentation[0]
     assert found == pytest.approx(linear_tetrahedra(TissueBlock(0.0, 1), force), rel=2e-3)
     assert not list(tmp_path.iterdir())  # nor a file of warnings
 
 
 @with_mujoco
 def test_linear_tetrahedra_are_stiffer_than_quadratic_ones_and_converge_to_them():
-    right = press(TissueBlock(0.0, 3), FIRST[:1]).indentation
-    coarse, fine = (mujoco.press(TissueBlock(0.0, n), FIRST[:1]).indentation for n in (1, 2))
+    right = press_block(TissueBlock(0.0, 3), FIRST[:1]).indentation
+    coarse, fine = (mujoco.press_block(TissueBlock(0.0, n), FIRST[:1]).indentation for n in (1, 2))
     assert (coarse < fine).all() and (fine < right).all()
 
 
 @with_mujoco
 def test_a_harder_nodule_reduces_the_indentation_in_mujoco():
     with_nodule, without = (
-        mujoco.press(TissueBlock(0.0, 1, nodule), FIRST[:1]).indentation for nodule in (True, False)
+        mujoco.press_block(TissueBlock(0.0, 1, nodule), FIRST[:1]).indentation for nodule in (True, False)
     )
     assert with_nodule < 0.9 * without
 
@@ -90,16 +90,16 @@ def test_a_harder_nodule_reduces_the_indentation_in_mujoco():
 @with_mujoco
 def test_inverted_elements_in_mujoco_are_a_failure():
     with pytest.raises(ArithmeticError, match="inside out"):
-        mujoco.press(TissueBlock(0.0, 2), np.array([0.5, 0.9]), material="Saint Venant-Kirchhoff")
+        mujoco.press_block(TissueBlock(0.0, 2), np.array([0.5, 0.9]), material="Saint Venant-Kirchhoff")
 
 
 def test_a_missing_solver_is_an_error_with_the_install_command(monkeypatch):
     monkeypatch.setattr(calculix.shutil, "which", lambda name: None)
     with pytest.raises(MissingError, match="apt-get install calculix-ccx"):
-        calculix.press(TissueBlock(0.0, 1))
+        calculix.press_block(TissueBlock(0.0, 1))
     monkeypatch.setattr(mujoco, "version", lambda: None)
     with pytest.raises(MissingError, match="pip install"):
-        mujoco.press(TissueBlock(0.0, 1))
+        mujoco.press_block(TissueBlock(0.0, 1))
 
 
 def test_the_command_prints_how_to_install_a_missing_solver(monkeypatch, tmp_path):
@@ -116,10 +116,10 @@ def test_the_command_prints_how_to_install_a_missing_solver(monkeypatch, tmp_pat
 @with_calculix
 def test_a_failed_calculix_run_reports_the_output_of_calculix(monkeypatch):
     def crushing(block, levels):
-        return calculix.press(block, np.array([1e3]))
+        return calculix.press_block(block, np.array([1e3]))
 
     monkeypatch.setitem(reference_solvers.sites.SOLVERS, "calculix", crushing)
-    monkeypatch.setattr(reference_solvers.sites, "computed", reference_solvers.sites.computed.__wrapped__)
+    monkeypatch.setattr(reference_solvers.sites, "compute_curve", reference_solvers.sites.compute_curve.__wrapped__)
     method = next(m for m in reference_solvers.methods() if m.name == "CalculiX")
     cell = one(TOUCHES["indent"], method, method.fidelities[0])
     assert cell.status == "failed"

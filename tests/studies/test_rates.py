@@ -13,7 +13,7 @@ from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.records.compare import compare
 from palpate.studies import rates
-from palpate.studies.motions import at_speeds, others, reached
+from palpate.studies.motions import at_speeds, others, peak_speeds
 from palpate.studies.search import record_touch
 
 WAVE = """
@@ -43,7 +43,7 @@ def off(every: int, frequency: float) -> float:
 @pytest.mark.parametrize("frequency", [0.5, 2.0, 11.0])
 @pytest.mark.parametrize("error", [0.01, 0.05, 0.3])
 def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_sampled_and_held_signal(write, tmp_path, frequency, error):
-    (rate,) = rates.chosen(wave(write, tmp_path, frequency), error)
+    (rate,) = rates.lowest_rates(wave(write, tmp_path, frequency), error)
     assert rate.constant == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * frequency), rel=2e-3)
     assert rate.every == max(every for every in rates.DIVISORS if off(every, frequency) <= error)
     assert rate.output_error == pytest.approx(off(rate.every, frequency) if rate.every > 1 else 0.0, rel=0.02)
@@ -51,7 +51,7 @@ def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_sampled_and_held_signa
 
 def test_a_lower_rate_in_the_graph_does_not_change_the_answer(write, tmp_path):
     """The touch is computed at each tick first."""
-    fast, slow = (next(rates.chosen(wave(write, tmp_path, 2.0, f"wave.every={n}"), 0.05)) for n in (1, 50))
+    fast, slow = (next(rates.lowest_rates(wave(write, tmp_path, 2.0, f"wave.every={n}"), 0.05)) for n in (1, 50))
     assert (slow.before, fast.before) == (50, 1)
     assert (slow.every, slow.constant, slow.output_error) == (
         fast.every,
@@ -61,7 +61,7 @@ def test_a_lower_rate_in_the_graph_does_not_change_the_answer(write, tmp_path):
 
 
 def test_an_effect_without_influence_keeps_its_rate(write, tmp_path):
-    (rate,) = rates.chosen(wave(write, tmp_path, 2.0, "wave.amplitude=0", "wave.every=5"), 0.05)
+    (rate,) = rates.lowest_rates(wave(write, tmp_path, 2.0, "wave.amplitude=0", "wave.every=5"), 0.05)
     assert rate.every == 5 and math.isinf(rate.constant)
 
 
@@ -77,7 +77,7 @@ def kidney(tmp_path_factory):
 
 def test_effects_of_the_force_path_are_rated_by_the_error_of_the_force(kidney):
     recording, ticks = kidney, 250
-    picked = {rate.node: rate for rate in rates.chosen(recording, 0.02)}
+    picked = {rate.node: rate for rate in rates.lowest_rates(recording, 0.02)}
     assert set(picked) == {"friction", "tissue"}
     assert picked["friction"].in_loop and 0.0 < picked["friction"].force_error <= 0.02
     assert 0.0 < picked["friction"].output_error <= 0.02
@@ -95,7 +95,7 @@ def test_each_effect_runs_at_every_tick_where_no_lower_rate_keeps_the_error(tmp_
     path = "[{to: [0.005, 0, 0.0975], time: 0.1, shape: linear}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.104]", f"scene.hand.path={path}"]
     tight = list(
-        rates.chosen(record_touch(find("kidney").but(duration=0.1, overrides=sets), tmp_path / "t.mcap"), 1e-6)
+        rates.lowest_rates(record_touch(find("kidney").but(duration=0.1, overrides=sets), tmp_path / "t.mcap"), 1e-6)
     )
     assert [(rate.every, rate.idle) for rate in tight] == [(1, False), (1, False)]
 
@@ -114,11 +114,11 @@ def test_a_missed_error_raises_the_rate_of_its_effect():
     """It is the effect with too large an output error, otherwise the one with the largest force error, or none."""
     slow = [rates.Rate("a", "x", 1, True, 0.4, 20, force_error=0.008), rates.Rate("b", "y", 5, False, 0.1, 10)]
     one = rates.Evaluation({}, error=0.005, outputs=(0.001, 0.02))
-    assert [rate.every for rate in rates.raised(slow, one, 0.01)] == [20, 5]
-    raised = rates.raised(slow, replace(one, error=0.02, outputs=(0.001, 0.002)), 0.01)
+    assert [rate.every for rate in rates.raise_rate(slow, one, 0.01)] == [20, 5]
+    raised = rates.raise_rate(slow, replace(one, error=0.02, outputs=(0.001, 0.002)), 0.01)
     assert [rate.every for rate in raised] == [10, 10] and raised[0].force_error == pytest.approx(0.004)
-    assert rates.raised(slow, one, 0.03) is None
-    assert rates.raised([replace(rate, every=1) for rate in slow], one, 0.01) is None
+    assert rates.raise_rate(slow, one, 0.03) is None
+    assert rates.raise_rate([replace(rate, every=1) for rate in slow], one, 0.01) is None
 
 
 @pytest.mark.long
@@ -138,7 +138,7 @@ def test_rates_are_valid_at_the_stated_speeds_of_the_hand(tmp_path):
     assert motions[4.0].duration == 0.08 and motions[4.0].load().nodes["device"].settings["speed_factor"] == 4.0
     slide = at_speeds(find("kidney").but(**TAP), (0.5, 4.0))
     calm = record_touch(slide[0.5], tmp_path / "calm.mcap")
-    alone, one = rates.together([calm], rates.chosen(calm, error), error)
+    alone, one = rates.together([calm], rates.lowest_rates(calm, error), error)
     assert one.most <= error
     assert rates.ran(slide[4.0], alone, tmp_path).most > 1.5 * error
 
@@ -146,13 +146,13 @@ def test_rates_are_valid_at_the_stated_speeds_of_the_hand(tmp_path):
 def test_the_reported_worst_error_is_that_of_all_speeds(tmp_path, monkeypatch):
     """Also where another speed has the larger RMS."""
     launch = find("kidney").but(duration=0.05, overrides=["scene.surface.vertices=400"])
-    real, calls = rates.tried, iter(range(1, 100))
+    real, calls = rates.try_rates, iter(range(1, 100))
 
     def tried(*given):
         number = next(calls)
         return replace(real(*given), error=1e-6 * number, worst=1e-3 / number)
 
-    monkeypatch.setattr(rates, "tried", tried)
+    monkeypatch.setattr(rates, "try_rates", tried)
     found = rates.rates(launch, 0.01, tmp_path / "slow.yaml", speeds=(1.0, 2.0))
     assert found.at[2.0].worst > found.at[1.0].worst and found.at[2.0].error < found.at[1.0].error
     assert (found.measured.error, found.measured.worst) == (found.at[1.0].error, found.at[2.0].worst)
@@ -169,7 +169,7 @@ TAP = {
 def test_the_error_of_the_friction_output_is_reported(tmp_path):
     """The expected error is computed here from the friction of both runs, tick by tick."""
     recording = record_touch(find("kidney").but(**TAP), tmp_path / "t.mcap")
-    picked = {rate.node: rate for rate in rates.chosen(recording, 0.05)}
+    picked = {rate.node: rate for rate in rates.lowest_rates(recording, 0.05)}
     friction = picked["friction"]
     assert friction.every > 1
     forces = []
@@ -186,7 +186,7 @@ def test_the_error_of_the_friction_output_is_reported(tmp_path):
 
 def test_other_motions_reach_the_stated_fastest_speed_and_stay_in_the_region():
     launch = find("kidney").but(**TAP)
-    low, high = reached(launch, (0.5, 3.0))
+    low, high = peak_speeds(launch, (0.5, 3.0))
     assert low == pytest.approx(0.5 * 1.875 * 0.014 / 0.15, rel=1e-6)
     assert high == pytest.approx(3.0 * math.dist((0, 0.096), (0.02, 0.097)) / 0.1, rel=1e-6)
     paths = []
@@ -244,7 +244,7 @@ def test_prediction_motions_only_decide_whether_the_error_is_kept(tmp_path, monk
 
     start = [rates.Rate("friction", "friction", 1, True, 0.2, 20, force_error=0.01)]
     monkeypatch.setattr(rates, "record_touch", lambda motion, path: path)
-    monkeypatch.setattr(rates, "chosen", lambda *given: start)
+    monkeypatch.setattr(rates, "lowest_rates", lambda *given: start)
     monkeypatch.setattr(
         rates, "together", lambda seen, picked, error: (list(picked), rates.Evaluation({}, outputs=(0.0,)))
     )
@@ -265,7 +265,7 @@ def test_a_path_over_the_error_is_measured_at_every_speed_at_the_raised_rates(tm
 
     start = [rates.Rate("friction", "friction", 1, True, 0.2, 20, force_error=0.01)]
     monkeypatch.setattr(rates, "record_touch", lambda motion, path: path)
-    monkeypatch.setattr(rates, "chosen", lambda *given: start)
+    monkeypatch.setattr(rates, "lowest_rates", lambda *given: start)
     monkeypatch.setattr(
         rates, "together", lambda seen, picked, error: (list(picked), rates.Evaluation({}, outputs=(0.0,)))
     )
@@ -300,7 +300,7 @@ def test_the_command_writes_the_predicted_graph_and_runs_it(tmp_path, write, mon
 
 def spoilt(monkeypatch, times: int) -> None:
     """The force of the touch contributes to the error, and the first runs do not keep it."""
-    found, measured, left = rates.chosen, rates.tried, [times]
+    found, measured, left = rates.lowest_rates, rates.try_rates, [times]
 
     def tried(recording, picked, texts=()):
         one = measured(recording, picked, texts)
@@ -309,8 +309,8 @@ def spoilt(monkeypatch, times: int) -> None:
             return replace(one, error=1e3)
         return one
 
-    monkeypatch.setattr(rates, "tried", tried)
-    monkeypatch.setattr(rates, "chosen", lambda *a: (replace(rate, force_error=0.04) for rate in found(*a)))
+    monkeypatch.setattr(rates, "try_rates", tried)
+    monkeypatch.setattr(rates, "lowest_rates", lambda *a: (replace(rate, force_error=0.04) for rate in found(*a)))
 
 
 def test_rates_are_raised_until_a_run_keeps_the_error(tmp_path, write, monkeypatch):

@@ -7,8 +7,8 @@ from scipy.optimize import brentq
 
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import reference
-from palpate.studies.accuracy.cases import TOUCHES, BenchCase, chosen
-from palpate.studies.accuracy.sites import stored
+from palpate.studies.accuracy.cases import TOUCHES, BenchCase, choose_cases
+from palpate.studies.accuracy.sites import load_reference
 from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 B, M = 26.2641, 1681.06
@@ -31,7 +31,7 @@ def test_the_velocity_of_a_touch_is_the_derivative_of_its_position(touch):
 
 def test_an_unknown_touch_is_an_error_with_the_list_of_touches():
     with pytest.raises(ArgumentError, match="expected one of ball, plate"):
-        chosen(["rub"])
+        choose_cases(["rub"])
 
 
 def test_a_held_touch_converges_to_the_static_split_of_finger_and_body():
@@ -92,7 +92,7 @@ def test_the_surface_displacement_under_a_ball_is_smooth_at_the_rim_and_that_of_
 
 
 def test_the_mean_displacement_of_the_slab_weighted_with_the_pressure_is_the_indentation():
-    place = stored("middle")
+    place = load_reference("middle")
     depth_at = reference.SurfaceShape(place.force, place.x, place.y, place.shape)
     at, weight = np.polynomial.legendre.leggauss(24)
     r, w = RADIUS * (at + 1) / 2, RADIUS * weight / 2

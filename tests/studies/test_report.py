@@ -64,7 +64,7 @@ def test_without_matplotlib_table_and_page_are_written(cells, tmp_path, monkeypa
     for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert report.written(cells, {"processor": "some"}, tmp_path).keys() == {"page", "table"}
+    assert report.write_report(cells, {"processor": "some"}, tmp_path).keys() == {"page", "table"}
     assert {file.name for file in tmp_path.iterdir()} == {"accuracy.csv", "accuracy.md"}
 
 

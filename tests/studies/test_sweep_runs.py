@@ -273,7 +273,7 @@ def test_a_list_may_begin_with_a_value_out_of_range(write, pool, tmp_path):
     over = {"ball.radius": [-1e-3, 2e-3], "ball.young": {"linspace": [-1e3, 2e3, 3]}}
     study = palpate.Study(write("ball.yaml", LIMITED), over, ["peak ball.force"]).run(tmp_path / "out", pool)
     assert (study.table()["error"] == "").tolist() == [False, False, False, False, True, True]
-    assert study.labelled("ball.radius") == "ball.radius [m]"
+    assert study.axis_label("ball.radius") == "ball.radius [m]"
 
 
 @pytest.mark.parametrize(
@@ -412,14 +412,14 @@ def test_pictures_of_numbers_and_curves(ball, pool, tmp_path):
 
 def test_varied_settings_have_their_unit():
     rates = palpate.Study("kidney", {"rate": [500, 1000]}, duration=0.1)
-    assert rates.labelled("rate") == "rate [Hz]"
+    assert rates.axis_label("rate") == "rate [Hz]"
     other = {"tissue.use": ["deformation.ReducedFE"], "tissue.young": [1e4, 2e4]}  # not in the graph
-    assert palpate.Study("kidney", other, duration=0.1).labelled("tissue.young") == "tissue.young [Pa]"
+    assert palpate.Study("kidney", other, duration=0.1).axis_label("tissue.young") == "tissue.young [Pa]"
 
 
 def test_an_invalid_value_does_not_change_the_unit():
     study = palpate.Study("kidney", {"tissue.stiffness": [2e3, 3e3, -1.0]}, duration=0.1)
-    assert study.labelled("tissue.stiffness") == "tissue.stiffness [N/m^n]"
+    assert study.axis_label("tissue.stiffness") == "tissue.stiffness [N/m^n]"
 
 
 def test_missing_units_of_a_changed_graph_are_reported(ball):

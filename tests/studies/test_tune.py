@@ -140,7 +140,7 @@ def test_the_slowest_node_other_than_the_body_is_found(tmp_path):
     recording = record_touch(launch, tmp_path / "t.mcap")
     base = Evaluation({"tissue.use": "deformation.MassSpring"})
     wanted = Evaluation(base.overrides | {"scene.surface.vertices": 400})
-    one = tune.evaluated(recording, wanted, base, Goal(1.0, None), 0.0)
+    one = tune.evaluate_candidate(recording, wanted, base, Goal(1.0, None), 0.0)
     assert one.slowest[0] not in ("", "tissue")
     assert 0.0 < one.slowest[1] < 1.0
 

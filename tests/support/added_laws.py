@@ -46,7 +46,7 @@ EXAMPLE = (1e4, 0.4, 2.0)
 
 
 @numba.njit
-def energy(F, J, p, P, A):
+def strain_energy(F, J, p, P, A):
     shear, bulk, limit = p[0], p[1], p[2]
     _, i, _ = shape_invariants(F)
     left = 1.0 - i / limit
@@ -56,5 +56,5 @@ def energy(F, J, p, P, A):
 
 def gent(young, poisson, limit):
     """mu and kappa from Young's modulus [Pa] and Poisson's ratio; m [1] the greatest I."""
-    return Material(energy, (*moduli(young, poisson), limit))
+    return Material(strain_energy, (*moduli(young, poisson), limit))
 '''

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.physics.contact.series import elastic, kernel_form, series_step
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.device.falcon import FALCON
-from palpate.physics.device.stability import held
+from palpate.physics.device.stability import hold_step
 from palpate.physics.display.shape_display import pad_displacement
 from palpate.physics.fingertip.beam_bundle import bundle, check_count
 from palpate.physics.friction.lugre import stribeck
@@ -97,7 +97,7 @@ def jury_stiffness(mass, drag, period):
     det < 1:           K < (1 - p)/(a q - p c)
     1 + tr + det > 0:  K < 2 (1 + p)/(c (1 + p) - a q)   where that is positive
     """
-    a, p, c, q = held(mass, drag, period)
+    a, p, c, q = hold_step(mass, drag, period)
     bounds = [(1.0 - p) / (a * q - p * c)]
     if (below := c * (1.0 + p) - a * q) > 0.0:
         bounds.append(2.0 * (1.0 + p) / below)

@@ -48,7 +48,7 @@ class CondensedBody:
     def of(cls, node):
         """The body of a ReducedFE node."""
         it = cls.__new__(cls)
-        it.own, it.mesh = node._made(), node.mesh()
+        it.own, it.mesh = node._make_shared(), node.mesh()
         return it
 
     def under(self, count):
@@ -68,7 +68,7 @@ class CondensedBody:
 
     def displaced(self, *feet):
         self.own.feet[:] = feet
-        count = condensed_body.displaced(self.own)
+        count = condensed_body.displace_fine(self.own)
         return self.own.fine.nodes[:count], self.own.fine.moved[:count]
 
     def along(self, contact=0):
@@ -76,7 +76,7 @@ class CondensedBody:
         return tuple(self.own.gradient.tolist()), tuple(self.own.shape.ravel().tolist())
 
     def stored(self):
-        return condensed_body.stored(self.own)
+        return condensed_body.patch_energy(self.own)
 
     @property
     def held(self):
@@ -111,7 +111,7 @@ class SampledBody:
     @classmethod
     def of(cls, node):
         """The body of a ReducedFE node."""
-        basis, given = node._placed()
+        basis, given = node._place_basis()
         return cls(basis, *given)
 
     def _under(self, count):
@@ -133,5 +133,5 @@ class SampledBody:
 
     def displaced(self, *feet):
         self.own.feet[:] = feet
-        count = sampled_body.displaced(self.own)
+        count = sampled_body.displace_fine(self.own)
         return self.own.fine.nodes[:count], self.own.fine.moved[:count]

@@ -5,7 +5,7 @@ from palpate.studies.psychophysics.file import find, load
 from palpate.studies.psychophysics.fit import IntervalEstimate
 from palpate.studies.psychophysics.observer import ObserverSettings, SimulatedObserver
 from palpate.studies.psychophysics.schedule import schedule
-from palpate.studies.psychophysics.session import judged
+from palpate.studies.psychophysics.session import judge_answer
 from palpate.studies.psychophysics.stimuli import Stimuli
 
 HEAD = """
@@ -80,7 +80,7 @@ class Sessions:
         trial = next(order)
         while True:
             answer = observer.ask(trial).value
-            hit = judged(self.stimuli, trial, answer)
+            hit = judge_answer(self.stimuli, trial, answer)
             if not self.experiment.blocks[trial.block].practice:
                 level, reference = (
                     "n/a" if one is None else repr(one) for one in (trial.level, self.stimuli.reference)

@@ -12,7 +12,7 @@ from palpate.physics.errors import ArgumentError
 from palpate.physics.geometry.mesh import plane
 from palpate.records.reader import Recording
 from palpate.views.surface import film as films
-from palpate.views.surface.colour import COLOURS, able, check, painted, top
+from palpate.views.surface.colour import COLOURS, able, check, paint_vertices, top
 
 SHEET = plane(0.1, 100)
 
@@ -29,10 +29,10 @@ def test_the_values_come_from_the_message():
     count = len(SHEET.vertices)
     printed = surface(pressure=np.linspace(0.0, 5e3, count), slipped=np.arange(count) % 2)
     assert able(printed) == list(COLOURS)
-    assert painted(COLOURS["displacement"], SHEET, printed) == pytest.approx(0.2 * np.abs(SHEET.vertices[:, 0]))
-    assert painted(COLOURS["pressure"], SHEET, printed) == pytest.approx(printed.pressure)
-    assert painted(COLOURS["slip"], SHEET, printed).tolist() == [float(i % 2) for i in range(count)]
-    assert painted(COLOURS["strain"], SHEET, printed) == pytest.approx(0.2, abs=1e-12)
+    assert paint_vertices(COLOURS["displacement"], SHEET, printed) == pytest.approx(0.2 * np.abs(SHEET.vertices[:, 0]))
+    assert paint_vertices(COLOURS["pressure"], SHEET, printed) == pytest.approx(printed.pressure)
+    assert paint_vertices(COLOURS["slip"], SHEET, printed).tolist() == [float(i % 2) for i in range(count)]
+    assert paint_vertices(COLOURS["strain"], SHEET, printed) == pytest.approx(0.2, abs=1e-12)
 
 
 def test_a_vertex_missing_in_the_message_has_the_value_zero():
@@ -41,8 +41,8 @@ def test_a_vertex_missing_in_the_message_has_the_value_zero():
         slipped=np.array([1]), stiffness=1.0, exponent=1.0, damping=0.0, rest_indentation=0.0, previous_indentation=0.0,
     )  # fmt: skip
     for name in ("displacement", "pressure", "slip"):
-        assert np.flatnonzero(painted(COLOURS[name], SHEET, one)).tolist() == [7]
-    strained = np.flatnonzero(painted(COLOURS["strain"], SHEET, one) > 1e-9)
+        assert np.flatnonzero(paint_vertices(COLOURS[name], SHEET, one)).tolist() == [7]
+    strained = np.flatnonzero(paint_vertices(COLOURS["strain"], SHEET, one) > 1e-9)
     around = SHEET.triangles[(SHEET.triangles == 7).any(axis=1)]
     assert set(strained.tolist()) == set(around.ravel().tolist())
 
@@ -93,7 +93,7 @@ def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch)
     touch = films.TouchStreams(Recording(file))
     shown = films.bodies_of(touch)
     (instant,) = films.instants_at(touch, shown, [300])
-    most_of_it = painted(COLOURS[name], shown.mesh, instant.surface).max()
+    most_of_it = paint_vertices(COLOURS[name], shown.mesh, instant.surface).max()
     assert label == COLOURS[name].label and 0.0 < most_of_it <= most <= 10 * most_of_it
 
 

@@ -7,11 +7,11 @@ from contextlib import ExitStack
 import pytest
 
 from palpate.engine.faults import GraphError
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
 from palpate.studies.psychophysics import page as experiment_page
-from palpate.studies.psychophysics.opening import opened
+from palpate.studies.psychophysics.opening import open_sitting
 
 pytest.importorskip("websockets")
 
@@ -89,7 +89,7 @@ def begun(write, tmp_path):
 
     def begin(graph="kidney", *sets, text=TEXT):
         file = write("mine.yaml", text.replace("GRAPH", graph))
-        opening = opened(str(file), tmp_path / "out", None, None, list(sets), True, lambda text: None)
+        opening = open_sitting(str(file), tmp_path / "out", None, None, list(sets), True, lambda text: None)
         sitting = there.enter_context(opening)
         page = sitting.page()
         server = PageServer(page)
@@ -121,7 +121,7 @@ def test_each_trial_has_one_answer_and_two_recordings(begun):
     for row in sitting.table.rows:
         for name in ("recording_1", "recording_2"):
             recording = Recording(sitting.folder / row[name])
-            assert verify(recording, changed(recording, ())).ok
+            assert verify(recording, change_plan(recording, ())).ok
     client.close()
 
 

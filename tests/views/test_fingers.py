@@ -12,7 +12,7 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.messages.grip import Grip
 from palpate.records.reader import Recording
-from palpate.views.pictures import draw
+from palpate.views.pictures import draw_pictures
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.shown import fingers, links_of, links_of_plan
 from palpate.views.surface.moments import bodies_of, instants
@@ -86,7 +86,7 @@ def test_an_instant_has_each_finger_on_its_side_of_the_organ(pinched):
 def test_the_pictures_show_each_finger_and_the_grip(pinched, tmp_path, monkeypatch):
     there = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda n, *more: None if n == "pyvista" else there(n, *more))
-    made = [path.stem for path in draw(pinched, tmp_path)]
+    made = [path.stem for path in draw_pictures(pinched, tmp_path)]
     each = [
         f"{name}-contact-{f}" for name in ("force", "compression", "friction", "device") for f in ("thumb", "index")
     ]

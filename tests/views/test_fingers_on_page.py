@@ -12,12 +12,12 @@ from test_page import Server, read, until
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
 from palpate.views.errors import PageError
 from palpate.views.page.reel import RecordingSource
-from palpate.views.page.steered import steered
+from palpate.views.page.steered import steer_launch
 
 THUMB, INDEX = (-0.026, -0.022, 0.084), (-0.020, 0.021, 0.084)
 SMALL = "scene.surface.vertices=1500"
@@ -56,7 +56,7 @@ def test_two_pointers_hold_the_organ_and_the_recording_replays(server):
         watcher.send(json.dumps({"reset": True}))
         until(watcher, lambda h: h["kind"] == "frame" and len(server.session.kept) == 1)
     recording = Recording(server.session.kept[0])
-    report = verify(recording, changed(recording))
+    report = verify(recording, change_plan(recording))
     assert report.ok, report.first
 
 
@@ -77,7 +77,7 @@ def test_a_device_without_a_finger_is_an_error(tmp_path):
     path = tmp_path / "more.yaml"
     path.write_text("extends: kidney\nnodes: {idle: {use: device.Simulated, begin: [0, 0, 0.116]}}\n")
     with pytest.raises(PageError, match="found device, idle, expected one for each of 1 fingers"):
-        steered(find(str(path)), tmp_path)
+        steer_launch(find(str(path)), tmp_path)
 
 
 class TestBrowser:

@@ -18,12 +18,12 @@ from palpate.cli.terminal.browser import show
 from palpate.compiler import kernel_cache
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ_file import OrganFile
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
 from palpate.views.errors import PageError
 from palpate.views.page.session import Session
-from palpate.views.page.steered import steered
+from palpate.views.page.steered import steer_launch
 
 pytest.importorskip("websockets")
 
@@ -41,7 +41,7 @@ class Server:
     """A page and its session."""
 
     def __init__(self, folder, graph="kidney", *sets, organ=None):
-        launch = find(graph).but(organ=organ).settled()
+        launch = find(graph).but(organ=organ).settle_organ()
         self.session = Session(launch, folder, list(sets), build=lambda *given: build_missing(given[0], begin=given[1]))
         self.page = PageServer(self.session)
 
@@ -147,14 +147,14 @@ def test_a_port_in_use_is_an_error(server):
 
 def test_a_graph_without_a_hand_is_an_error(tmp_path):
     with pytest.raises(PageError, match="DeviceState"):
-        steered(find("softness"), tmp_path)
+        steer_launch(find("softness"), tmp_path)
 
 
 @pytest.mark.parametrize("scene", ["afferents", "mine.yaml"])
 def test_a_page_takes_a_scene_by_name_or_by_file(scene, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.yaml").write_text("extends: afferents\n")
-    planned = steered(find("nodule").but(scene=scene), tmp_path)[0].plan()
+    planned = steer_launch(find("nodule").but(scene=scene), tmp_path)[0].plan()
     assert "afferents" in planned.order and "palpate-pointer" in planned.order
 
 
@@ -165,7 +165,7 @@ def test_another_body_starts_a_new_run_and_its_recording_replays(server):
         until(client, lambda head: head["kind"] == "mesh" and head["body"] == "deformation.ReducedFE")
         until(client, lambda head: head["kind"] == "frame" and head["load"] > 0.1, {"point": [8, PRESSED, 1]})
     recording = Recording(server.session.kept[0])
-    report = verify(recording, changed(recording))
+    report = verify(recording, change_plan(recording))
     assert report.ok
     assert report.nodes["device"].checked > 0, "the recording has only sources: the other streams are recomputed"
 

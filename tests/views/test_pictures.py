@@ -23,14 +23,14 @@ from palpate.physics.geometry.mesh import plane
 from palpate.records import stored
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-from palpate.views.pictures import PictureError, compression, deformation, draw, force
-from palpate.views.pictures.device import absorbed
+from palpate.views.pictures import PictureError, compression, deformation, draw_pictures, force
+from palpate.views.pictures.device import absorbed_energy
 from palpate.views.pictures.friction import _stretches, regions
 from palpate.views.pictures.style import COLUMNS, decimate, figure, mean
 from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
 from palpate.views.shown import Bodies
 from palpate.views.surface import off_screen, render
-from palpate.views.surface.moments import bodies_of, choose, displaced, dragged, instants
+from palpate.views.surface.moments import bodies_of, choose, displace_vertices, instants, mean_drag
 
 UP = (0.0, 0.0, 1.0)
 PLOTS = ["force.png", "compression.png", "friction.png", "device.png"]
@@ -100,7 +100,7 @@ def hide(monkeypatch, *names):
 def drawn(recording, folder):
     """Names of the pictures, and the warnings."""
     lines: list[str] = []
-    made = draw(recording, folder, lines.append)
+    made = draw_pictures(recording, folder, lines.append)
     for path in made:
         assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     return [path.name for path in made], lines
@@ -186,8 +186,8 @@ def test_the_absorbed_energy_is_the_work_of_the_sent_forces():
         "tick": np.arange(5),
         "position": 1e-3 * np.array([[9, 9, 9], [0, 0, 0], [1, 0, -2], [7, 7, 7], [0, 3, 0.0]]),
     }
-    assert absorbed(force, pose) == pytest.approx([0.0, 2e-3, 2e-3 - 6e-3])
-    assert absorbed(force, {key: column[:4] for key, column in pose.items()}) is None
+    assert absorbed_energy(force, pose) == pytest.approx([0.0, 2e-3, 2e-3 - 6e-3])
+    assert absorbed_energy(force, {key: column[:4] for key, column in pose.items()}) is None
 
 
 @pytest.mark.parametrize(
@@ -275,12 +275,12 @@ def test_the_fingertip_is_drawn_in_the_indentation_moved_by_friction(normal):
     away = np.linalg.norm(vertices[:, None] - feet, axis=2)
     pulled = np.array([7e-3 * frame[1] - 3e-3 * frame[2], 2e-3 * frame[2]])
     moved = np.exp(-((away / 0.008) ** 2)) @ (pulled - 9e-3 * np.array(normal))
-    found = dragged(vertices, moved, feet, np.array([normal, normal]))
+    found = mean_drag(vertices, moved, feet, np.array([normal, normal]))
     assert found @ normal == pytest.approx(0.0, abs=1e-12)
     # (1 - exp(-x))/x with x = (4/8)²: the mean of the Gaussian over a disc with a radius of 4 mm
     share = (1.0 - np.exp(-0.25)) / 0.25
     assert found == pytest.approx(share * pulled, abs=3e-4)
-    far = dragged(vertices, 0.0 * moved, np.array([[np.nan] * 3, feet[0]]), np.array([normal, normal]))
+    far = mean_drag(vertices, 0.0 * moved, np.array([[np.nan] * 3, feet[0]]), np.array([normal, normal]))
     assert not far.any()
 
 
@@ -292,7 +292,7 @@ def test_a_surface_without_displacement_is_not_drawn(tmp_path):
 
 def test_a_vertex_outside_the_mesh_is_an_error():
     with pytest.raises(PictureError, match="vertex 12 is displaced, but the mesh has only 12"):
-        displaced(surface([12], np.ones((1, 3))), 12)
+        displace_vertices(surface([12], np.ones((1, 3))), 12)
 
 
 def test_all_instants_are_in_contact_and_include_the_deepest():
@@ -370,7 +370,7 @@ def test_a_nearly_rigid_tissue_has_no_panel(tmp_path, indentation, panels):
     shape = np.sin(np.linspace(0, np.pi, 200))
     contacts = [structs.replace(press(indentation * x, 2.0 * x), compression=3e-3 * x) for x in (0.0, *shape, 0.0)]
     touch = TouchStreams(Recording(record(tmp_path / "r.mcap", {"contact": contacts})))
-    assert len(force.draw(touch).axes) == panels
+    assert len(force.draw_picture(touch).axes) == panels
 
 
 def test_the_rendering_timeout_grows_per_picture_and_its_error_has_a_remedy(monkeypatch):
@@ -422,7 +422,7 @@ def test_pictures_show_only_the_touch_of_a_long_recording(tmp_path):
     touch = TouchStreams(Recording(record(tmp_path / "r.mcap", {"a": [press(depth) for depth in depths]})))
     begin, end = touch.shown
     assert 2.85 < begin < 3.0 and 3.5 < end < 3.65
-    drawn = compression.draw(touch)
+    drawn = compression.draw_picture(touch)
     assert drawn.axes[1].get_xlim() == (begin, end) and "0 to 6 s" in drawn.axes[1].get_xlabel()
     part = record(tmp_path / "s.mcap", {"a": [press(depth) for depth in depths[2800:3700]]})
     assert TouchStreams(Recording(part)).shown is None
@@ -476,7 +476,7 @@ def test_a_sensor_and_a_probe_without_a_model_have_a_picture_of_force_over_depth
     poses = [Pose(position=(0.0, 0.0, 0.1 - depth), velocity=(0.0, 0.0, 0.0), dt=1e-3) for depth in depths]
     made, _ = drawn(record(tmp_path / "r.mcap", {"sensor": felt, "finger": poses}), tmp_path)
     assert made == ["force.png"]
-    figure = force.draw(TouchStreams(Recording(tmp_path / "r.mcap")))
+    figure = force.draw_picture(TouchStreams(Recording(tmp_path / "r.mcap")))
     way, size = figure.axes[0].lines[0].get_data()
     assert way == pytest.approx(1e3 * size / 300.0, abs=1e-9) and way.max() == pytest.approx(1.9)
     assert "depth of the probe" in figure.axes[0].get_xlabel()
@@ -512,7 +512,7 @@ def test_the_command_rejects_files_that_are_not_recordings(tmp_path):
     file = tmp_path / "x.mcap"
     file.write_bytes(b"nothing")
     with pytest.raises(RecordingError, match="not an MCAP file"):
-        draw(file, tmp_path)
+        draw_pictures(file, tmp_path)
     result = CliRunner().invoke(app, ["picture", str(file)])
     assert result.exit_code == 2 and "Traceback" not in result.stderr
     empty = record(tmp_path / "e.mcap", {"a": [DeviceState()]})

@@ -11,7 +11,7 @@ from palpate.messages import Contact, ForceBand, Friction, Pins, Slip, Surface
 from palpate.physics.display.pins import pin_grid
 from palpate.records.reader import Recording
 from palpate.views.errors import PictureError
-from palpate.views.pictures import draw, force, pad, pins, slip, softness
+from palpate.views.pictures import draw_pictures, force, pad, pins, slip, softness
 from palpate.views.pictures.touch import TouchStreams
 
 
@@ -24,7 +24,7 @@ def run(graph, folder, *sets, duration):
 
 def drawn(file, folder):
     lines: list[str] = []
-    made = draw(file, folder, lines.append)
+    made = draw_pictures(file, folder, lines.append)
     assert all(path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and path.stat().st_size > 10_000 for path in made)
     return {path.stem for path in made}, "\n".join(lines)
 
@@ -62,12 +62,16 @@ def test_a_press_on_the_display_has_pictures_of_pins_and_softness(tmp_path):
 def test_a_nodule_has_pictures_of_force_band_and_pins(nodule, tmp_path, without_3d):
     made, _ = drawn(nodule, tmp_path)
     assert made == {"force", "compression", "friction", "device", "pins"}
-    assert len(force.draw(TouchStreams(Recording(nodule))).axes) == 3
+    assert len(force.draw_picture(TouchStreams(Recording(nodule))).axes) == 3
 
 
 def test_a_force_picture_without_a_band_has_two_panels(tmp_path):
     assert (
-        len(force.draw(TouchStreams(Recording(record(tmp_path / "r.mcap", {"c": [press(1e-3), press(2e-3)]})))).axes)
+        len(
+            force.draw_picture(
+                TouchStreams(Recording(record(tmp_path / "r.mcap", {"c": [press(1e-3), press(2e-3)]})))
+            ).axes
+        )
         == 2
     )
 
@@ -157,7 +161,10 @@ def test_a_node_that_cannot_be_rebuilt_only_loses_its_picture(tmp_path):
     nodes = {"pins": "nowhere.PinArray", "c": "nowhere.Contact"}
     plan = {"nodes": [{"name": name, "class": kind, "settings": {}} for name, kind in nodes.items()]}
     recording = Recording(record(tmp_path / "r.mcap", {"pins": [sent] * 3, "c": [press(1e-3)] * 3}, plan))
-    assert softness.draw(TouchStreams(recording)) is None and pins.draw(TouchStreams(recording)) is not None
+    assert (
+        softness.draw_picture(TouchStreams(recording)) is None
+        and pins.draw_picture(TouchStreams(recording)) is not None
+    )
 
 
 def test_messages_of_a_touch_are_found_by_tick(slide):
@@ -177,9 +184,9 @@ def _title(axes):
 def test_a_quiet_force_keeps_its_peak_and_a_noisy_one_is_averaged():
     time = np.arange(2000) * 1e-3
     peak = np.where(time < 0.5, 5.0 * time, 0.4 + 2.1 * np.exp(-(time - 0.5) / 0.01))
-    assert force.smoothed(peak, time).max() == peak.max()
+    assert force.smooth_force(peak, time).max() == peak.max()
     noisy = peak + 0.05 * np.random.default_rng(0).standard_normal(len(time))
-    assert np.std(np.diff(force.smoothed(noisy, time)[1000:])) < 0.3 * np.std(np.diff(noisy[1000:]))
+    assert np.std(np.diff(force.smooth_force(noisy, time)[1000:])) < 0.3 * np.std(np.diff(noisy[1000:]))
 
 
 @pytest.mark.parametrize("unload", [0.05, 0.25, 4.0])
@@ -209,7 +216,7 @@ def test_a_press_without_a_slide_has_no_empty_panels_and_another_title(tmp_path,
     file = run(
         "fingertip-slide", tmp_path, "scene.finger.hold='0.3 s'", "finger.pitch='2.4 mm'", *sets, duration=duration
     )
-    figure = slip.draw(TouchStreams(Recording(file)))
+    figure = slip.draw_picture(TouchStreams(Recording(file)))
     assert figure.get_suptitle() == title and len(figure.axes) == panels
     if panels == 2:  # relaxed at the end of the hold, not after unloading
         printed = [float(word) for word in _title(figure.axes[0]).split() if word.replace(".", "").isdigit()]
@@ -220,7 +227,7 @@ def test_a_press_without_a_slide_has_no_empty_panels_and_another_title(tmp_path,
 
 def test_the_pad_is_drawn_as_seen_from_below(slide):
     """Seen from below, with y upwards, x grows to the left."""
-    figure = pad.draw(TouchStreams(Recording(slide)))
+    figure = pad.draw_picture(TouchStreams(Recording(slide)))
     left, right = figure.axes[0].get_xlim()
     low, high = figure.axes[0].get_ylim()
     assert left > right and low < high
@@ -229,6 +236,6 @@ def test_the_pad_is_drawn_as_seen_from_below(slide):
 def test_every_axis_has_a_label_with_a_unit(slide, nodule):
     drawings = [(picture, slide) for picture in (force, slip, pad)] + [(picture, nodule) for picture in (force, pins)]
     for picture, file in drawings:
-        for axes in picture.draw(TouchStreams(Recording(file))).axes:
+        for axes in picture.draw_picture(TouchStreams(Recording(file))).axes:
             for label in (axes.get_xlabel(), axes.get_ylabel()):
                 assert not label.strip().startswith("["), (picture.__name__, label)

@@ -22,7 +22,7 @@ from test_page import PRESSED, WAIT, Server, until
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from palpate.views.page.feed import binary, packed
+from palpate.views.page.feed import binary, pack_message
 
 SAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "renderers"
 THREE = "three@0.170.0"
@@ -78,7 +78,7 @@ def test_each_number_is_at_its_documented_position():
     other = finger | {"load": 0.0, "stick": False}
     head = {"kind": "frame", "late": 7, "time": 1.25, **first, "others": [other]}
     moved = np.arange(6, dtype="<f4")
-    frame = decode(binary(packed(head, np.array([3, 9], "<u4"), moved, np.ones(2, "<f4"))))
+    frame = decode(binary(pack_message(head, np.array([3, 9], "<u4"), moved, np.ones(2, "<f4"))))
     assert (frame["late"], frame["time"], frame["nodes"].tolist()) == (7, 1.25, [3, 9])
     assert frame["moved"].tolist() == [[0, 1, 2], [3, 4, 5]]
     assert frame["foot"].tolist() == [[1, 2, 3]] * 2
@@ -89,7 +89,7 @@ def test_each_number_is_at_its_documented_position():
     assert frame["state"].tolist() == [1 + 2 + 4 + 8 + 16, 8]
     corners, places = np.array([0, 1, 2, 2, 1, 3], "<u4"), np.arange(12, dtype="<f4")
     printed = {"kind": "mesh", "fingers": ["a", "b"], "thickness": 4e-3}
-    mesh = decode(binary(packed(printed, corners, places, places)))
+    mesh = decode(binary(pack_message(printed, corners, places, places)))
     assert mesh["vertices"].tolist() == places.reshape(-1, 3).tolist()
     assert mesh["corners"].tolist() == [[0, 1, 2], [2, 1, 3]]
     assert (mesh["fingers"], mesh["thickness"]) == (2, pytest.approx(4e-3))

@@ -16,7 +16,7 @@ pytest.importorskip("websockets")
 from test_page import read
 
 from palpate.views.page.feed import StreamReader
-from palpate.views.page.steered import watched
+from palpate.views.page.steered import watched_part
 
 RATE, STREAMS = 1000, 9  # [1/s] of each stream; streams of the kidney that a page reads
 PAUSE, PAUSES = 1.0, 4  # [s] between two frames
@@ -31,7 +31,7 @@ def contact(tick):
 def test_a_page_that_draws_once_in_a_second_does_not_fall_behind():
     """4 s of a run; before each frame, 1 s of all streams is unread."""
     place = RunFolder(name := f"slow-{os.getpid()}")
-    touched = watched(find("kidney").plan())
+    touched = watched_part(find("kidney").plan())
     streams = {stream: kind for kind, stream in touched.fingers[0].items()}
     assert streams["contact"] is Contact
     pose = next(stream for stream, kind in streams.items() if kind is Pose)

@@ -8,7 +8,7 @@ pytest.importorskip("websockets")
 pytest.importorskip("playwright.sync_api")
 
 from palpate.physics.geometry.mesh import plane
-from palpate.views.page.feed import FrameSource, packed, surface_frame
+from palpate.views.page.feed import FrameSource, pack_message, surface_frame
 from palpate.views.page.server import PageServer
 
 pytestmark = NEEDED
@@ -32,7 +32,7 @@ class Still(FrameSource):
         )  # fmt: skip
         head = {"kind": "frame", "late": 0, **FINGER, "others": [FINGER], **more}
         nodes, moved = np.arange(5, dtype="<u4"), np.full(15, -2e-3, "<f4")
-        self.frame = packed(head, nodes, moved, np.zeros(0, "<f4"))
+        self.frame = pack_message(head, nodes, moved, np.zeros(0, "<f4"))
 
 
 @pytest.fixture(scope="module")

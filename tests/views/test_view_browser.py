@@ -17,8 +17,8 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Surface
 from palpate.views.page.reel import Reels
 from palpate.views.page.server import PageServer
-from palpate.views.surface.colour import COLOURS, painted
-from palpate.views.surface.moments import displaced, dragged
+from palpate.views.surface.colour import COLOURS, paint_vertices
+from palpate.views.surface.moments import displace_vertices, mean_drag
 
 pytestmark = NEEDED
 
@@ -97,7 +97,7 @@ def test_the_strain_on_the_page_equals_that_of_the_pictures(page, shown):
     at(page, 0.3)
     reel = shown.source.reels[0]
     surface = next(one for one in reel.last(0.3).values() if isinstance(one, Surface))
-    expected = painted(COLOURS["strain"], reel.touched.bodies.mesh, surface)
+    expected = paint_vertices(COLOURS["strain"], reel.touched.bodies.mesh, surface)
     drawn = np.array(page.evaluate("Array.from(palpate.reels[0].scene.values)"))
     assert expected.max() > 0.05 and drawn == pytest.approx(expected, abs=2e-4)
     assert page.text_content("#top") == f"{100 * expected.max():.0f} %"
@@ -172,7 +172,9 @@ def test_the_fingertip_is_drawn_in_the_indentation_as_in_pictures(page, shown):
     reel, head = shown.source.reels[0], page.evaluate("palpate.reels[0].newest.head")
     surface = next(one for one in reel.last(0.3).values() if isinstance(one, Surface))
     vertices = reel.touched.bodies.mesh.vertices
-    expected = dragged(vertices, displaced(surface, len(vertices)), np.array([head["foot"]]), np.array([head["up"]]))
+    expected = mean_drag(
+        vertices, displace_vertices(surface, len(vertices)), np.array([head["foot"]]), np.array([head["up"]])
+    )
     drawn = page.evaluate("({ foot, up }) => palpate.reels[0].scene.dragged(foot, up)", head)
     assert np.linalg.norm(expected) > 1e-4 and drawn == pytest.approx(expected[0], abs=1e-5)
 

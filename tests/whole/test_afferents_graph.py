@@ -43,7 +43,7 @@ def felt(tmp_path_factory):
 
 def counts(recording, begin, end):
     """Spikes of each type from messages within this time [s]."""
-    kind = TouchStreams(recording).make("afferents").made().kind
+    kind = TouchStreams(recording).make("afferents").make_population().kind
     units = [m.unit for m in recording.messages("afferents") if begin <= m.time * 1e-9 < end]
     return np.bincount(kind[np.concatenate(units)], minlength=len(TYPES))
 
@@ -74,7 +74,7 @@ def test_a_process_per_node_sends_the_same_spikes(felt, tmp_path):
 @pytest.mark.long
 def test_picture_and_page_show_the_spikes(felt):
     touch = TouchStreams(felt[0])
-    drawn = afferents.draw(touch)
+    drawn = afferents.draw_picture(touch)
     assert drawn is not None and "464" in drawn.get_suptitle()
     source = RecordingSource(felt[0].path)
     head = source.begin(0, "x")

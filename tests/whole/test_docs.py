@@ -22,7 +22,7 @@ from trimesh import Trimesh
 from typer.core import TyperGroup
 
 from palpate.cli.__main__ import app
-from palpate.cli.terminal.options import chosen
+from palpate.cli.terminal.options import choose_launch
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.placement import load_place
 from palpate.launch.load.values.source import read
@@ -164,7 +164,7 @@ def test_a_printed_command_exists_and_its_graph_loads(folder, where, words):
     given = parsed(words)
     if isinstance(given.get("graph"), str) and "sets" in given:
         place = given.get("place")
-        run = chosen(given["graph"], given["sets"], given.get("scene"), place)
+        run = choose_launch(given["graph"], given["sets"], given.get("scene"), place)
         run.placement(run.plan())
 
 

@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfilt
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Ledger
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.export import export
 from palpate.records.export.vibration import haptics, samples
 from palpate.records.reader import Recording
@@ -31,7 +31,7 @@ def recording(tmp_path_factory):
 
 
 def test_it_replays_bit_for_bit_and_generates_no_energy(recording):
-    assert verify(recording, changed(recording, ())).first is None
+    assert verify(recording, change_plan(recording, ())).first is None
     ledger = recording.columns(recording.stream_of(Ledger))
     assert np.diff(ledger["friction_dissipated"]).min() > -1e-15 and not ledger["tripped"].any()
     assert ledger["generated"].max() < 1e-6  # [J] of the whole display; the same without a texture
@@ -160,6 +160,6 @@ def test_the_picture_is_a_spectrogram(recording):
     from palpate.views.pictures import texture
     from palpate.views.pictures.touch import TouchStreams
 
-    figure = texture.draw(TouchStreams(recording))
+    figure = texture.draw_picture(TouchStreams(recording))
     upper, lower = figure.axes[:2]
     assert "frequency" in upper.get_ylabel() and 100.0 < upper.get_ylim()[1] <= 1200.0 and "force" in lower.get_ylabel()

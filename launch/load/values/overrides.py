@@ -48,7 +48,7 @@ def _parts(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[tuple[str, 
                     raise ArgumentError(
                         f"{name}: found {key!r}, expected the name of a setting, as in {name}={{'stiffness': 2e3}}"
                     )
-                yield f"{name}.{key}", _text(f"{name}.{key}", value), f"{name}={shortened(repr({key: value}))}"
+                yield f"{name}.{key}", _text(f"{name}.{key}", value), f"{name}={shorten_text(repr({key: value}))}"
         else:
             raise ArgumentError(
                 f"{name}: found {what!r}, expected a model, {name}='deformation.ReducedFE', or settings, "
@@ -56,7 +56,7 @@ def _parts(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[tuple[str, 
             )
 
 
-def shortened(text: str) -> str:
+def shorten_text(text: str) -> str:
     line = " ".join(text.split())
     return line if len(line) <= LONG else f"{line[: LONG - 4]} ..."
 

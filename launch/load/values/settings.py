@@ -188,7 +188,7 @@ def _prefixes(path: str) -> Iterator[str]:
         path = path.rpartition(".")[0]
 
 
-def uncalibrated(name: str, cls: type[Node], set_keys: list[str], offers: Iterable[Offer]) -> Iterator[str]:
+def calibration_notes(name: str, cls: type[Node], set_keys: list[str], offers: Iterable[Offer]) -> Iterator[str]:
     """Notes on settings of a node that keep defaults calibrated for another tissue.
 
     set_keys  settings in its line

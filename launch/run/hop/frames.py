@@ -161,7 +161,7 @@ def exactly(port, need):
 
 
 @kernel
-def awaited(port, tick):
+def message_arrived(port, tick):
     """Whether the message that a node needs at a tick of the simulated clock has arrived, or none is needed."""
     row, line = row_at(port.row), input_at(port.line)
     need = tick - line.loop
@@ -197,7 +197,7 @@ def send(reader, begin, size, scratch):
 
 
 @kernel
-def refused():
+def buffer_is_full():
     """Whether the last system call failed because a buffer is full. It reads 4 bytes."""
     place = error_place()
     return np.int64(byte(place).value) | np.int64(byte(place + 1).value) << 8 == AGAIN
@@ -225,7 +225,7 @@ def deliver(hop, segment, clock):
             lacking = send(reader, clock.journal + entry.begin, size, hop.scratch)
             if lacking == 0:
                 continue
-            if lacking > 0 and reader.blocks == 0 and refused():
+            if lacking > 0 and reader.blocks == 0 and buffer_is_full():
                 reader.dropped += 1
                 continue
             if lacking < 0:

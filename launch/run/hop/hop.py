@@ -178,7 +178,7 @@ class Hop:
         state["origin"], state["last"] = origin, worker.tick
         state["end"] = FAR if worker.last is None else worker.last
         # Each worker returns to Python after other ticks than the others, since they share the core.
-        most = 1 if self._bus.served() else self._block - (worker.tick + 1 + self._phase) % self._block
+        most = 1 if self._bus.served_readers() else self._block - (worker.tick + 1 + self._phase) % self._block
         why = self._run(self._where, most, now() + 2 * REAL_LONGEST)
         ran, worker.tick = int(state["done"]), int(state["last"])
         if why in (DONE, BETWEEN):
@@ -248,10 +248,10 @@ class Hop:
             for sender, reader, data, sent in unsent:
                 sender.write(reader, data, sent)
             if why == FAILED:
-                raise part.failed()
+                raise part.node_error()
             if why == JOURNAL:
                 part.resume(tick)
-            part.ended(tick, host)
+            part.deliver_tick(tick, host)
             at += 1
         run_tick(self._parts[at:], tick, host)
 
@@ -272,7 +272,7 @@ class Hop:
                 self._worker.check_length(output, tick, payload)
             for number, sender, one in self._readers[at][reader:]:
                 if number == block.entries["number"][k]:
-                    left.append((sender, one, sender.framed(payload), sent))
+                    left.append((sender, one, sender.frame_payload(payload), sent))
                 sent = 0
         return left
 

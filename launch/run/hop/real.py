@@ -34,8 +34,8 @@ from palpate.launch.run.hop.tick import (
     MONOTONIC,
     SEGMENT_SIZE,
     TALLY_SIZE,
-    crowded,
     hop_at,
+    journals_are_full,
     moment,
     run_segment,
     tally,
@@ -51,7 +51,7 @@ LONGEST_WAIT = 20_000_000  # [ns] in compiled code, since orders and Ctrl-C take
 DEVIATIONS = 6  # a sleep ends early by its usual delay and this many mean deviations
 LATEST = 16  # the last delay has the weight 1 / LATEST in the running means
 SETTLED = 0.5  # share of the period after which the force path of a tick has usually ended
-left_out, unread, stopped = kernel(schedule.left_out), kernel(schedule.unread), kernel(schedule.stopped)
+left_out, unread, stopped = kernel(schedule.left_out), kernel(schedule.unread), kernel(schedule.sender_stopped)
 
 
 @kernel
@@ -63,7 +63,7 @@ def sleep(hop, until):
 
 
 @kernel
-def paced(hop):
+def await_tick(hop):
     """Wait for the next tick of the clock: whether it is soon, its number and its time [ns]. Ticks whose whole period
     has passed are left out, except the last one of the run."""
     now = hop.last + 1
@@ -86,7 +86,7 @@ def paced(hop):
 
 
 @kernel
-def followed(hop):
+def follow_driver(hop):
     """Wait for the next driving message and use the newest: whether one has arrived, its tick and its time [ns].
     Skipped messages for a run of the node's divisor count as lost."""
     port, row = port_at(hop.port), row_at(hop.lead)
@@ -110,7 +110,7 @@ def followed(hop):
 
 
 @kernel
-def waited(hop, wire, until):
+def await_wire(hop, wire, until):
     """Whether a wire becomes readable before `until` [ns]; -1: Python has to look, 0: no."""
     left = until - moment(hop)
     if left <= 0:
@@ -124,7 +124,7 @@ def waited(hop, wire, until):
 
 
 @kernel
-def collected(hop, port, now, waits, until):
+def collect_newest(hop, port, now, waits, until):
     """Read the newest message of an input up to the tick; wait until `until` [ns] for that of this tick. Returns
     `DONE` or `INPUT`."""
     line, wire = input_at(port.line), wire_at(port.wire)
@@ -141,7 +141,7 @@ def collected(hop, port, now, waits, until):
             # A later message has arrived, so this one is lost.
             if not waits or peek(port) == WHOLE:
                 return DONE
-            ready = waited(hop, wire, until)
+            ready = await_wire(hop, wire, until)
             if ready <= 0:
                 return DONE if ready == 0 else INPUT
         tried = True
@@ -169,7 +169,7 @@ def gather(hop, segment, now, rate):
         leads = word(segment.port + 8 * k) == hop.port
         waits = (port.waits != 0 or line.drives) and not leads and port.row != without
         silent = head_at(port.record).there and stopped(state_of(port, now, rate), line.optional)
-        if collected(hop, port, now, waits and not silent, until) != DONE:
+        if collect_newest(hop, port, now, waits and not silent, until) != DONE:
             return INPUT
         if lacks(state_of(port, now, rate), line.optional):
             without = port.row
@@ -195,9 +195,9 @@ def run_real_hop(hop_address, most, deadline):
     hop.done = 0
     while hop.done < most and hop.last < hop.end:
         if hop.port == 0:
-            ready, now, at = paced(hop)
+            ready, now, at = await_tick(hop)
         else:
-            ready, now, at = followed(hop)
+            ready, now, at = follow_driver(hop)
         if not ready:
             return BETWEEN
         hop.now, hop.time, hop.begun = now, at, moment(hop)
@@ -217,7 +217,7 @@ def run_real_hop(hop_address, most, deadline):
                     tally(counts.age, age)
         hop.last = now
         hop.done += 1
-        if moment(hop) > deadline or crowded(hop):
+        if moment(hop) > deadline or journals_are_full(hop):
             break
     # The caller's work waits until the nodes that need these messages have run, since they share the core.
     settled = hop.origin + np.int64((hop.last + SETTLED) * hop.exact)

@@ -14,7 +14,7 @@ from palpate.compiler.memory import pointer, set_word, word
 from palpate.engine.compiled_tick import ROW_SIZE, clock_at, row_at, run_table
 from palpate.engine.health import LONGEST, TOTAL
 from palpate.engine.segment import SAMPLE
-from palpate.launch.run.hop.frames import awaited, deliver, port_at, segment_at
+from palpate.launch.run.hop.frames import deliver, message_arrived, port_at, segment_at
 from palpate.launch.run.hop.table import DONE, FAILED, HOP, INPUT, JOURNAL, SEGMENT, TALLY
 
 _INT, _LONG = types.int32, types.int64
@@ -82,7 +82,7 @@ def run_segment(hop, segment, tick, at):
 
 
 @kernel
-def crowded(hop):
+def journals_are_full(hop):
     """Whether a journal contains enough messages for a block, or is half full."""
     for s in range(hop.count):
         clock = clock_at(segment_at(hop.segments + s * SEGMENT_SIZE).clock)
@@ -101,11 +101,11 @@ def run_hop(hop_address, tick, until, deadline):
             segment = segment_at(hop.segments + s * SEGMENT_SIZE)
             hop.at = s
             for k in range(segment.ports):
-                if not awaited(port_at(word(segment.port + 8 * k)), now):
+                if not message_arrived(port_at(word(segment.port + 8 * k)), now):
                     return now, INPUT
             why = run_segment(hop, segment, now, 0)
             if why != DONE:
                 return now, why
-        if moment(hop) > deadline or crowded(hop):
+        if moment(hop) > deadline or journals_are_full(hop):
             return now + 1, DONE
     return until, DONE

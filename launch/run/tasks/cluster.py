@@ -11,7 +11,7 @@ from typing import Any
 from palpate.launch.run.tasks.local import cores, local
 from palpate.launch.run.tasks.spread import Executor
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 
 ANSWERS = 10.0  # [s] Timeout of the connection
 HELP = "see docs/scale.md"
@@ -43,7 +43,7 @@ def cluster(address: str, report: Callable[[str], None] = lambda text: None) -> 
 
     ArgumentError: the address is refused, or `distributed` is missing. RunError: no scheduler answers.
     """
-    with required("--scheduler", "cluster", ArgumentError):
+    with require_extra("--scheduler", "cluster", ArgumentError):
         from distributed import Client, Security
     protocol, _, place = address.rpartition("://")
     if protocol not in ("tls", "tcp", "") or not place.rpartition(":")[2].isdecimal():

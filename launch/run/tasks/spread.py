@@ -44,7 +44,7 @@ def spread(
     workers: set[str] = set()
     each = math.inf  # [s] recent time of an item
 
-    def taken(number: int) -> Finished:
+    def take_block(number: int) -> Finished:
         nonlocal each
         future, block = flight.pop(number)
         worker, seconds, results = future.result()
@@ -66,7 +66,7 @@ def spread(
                     flight[number] = future, block
                     future.add_done_callback(lambda _, one=number: done.put(one))
                     at, number = at + len(block), number + 1
-                finished = taken(done.get())
+                finished = take_block(done.get())
             except LOST as error:
                 lost = lost or error
                 for future, _ in flight.values():  # blocks that are computed now still count

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from palpate.engine.imports import load_class
 from palpate.engine.job import Job
-from palpate.engine.schedule import needed
+from palpate.engine.schedule import needed_tick
 from palpate.engine.slot import NodeError, ObserverSlot, Output, make
 from palpate.launch.run.hop.blocks import block_of
 from palpate.launch.run.wire.bus import END, HEALTH
@@ -46,13 +46,13 @@ class Audience:
             if stream in outputs:
                 outputs[stream].listeners.append(slot)
 
-    def hear(self, data: bytes) -> int:
+    def handle_frame(self, data: bytes) -> int:
         """Handle a frame of another worker. Returns its tick, or -1 if it has none. NodeError: an observer raised."""
         topic, _, payload = data.partition(b"\0")
         stream = topic.decode(errors="replace")
         try:
             if stream == HEALTH:
-                self.tell(unpack(payload, Health))
+                self.pass_health(unpack(payload, Health))
                 return -1
             if stream == END:
                 group = payload.decode(errors="replace")
@@ -80,7 +80,7 @@ class Audience:
                     slot.take()
         return int(block.entries["tick"][-1])
 
-    def tell(self, report: Health) -> None:
+    def pass_health(self, report: Health) -> None:
         for slot in self.begun:
             slot.node.health(report)
 
@@ -89,7 +89,7 @@ class Audience:
         if last is None or self.job.clock == "real":
             return False
         return all(
-            slot.last[stream] >= needed(last, given.every, False)
+            slot.last[stream] >= needed_tick(last, given.every, False)
             for slot in self.slots
             for stream, given in slot.streams.items()
         )

@@ -218,7 +218,7 @@ class Bus:
                 self._overhears.add(stream)
                 self._observed.subscribe(stream.encode() + b"\0")
 
-    def ended(self, group: str) -> None:
+    def end_group(self, group: str) -> None:
         """The last frame of an observed group was received: disconnect, so that it can close."""
         if group in self._sources:
             self._observed.disconnect(self._sources.pop(group))
@@ -244,10 +244,10 @@ class Bus:
         self._outlet.tend()
         return self._outlet.version
 
-    def served(self) -> bool:
+    def served_readers(self) -> bool:
         """Whether readers were served since the last call, so that there may be more to do."""
-        served = self._outlet.served or self._public.served
-        self._outlet.served = self._public.served = False
+        served = self._outlet.served_readers or self._public.served_readers
+        self._outlet.served_readers = self._public.served_readers = False
         return served
 
     def waits_for(self, reader: ReaderConnection) -> bool:
@@ -267,7 +267,7 @@ class Bus:
         while (
             any(count > 0 for count in missing.values())
             or any(
-                self._outlet.linked(stream) + self._far_readers[stream.encode() + b"\0"] < len(groups)
+                self._outlet.count_groups(stream) + self._far_readers[stream.encode() + b"\0"] < len(groups)
                 for stream, groups in self._external.items()
             )
             or (any(inlet.awaits_writer for inlet in self._inlets.values()) and not (self.real and now() > until))
@@ -314,9 +314,9 @@ class Bus:
         else:
             self.listeners.pop(note[1:], None)
 
-    def heard(self, stream: str) -> bool:
+    def has_reader(self, stream: str) -> bool:
         """Whether an observer or external program reads this stream."""
-        return self._observed_by_members(stream) or self._public.heard(stream.encode() + b"\0")
+        return self._observed_by_members(stream) or self._public.has_reader(stream.encode() + b"\0")
 
     def _observed_by_members(self, stream: str) -> bool:
         topic = stream.encode() + b"\0"
@@ -330,7 +330,7 @@ class Bus:
     def keep_block(self, block: Block, number: int, output: Output) -> None:
         """Buffer the messages of one output in a block: one frame for the observers of the run, frames of one message
         for other programs and other machines."""
-        kept = [self._shown] if self._public.heard(output.topic) else []
+        kept = [self._shown] if self._public.has_reader(output.topic) else []
         if self._blocks:
             data = frame_of(block, number, output)
             self._kept += [data] if data else []
@@ -362,7 +362,7 @@ class Bus:
                         self._kept = kept[place:]
                         raise
 
-    def listened(self) -> bool:
+    def update_listeners(self) -> bool:
         """Update the subscriptions of observers; returns whether one has changed."""
         changed, self._public.changed = self._public.changed, False
         for note in self._subscriptions(self._observers):
@@ -408,7 +408,7 @@ class Bus:
                 end = frame(END, self.group.encode())
                 self.keep(end)
                 self.flush()
-                self.listened()
+                self.update_listeners()
                 self._wait_taken(end)
         self._outlet.close()
         self._public.close()

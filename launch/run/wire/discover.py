@@ -57,7 +57,7 @@ def subscriber(context: zmq.Context, run: Running, streams: list[str], limit: in
     return socket
 
 
-def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
+def receive_messages(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
     """Stream and payload of each message of these streams of a run, until the run has ended."""
     with zmq.Context() as context, subscriber(context, run, streams, HIGH_WATER) as socket:
         while True:
@@ -76,7 +76,7 @@ def messages_of(stream: str, run: str | None) -> Iterator[Message]:
     kind: type[Message] | None = Health if stream == HEALTH else None
     reports: dict[str, int] = {}
     received = False
-    for name, payload in hear(live_run, list({stream, HEALTH})):
+    for name, payload in receive_messages(live_run, list({stream, HEALTH})):
         if name == stream:
             received = True
             kind = kind or _type_of(payload)

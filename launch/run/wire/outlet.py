@@ -107,7 +107,7 @@ class Sender:
         """Whether readers on other machines are served."""
         return self._far is not None
 
-    def framed(self, payload: bytes) -> bytes:
+    def frame_payload(self, payload: bytes) -> bytes:
         return _frame_of(self.topic + payload)
 
     def write(self, reader: ReaderConnection, data: bytes, sent: int) -> None:
@@ -122,11 +122,11 @@ class Sender:
             self._outlet.drop(reader)
             return
         if sent != size:
-            self._outlet.crowded(reader, data, sent, self._holds)
+            self._outlet.handle_full_buffer(reader, data, sent, self._holds)
 
     def send(self, payload: bytes) -> None:
         topic = self.topic
-        data = self.framed(payload)
+        data = self.frame_payload(payload)
         for reader in self.readers:
             self.write(reader, data, 0)
         while self._far is not None:
@@ -151,7 +151,7 @@ class Outlet:
         self.version = 0  # of the readers of the senders
         self._group, self._external, self._real, self._outer = group, external, real, watch
         self._watch = SocketPoller()
-        self.served = False  # whether requests or commands of readers have been handled
+        self.served_readers = False  # whether requests or commands of readers have been handled
         watch.add(self._watch.fileno(), self._serve_some)
         self._workers = {name for groups in external.values() for name in groups}
         self._senders: list[Sender] = []
@@ -174,11 +174,11 @@ class Outlet:
         self._sort()
         return self._senders[-1]
 
-    def linked(self, stream: str) -> int:
+    def count_groups(self, stream: str) -> int:
         topic = stream.encode() + b"\0"
         return len({reader.group for reader in self._readers if reader.group and reader.topics[topic]})
 
-    def heard(self, topic: bytes) -> bool:
+    def has_reader(self, topic: bytes) -> bool:
         return any(topic.startswith(tuple(reader.topics)) for reader in self._readers)
 
     def publish(self, messages: Sequence[bytes]) -> None:
@@ -197,7 +197,7 @@ class Outlet:
         self.tend()
 
     def _serve_some(self) -> None:
-        self.served = self._watch.poll(most=1 if self._real else 64) > 0
+        self.served_readers = self._watch.poll(most=1 if self._real else 64) > 0
 
     # -- readers -------------------------------------------------------------------------------------------------
 
@@ -271,7 +271,7 @@ class Outlet:
 
     # -- full buffers --------------------------------------------------------------------------------------------
 
-    def crowded(self, reader: ReaderConnection, data: bytes, sent: int, holds: Callable[[], None]) -> None:
+    def handle_full_buffer(self, reader: ReaderConnection, data: bytes, sent: int, holds: Callable[[], None]) -> None:
         """The buffer of a reader is full after `sent` bytes of a frame: wait, or drop the frame if none was sent."""
         if sent:
             reader.keep(memoryview(data)[sent:])

@@ -62,7 +62,7 @@ class ControlChannel:
         poller.register(self._told, zmq.POLLIN)
         poller.register(self._orders, zmq.POLLIN)
 
-    def tell(self, group: str, order: Order) -> None:
+    def send_order(self, group: str, order: Order) -> None:
         """Send an order to the worker of a group; `*`: to all."""
         for name in self._missing if group == "*" else (group,):
             data = frame(f"~{name}", msgspec.json.encode(order))
@@ -88,7 +88,7 @@ class ControlChannel:
             elif note[:1] not in (b"\x00", b"\x01"):
                 self.foreign += 1
 
-    def reported(self, wait: int = 0) -> bool:
+    def has_report(self, wait: int = 0) -> bool:
         """Whether a report is waiting, or arrives within `wait` [ms]."""
         return bool(self._told.poll(wait))
 
@@ -111,7 +111,7 @@ class ControlChannel:
         self._folder.close()
 
 
-def heard(job: Job, others: Mapping[str, Job]) -> Iterator[tuple[str, str, list[str]]]:
+def read_streams(job: Job, others: Mapping[str, Job]) -> Iterator[tuple[str, str, list[str]]]:
     """The streams that a worker reads from each of the others: group, outlet and streams."""
     reads = {given.stream for node in job.nodes for given in node.inputs}
     observes = {stream for observer in job.observers for stream in observer.streams}

@@ -22,7 +22,7 @@ from palpate.launch.run.notes import RunNote
 from palpate.launch.run.reports import Alive, Note, Report, Starting
 from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.work.loops import run
-from palpate.launch.run.work.watchdog import START_PATIENCE, watched
+from palpate.launch.run.work.watchdog import START_PATIENCE, watch_call
 from palpate.launch.run.work.worker import Worker
 from palpate.physics.errors import PalpateError
 
@@ -60,14 +60,14 @@ def run_fused(
         elif isinstance(what, Note):
             result.notes.append(RunNote(what.text, what.node, what.time))
 
-    def interrupted(number: int) -> None:
+    def handle_signal(number: int) -> None:
         again, result.signal = result.interrupted, result.signal or number
         if not result.start:
             if not again:
                 printed(STOPPING)
             # Code that compiles may catch the exception: it is raised again until the start has ended.
             if hasattr(signal, "setitimer"):
-                signal.signal(signal.SIGALRM, lambda *_: interrupted(number))
+                signal.signal(signal.SIGALRM, lambda *_: handle_signal(number))
                 signal.setitimer(signal.ITIMER_REAL, RAISED_AGAIN)
         if again or not result.start:
             raise KeyboardInterrupt
@@ -75,20 +75,20 @@ def run_fused(
         worker.stopping = True
 
     # Start the nodes, run all ticks and stop the nodes; each phase has its timeout.
-    with crash_traceback(), interrupts(interrupted):
+    with crash_traceback(), interrupts(handle_signal):
         try:
             worker = Worker(job, None, report)
-            with watched(None if patience is None else START_PATIENCE):
+            with watch_call(None if patience is None else START_PATIENCE):
                 worker.start()
             started = time.monotonic()
             result.start = started - begun
             result.origin = started
             try:
-                with watched(patience):
+                with watch_call(patience):
                     run(worker, now())
             finally:
                 result.wall = time.monotonic() - started
-                with watched(patience, START_PATIENCE):  # writing a long recording to a slow disk takes time
+                with watch_call(patience, START_PATIENCE):  # writing a long recording to a slow disk takes time
                     worker.stop()
         except (NodeError, KeyboardInterrupt) as error:
             if result.interrupted and hasattr(signal, "setitimer"):

@@ -27,17 +27,17 @@ from palpate.engine.schedule import (
     OLD,
     lacks,
     left_out,
-    needed,
+    needed_tick,
     next_run,
+    sender_stopped,
     slept,
     standing,
-    stopped,
     unread,
 )
 from palpate.engine.slot import Input, Slot
 from palpate.engine.tick import run_tick
 from palpate.launch.run.hop.hop import FAR, Hop
-from palpate.launch.run.work.worker import EndedError, Worker, permitted
+from palpate.launch.run.work.worker import EndedError, Worker, permitted_age
 from palpate.messages import Message
 
 
@@ -95,7 +95,7 @@ class _RealClock:
             slot.missed = tick // slot.every
         return messages
 
-    def sent(self, slot: Slot, tick: int) -> None:
+    def take_outputs(self, slot: Slot, tick: int) -> None:
         """Send the outputs, and record their latency."""
         slot.due = next_run(tick, slot.every)
         self.worker.send(slot)
@@ -174,13 +174,16 @@ def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
     if not port.port.optional or port.dead:
         return False
     message = port.newest(tick - 1 if port.loop else tick)
-    return message is not None and stopped(_stands(worker, slot, port, message, tick), True)
+    return message is not None and sender_stopped(_stands(worker, slot, port, message, tick), True)
 
 
 def _stands(worker: Worker, slot: Slot, port: Input, message: Message, tick: int) -> int:
     """How a step takes a message, see `engine.schedule`."""
-    need, age = needed(tick, port.every, port.loop), tick - message.tick - slept(tick, slot.due, slot.node.hardware)
-    permits = permitted(worker.job, slot, port)
+    need, age = (
+        needed_tick(tick, port.every, port.loop),
+        tick - message.tick - slept(tick, slot.due, slot.node.hardware),
+    )
+    permits = permitted_age(worker.job, slot, port)
     return standing(message.tick, need, port is slot.driver, age, worker.job.rate, permits)
 
 
@@ -189,10 +192,10 @@ def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) ->
     if port.dead:
         return None
     message = port.newest(tick - 1 if port.loop else tick)
-    need = needed(tick, port.every, port.loop)
+    need = needed_tick(tick, port.every, port.loop)
     if not waits or port.loop or port.output is not None:
         return message
-    while (message is None or message.tick < need) and not port.lost(need) and now() < deadline:
+    while (message is None or message.tick < need) and not port.is_lost(need) and now() < deadline:
         assert port.feed is not None
         worker.wait(port.feed, deadline)
         if port.dead or worker.stopping:

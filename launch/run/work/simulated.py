@@ -75,7 +75,7 @@ class SimulatedClock:
                 messages[place] = port.of(need) or _await(self.worker, slot, port, need)
         return None if slot.blocked else messages
 
-    def sent(self, slot: Slot, tick: int) -> None:
+    def take_outputs(self, slot: Slot, tick: int) -> None:
         if slot.every > 1:
             slot.due = next_run(tick, slot.every)
         if tick >= slot.sends:
@@ -96,7 +96,7 @@ def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None
             came = worker.wait(port.feed)
             if (message := port.of(need)) is not None:
                 return message
-            if port.lost(need):
+            if port.is_lost(need):
                 raise NodeError(port.producer, f"stream {port.stream!r}", f"its message of tick {need} was lost")
             if came:
                 continue

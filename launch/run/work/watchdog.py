@@ -22,7 +22,7 @@ class HangError(Exception):
 
 
 @contextlib.contextmanager
-def watched(patience: float | None, last: float | None = None) -> Iterator[None]:
+def watch_call(patience: float | None, last: float | None = None) -> Iterator[None]:
     """Raise `HangError` inside a node's call that takes longer than `patience` [s] while the block runs. None: no
     watchdog.
 

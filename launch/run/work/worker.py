@@ -36,7 +36,7 @@ HELD = 0.007  # [s] age at which an input of a node on the real clock counts as 
 RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
 
 
-def permitted(job: Job, slot: Slot, port: Input) -> float:
+def permitted_age(job: Job, slot: Slot, port: Input) -> float:
     """The age [s] up to which an input is held on the real clock; `real` derives from it when the device stops."""
     period = port.every / job.rate
     age = max(RELEASED if slot.node.paced else HELD, 3 * period)
@@ -67,7 +67,7 @@ class Worker:
             self._feed(slot)
         self.parts: list[Slot | CompiledSegment] = list(self.slots)
         """What runs, in order: after the start, consecutive compiled nodes are merged into segments."""
-        self.audience = Audience(job, bus.ended if bus is not None else None)
+        self.audience = Audience(job, bus.end_group if bus is not None else None)
         self._real = job.clock == "real"
         self.stopping = False
         self.last = job.ticks - 1 if job.ticks is not None else None
@@ -124,7 +124,7 @@ class Worker:
                 begin(slot.name, slot.node, slot.start)
             for observer in self.audience.slots:
                 begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
-            job, ages = self.job, partial(permitted, self.job)
+            job, ages = self.job, partial(permitted_age, self.job)
             self.parts = segments(
                 self.slots, lambda own: CompiledSegment(own, job.rate, self._real, ages, self._deliver_block)
             )
@@ -192,7 +192,7 @@ class Worker:
             if isinstance(part, CompiledSegment):
                 part.refresh()
         for observer in self.audience.begun:
-            observer.node.begun(origin)
+            observer.node.take_origin(origin)
         if self._real:
             self._since = max(0, int((now() - origin) * 1e-9 * self.job.rate))
             self.tick = max(self.tick, self._since - 1)  # ignore messages from before a restart
@@ -322,7 +322,7 @@ class Worker:
         data = self.bus.overheard(wait)
         if data is None:
             return False
-        tick = self.audience.hear(data)
+        tick = self.audience.handle_frame(data)
         if not self.slots:
             self.tick = max(self.tick, tick)
         return True
@@ -409,7 +409,7 @@ class Worker:
                     self.bus.sweep()
                 self.check_orders()
                 self._overhear_some()
-            if self.bus is not None and self.bus.listened():
+            if self.bus is not None and self.bus.update_listeners():
                 self._mark_heard()
         self._flush()
         if due and self._real:
@@ -437,7 +437,7 @@ class Worker:
     def _mark_heard(self) -> None:
         if self.bus is not None:
             for output in self.outputs.values():
-                output.observed = self.bus.heard(output.stream)
+                output.observed = self.bus.has_reader(output.stream)
             for part in self.parts:
                 if isinstance(part, CompiledSegment):
                     part.listen()
@@ -472,13 +472,13 @@ class Worker:
 
     def _tell_observers(self, nodes: dict[str, Counters]) -> None:
         """Send the health of the nodes to the observers here and in other workers."""
-        far = self.bus is not None and self.bus.heard(HEALTH)
+        far = self.bus is not None and self.bus.has_reader(HEALTH)
         if not far and not self.audience.begun:
             return
         for slot in self.slots:
             last = slot.outputs[0].last if slot.outputs else None
             health = message(slot.name, last.time if last is not None else 0, self._since, nodes[slot.name])
-            self.audience.tell(health)
+            self.audience.pass_health(health)
             if far and self.bus is not None:
                 self.bus.keep(frame(HEALTH, pack(health)))
 

@@ -9,6 +9,7 @@ import hashlib
 from typing import Any
 
 import llvmlite.binding as llvm
+from numba.core import cgutils
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.environment import lookup_environment
 
@@ -23,6 +24,20 @@ class Library(JITCodeLibrary):
     _codegen: Any
     _loaded: tuple[list[str], dict[str, Any]] | None = None  # IR from disk: names of its functions, and the parts
     _tidied: dict[str, Any] | None = None  # IR of the function itself
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Add the IR of a function. Its calls of the C library's functions become calls of kernels of this package
+        (`kernel.REPLACED`), before a pass of LLVM knows them as functions of the C library."""
+        text = cgutils.normalize_ir_text(str(ir_module))
+        for function in ir_module.functions:
+            code = self._codegen.replacement(function.name) if function.is_declaration else None
+            if code is not None:
+                text = text.replace(f'@"{function.name}"', f'@"{code.name}"')
+                self.add_linking_library(code)
+        module = llvm.parse_assembly(text)
+        module.name = ir_module.name
+        module.verify()
+        self.add_llvm_module(module)
 
     def add_linking_library(self, library: Any) -> None:
         """Add a function that this one calls."""
@@ -111,7 +126,7 @@ class Library(JITCodeLibrary):
 
     def _finalize_specific(self) -> None:
         super()._finalize_specific()
-        self._codegen.found(*_names(self._final_module))
+        self._codegen.register_code(*_names(self._final_module))
 
     def get_pointer_to_function(self, name: str) -> int:
         """Address of a function of this library, or 0. The first request generates machine code."""
@@ -146,7 +161,7 @@ class Library(JITCodeLibrary):
         library.enable_object_caching()
         library._set_compiled_object(content)
         library._finalize_final_module()
-        codegen.found(*more)
+        codegen.register_code(*more)
         return library
 
 
@@ -174,7 +189,7 @@ class Codegen(JITCPUCodegen):
         self.parts: dict[str, Any] = {}  # modules that were loaded, by a hash of their content
         self._environments: set[str] = set()
 
-    def found(self, functions: list[str], environments: list[str]) -> None:
+    def register_code(self, functions: list[str], environments: list[str]) -> None:
         """Register machine code of these functions, which reads these environments."""
         self._engine._defined_symbols.update(functions)
         self._environments.update(environments)

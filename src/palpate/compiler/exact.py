@@ -2,7 +2,8 @@
 
 BLAS and LAPACK (`@`, `np.dot`, `np.linalg` except `norm` over an axis) choose the order of their sums by the processor
 and the number of threads. numpy's `exp`, `log`, `tan`, `arctan2`, `sinh`, `power` ... choose their approximation by the
-processor. numpy's sums, `einsum` without `optimize`, `sqrt`, `sin`, `cos` and `hypot` are reproducible.
+processor; its `sin`, `cos` and `hypot`, Python's `math` and powers of numbers are those of the C library. numpy's sums,
+`einsum` without `optimize` and `sqrt` are reproducible.
 """
 
 import math
@@ -101,7 +102,7 @@ def length(x: np.ndarray) -> float:
 
 
 def exp(x: Any) -> np.ndarray:
-    """e^x of each element (...), computed by the C library, as are the functions below."""
+    """e^x of each element (...), by the functions of kernels (`exponentials`, `angles`), as are those below."""
     return _each(0, x)
 
 
@@ -120,6 +121,26 @@ def arctan2(y: Any, x: Any) -> np.ndarray:
     return _each(3, y, x)
 
 
+def sin(x: Any) -> np.ndarray:
+    """Sine of an angle [rad]."""
+    return _each(4, x)
+
+
+def cos(x: Any) -> np.ndarray:
+    """Cosine of an angle [rad]."""
+    return _each(5, x)
+
+
+def arcsin(x: Any) -> np.ndarray:
+    """Angle [rad] with this sine, -pi/2 to pi/2."""
+    return _each(6, x)
+
+
+def power(x: Any, y: Any) -> np.ndarray:
+    """x^y."""
+    return _each(7, x, y)
+
+
 def _each(which: int, x: Any, y: Any = 0.0) -> np.ndarray:
     first, second = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
     out = np.empty(first.shape)
@@ -136,8 +157,16 @@ def _fill(which, x, y, out):
             out[i] = math.expm1(x[i])
         elif which == 2:
             out[i] = math.log(x[i])
-        else:
+        elif which == 3:
             out[i] = math.atan2(x[i], y[i])
+        elif which == 4:
+            out[i] = math.sin(x[i])
+        elif which == 5:
+            out[i] = math.cos(x[i])
+        elif which == 6:
+            out[i] = math.asin(x[i])
+        else:
+            out[i] = x[i] ** y[i]
 
 
 def solve(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -6,8 +6,11 @@ place, by their address, as in compiled code.
 """
 
 import ctypes
+import math
 import struct
 from collections.abc import Callable
+from fractions import Fraction
+from types import FunctionType, ModuleType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numba
@@ -15,6 +18,45 @@ import numpy as np
 
 ENABLED: bool = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
 """Whether kernels are plain functions in this process."""
+
+
+_OF_NUMPY = {"arctan2": "atan2", "arccos": "acos", "arcsin": "asin", "power": "pow"}
+
+
+class _Module:
+    """`math` or `numpy` with the functions of `kernel.REPLACED`."""
+
+    def __init__(self, module: ModuleType, replacement: Callable[[str], Any]) -> None:
+        self._module, self._replacement = module, replacement
+
+    def __getattr__(self, name: str) -> Any:
+        found = self._replacement(_OF_NUMPY.get(name, name))
+        if found is None:
+            return getattr(self._module, name)
+        return found if self._module is math else np.vectorize(found, otypes=[float])
+
+
+class _Globals(dict):
+    """The global names of a module, in which `math` and `numpy` are a `_Module`."""
+
+    def __init__(self, names: dict[str, Any], replacement: Callable[[str], Any]) -> None:
+        super().__init__(__builtins__=names["__builtins__"])
+        self._names = names
+        self._modules = {id(module): _Module(module, replacement) for module in (math, np)}
+
+    def __getitem__(self, name: str) -> Any:
+        value = self._names[name]
+        return self._modules.get(id(value), value)
+
+
+def with_functions(function: Any, replacement: Callable[[str], Any]) -> Any:
+    """A copy of a function that computes with the functions of `kernel.REPLACED` instead of those of the C library."""
+    code, names = function.__code__, _Globals(function.__globals__, replacement)
+    copy = FunctionType(code, names, function.__name__, function.__defaults__, function.__closure__)
+    copy.__dict__.update(function.__dict__, __module__=function.__module__, __doc__=function.__doc__)
+    copy.__kwdefaults__, copy.__qualname__ = function.__kwdefaults__, function.__qualname__
+    copy.__annotations__, copy.__wrapped__ = function.__annotations__, function  # type: ignore[attr-defined]
+    return copy
 
 
 class Record:
@@ -147,6 +189,24 @@ def inner(a: np.ndarray, b: np.ndarray, lanes: int) -> Any:
     for k in range(whole, len(a)):
         total += a[k] * b[k]
     return total
+
+
+def bits(x: float) -> int:
+    """As `doubles.bits`."""
+    return struct.unpack("<q", struct.pack("<d", x))[0]
+
+
+def with_bits(word: int) -> float:
+    """As `doubles.with_bits`."""
+    return struct.unpack("<d", struct.pack("<q", word))[0]
+
+
+def fused(a: float, b: float, c: float) -> float:
+    """As `doubles.fused`."""
+    if not (math.isfinite(a) and math.isfinite(b) and math.isfinite(c)):
+        return a * b + c
+    total = Fraction(a) * Fraction(b) + Fraction(c)
+    return float(total) if total else a * b + c
 
 
 _FUNCTIONS: list[tuple[Callable[..., Any], tuple[np.dtype, ...]]] = []

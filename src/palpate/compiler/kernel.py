@@ -9,6 +9,7 @@ change. Functions of `numba.njit` may call kernels, but not the reverse.
 import contextlib
 import gc
 import hashlib
+import importlib
 import inspect
 import os
 import pickle
@@ -21,8 +22,10 @@ from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
+import llvmlite.binding as llvm
 import numba
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core import event
 from numba.core.compiler import CompileResult, Flags
@@ -48,6 +51,21 @@ from palpate.compiler.code_library import Codegen
 TARGET = "palpate"  # Name of the target of kernels
 COMPILING = "palpate:compile"  # Name of numba's event while a kernel is compiled, or awaited from another process
 PACKAGE = __name__.partition(".")[0]
+REPLACED = {
+    **dict.fromkeys(("exp", "llvm.exp.f64"), ("exponentials", "exp")),
+    **dict.fromkeys(("log", "llvm.log.f64"), ("exponentials", "log")),
+    **dict.fromkeys(("pow", "llvm.pow.f64"), ("exponentials", "power")),
+    **dict.fromkeys(("log2", "llvm.log2.f64"), ("exponentials", "log2")),
+    "expm1": ("exponentials", "expm1"),
+    "log1p": ("exponentials", "log1p"),
+    **dict.fromkeys(("sin", "llvm.sin.f64"), ("angles", "sin")),
+    **dict.fromkeys(("cos", "llvm.cos.f64"), ("angles", "cos")),
+    "acos": ("angles", "acos"),
+    "asin": ("angles", "asin"),
+    "atan2": ("angles", "atan2"),
+    **dict.fromkeys(("hypot", "_hypot"), ("angles", "hypot")),
+}
+"""Module and name of the kernel that replaces a function of the C library in all kernels, by the name in their code."""
 
 
 class _Processor(CPU):
@@ -62,6 +80,36 @@ class _PinnedCodegen(Codegen):
 
     def _get_host_cpu_features(self) -> str:
         return "" if pinnable() else super()._get_host_cpu_features()
+
+    def __init__(self, module_name: str) -> None:
+        super().__init__(module_name)
+        self._replacements: dict[str, Any] = {}
+
+    def replacement(self, name: str) -> Any:
+        """The code that replaces a function of the C library, with its interface; None: it is not replaced."""
+        if name in REPLACED and name not in self._replacements:
+            self._replacements[name] = self._wrapped(name)
+        return self._replacements.get(name)
+
+    def _wrapped(self, name: str) -> Any:
+        function, context = replacement(name).bare, PINNED.target_context
+        argument_types = (types.float64,) * function.py_func.__code__.co_argcount
+        function.compile(argument_types)
+        code = function.overloads[argument_types]
+        library = self.create_library(f"{TARGET}.{name}")
+        module = library.create_ir_module(library.name)
+        number = ir.DoubleType()
+        wrapper = ir.Function(module, ir.FunctionType(number, [number] * len(argument_types)), library.name)
+        wrapper.attributes.add("noinline")
+        builder = ir.IRBuilder(wrapper.append_basic_block())
+        inner = context.declare_function(module, code.fndesc)
+        _, result = context.call_conv.call_function(builder, inner, types.float64, argument_types, wrapper.args)
+        builder.ret(result)
+        # so that LLVM merges equal calls and leaves out those without use, as it does for functions of the C library
+        pure = llvm.parse_assembly(str(module).replace(" noinline", " noinline nounwind willreturn memory(none)", 1))
+        library.add_llvm_module(pure)
+        library.add_linking_library(code.library)
+        return library
 
 
 class _Context(CPUContext):
@@ -170,7 +218,7 @@ class CachedFunction(Pinned):
         with target_override(TARGET), collection_suspended():
             if self._cache.file(sig) is not None:
                 return super().compile(sig)
-            with event.trigger_event(COMPILING), self._cache.locked():
+            with event.trigger_event(COMPILING), self._cache.lock_compilation():
                 return super().compile(sig)
 
 
@@ -184,7 +232,7 @@ class _Cache:
     def __init__(self, function: Any, options: Any, machine_code: bool) -> None:
         self._function, self._options, self._machine_code = function, options, machine_code
         self.cache_path = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
-        self._folders = [path for path in (kernel_cache.shipped(), self.cache_path) if path is not None]
+        self._folders = [path for path in (kernel_cache.shipped_folder(), self.cache_path) if path is not None]
         self._source = _source(function)
         self._names: dict[Any, str] = {}
 
@@ -199,11 +247,13 @@ class _Cache:
         found = [path / self._name(sig) for path in self._folders] if self._source is not None else []
         return next(filter(os.path.lexists, found), None)
 
-    def locked(self) -> contextlib.AbstractContextManager[None]:
+    def lock_compilation(self) -> contextlib.AbstractContextManager[None]:
         """Other processes do not compile the function during the block."""
         if self._source is None:
             return contextlib.nullcontext()
-        return kernel_files.locked(self.cache_path, f"{self._function.__module__}.{self._function.__qualname__}.lock")
+        return kernel_files.hold_lock(
+            self.cache_path, f"{self._function.__module__}.{self._function.__qualname__}.lock"
+        )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The code for these types; None: not cached, or the file cannot be used."""
@@ -297,6 +347,14 @@ def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
     return known
 
 
+def replacement(name: str) -> Any:
+    """The kernel that replaces a function of the C library (`REPLACED`); None: it is not replaced."""
+    if name not in REPLACED:
+        return None
+    module, kernel_name = REPLACED[name]
+    return getattr(importlib.import_module(f"{__package__}.{module}"), kernel_name)
+
+
 @contextlib.contextmanager
 def _deferred_signals() -> Iterator[None]:
     """Defer Python's handlers of signals that end a program until the end of the block."""
@@ -362,17 +420,21 @@ def kernel(
     error_model: str = "python",
     pointer: bool = False,
     nogil: bool = False,
+    inline: bool = False,
 ) -> Any:
     """Decorator of a function to compile.
 
     error_model  a division by 0 raises ("python"), or returns inf or nan ("numpy")
-    pointer      also for use as an argument of kernels (`materials.compiled`)
+    pointer      also for use as an argument of kernels (`materials.compile_law`)
     nogil        release the global interpreter lock during calls
+    inline       copy it into the kernels that call it, independent of its size
     """
     if function is None:
-        return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil)
+        return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil, inline=inline)
     if interpreted.ENABLED:
-        function.py_func = function  # type: ignore[attr-defined]  # as in a compiled one
-        return function
+        plain: Any = interpreted.with_functions(function, replacement)
+        plain.py_func = plain  # as in a compiled one
+        return plain
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
-    return CompiledKernel(function, options | ({"nogil": True} if nogil else {}))
+    more = {"nogil": True} if nogil else {}
+    return CompiledKernel(function, options | more | ({"forceinline": True} if inline else {}))

@@ -41,7 +41,7 @@ def folder(given: str = "") -> Path:
 
 
 @functools.cache
-def shipped() -> Path | None:
+def shipped_folder() -> Path | None:
     """The folder of kernels that the installation contains for these sources and this minor version of numba."""
     path = SHIPPED / f"{PREFIX}{key()}-{versions(minor=True)}"
     return path if path.is_dir() else None

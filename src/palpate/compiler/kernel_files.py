@@ -14,7 +14,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-from palpate.compiler.trust import NO_LINK, UntrustedError, check_trust, open_in, opened
+from palpate.compiler.trust import NO_LINK, UntrustedError, check_trust, open_in, open_trusted
 
 try:
     import fcntl
@@ -32,7 +32,7 @@ def read(folder: Path, name: str, source: os.stat_result | None = None) -> bytes
     source  see `check_trust`
     """
     try:
-        with opened(folder, source) as at, open(open_in(folder, name, at), "rb") as file:
+        with open_trusted(folder, source) as at, open(open_in(folder, name, at), "rb") as file:
             found = os.fstat(file.fileno())
             if not stat.S_ISREG(found.st_mode):
                 return None
@@ -54,7 +54,7 @@ def read(folder: Path, name: str, source: os.stat_result | None = None) -> bytes
 def write(folder: Path, name: str, content: bytes) -> None:
     """Write a file so that a crash or a power failure leaves either the previous file or the whole new one. OSError:
     not possible."""
-    with opened(folder) as at:
+    with open_trusted(folder) as at:
         temporary = f"{name}.{secrets.token_hex(8)}"
         try:
             with open(open_in(folder, temporary, at, _NEW), "wb") as file:
@@ -73,11 +73,11 @@ def write(folder: Path, name: str, content: bytes) -> None:
 
 
 @contextlib.contextmanager
-def locked(folder: Path, name: str) -> Iterator[None]:
+def hold_lock(folder: Path, name: str) -> Iterator[None]:
     """Wait until no other process holds this lock; no effect where it cannot be created."""
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):
-            with opened(folder) as at:
+            with open_trusted(folder) as at:
                 flags = os.O_RDWR | os.O_CREAT | NO_LINK
                 file = stack.enter_context(open(open_in(folder, name, at, flags), "r+b"))
             if fcntl is not None:

@@ -43,6 +43,7 @@ OVERRIDDEN = {
     "codegen.JITCPUCodegen._get_host_cpu_features": "its instructions",
     "codegen.JITCPUCodegen._library_class": "the class of libraries",
     "codegen.JITCPUCodegen.set_env": "sets environments when machine code exists",
+    "codegen.JITCodeLibrary.add_ir_module": "replaces calls of the C library",
     "codegen.JITCodeLibrary.add_linking_library": "links late",
     "codegen.JITCodeLibrary._optimize_functions": "optimises whole entry points only",
     "codegen.JITCodeLibrary.has_dynamic_globals": "also of linked functions",

@@ -43,7 +43,7 @@ def check_trust(found: os.stat_result, *, sticky: bool = False, source: os.stat_
 
 
 @contextlib.contextmanager
-def opened(folder: Path, source: os.stat_result | None = None) -> Iterator[int | None]:
+def open_trusted(folder: Path, source: os.stat_result | None = None) -> Iterator[int | None]:
     """The descriptor of a trusted folder; None where the system has none. OSError: missing, a link or untrusted."""
     if not _RELATIVE:
         yield None
@@ -60,7 +60,7 @@ def check_folder(folder: Path) -> None:
     """OSError: the folder is missing, a symbolic link or untrusted."""
     if folder.is_symlink():
         raise UntrustedError("is a symbolic link, expected a folder")
-    with opened(folder):
+    with open_trusted(folder):
         pass
 
 
@@ -90,7 +90,7 @@ def may_read(path: Path) -> bool:
     if path.is_symlink() or path.parent.is_symlink():
         return _trust_error(path, "is a symbolic link")
     try:
-        with opened(path.parent) as at:
+        with open_trusted(path.parent) as at:
             descriptor = open_in(path.parent, path.name, at)
             try:
                 check_trust(found := os.fstat(descriptor))

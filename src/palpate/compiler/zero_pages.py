@@ -42,7 +42,7 @@ class ZeroPages:
         self._free[len(block)].append(block)
 
 
-def written(block: np.ndarray) -> int:
+def written_bytes(block: np.ndarray) -> int:
     """Size [bytes] of the pages of a block that are not zero."""
     return PAGE * int(_pages(block).any(axis=1).sum())
 

@@ -20,7 +20,7 @@ def attempts(seconds: float) -> Iterator[int]:
 P = TypeVar("P")
 
 
-def selected(name: str, port: str, serials: dict[str, str | None]) -> str:
+def select_device(name: str, port: str, serials: dict[str, str | None]) -> str:
     """The device of this kind at a port or with this serial number; "": the only one. DeviceError: not exactly one.
 
     serials  serial number of the device at each port

@@ -115,7 +115,7 @@ class Exchange:
         while not self._stop.is_set():
             command, given = self._command
             sample = self.driver.cycle(self.guard.apply(command, time.monotonic_ns(), given))
-            self.guard.saw(sample)
+            self.guard.note_answer(sample)
             now = time.monotonic()
             silent += min(now - then, limit / LEAST)  # a stall of the machine does not use up the limit
             then = now

@@ -60,7 +60,7 @@ class Guard:
         self._rest: tuple[float, ...] = ()
         self._samples: deque[DeviceSample] = deque(maxlen=HISTORY + 1)
 
-    def saw(self, sample: DeviceSample | None) -> None:
+    def note_answer(self, sample: DeviceSample | None) -> None:
         """Note the answer to the last command; None: it is missing."""
         if sample is None:
             self.missed += 1

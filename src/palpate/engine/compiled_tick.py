@@ -23,7 +23,7 @@ ROW_SIZE, INPUT_SIZE, OUTPUT_SIZE, ENTRY_SIZE = (form.itemsize for form in (ROW,
 LANE_SIZE, TAP_SIZE = LANE.itemsize, TAP.itemsize
 
 
-needed, slept = kernel(schedule.needed), kernel(schedule.slept)
+needed, slept = kernel(schedule.needed_tick), kernel(schedule.slept)
 standing, lacks = kernel(schedule.standing), kernel(schedule.lacks)
 
 
@@ -35,7 +35,7 @@ def stands(row, line, sent, now, rate):
 
 
 @kernel
-def gathered(row, now, at, clock):
+def gather_inputs(row, now, at, clock):
     """Select the inputs of a step. Returns whether the required ones are available, a bit mask of the available ones,
     and the time of the step [ns]."""
     present = 0
@@ -71,7 +71,7 @@ def finite(row):
 
 
 @kernel
-def stepped(row, at):
+def step_row(row, at):
     """Run one step of a node at time `at` [ns]. Returns 0, or the cause of the failure (`RAISED`, `FAULT`,
     `INFINITE`)."""
     if row.begun and at <= row.time:  # the driving message is a duplicate or late: the outputs stay
@@ -95,7 +95,7 @@ def stepped(row, at):
 
 
 @kernel
-def journalled(row, now, clock):
+def journal_outputs(row, now, clock):
     """Write the outputs of a node that have listeners to the journal. False: they do not fit."""
     size = count = 0
     for j in range(row.outputs):
@@ -136,12 +136,12 @@ def run_table(rows, clock_address, tick, ticks):
                 row.stepped = False
                 if now < row.due or row.blocked or row.skip:
                     continue
-                complete, present, time = gathered(row, now, at, clock)
+                complete, present, time = gather_inputs(row, now, at, clock)
                 if not complete:
                     row.lost += now // row.every != row.missed
                     row.missed = now // row.every
                     continue
-                why = stepped(row, time)
+                why = step_row(row, time)
                 if why != 0:
                     clock.failed, clock.why, clock.tick = i, why, now
                     return
@@ -150,7 +150,7 @@ def run_table(rows, clock_address, tick, ticks):
                     head.there, head.tick, head.time, head.present = True, now, time, present
                 row.begun, row.stepped, row.last, row.due = True, True, now, now - now % row.every + row.every
             clock.resume = -1
-            if row.stepped and not journalled(row, now, clock):
+            if row.stepped and not journal_outputs(row, now, clock):
                 clock.resume, clock.tick = i, now
                 return
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.compiler.zero_pages import PAGE, ZeroPages, written
+from palpate.compiler.zero_pages import PAGE, ZeroPages, written_bytes
 from palpate.engine.job import NodeJob
 from palpate.engine.segment import CompiledSegment, failure, view
 from palpate.engine.slot import NodeError, make
@@ -38,7 +38,7 @@ class NodeImage:
 
     def __init__(self, job: NodeJob, counts: Sequence[int], pool: Pool) -> None:
         self.job, self.counts = job, counts
-        node = self.started()
+        node = self.start_node()
         self.notes: list[str] = node.notes()
         """Lines for the user from the start."""
         record, held = node._record, node._held
@@ -74,7 +74,7 @@ class NodeImage:
         used = np.flatnonzero(np.diff(image.reshape(-1, PAGE).any(axis=1), prepend=False, append=False)) * PAGE
         self.pieces = [(b, image[b : min(e, at)].copy()) for b, e in used.reshape(-1, 2).tolist()]
 
-    def started(self) -> Any:
+    def start_node(self) -> Any:
         """The node after its start. NodeError: the start failed."""
         node: Any = make(self.job)
         try:
@@ -207,7 +207,7 @@ class Lanes:
         place = int(view(base + self._clock, CLOCK)["failed"][0])
         if place < 0:
             return None
-        node = self._nodes[lane][place].started()
+        node = self._nodes[lane][place].start_node()
         node._record[:] = self.own(lane, place)
         return failure(self.segment.slots[place], node, base, base + self._clock)
 
@@ -228,7 +228,7 @@ class Lanes:
             if texts and start:
                 known = self._noting[place]
                 if known is None or known[0] is not image:
-                    known = self._noting[place] = image, image.started()
+                    known = self._noting[place] = image, image.start_node()
                 texts = _notes(known[1], own)
             lines += [(image.job.name, text) for text in texts]
         return lines
@@ -237,7 +237,7 @@ class Lanes:
     def memory(self) -> tuple[int, int]:
         """Size [bytes] of the pages of all lanes that are not zero, and of the shared arrays."""
         images = {id(node): node for nodes in self._nodes for node in nodes}
-        private = sum(written(block) for block in self._blocks if block is not None)
+        private = sum(written_bytes(block) for block in self._blocks if block is not None)
         arrays = {address_of(array): array.nbytes for node in images.values() for array in node.shared}
         return private, sum(arrays.values())
 

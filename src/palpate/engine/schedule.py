@@ -9,7 +9,7 @@ FRESH, HELD, OLD, MISSED = range(4)
 it is too old to be held; or not at all, because it is the driving one and not of this tick."""
 
 
-def needed(tick: int, every: int, loop: bool) -> int:
+def needed_tick(tick: int, every: int, loop: bool) -> int:
     """Tick of the message that a consumer uses at `tick` from a producer with the divisor `every`.
 
     A forward edge takes the latest tick up to `tick`, a loop edge the latest one before it. -1: no message yet.
@@ -27,7 +27,7 @@ def slept(tick: int, due: int, hardware: bool) -> int:
 def standing(sent: int, need: int, drives: bool, age: int, rate: float, permitted: float) -> int:
     """How a step takes a message of tick `sent`: `FRESH`, `HELD`, `OLD` or `MISSED`.
 
-    need       tick of the message that it needs, see `needed`
+    need       tick of the message that it needs, see `needed_tick`
     drives     whether the arrival of the message runs the step
     age        [ticks] of the message, without those that do not count, see `slept`
     rate       [Hz];  permitted  [s] age up to which the message is held
@@ -44,7 +44,7 @@ def lacks(state: int, optional: bool) -> bool:
     return state == MISSED or (state == OLD and not optional)
 
 
-def stopped(state: int, optional: bool) -> bool:
+def sender_stopped(state: int, optional: bool) -> bool:
     """Whether the sender of an optional input has stopped, so that waiting for it is useless."""
     return optional and state == OLD
 

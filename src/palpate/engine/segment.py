@@ -206,19 +206,19 @@ class CompiledSegment:
             self._call(tick, 1)
         else:
             self._time_tick(tick)
-        self.ended(tick, host)
+        self.deliver_tick(tick, host)
 
     def resume(self, tick: int) -> None:
         """Continue a tick in which the journal was full. NodeError: a node failed."""
         self._clock["first"], self._clock["last"] = 0, len(self.slots)
         self._call(tick, 1)
 
-    def ended(self, tick: int, host: Any) -> None:
+    def deliver_tick(self, tick: int, host: Any) -> None:
         """After the steps of a tick: deliver the messages of the nodes that stepped."""
         for place, slot in enumerate(self.slots):
             if self._stepped[place]:
                 slot.time, slot.health.tick = int(self._times[place]), tick
-                host.sent(slot, tick)
+                host.take_outputs(slot, tick)
         self.hand_over()
 
     def alone(self) -> bool:
@@ -262,7 +262,7 @@ class CompiledSegment:
             self._run(*self.where, tick, end - tick)
             if self._failed[0] >= 0:
                 self.hand_over()
-                raise self.failed()
+                raise self.node_error()
             if self._resume[0] < 0:
                 return
             tick = int(self._clock["tick"][0])
@@ -270,7 +270,7 @@ class CompiledSegment:
                 self._journal = np.zeros(2 * len(self._journal), np.uint8)
                 self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
 
-    def failed(self) -> NodeError:
+    def node_error(self) -> NodeError:
         """The error of the node that failed."""
         slot = self.slots[int(self._failed[0])]
         return failure(slot, slot.node, *self.where)
@@ -407,13 +407,13 @@ def record_of(output: Output | None) -> np.ndarray:
 def _numbers(record: np.ndarray) -> list[int]:
     """Addresses of the floating-point numbers of a message's record."""
 
-    def found(dtype: np.dtype, at: int) -> list[int]:
+    def float_addresses(dtype: np.dtype, at: int) -> list[int]:
         if dtype.fields is not None:
-            return [a for form, offset, *_ in dtype.fields.values() for a in found(form, at + offset)]
+            return [a for form, offset, *_ in dtype.fields.values() for a in float_addresses(form, at + offset)]
         base, shape = dtype.subdtype or (dtype, ())
         return [at + 8 * i for i in range(math.prod(shape))] if base.kind == "f" else []
 
-    return found(record.dtype, record.ctypes.data)
+    return float_addresses(record.dtype, record.ctypes.data)
 
 
 def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], CompiledSegment]) -> list[Slot | CompiledSegment]:

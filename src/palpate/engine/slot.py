@@ -16,7 +16,7 @@ from palpate.engine.graph import places
 from palpate.engine.health import HealthCounters
 from palpate.engine.imports import load_class
 from palpate.engine.job import InputJob, NodeJob, ObserverJob
-from palpate.engine.schedule import needed
+from palpate.engine.schedule import needed_tick
 from palpate.engine.warm import warm
 from palpate.messages import Message, MessageError, fields
 from palpate.messages.base import decoder
@@ -149,7 +149,7 @@ class Input:
 
     def need(self, tick: int) -> int:
         """Tick of the message for a step at `tick` of the simulated clock; -1 in the first ticks of a loop."""
-        return tick - self.loop if self.every == 1 else needed(tick, self.every, self.loop)
+        return tick - self.loop if self.every == 1 else needed_tick(tick, self.every, self.loop)
 
     def of(self, need: int) -> Message | None:
         """The message of tick `need`, if it has arrived. Older messages are dropped."""
@@ -160,7 +160,7 @@ class Input:
         message = self.newest(need)
         return message if message is not None and message.tick == need else None
 
-    def lost(self, need: int) -> bool:
+    def is_lost(self, need: int) -> bool:
         """Whether the message of tick `need` is lost: a later one has arrived, and frames arrive in order."""
         return bool(self.queue) and self.queue[0].tick > need
 

@@ -27,7 +27,7 @@ class Host(Protocol[S]):
     def gather(self, slot: S, tick: int) -> list[Message | None] | None:
         """The inputs of a step that are not available in this process; None: the node does not step."""
 
-    def sent(self, slot: S, tick: int) -> None:
+    def take_outputs(self, slot: S, tick: int) -> None:
         """Handle the outputs of a node after its step."""
 
 
@@ -47,4 +47,4 @@ def run_tick(parts: Iterable[S | CompiledSegment], tick: int, host: Host[S]) -> 
                 continue
         driving = messages[0] if slot.follows else None
         slot.step(tick, host.at if driving is None else driving.time, messages, slot.every / rate)
-        host.sent(slot, tick)
+        host.take_outputs(slot, tick)

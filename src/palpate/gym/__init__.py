@@ -38,7 +38,7 @@ for _name, _file in _HOMES.items():
         gymnasium.register(
             f"palpate/{_name}-v0",
             entry_point=f"palpate.gym.{_file}:{_name}",
-            vector_entry_point=f"palpate.gym.vector:{_file}",
+            vector_entry_point=f"palpate.gym.vector:make_{_file}",
         )
 
 

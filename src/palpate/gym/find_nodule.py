@@ -55,7 +55,7 @@ class FindNodule(Touch):
         low, high = [-SPEED] * 3 + [0.0], [SPEED] * 3 + [1.0]
         self.action_space = Box(np.array(low, np.float32), np.array(high, np.float32))
 
-    def draw(self) -> Changes:
+    def draw_settings(self) -> Changes:
         x, y = self.np_random.uniform(-FIELD, FIELD, 2).tolist()
         begin, self._held = self._begins[0], 0
         return {

@@ -48,7 +48,7 @@ class Press(Touch):
         self.target = FORCES[0]
         """[N] Target force of this episode."""
 
-    def draw(self) -> Changes:
+    def draw_settings(self) -> Changes:
         self.target = float(self.np_random.uniform(*FORCES))
         factor = math.exp(self.np_random.uniform(math.log(FACTORS[0]), math.log(FACTORS[1])))
         x, y = self.np_random.uniform(-5e-3, 5e-3, 2).tolist()

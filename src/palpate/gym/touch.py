@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 
-from palpate.calling import Organ, described
+from palpate.calling import Organ, describe_run
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.gym.side_view import side_view
@@ -95,7 +95,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ArgumentError(f"ticks: found {ticks!r}, expected a whole number from 1 to 1000000")
         if not 0.0 < duration < math.inf:
             raise ArgumentError(f"duration: found {duration!r}, expected a time [s] above 0")
-        launch = described(graph, scene=scene, duration=None, sets=(), nodes=nodes or {}, organ=organ)
+        launch = describe_run(graph, scene=scene, duration=None, sets=(), nodes=nodes or {}, organ=organ)
         devices = _simulated_hands(launch.load())
         launch = replace(launch, overrides=tuple(map(_without_path, launch.overrides)))
         self.stepper = Stepper(launch.but(overrides=[f"{name}.use=device.Steered" for name in devices]))
@@ -133,7 +133,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     # -- defined by tasks --------------------------------------------------------------------------------------------
 
-    def draw(self) -> Changes:
+    def draw_settings(self) -> Changes:
         """Settings of this episode by node, drawn from `self.np_random`."""
         return {}
 
@@ -152,7 +152,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def begin(self, seed: int | None, options: Mapping[str, Any] | None) -> Changes:
         """Draw an episode and return its settings."""
         super().reset(seed=seed)
-        changes = self.draw()
+        changes = self.draw_settings()
         for node, values in (options or {}).items():
             changes[node] = {**changes.get(node, {}), **values}
         return changes

@@ -20,13 +20,13 @@ from palpate.engine.segment import record_of
 from palpate.gym.find_nodule import FindNodule
 from palpate.gym.press import Press
 from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
-from palpate.launch.run.lane_threads import FIRST, LaneThreads, Work, adapted
+from palpate.launch.run.lane_threads import FIRST, LaneThreads, Work, adapt_block
 from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled
 from palpate.launch.run.notes import RunNote, first_of_each_kind, warn
 from palpate.messages.record import reader
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.stepping import Tick, settled
+from palpate.stepping import Tick, convert_settings
 
 CHUNKS = 4  # groups of lanes per thread
 
@@ -153,7 +153,7 @@ class VectorTouch(VectorEnv):
             while now < self._ticks and not stopped():
                 ticks, begun = min(block, self._ticks - now), time.perf_counter()
                 self._lanes.run(first, count, ticks)
-                now, block = now + ticks, adapted(block, time.perf_counter() - begun)
+                now, block = now + ticks, adapt_block(block, time.perf_counter() - begun)
             self._block = min(block, self._ticks)
 
         return work
@@ -179,7 +179,7 @@ class VectorTouch(VectorEnv):
         for place, (slot, job) in enumerate(zip(self._slots, self._jobs, strict=True)):
             there[slot.name] = job.settings
             if slot.name in changes:
-                there[slot.name] = job.settings | settled(slot, changes[slot.name])
+                there[slot.name] = job.settings | convert_settings(slot, changes[slot.name])
                 images[place] = NodeImage(msgspec.structs.replace(job, settings=there[slot.name]), slot.counts, pool)
         self._lanes.place(lane, images)
         nodes: dict[str, Any] = {slot.name: slot.node for slot in self._slots}
@@ -284,16 +284,16 @@ def _alike(task: Touch) -> Touch:
     return other
 
 
-def find_nodule(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
+def make_find_nodule(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
     """Parallel environments of `palpate/FindNodule-v0`."""
     return VectorTouch(FindNodule, num_envs, **given)
 
 
-def press(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
+def make_press(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
     """Parallel environments of `palpate/Press-v0`."""
     return VectorTouch(Press, num_envs, **given)
 
 
-def touch(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
+def make_touch(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
     """Parallel environments of `palpate/Touch-v0`."""
     return VectorTouch(Touch, num_envs, **given)

@@ -44,7 +44,7 @@ class PalpateError(Exception):
 
     exit_code: int = TROUBLE
 
-    def failed(self) -> Self:
+    def as_failure(self) -> Self:
         """The error itself, with the exit code for a failure that the input did not cause."""
         self.exit_code = TROUBLE
         return self

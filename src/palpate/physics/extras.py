@@ -46,7 +46,7 @@ def missing(what: str, module: str | None, extra: str) -> str:
 
 
 @contextmanager
-def required(what: str, extra: str, kind: type[Exception]) -> Iterator[None]:
+def require_extra(what: str, extra: str, kind: type[Exception]) -> Iterator[None]:
     """Imports of optional packages. An ImportError becomes an error of this kind with the line of `missing`."""
     try:
         yield

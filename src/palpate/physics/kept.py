@@ -12,7 +12,7 @@ Result = TypeVar("Result")
 KEPT = 4  # Number of cached results per function
 
 
-def kept(function: Callable[..., Result]) -> Callable[..., Result]:
+def keep_results(function: Callable[..., Result]) -> Callable[..., Result]:
     """Decorator: cache the last `KEPT` results by the content of the arguments (arrays, numbers, and dataclasses of
     these). The results are shared: do not write to them."""
     results: dict[tuple, Result] = {}

@@ -46,9 +46,9 @@ def _check_room(folder: Path, folders: bool) -> None:
         pass
 
 
-def locked(file: IO[Any]) -> bool:
-    """Lock a file exclusively until `unlocked`, or until it is closed here and in all forked processes. False: another
-    process holds the lock. Without POSIX nothing is locked."""
+def lock_file(file: IO[Any]) -> bool:
+    """Lock a file exclusively until `unlock_file`, or until it is closed here and in all forked processes. False:
+    another process holds the lock. Without POSIX nothing is locked."""
     if fcntl is None:
         return True
     try:
@@ -67,7 +67,7 @@ def opened_alone(path: Path) -> IO[bytes] | None:
     locked it. OSError: it cannot be opened."""
     while True:
         opened = path.open("ab")
-        if not locked(opened):
+        if not lock_file(opened):
             opened.close()
             return None
         with contextlib.suppress(FileNotFoundError):
@@ -76,7 +76,7 @@ def opened_alone(path: Path) -> IO[bytes] | None:
         opened.close()  # another process removed this file before it was locked
 
 
-def unlocked(file: IO[Any]) -> None:
+def unlock_file(file: IO[Any]) -> None:
     """Release the lock of a file, also of copies of it in forked processes."""
     if fcntl is not None:
         with contextlib.suppress(OSError):

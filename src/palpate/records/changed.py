@@ -9,7 +9,7 @@ from palpate.engine.graph import Graph
 from palpate.engine.imports import UntrustedError, check_trusted, full_name
 from palpate.engine.plan import Plan
 from palpate.launch.load.classes import body, is_shipped
-from palpate.launch.load.effects import trimmed
+from palpate.launch.load.effects import trim_fields
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
@@ -20,7 +20,7 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
 
-def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | None = None) -> Plan:
+def change_plan(recording: Recording, overrides: Sequence[str] = (), graph: str | None = None) -> Plan:
     """The plan to replay.
 
     overrides  `tissue.use=deformation.Rigid`, `scene.tissue.friction=off`, ... as for `palpate run`
@@ -50,7 +50,7 @@ def _with_fields(planned: Plan, recorded: Mapping[str, Collection[str]]) -> Plan
     nodes = planned.graph.nodes
     kinds = planned.graph.streams
     wanted = {s: names | body(kinds[s]).intersection(recorded.get(s, ())) for s, names in planned.wanted.items()}
-    return replace(planned, wanted=trimmed(wanted, planned.graph.effects, [nodes[name] for name in planned.edges]))
+    return replace(planned, wanted=trim_fields(wanted, planned.graph.effects, [nodes[name] for name in planned.edges]))
 
 
 def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> None:

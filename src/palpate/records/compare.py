@@ -13,7 +13,7 @@ from palpate.engine.imports import full_name
 from palpate.engine.plan import Plan
 from palpate.engine.slot import Output
 from palpate.messages import Contact, Force, Message, Surface
-from palpate.records.changed import changed, no_idle, sources
+from palpate.records.changed import change_plan, no_idle, sources
 from palpate.records.player import Player
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError, last_tick
@@ -105,7 +105,7 @@ def compare(
     wanted = [tuple(given) for given in ([reference] if reference is not None else []) + list(variants)]
     if not wanted or (reference is None and len(wanted) < 2):
         raise RecordingError("comparing takes two variants, such as --set tissue.use=A --set tissue.use=B")
-    original = changed(recording)
+    original = change_plan(recording)
     computed = [_variant(recording, given, original) for given in wanted]
     drivers = set(sources(recording, original))
     players = []
@@ -148,7 +148,7 @@ def compare(
 
 
 def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -> Variant:
-    plan = changed(recording, overrides)
+    plan = change_plan(recording, overrides)
     nodes = original.graph.nodes
     swapped = tuple(
         name

@@ -108,7 +108,7 @@ class _Filling:
                     yield from pending
                     pending = []
         except NodeError as fault:
-            raise RecordingError(f"{self.stored.path}: recomputing it failed: {fault}").failed() from fault
+            raise RecordingError(f"{self.stored.path}: recomputing it failed: {fault}").as_failure() from fault
         finally:
             self.player.stop()
         yield from pending
@@ -160,13 +160,13 @@ class _Filling:
                 report.first = report.first or Difference(output.stream, tick, "step", "1", "an answer", "none")
                 continue
             if skipped := self._uncomputed.get(output.stream):
-                stored = self.stored.decoded(output.stream, tick, whole[output.stream], output.kind)
+                stored = self.stored.decode(output.stream, tick, whole[output.stream], output.kind)
                 message = msgspec.structs.replace(message, **{name: getattr(stored, name) for name in skipped})
             self.comparer.compare(report, output.stream, whole[output.stream], message)
         return bool(whole) and self.report.first is None
 
 
-def explained(path: Path, report: Report, about: dict[str, Any]) -> str:
+def explain_difference(path: Path, report: Report, about: dict[str, Any]) -> str:
     """Why a recording of sources is not reproduced: the first difference, and the versions then and now."""
     then, now = made_by(about), made_by(None)
     who = f"recorded with {then}, computed with {now}" if then != now else f"both with {now}"

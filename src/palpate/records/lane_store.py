@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.physics.errors import ArgumentError
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 from palpate.physics.writable import opened_alone
 
 LOCK, STORE = "palpate.lock", "zarr.json"  # files in the folder: that of the lock, and the head of a store
@@ -29,7 +29,7 @@ class KeptField(NamedTuple):
         """Names of the dimensions, that of lanes first."""
         return ("lane", "time", *(f"axis{n if n != 3 else ''}" for n in self.shape[1:]))
 
-    def shown(self, column: np.ndarray) -> np.ndarray:
+    def decode_words(self, column: np.ndarray) -> np.ndarray:
         """The values of lanes as results: words in place of their index."""
         return np.array(self.words, object)[column] if self.words else column
 
@@ -49,7 +49,7 @@ class LaneStore:
         self, path: Path, identity: str, lanes: int, size: int, time: np.ndarray, fields: Sequence[KeptField],
         settings: Mapping[str, tuple[Sequence[Any], str]], graph: str,
     ) -> None:  # fmt: skip
-        with required("run(out=...)", "study", ArgumentError):
+        with require_extra("run(out=...)", "study", ArgumentError):
             import zarr
         self.path, self._fields, self._lanes, self._size = path, fields, lanes, size
         try:
@@ -118,7 +118,7 @@ class LaneStore:
         to another one."""
         end = first + len(columns[0])
         for field, column in zip(self._fields, columns, strict=True):
-            self._group[field.name][first:end] = field.shown(column)
+            self._group[field.name][first:end] = field.decode_words(column)
         self._group["error"][first:end] = np.array([errors.get(lane, "") for lane in range(first, end)], object)
         joined: list[list[int]] = []
         for begin, stop in sorted([*self._group.attrs["lanes_done"], [first, end]]):

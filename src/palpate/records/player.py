@@ -15,7 +15,7 @@ from palpate.engine.health import Histogram
 from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
 from palpate.engine.job import node_job
 from palpate.engine.plan import Plan, force_path
-from palpate.engine.schedule import needed
+from palpate.engine.schedule import needed_tick
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.engine.tick import run_tick
 from palpate.messages import Message, pack
@@ -136,12 +136,12 @@ class Player:
         for part in self.parts:
             part.node.stop()
 
-    def hear(self, tick: int, payloads: dict[str, bytes]) -> None:
+    def deliver_messages(self, tick: int, payloads: dict[str, bytes]) -> None:
         """Deliver the recorded messages of one tick. RecordingError: a message does not fit its type."""
         for stream, kind in self.kinds.items():
             payload = payloads.get(stream)
             if payload is not None:
-                self._deliver(stream, self.recording.decoded(stream, tick, payload, kind))
+                self._deliver(stream, self.recording.decode(stream, tick, payload, kind))
 
     def _deliver(self, stream: str, message: Message) -> None:
         for port in self._readers.get(stream, ()):
@@ -154,7 +154,7 @@ class Player:
 
         now  [ns] time of the tick; None: from the payloads
         """
-        self.hear(tick, payloads)
+        self.deliver_messages(tick, payloads)
         if now is None:
             now = min((head_of(payload).time for payload in payloads.values()), default=0)
         stepped = self.run(self.parts, tick, payloads, now)
@@ -192,7 +192,7 @@ class Player:
         self._wall, self._cpu = part.health.step.total, thread_time_ns()
         return messages
 
-    def sent(self, part: ReplaySlot, tick: int) -> None:
+    def take_outputs(self, part: ReplaySlot, tick: int) -> None:
         """Deliver the outputs to the running nodes, and record the processor time."""
         if part.health.step.total > self._wall:  # the node is not asleep
             part.cpu.add(thread_time_ns() - self._cpu)
@@ -223,7 +223,7 @@ class Player:
                 self.missing = self.missing or (part.name, port.stream, wanted)
                 message = port.newest(wanted)
             return message
-        limit = needed(tick, port.every, port.loop)
+        limit = needed_tick(tick, port.every, port.loop)
         return None if limit < 0 else port.newest(limit)
 
 

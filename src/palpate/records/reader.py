@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import IO
 
 from palpate.records.differences import Report
-from palpate.records.fill import explained, fill
+from palpate.records.fill import explain_difference, fill
 from palpate.records.stored import RecordingError, Stored
 
 
@@ -28,7 +28,7 @@ class Recording(Stored):
             report, _ = fill(self.path, filled, tolerance)
         except OSError as error:
             raise RecordingError(f"{self.path}: computing its messages needs space in {tempfile.gettempdir()}: "
-                                 f"{error.strerror}; TMPDIR names another folder").failed() from None  # fmt: skip
+                                 f"{error.strerror}; TMPDIR names another folder").as_failure() from None  # fmt: skip
         self._filled = filled  # only when complete: an interrupted computation starts again
         return report
 
@@ -41,6 +41,6 @@ class Recording(Stored):
             report = self.compute()
             if report.first is not None:
                 self._filled = None
-                raise RecordingError(explained(self.path, report, self.about)).failed()
+                raise RecordingError(explain_difference(self.path, report, self.about)).as_failure()
         assert self._filled is not None
         return Path(self._filled.name)

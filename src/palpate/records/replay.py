@@ -23,7 +23,7 @@ from palpate.records.stored import RecordingError
 class Replay:
     """The replay of a recording.
 
-    plan   the recorded, a changed or another plan (see `changed`)
+    plan   the recorded, a changed or another plan (see `change_plan`)
     only   nodes that run; None: all but the sources, whose recorded messages drive the graph
     speed  multiple of real time; None: as fast as possible
     begin, end  [s] part of the recording to show. Ticks before `begin` are computed for the state of the nodes, but
@@ -103,7 +103,7 @@ class Replay:
                 if first is None:
                     first, begun = time, now()
                     for observer in self.observers:
-                        observer.node.begun(begun - first)
+                        observer.node.take_origin(begun - first)
                 if self.speed is not None:
                     sleep_until(begun + round((time - first) / self.speed))
                 # Show restarts of devices, then the messages of the tick.

@@ -86,7 +86,7 @@ class RecordedStream:
 
     def __init__(self, recording: Recording, name: str) -> None:
         self.name = name
-        self.type = recording.known(name).type
+        self.type = recording.find_stream(name).type
         self.columns: dict[str, Field] = {field.name: field for field in fields(self.type)}
         self._recording = recording
 

@@ -20,7 +20,15 @@ from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.readable import check_readable
 from palpate.records.format import mcap_append  # a constant pattern needs a dotted name
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION
-from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, McapRecords, declared, messages, opened
+from palpate.records.format.mcap_file import (
+    MAGIC,
+    MOST_HEAD,
+    Broken,
+    McapRecords,
+    messages,
+    read_declarations,
+    read_records,
+)
 
 _MOST_TICKS = 1 << 31
 BLOCK = 10_000  # messages decoded at a time
@@ -69,7 +77,7 @@ class StoredStream:
 
 
 @contextlib.contextmanager
-def damaged(path: Path, what: str = "") -> Iterator[None]:
+def report_damage(path: Path, what: str = "") -> Iterator[None]:
     """Turn exceptions on unexpected data of this file, or of one part of it, into RecordingError."""
     try:
         yield
@@ -158,7 +166,7 @@ class Stored:
         schemas: dict[int, Any] = {}
         for record in self._head():
             if isinstance(record, Schema):
-                with damaged(self.path, f"the schema {record.name!r}"):
+                with report_damage(self.path, f"the schema {record.name!r}"):
                     schemas[record.id] = json.loads(record.data)
             elif isinstance(record, Channel):
                 self._channel(record, schemas)
@@ -176,14 +184,14 @@ class Stored:
         with open(self.path, "rb") as file:
             records = McapRecords(file)
             try:
-                return records.indexed()
+                return records.read_index()
             except Broken as damage:
                 self.damage = damage
             entries: dict[tuple[type, int], Any] = {}
             size = 0
             try:
                 for record in records:
-                    for each in declared(record) if isinstance(record, bytes) else [record]:
+                    for each in read_declarations(record) if isinstance(record, bytes) else [record]:
                         if not isinstance(each, Schema | Channel | Metadata):
                             continue
                         key = type(each), len(entries) if isinstance(each, Metadata) else each.id
@@ -198,7 +206,7 @@ class Stored:
 
     def _add_metadata(self, metadata: Metadata) -> None:
         entries = metadata.metadata
-        with damaged(self.path, f"its metadata {metadata.name!r}"):
+        with report_damage(self.path, f"its metadata {metadata.name!r}"):
             match metadata.name:
                 case "palpate.about" | "palpate.counts" | "palpate.times" as name:
                     setattr(self, name.partition(".")[2], {key: json.loads(value) for key, value in entries.items()})
@@ -211,7 +219,7 @@ class Stored:
     def _check_names(self) -> None:
         """RecordingError: a stream that does not belong to the recorded graph."""
         plan = self.about.get("plan")
-        with damaged(self.path, "its list of nodes"):
+        with report_damage(self.path, "its list of nodes"):
             nodes = {item["name"] for item in plan.get("nodes", ())} if isinstance(plan, dict) else set()
         for name, stream in self.streams.items():
             if nodes and (stream.producer not in nodes or name.partition(".")[0] != stream.producer):
@@ -222,7 +230,7 @@ class Stored:
 
     def _channel(self, channel: Channel, schemas: dict[int, Any]) -> None:
         about = channel.metadata
-        with damaged(self.path, f"the metadata of stream {channel.topic!r}"):
+        with report_damage(self.path, f"the metadata of stream {channel.topic!r}"):
             schema = schemas[channel.schema_id]
             stream = StoredStream(
                 channel.topic, schema, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path,
@@ -242,7 +250,7 @@ class Stored:
         damage."""
         channels = self.channels
         try:
-            for chunk in opened(self.file()):
+            for chunk in read_records(self.file()):
                 if not isinstance(chunk, bytes):
                     continue
                 for channel, tick, time, payload in messages(chunk):
@@ -254,7 +262,7 @@ class Stored:
 
     def payloads(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
         """Stream, time [ns] and encoded bytes of each message of these streams (default: all), in recorded order."""
-        wanted = {self.known(name).name for name in names} or set(self.streams)
+        wanted = {self.find_stream(name).name for name in names} or set(self.streams)
         for name, _, time, payload in self.raw():
             if name in wanted:
                 yield name, time, payload
@@ -302,14 +310,14 @@ class Stored:
     def messages(self, name: str, within: tuple[float, float] | None = None) -> Iterator[Message]:
         """The messages of one stream, or those within these times [s]. RecordingError: unknown stream, or a message
         that does not fit its type."""
-        kind = self.known(name).type
+        kind = self.find_stream(name).type
         begin, end = (-np.inf, np.inf) if within is None else (within[0] * 1e9 - 0.5, within[1] * 1e9 + 0.5)
         for stream, tick, time, payload in self.raw():
             if stream != name or time < begin:
                 continue
             if time > end:  # the messages of a stream are sorted by time
                 return
-            yield self.decoded(name, tick, payload, kind)
+            yield self.decode(name, tick, payload, kind)
 
     def columns(self, name: str, within: tuple[float, float] | None = None) -> dict[str, np.ndarray]:
         """Time [s], tick and all numbers and vectors of one stream, one row per message, without arrays of variable
@@ -318,7 +326,9 @@ class Stored:
         within  [s] times of the first and last message to decode; None: all
         """
         stream_messages = self.messages(name, within)
-        plain = [field.name for field in fields(self.known(name).type) if field.dtype is None and field.type is not str]
+        plain = [
+            field.name for field in fields(self.find_stream(name).type) if field.dtype is None and field.type is not str
+        ]
         blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("tick", "time", *plain)}
         while block := list(islice(stream_messages, BLOCK)):  # a million decoded messages would need 1 GB
             for name in list(blocks):
@@ -331,7 +341,7 @@ class Stored:
                    if len({row.shape[1:] for row in rows}) <= 1}  # fmt: skip
         return columns | {"tick": columns["tick"].astype(np.int64), "time": columns["time"] / 1e9}
 
-    def decoded(self, name: str, tick: int, payload: bytes, kind: type[M]) -> M:
+    def decode(self, name: str, tick: int, payload: bytes, kind: type[M]) -> M:
         """Decode a message of a stream. RecordingError: it does not fit its type."""
         try:
             return unpack(payload, kind)
@@ -354,7 +364,7 @@ class Stored:
         self.streams[new] = replace(self.streams.pop(old), name=new, producer=producer)
         self.channels = {key: new if name == old else name for key, name in self.channels.items()}
 
-    def known(self, name: str) -> StoredStream:
+    def find_stream(self, name: str) -> StoredStream:
         """The stream of this name. RecordingError: unknown stream; suggests names."""
         if name not in self.streams:
             raise RecordingError(f"{self.path}: no stream {name!r}. {choices('Streams', name, self.streams)}")

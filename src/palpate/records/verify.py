@@ -54,7 +54,7 @@ def verify(
     player.start()
     try:
         for tick, payloads in recording.instants(present):
-            player.hear(tick, payloads)
+            player.deliver_messages(tick, payloads)
             for part in parts:
                 node = report.nodes[part.name]
                 if node.stopped or part.streams[0] not in payloads:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from palpate.launch.load.effect_costs import EffectCost
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
-from palpate.studies.search import Show, compared, relative_error
+from palpate.studies.search import Show, compare_settings, relative_error
 
 NONE = 1e-12  # [N] A smaller difference counts as no difference
 RESOLUTION = 0.13  # [1] Relative width of a histogram bin of the step times
@@ -28,7 +28,9 @@ def ablate(
         if not item.on and item.setting:
             item.proof = f"not tried: {item.where[0]} needs a value"
             continue
-        both = compared(recording, [*overrides, f"effects.{item.effect}={'off' if item.on else 'on'}"], overrides)
+        both = compare_settings(
+            recording, [*overrides, f"effects.{item.effect}={'off' if item.on else 'on'}"], overrides
+        )
         if isinstance(both, str):
             why = both.splitlines()[0].split(": ", 1)[-1]
             item.proof = f"cannot be switched {'off' if item.on else 'on'}: {why}"

@@ -17,13 +17,13 @@ Text = Annotated[str, msgspec.Meta(description="a text")]
 Whole = Annotated[int, msgspec.Meta(ge=0, description="a whole number from 0")]
 
 
-def found(name: str, shipped: Path, what: str) -> Path:
+def locate_file(name: str, shipped: Path, what: str) -> Path:
     """The shipped file of this name, or the file at this path. GraphError: it does not exist."""
     file = shipped / f"{name}.yaml"
     return file if "/" not in name and file.is_file() else find_file(name, shipped, what=what)
 
 
-def filled(kind: type[Line], source: YamlSource, keys: str) -> Line:
+def fill_struct(kind: type[Line], source: YamlSource, keys: str) -> Line:
     """Content of a file as a struct; `keys` names the required keys.
 
     GraphError: lists all faults.

@@ -28,7 +28,7 @@ from palpate.nodes.deformation import BeamBundle, MassSpring
 from palpate.physics.bodies import beam_foundation
 from palpate.physics.errors import ArgumentError
 from palpate.physics.materials.voigt import STRAIN_LIMIT
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.compare import compare
 from palpate.records.player import Player
 from palpate.studies.model_error import body_of, error_sentence
@@ -117,7 +117,7 @@ def fit_body(
         fitted = {f"{name}.{key}": value for key, value in law.items()}
         _, last = compare(recording, [[f"{key}={value}" for key, value in fitted.items()]], reference=base)
         show("the fitted model")
-        known = error_sentence(changed(recording, base).graph)
+        known = error_sentence(change_plan(recording, base).graph)
     before, after = (
         {q: relative_error(one, q) for q in QUANTITIES} | {"worst": relative_error(one, "force", "peak")}
         for one in (first, last)
@@ -148,20 +148,22 @@ def power_law(
     """
     deepest = float(depth.max())
 
-    def solved(n: float, tau: float) -> tuple[np.ndarray, float]:
+    def solve_weights(n: float, tau: float) -> tuple[np.ndarray, float]:
         elastic = relative ** (2.0 * n - 1.0) * np.maximum((depth + tau * rate) / deepest, 0.0) ** n
         return optimize.nnls(np.stack([elastic, elastic * rate], axis=1), force)
 
     def exponent(tau: float) -> float:
-        return float(optimize.minimize_scalar(lambda n: solved(n, tau)[1], bounds=(1.0, 3.0), method="bounded").x)
+        return float(
+            optimize.minimize_scalar(lambda n: solve_weights(n, tau)[1], bounds=(1.0, 3.0), method="bounded").x
+        )
 
     def residual(tau: float) -> float:
-        return solved(exponent(tau), tau)[1]
+        return solve_weights(exponent(tau), tau)[1]
 
     best = optimize.minimize_scalar(residual, bounds=(0.0, MOST_RETARDATION), method="bounded", options={"xatol": 1e-6})
     tau = float(best.x) if best.fun < (1.0 - NEGLIGIBLE) * residual(0.0) else 0.0
     n = exponent(tau)
-    (k, kc), _ = solved(n, tau)
+    (k, kc), _ = solve_weights(n, tau)
     if not k > 0.0:
         raise ArgumentError("no power law fits: the force of the reference does not rise with its indentation")
     rounded = {"stiffness": k / deepest**n, "exponent": n, "damping": kc / k, "retardation": tau}
@@ -198,7 +200,7 @@ def layer_constants(
     steps = [(loads, depths) for loads, depths in steps if loads]
     target = np.concatenate([depths for _, depths in steps])
 
-    def solved(log_b: float) -> tuple[float, float]:
+    def solve_weights(log_b: float) -> tuple[float, float]:
         """Squared error and the factor 1/a, for log b."""
         foundation = body.foundation(THICK, math.exp(log_b), len(steps[0][0]))
         depths = np.concatenate([_depths(foundation, loads, dt) for loads, _ in steps])
@@ -208,8 +210,8 @@ def layer_constants(
     log_b = 0.0
     if any(body.relaxations):
         within = np.log(SLOWER)
-        log_b = float(optimize.minimize_scalar(lambda x: solved(x)[0], bounds=within, options={"xatol": 0.05}).x)
-    stiffer = 1.0 / solved(log_b)[1]
+        log_b = float(optimize.minimize_scalar(lambda x: solve_weights(x)[0], bounds=within, options={"xatol": 0.05}).x)
+    stiffer = 1.0 / solve_weights(log_b)[1]
     moduli = [float(f"{modulus * stiffer:.4g}") for modulus in body.moduli]
     relaxations = [float(f"{time * math.exp(log_b):.4g}") for time in body.relaxations]
     areas = body.mesh().areas

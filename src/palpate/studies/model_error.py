@@ -4,7 +4,7 @@ from palpate.engine.graph import Graph
 from palpate.messages import Surface
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import ReducedFE
-from palpate.nodes.deformation.basis_store import shipped
+from palpate.nodes.deformation.basis_store import shipped_bases
 from palpate.physics.errors import ArgumentError
 
 KNOWN = 0.01
@@ -34,7 +34,7 @@ def known_error(graph: Graph) -> float:
         key = node.key()
     except SettingError:
         return 0.0
-    stored = [about["error"] for about in shipped().values() if about["key"] == key]
+    stored = [about["error"] for about in shipped_bases().values() if about["key"] == key]
     known = 0.0 if node.model == "sampled" else KNOWN
     return known + (float(stored[0].get("mean", 0.0)) if stored else 0.0)
 

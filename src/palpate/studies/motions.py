@@ -41,7 +41,7 @@ def hands_of(launch: LaunchFile) -> dict[str, SimulatedOperator]:
     }
 
 
-def reached(launch: LaunchFile, speeds: Sequence[float]) -> tuple[float, float]:
+def peak_speeds(launch: LaunchFile, speeds: Sequence[float]) -> tuple[float, float]:
     """Peak speed [m/s] of the slowest and of the fastest move of the hands at these speed factors."""
     found = list[float]()
     for hand in hands_of(launch).values():

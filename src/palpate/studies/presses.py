@@ -10,7 +10,7 @@ from palpate.messages import Contact, Pose
 from palpate.models.fit.probes.read import Probes, read_probes
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.afm import SUFFIXES, read_afm
-from palpate.models.fit.tissue.measured import MeasuredPress, prepared, read_presses
+from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press, read_presses
 from palpate.physics.table_file import DIALECTS
 from palpate.records.reader import Recording
 
@@ -90,7 +90,7 @@ def recorded_press(name: str, poses: Sequence[Pose], contacts: Sequence[Contact]
     poses  path of the probe; used if the contacts are of a force sensor, which measures no indentation
     bone   whether depth is the approach of the finger bone, that is indentation plus compression of the fingertip
 
-    SessionError: no press, or `prepared` rejects it.
+    SessionError: no press, or `prepare_press` rejects it.
     """
     force = np.array([m.force for m in contacts], float)
     if not len(force):
@@ -103,7 +103,7 @@ def recorded_press(name: str, poses: Sequence[Pose], contacts: Sequence[Contact]
         when = np.array([m.time for m in poses], float)
         depth = -np.interp(time, when, np.array([m.position for m in poses]) @ np.array(contacts[0].normal))
     rows = _deepest_touch(depth, force)
-    return prepared(name, 1e-9 * time[rows], depth[rows], force[rows])
+    return prepare_press(name, 1e-9 * time[rows], depth[rows], force[rows])
 
 
 def _deepest_touch(depth: np.ndarray, force: np.ndarray) -> slice:

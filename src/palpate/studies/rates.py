@@ -18,11 +18,11 @@ from pathlib import Path
 from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.errors import ArgumentError
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.compare import Variant, compare
 from palpate.records.player import Player
 from palpate.records.reader import Recording
-from palpate.studies.motions import at_speeds, others, reached
+from palpate.studies.motions import at_speeds, others, peak_speeds
 from palpate.studies.outputs import Outputs
 from palpate.studies.search import Evaluation, SearchResult, Show, record_touch, relative_error, write
 
@@ -86,7 +86,7 @@ def rates(
     and of new motions are within the error. 12 more motions give the prediction and can only reject the rates.
     """
     effects_of(launch.plan())  # fails before the first run if the graph has no effects
-    motions, drawn, reach = at_speeds(launch, speeds), itertools.count(), reached(launch, speeds)
+    motions, drawn, reach = at_speeds(launch, speeds), itertools.count(), peak_speeds(launch, speeds)
 
     def fresh(count: int) -> Iterator[LaunchFile]:
         return others(launch, reach, itertools.islice(drawn, count))
@@ -97,15 +97,15 @@ def rates(
         searched = [motions[max(motions)], *fresh(SEARCHED)]
         recordings = [record_touch(motion, folder / f"{number}.mcap") for number, motion in enumerate(searched)]
         show("the touch")
-        picked, _ = together(recordings, chosen(recordings[0], error), error)
+        picked, _ = together(recordings, lowest_rates(recordings[0], error), error)
         show("the search")
         # Raise the rates until runs of new motions, then of the path at each speed, are within the error.
         for motion in fresh(ACCEPTED):
-            picked, _ = accepted(motion, picked, MARGIN * error, folder)
+            picked, _ = search_rates(motion, picked, MARGIN * error, folder)
         at = dict[float, Evaluation]()
         while missing := motions.keys() - at.keys():
             before, speed = picked, max(missing)  # the fastest hand has the largest error
-            picked, one = accepted(motions[speed], picked, error, folder)
+            picked, one = search_rates(motions[speed], picked, error, folder)
             at = {**(at if picked == before else {}), speed: one}
         show("runs that accept the rates")
         # Predict from motions that have not been used so far.
@@ -129,11 +129,11 @@ def rates(
     return RatesResult(picked, predicted, measured, met, dict(sorted(at.items())), tuple(unseen), reach)
 
 
-def accepted(motion: LaunchFile, rates: list[Rate], error: float, folder: Path) -> tuple[list[Rate], Evaluation]:
+def search_rates(motion: LaunchFile, rates: list[Rate], error: float, folder: Path) -> tuple[list[Rate], Evaluation]:
     """The rates, raised until a run of this motion is within the error [1], and that run."""
     while True:
         one = ran(motion, rates, folder)
-        finer = raised(rates, one, error)
+        finer = raise_rate(rates, one, error)
         if finer is None:
             return rates, one
         rates = finer
@@ -141,7 +141,9 @@ def accepted(motion: LaunchFile, rates: list[Rate], error: float, folder: Path) 
 
 def ran(motion: LaunchFile, rates: Sequence[Rate], folder: Path) -> Evaluation:
     """Errors of a run at these rates, compared with the same device motion with all effects at every tick."""
-    return tried(record_touch(motion.but(overrides=[rate.override() for rate in rates]), folder / "slow.mcap"), rates)
+    return try_rates(
+        record_touch(motion.but(overrides=[rate.override() for rate in rates]), folder / "slow.mcap"), rates
+    )
 
 
 def worst_of(runs: Sequence[Evaluation]) -> Evaluation:
@@ -185,12 +187,12 @@ def effects_of(plan: Plan) -> list[Rate]:
     return found
 
 
-def chosen(recording: Recording, error: float) -> Iterator[Rate]:
+def lowest_rates(recording: Recording, error: float) -> Iterator[Rate]:
     """Each effect of the recorded graph at its lowest rate within `error` [1], with the others at every tick.
 
     The error grows with the divisor, so the divisors are bisected; one pass over the recording serves all effects.
     """
-    plan = changed(recording)
+    plan = change_plan(recording)
     found = [replace(rate, every=1) for rate in effects_of(plan)]
     change = [Outputs(plan, rate.node, without=set()) for rate in found]
     missed, watched = [len(DIVISORS)] * len(found), change
@@ -223,14 +225,14 @@ def together(recordings: Sequence[Recording], rates: Iterable[Rate], error: floa
     """
     picked, done = list(rates), list[Evaluation]()
     while len(done) < len(recordings):
-        done.append(tried(recordings[len(done)], picked, [rate.override() for rate in picked]))
-        finer = raised(picked, done[-1], error)
+        done.append(try_rates(recordings[len(done)], picked, [rate.override() for rate in picked]))
+        finer = raise_rate(picked, done[-1], error)
         if finer:
             picked, done = finer, []
     return picked, worst_of(done)
 
 
-def raised(rates: Sequence[Rate], one: Evaluation, error: float) -> list[Rate] | None:
+def raise_rate(rates: Sequence[Rate], one: Evaluation, error: float) -> list[Rate] | None:
     """The rates with the next higher rate for the effect that contributes most to exceeding an error [1].
 
     That is the effect whose output exceeds it most, or else the one with the largest force error. None: the run is
@@ -246,7 +248,7 @@ def raised(rates: Sequence[Rate], one: Evaluation, error: float) -> list[Rate] |
     return [replace(rate, every=every, force_error=force) if k == worst else rate for k, rate in enumerate(rates)]
 
 
-def tried(recording: Recording, rates: Sequence[Rate], texts: Sequence[str] = ()) -> Evaluation:
+def try_rates(recording: Recording, rates: Sequence[Rate], texts: Sequence[str] = ()) -> Evaluation:
     """Errors of a recorded touch with these overrides, compared with all effects at every tick."""
     (base, variant), (outputs,) = _compute_touch(recording, rates, [(texts, rates)])
     overrides = {f"{rate.node}.every": rate.every for rate in rates}
@@ -264,7 +266,7 @@ def _compute_touch(
     Returns the variants, and for each the errors in the outputs of its effects. `change` accumulates the changes of the
     first variant from tick to tick.
     """
-    plan = changed(recording)
+    plan = change_plan(recording)
     path = force_path(plan)
     outputs = [
         [Outputs(plan, rate.node, without=path if rate.in_loop else set()) for rate in watched] for _, watched in tries

@@ -1,8 +1,8 @@
 """Evaluate settings of a graph on one recorded touch: shared by `palpate tune`, `rates` and `plan --ablate`.
 
 The touch is recorded once with the graph as it is (`record_touch`); each choice of settings then computes it again in
-parallel with a reference (`compared`). The best choice is written as a launch file (`write`) and run: the hand reacts
-to the force, so the touch changes, and the error is measured on the new touch.
+parallel with a reference (`compare_settings`). The best choice is written as a launch file (`write`) and run: the hand
+reacts to the force, so the touch changes, and the error is measured on the new touch.
 """
 
 from __future__ import annotations
@@ -108,7 +108,9 @@ def relative_error(variant: Variant, quantity: str = "force", measure: str = "rm
     return spread[measure] / spread["reference_peak"] if spread["reference_peak"] > 0.0 else 0.0
 
 
-def compared(recording: Recording, texts: Sequence[str], reference: Sequence[str]) -> tuple[Variant, Variant] | str:
+def compare_settings(
+    recording: Recording, texts: Sequence[str], reference: Sequence[str]
+) -> tuple[Variant, Variant] | str:
     """The touch with the settings of the reference and with these; the reason if these cannot compute it.
 
     RecordingError: the recording cannot be replayed.
@@ -134,7 +136,7 @@ def record_touch(launch: LaunchFile, file: Path) -> Recording:
             f"device: --set {devices[0]}.use=device.Simulated, or the graph kidney"
         )
     outcome = execute(replace(launch, record=file, place=FUSED, clock="simulated"))
-    outcome.signalled()
+    outcome.raise_signal()
     if not outcome.result.ok:
         raise ArgumentError(f"{name}: the run of the touch failed: {outcome.result.deaths[0]}")
     return Recording(file)

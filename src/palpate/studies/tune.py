@@ -13,11 +13,11 @@ from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.nodes.deformation import bodies
 from palpate.physics.errors import ArgumentError, PalpateError
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
 from palpate.studies.model_error import body_of, known_error
-from palpate.studies.search import Evaluation, SearchResult, Show, compared, record_touch, write
+from palpate.studies.search import Evaluation, SearchResult, Show, compare_settings, record_touch, write
 
 COARSER = (1, 3, 10)
 """Divisors of the number of surface vertices."""
@@ -63,9 +63,9 @@ def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: N
         recording = record_touch(launch, Path(folder) / "touch.mcap")
         show("the touch")
         base = reference(recording, wanted)
-        estimated_error, ranked = known_error(changed(recording, base.texts).graph), []
+        estimated_error, ranked = known_error(change_plan(recording, base.texts).graph), []
         for one in wanted:
-            ranked.append(evaluated(recording, one, base, goal, estimated_error))
+            ranked.append(evaluate_candidate(recording, one, base, goal, estimated_error))
             show(title(one))
         best = pick(ranked, goal)
         if best is None:
@@ -111,7 +111,7 @@ def reference(recording: Recording, wanted: list[Evaluation]) -> Evaluation:
     """The first candidate whose body starts; a body whose basis is missing fails at its start."""
     for one in wanted:
         try:
-            graph = changed(recording, one.texts).graph
+            graph = change_plan(recording, one.texts).graph
             spec = graph.nodes[body_of(graph)]
             spec.cls(**spec.settings).start()
         except PalpateError:
@@ -120,15 +120,15 @@ def reference(recording: Recording, wanted: list[Evaluation]) -> Evaluation:
     raise ArgumentError(f"{recording.path}: none of the models fits this graph")
 
 
-def evaluated(
+def evaluate_candidate(
     recording: Recording, one: Evaluation, base: Evaluation, goal: Goal, estimated_error: float
 ) -> Evaluation:
     """A candidate with its error and times."""
-    both = compared(recording, one.texts, base.texts)
-    return replace(one, why=both) if isinstance(both, str) else judged(one, *both, goal, estimated_error)
+    both = compare_settings(recording, one.texts, base.texts)
+    return replace(one, why=both) if isinstance(both, str) else judge_variants(one, *both, goal, estimated_error)
 
 
-def judged(one: Evaluation, base: Variant, variant: Variant, goal: Goal, estimated_error: float) -> Evaluation:
+def judge_variants(one: Evaluation, base: Variant, variant: Variant, goal: Goal, estimated_error: float) -> Evaluation:
     """A candidate with the error and times of these variants. ArgumentError: no contact, so the error is undefined."""
     if not getattr(variant, goal.quantity).scale > 0.0:
         raise ArgumentError(
@@ -175,7 +175,7 @@ def _run(launch: LaunchFile, chosen: Evaluation, base: Evaluation, goal: Goal, f
     usual = {f"{body}.every": 1, "scene.surface.vertices": graph.nodes[body].settings.get("vertices")}
     back = Evaluation({key: value for key, value in usual.items() if key in chosen.overrides} | base.overrides)
     recording = record_touch(launch.but(overrides=chosen.texts), file)
-    both = compared(recording, [], back.texts)
+    both = compare_settings(recording, [], back.texts)
     if isinstance(both, str):
         raise ArgumentError(f"{launch.path or launch.graph}: the run of the choice cannot be replayed: {both}")
-    return judged(chosen, *both, goal, known_error(changed(recording, back.texts).graph))
+    return judge_variants(chosen, *both, goal, known_error(change_plan(recording, back.texts).graph))

@@ -18,7 +18,7 @@ import numpy as np
 
 from palpate.engine.faults import choices
 from palpate.launch.run.notes import RunNote
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 from palpate.records.reader import Recording
 from palpate.records.samples import RecordedStream, Samples
 from palpate.records.stored import RecordingError
@@ -126,7 +126,7 @@ class Run:
 
         RecordingError: pandas is missing, or an unknown stream.
         """
-        with required("frame()", "table", RecordingError):
+        with require_extra("frame()", "table", RecordingError):
             import pandas
         if isinstance(streams, str):
             return self._table(streams).set_index("time [s]")
@@ -144,7 +144,7 @@ class Run:
 
         RecordingError: xarray is missing, or an unknown stream.
         """
-        with required("xarray()", "study", RecordingError):
+        with require_extra("xarray()", "study", RecordingError):
             import xarray
         made = []
         for name in [streams] if isinstance(streams, str) else list(streams) or self.streams:

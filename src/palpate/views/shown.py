@@ -171,7 +171,7 @@ class Bodies:
             displacement=np.concatenate([s.displacement for s in every]), **more,
         )  # fmt: skip
 
-    def pressed(self, newest: Mapping[str, Load]) -> dict[str, list]:
+    def pressed_area(self, newest: Mapping[str, Load]) -> dict[str, list]:
         """Vertices of the joint mesh that these loads press, `patch`, and the size of each force [N], `loads`."""
         patch: list[int] = []
         sizes: list[float] = []

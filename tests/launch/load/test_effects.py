@@ -11,13 +11,13 @@ from short_touch import short_touch
 
 from palpate.engine.faults import GraphError
 from palpate.engine.plan import Plan
-from palpate.launch.load.effects import known
+from palpate.launch.load.effects import list_effects
 from palpate.launch.load.graph import load
 from palpate.launch.load.plan import plan
 from palpate.nodes.base import Switch, effects, part
 from palpate.nodes.deformation.beam_bundle import BeamBundle
 from palpate.nodes.deformation.mass_spring import MassSpring
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 
 
 def planned(*sets, graph="kidney", **more):
@@ -110,7 +110,7 @@ def test_each_declared_effect_names_fields_and_settings_that_exist():
                 sent = {f for kind in outputs(entry.cls) for f in kind.__struct_fields__}
                 assert set(effect.fields) <= sent, entry.use
             assert not effect.setting or effect.setting in settings_of(entry.cls)
-    assert {"friction", "deformation", "shape", "pressure", "nodule", "relaxation", "band"} <= set(known())
+    assert {"friction", "deformation", "shape", "pressure", "nodule", "relaxation", "band"} <= set(list_effects())
 
 
 def test_a_switch_shows_whether_the_effect_is_computed():
@@ -169,8 +169,8 @@ def test_wanted_streams_are_the_same_without_unread_parts(tmp_path_factory, body
 
 def test_a_replay_keeps_the_recorded_fields_except_those_of_disabled_effects(tmp_path):
     recording = short_touch(tmp_path, "one", "log.fields=all")
-    assert "displacement" in changed(recording, ["tissue.damping=1"]).wanted["tissue"]
-    assert "displacement" not in changed(recording, ["effects.shape=off"]).wanted["tissue"]
+    assert "displacement" in change_plan(recording, ["tissue.damping=1"]).wanted["tissue"]
+    assert "displacement" not in change_plan(recording, ["effects.shape=off"]).wanted["tissue"]
 
 
 def test_the_documented_catalogue_is_up_to_date():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.cli.terminal.options import chosen
+from palpate.cli.terminal.options import choose_launch
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import check_stored
 from palpate.launch.run.execute import execute
@@ -23,13 +23,13 @@ PRESSED = {
 @pytest.mark.parametrize("graph", PRESSED)
 def test_a_body_loads_in_a_graph(graph, body):
     for node in PRESSED[graph]:
-        check_stored(chosen(graph, [f"{node}.use={body}"], None, None, False).plan())
+        check_stored(choose_launch(graph, [f"{node}.use={body}"], None, None, False).plan())
 
 
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("scene", ["kidney", "nodule", "frictionless", "organs", "remote"])
 def test_a_body_loads_in_another_scene(scene, body):
-    check_stored(chosen("kidney", [f"tissue.use={body}"], scene, None, False).plan())
+    check_stored(choose_launch("kidney", [f"tissue.use={body}"], scene, None, False).plan())
 
 
 def test_a_missing_basis_is_a_fault_with_the_command_to_build_it(monkeypatch, tmp_path):
@@ -38,7 +38,7 @@ def test_a_missing_basis_is_a_fault_with_the_command_to_build_it(monkeypatch, tm
     with pytest.raises(
         PalpateError, match=r"nodule.yaml:\d+: node 'tissue'.*palpate build basis.*--set nodule_depth=0.009"
     ):
-        check_stored(chosen("nodule", sets, None, None, False).plan())
+        check_stored(choose_launch("nodule", sets, None, None, False).plan())
 
 
 def test_a_nodule_has_the_position_of_the_scene_in_every_body():

@@ -43,7 +43,7 @@ def test_launch_files_and_scenes_take_the_organ_of_a_file_next_to_them(folder, m
     (folder / "elsewhere").mkdir()
     monkeypatch.chdir(folder / "elsewhere")
     for launch in (find(str(folder / "run.yaml")), find("kidney").but(scene=folder / "scene.yaml")):
-        assert surface(launch) == surface(launch.settled()) == (expected, notes)
+        assert surface(launch) == surface(launch.settle_organ()) == (expected, notes)
     monkeypatch.chdir(folder)
     assert surface(find("kidney").but(overrides=("scene.organ=ball.stl",)))[0] == expected
 

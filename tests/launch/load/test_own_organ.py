@@ -9,13 +9,13 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ_file import OrganFile
-from palpate.models.build.repair import repaired
+from palpate.models.build.repair import repair_mesh
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.mesh_file import flaws
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.mesh import Mesh, heights, plane, summit
-from palpate.views.page.steered import steered
+from palpate.views.page.steered import steer_launch
 from palpate.views.run import Run
 
 trimesh = pytest.importorskip("trimesh")
@@ -118,7 +118,7 @@ def test_a_flaw_is_an_error_of_one_line_and_repair_removes_it(tmp_path, make, te
     *pieces, line = flaws(str(file))
     assert ["2 separate pieces" in each for each in pieces] == [True] * (make is crossing)
     assert text in line and str(file) in line and "\n" not in line
-    fixed, done = repaired(file, "mm")
+    fixed, done = repair_mesh(file, "mm")
     assert done and fixed != file
     assert flaws(str(fixed)) == []
     volume = 1e9 * trimesh.load(fixed).volume
@@ -136,7 +136,7 @@ def test_an_unfinished_check_for_intersections_is_reported(tmp_path, monkeypatch
 def test_a_sound_mesh_is_not_changed(tmp_path):
     file = saved(tmp_path, liver())
     assert flaws(str(file)) == []
-    assert repaired(file, "mm") == (file, [])
+    assert repair_mesh(file, "mm") == (file, [])
 
 
 def test_edges_with_three_triangles_are_repaired(tmp_path):
@@ -147,7 +147,7 @@ def test_edges_with_three_triangles_are_repaired(tmp_path):
     file = saved(
         tmp_path, trimesh.Trimesh(vertices, np.concatenate([mesh.faces, [[a, b, len(vertices) - 1]]]), process=False)
     )
-    fixed, _ = repaired(file, "mm")
+    fixed, _ = repair_mesh(file, "mm")
     assert flaws(str(fixed)) == []
 
 
@@ -179,7 +179,7 @@ def test_a_file_of_the_kidney_gives_the_same_touch(tmp_path):
     mesh = surface_mesh("kidney", 3000)
     far = trimesh.Trimesh(mesh.vertices * 1e3 + SCANNER, mesh.triangles, process=False)
     launch = find("kidney").but(overrides=("scene.surface.refine=0",))
-    changed = launch.but(organ=OrganFile(saved(tmp_path, far, "kidney.stl"), "mm")).settled()
+    changed = launch.but(organ=OrganFile(saved(tmp_path, far, "kidney.stl"), "mm")).settle_organ()
     before, after = (one.load().nodes["device"].settings for one in (launch, changed))
     for old, new in zip(before["path"], after["path"], strict=True):
         if old["to"] is not None:
@@ -188,7 +188,7 @@ def test_a_file_of_the_kidney_gives_the_same_touch(tmp_path):
 
 
 def test_a_small_ball_gets_a_narrower_path_on_its_surface(tmp_path):
-    launch = find("kidney").but(organ=OrganFile(saved(tmp_path, ball(20.0)), "mm")).settled()
+    launch = find("kidney").but(organ=OrganFile(saved(tmp_path, ball(20.0)), "mm")).settle_organ()
     (text,) = launch.notes
     graph = launch.load()
     surface, hand = graph.scene["surface"], graph.scene["hand"]
@@ -201,7 +201,7 @@ def test_a_small_ball_gets_a_narrower_path_on_its_surface(tmp_path):
 
 def test_the_rotation_of_the_scene_is_kept(tmp_path):
     launch = find("kidney").but(overrides=("scene.surface.rotation=[0, 1.5707963, 0]",))
-    changed = launch.but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settled()
+    changed = launch.but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settle_organ()
     surface = changed.load().scene["surface"]
     placed = surface_mesh(surface["surface"], 0, tuple(surface["position"]), tuple(surface["rotation"]), "mm")
     # the thin lobe at +x is at the bottom; the former left end is now the top
@@ -213,7 +213,7 @@ def test_the_rotation_of_the_scene_is_kept(tmp_path):
 
 def test_a_graph_without_a_surface_is_an_error(tmp_path):
     with pytest.raises(MeshError, match=r"softness has no scene\.surface"):
-        find("softness").but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settled()
+        find("softness").but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settle_organ()
 
 
 def run(*words):
@@ -251,8 +251,8 @@ def test_the_unit_of_a_file_is_a_value_of_the_scene(tmp_path):
 
 def test_the_mouse_touches_a_custom_organ(tmp_path):
     """The path along the organ belongs to the simulated hand, which the page replaces."""
-    launch = find("kidney").but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settled()
-    planned = steered(launch, tmp_path)[0].plan()
+    launch = find("kidney").but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settle_organ()
+    planned = steer_launch(launch, tmp_path)[0].plan()
     begin = launch.plan().graph.nodes["device"].settings["begin"]
     assert planned.graph.nodes["device"].settings["begin"] == begin
     assert str(tmp_path / "liver.stl") in str(planned.graph.nodes["collision"].settings["surface"])

@@ -12,7 +12,7 @@ from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import LAUNCH, LaunchFile, find, names
-from palpate.launch.load.placement import ProcessGroup, apart, auto, fused, load_place
+from palpate.launch.load.placement import ProcessGroup, apart, auto, fuse_nodes, load_place
 from palpate.launch.load.plan import plan
 
 TWO_DISPLAYS = """
@@ -153,9 +153,9 @@ def test_plans_do_not_depend_on_the_hash_seed(whole):
 def test_by_default_each_node_has_a_separate_process(whole):
     run = planned(whole)
     assert [g.nodes for g in apart(run).groups] == [[n] for n in (*run.order, "log")]
-    assert [g.nodes for g in fused(run).groups] == [[*run.order, "log"]]
+    assert [g.nodes for g in fuse_nodes(run).groups] == [[*run.order, "log"]]
     assert load_place(None, run).groups == apart(run).groups
-    assert load_place("fused", run).groups == fused(run).groups
+    assert load_place("fused", run).groups == fuse_nodes(run).groups
 
 
 def test_a_placement_groups_nodes(whole, write):

@@ -250,7 +250,7 @@ def test_a_fork_server_is_ended_at_once_during_its_imports(tmp_path, monkeypatch
     until, output_text = time.monotonic() + 60.0, ""
     while "importing" not in output_text and time.monotonic() < until:
         time.sleep(0.05)
-        output_text += server.printed()
+        output_text += server.read_printout()
     assert "importing" in output_text
     server.close()
     assert server.process.returncode == 0

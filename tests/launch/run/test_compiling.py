@@ -19,7 +19,7 @@ from palpate.launch.run.reports import Compiling
 from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.work.compiling import LONGEST, compiler_watched, compiling
-from palpate.launch.run.work.watchdog import START_PATIENCE, HangError, watched
+from palpate.launch.run.work.watchdog import START_PATIENCE, HangError, watch_call
 
 
 def test_compiled_kernels_are_counted_and_cached_ones_are_not():
@@ -82,7 +82,7 @@ def test_compiling_is_a_sign_of_life_for_the_watchdog_of_one_process(monkeypatch
     slot = ObserverSlot.__new__(ObserverSlot)
     slot.name, slot.node, slot.last, slot.health = "log", SimpleNamespace(observe=observe), {}, HealthCounters()
     slot.pending = [("pose", 0, b"")]
-    with watched(0.05):
+    with watch_call(0.05):
         if hangs:
             with pytest.raises(NodeError, match=r"no sign of life for 0\.05 s") as raised:
                 slot.take()
@@ -98,7 +98,7 @@ def test_waiting_for_a_kernel_that_another_process_compiles_is_a_sign_of_life(mo
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
-        with function._cache.locked():
+        with function._cache.lock_compilation():
             os.write(writing, b"locked")
             time.sleep(0.3)
         os._exit(0)

@@ -11,7 +11,7 @@ from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.run.assign import jobs, spared
+from palpate.launch.run.assign import jobs, spared_nodes
 from palpate.launch.run.launcher import Launcher
 from palpate.messages.base import Message
 from palpate.records.reader import Recording
@@ -52,7 +52,7 @@ def kill(name: str, folder) -> tuple[tuple[int, int], tuple[int, int]]:
             launcher.stop()
 
     work = jobs(steps, launch.placement(steps), clock="real", about=about(steps))
-    launcher = Launcher(work, patience=20.0, show=strike, spared=spared(steps))
+    launcher = Launcher(work, patience=20.0, show=strike, spared=spared_nodes(steps))
     result = launcher.run()
     assert [death.node for death in result.deaths] == [name]
     recording = Recording(file)

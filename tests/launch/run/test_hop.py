@@ -108,9 +108,9 @@ class Bench:
 
     def linked(self) -> bool:
         return bool(
-            all(outlet.linked(stream) for stream, outlet in self.outlets.items())
+            all(outlet.count_groups(stream) for stream, outlet in self.outlets.items())
             and all(self.bus.inlet(stream).linked for stream in self.worker.feeds)
-            and all(self.bus._outlet.linked(inlet.stream) and inlet.linked for inlet in self.inlets)
+            and all(self.bus._outlet.count_groups(inlet.stream) and inlet.linked for inlet in self.inlets)
         )
 
     def write(self, data: bytes) -> None:
@@ -287,7 +287,7 @@ def test_a_reader_that_ends_is_forgotten(bench):
     for number in used:
         os.close(number)
     assert len(made.payloads["a"]) >= 100 and len(made.payloads["c"]) == TICKS
-    assert not made.bus._outlet.linked("a")
+    assert not made.bus._outlet.count_groups("a")
 
 
 def test_a_lost_message_ends_the_run_with_its_tick(bench):

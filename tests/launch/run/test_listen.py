@@ -127,7 +127,7 @@ def test_top_collects_for_a_second_without_stalls(monkeypatch):
                 printed = Health.example(loaded=False)
                 yield HEALTH, pack(msgspec.structs.replace(printed, source=name, steps=100 * turn))
 
-    monkeypatch.setattr(discover, "hear", reports)
+    monkeypatch.setattr(discover, "receive_messages", reports)
     monkeypatch.setattr(discover, "find", lambda _: discover.Running("1-a"))
     monkeypatch.setattr(top.time, "monotonic", lambda: clock[0])
     code, out, err = say("top", "--json")

@@ -5,7 +5,7 @@ from pytest import mark, param
 from random_faults import Fault
 
 from palpate.engine.job import Job, NodeJob
-from palpate.launch.run.member import WorkerHandle, lost
+from palpate.launch.run.member import WorkerHandle, find_loss
 
 SIGNS = 5
 
@@ -19,7 +19,7 @@ def loser(*members: WorkerHandle, signs: int = SIGNS, **ticks: int) -> str | Non
     """The worker whose message counts as lost after this number of heartbeats without progress."""
     gone = None
     for _ in range(signs + 1):
-        gone = gone or lost(members, {name: {"tick": tick} for name, tick in ticks.items()}, SIGNS)
+        gone = gone or find_loss(members, {name: {"tick": tick} for name, tick in ticks.items()}, SIGNS)
         for given in members:
             given.waits(given.awaits)
     return gone[0].names if gone else None

@@ -14,7 +14,7 @@ from palpate.engine.clock import now
 from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import find
-from palpate.launch.load.placement import fused
+from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
@@ -77,7 +77,7 @@ def made(overrides: tuple[str, ...] = (), ticks: int = 300, clock: str = "simula
     graph = find("kidney").but(overrides=(*TOUCH, *overrides)).load()
     set_recording(graph, None)
     planned = plan(graph)
-    (job,) = jobs(planned, fused(planned), clock=clock, ticks=ticks)
+    (job,) = jobs(planned, fuse_nodes(planned), clock=clock, ticks=ticks)
     streams = {stream: ("elsewhere",) for node in job.nodes for stream in node.streams}
     return Worker(msgspec.structs.replace(job, external=streams), None, lambda report: None)
 

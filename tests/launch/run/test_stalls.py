@@ -19,7 +19,7 @@ from palpate.launch.run.reports import REPORTED, Exited, NodeFault, Quit
 from palpate.launch.run.wire import addresses
 from palpate.launch.run.work import watchdog
 from palpate.launch.run.work.loops import QUIET, observe
-from palpate.launch.run.work.watchdog import START_PATIENCE, watched
+from palpate.launch.run.work.watchdog import START_PATIENCE, watch_call
 
 MS = 1_000_000
 
@@ -148,7 +148,7 @@ def test_a_fused_run_survives_a_stall_of_a_minute(monkeypatch, patience, least):
     """The system's watchdog thread cannot distinguish a stall from a node that never returns, and would end the run."""
     ends = []
     monkeypatch.setattr(faulthandler, "dump_traceback_later", lambda end, exit: ends.append(end))
-    with watched(patience):
+    with watch_call(patience):
         signal.raise_signal(signal.SIGALRM)
     assert ends and min(ends) >= least
 
@@ -167,7 +167,7 @@ def test_an_observer_may_be_slow_for_many_messages_but_not_for_one(monkeypatch, 
     slot = ObserverSlot.__new__(ObserverSlot)
     slot.name, slot.node, slot.last, slot.health = "log", SimpleNamespace(observe=observe), {}, HealthCounters()
     slot.pending = [("pose", tick, b"") for tick in range(20)]
-    with watched(5.0):
+    with watch_call(5.0):
         if stuck:
             with pytest.raises(NodeError, match="'pose' at tick 3") as raised:
                 slot.take()

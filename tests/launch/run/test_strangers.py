@@ -102,9 +102,9 @@ def test_invalid_reports_are_handled_in_limited_numbers():
             for _ in range(3):
                 stranger.send(b"x")
             for count in (1, 2, 3):
-                assert control.reported(60_000) and control.report() is None
+                assert control.has_report(60_000) and control.report() is None
                 assert control.foreign == count
-            assert not control.reported()
+            assert not control.has_report()
     finally:
         control.close(0)
 

@@ -70,7 +70,7 @@ class Host:
     def gather(self, slot: Slot, tick: int) -> list | None:
         return None if slot.name == "lacks" else []
 
-    def sent(self, slot: Slot, tick: int) -> None:
+    def take_outputs(self, slot: Slot, tick: int) -> None:
         self.stepped.append((slot.name, tick))
 
 

@@ -16,7 +16,7 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.recording import new_folder
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.records.format.claim import claimed
+from palpate.records.format.claim import claim_file
 from palpate.records.reader import Recording
 
 SUPPORT = str(Path(__file__).parents[2] / "support")
@@ -69,7 +69,7 @@ def test_a_folder_that_stays_empty_is_removed(tmp_path, monkeypatch):
 def test_one_of_several_simultaneous_runs_gets_a_file(tmp_path):
     def hold(number: int) -> bool:
         try:
-            with claimed(file):
+            with claim_file(file):
                 assert others_refused.wait(30.0)
                 return True
         except RunError as error:
@@ -95,7 +95,7 @@ def test_a_file_that_its_owner_removes_is_claimed_again(tmp_path):
         until = time.monotonic() + 0.3
         while time.monotonic() < until:
             try:
-                with claimed(file):
+                with claim_file(file):
                     inside[0] += 1
                     most[0] = max(most[0], inside[0])
                     time.sleep(0.0002)

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.plan import plan
-from palpate.launch.run.assign import spared
+from palpate.launch.run.assign import spared_nodes
 from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.result import Result, verdict
@@ -66,9 +66,9 @@ def test_the_simulated_clock_has_no_verdict(tmp_path):
 
 
 def test_only_optional_nodes_with_a_condition_are_spared():
-    assert spared(plan(find("kidney").load())) == {"friction"}
+    assert spared_nodes(plan(find("kidney").load())) == {"friction"}
     with_ledger = find("kidney").but(overrides=("scene.energy.ledger=true", "scene.finger.band=true"))
-    assert spared(plan(with_ledger.load())) == {"friction", "band"}
+    assert spared_nodes(plan(with_ledger.load())) == {"friction", "band"}
 
 
 def test_a_run_continues_without_a_dead_effect_and_reports_it(tmp_path):

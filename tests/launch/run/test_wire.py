@@ -101,7 +101,7 @@ class End:
 def link(writer: End, reader: End) -> None:
     """Complete the connection between both ends."""
     end = time.monotonic() + 60.0
-    while not (reader.inlet.linked and writer.outlet.linked("pose")):
+    while not (reader.inlet.linked and writer.outlet.count_groups("pose")):
         assert time.monotonic() < end
         writer.watch.poll()
         reader.inlet.take()

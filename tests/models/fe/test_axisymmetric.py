@@ -6,7 +6,7 @@ import numpy as np
 from pytest import approx
 
 from palpate.models.fe import Solver, TetMesh, box, ogden
-from palpate.models.fe.axisymmetric import Indenter, RoundBody, _AxisymmetricPress, cylinder, layer, press
+from palpate.models.fe.axisymmetric import Indenter, RoundBody, _AxisymmetricPress, cylinder, layer, press_round
 from palpate.models.fe.solve.solver import Settings
 from palpate.physics.materials.hyperelastic import uniaxial
 from palpate.physics.materials.neo_hooke import neo_hooke
@@ -17,7 +17,7 @@ DEPTHS = np.array([0.3e-3, 3e-3, 6e-3, 12e-3])
 
 def compressed(material, bonded, count=6, depths=DEPTHS):
     body = cylinder(RADIUS, HEIGHT, count)
-    return press(body, material, Indenter(body.top, bonded, body.side), depths / 2.0)
+    return press_round(body, material, Indenter(body.top, bonded, body.side), depths / 2.0)
 
 
 def test_a_cylinder_between_frictionless_plates_is_in_uniaxial_stress():
@@ -74,7 +74,7 @@ def test_a_ball_on_a_deep_layer_is_hertz():
     contact = 1.1 * math.sqrt(radius * depths[-1])
     body = layer(12 * contact, contact, 10)
     under = body.top[: 2 * int(np.searchsorted(body.across[::2], 2.0 * contact)) + 1]
-    forces = press(body, neo_hooke(young, 0.49), Indenter(np.zeros(0, int), False, under, radius), depths)
+    forces = press_round(body, neo_hooke(young, 0.49), Indenter(np.zeros(0, int), False, under, radius), depths)
     hertz = 4 / 3 * young / (1 - 0.49**2) * math.sqrt(radius) * depths**1.5
     # a layer of 12 contact radii is 10 % stiffer than a half-space (Dimitriadis et al. 2002)
     chi = np.sqrt(radius * depths) / (12 * contact)
@@ -84,6 +84,6 @@ def test_a_ball_on_a_deep_layer_is_hertz():
 def test_a_press_without_equilibrium_ends_in_nan():
     body = RoundBody(np.linspace(0, RADIUS, 5), np.linspace(0, HEIGHT, 5))
     with np.errstate(all="ignore"):
-        forces = press(body, neo_hooke(1e4, 0.4), Indenter(body.top, True, body.side), [1e-3, HEIGHT, 2 * HEIGHT])
+        forces = press_round(body, neo_hooke(1e4, 0.4), Indenter(body.top, True, body.side), [1e-3, HEIGHT, 2 * HEIGHT])
     assert math.isfinite(forces[0])
     assert np.isnan(forces[1:]).all()

@@ -9,7 +9,7 @@ from pytest import approx
 from palpate.models.fe import MaterialError, MeshError, Settings, Solver, TetMesh, box, linear, neo_hooke
 from palpate.models.fe.element.elements import gradients, shape
 from palpate.models.fe.element.files import read_mesh, write_vtu
-from palpate.models.fe.element.jacobian import inverted
+from palpate.models.fe.element.jacobian import find_inverted
 from palpate.models.fe.element.mesh import EDGES, check_surface
 from palpate.models.fe.meshing.organ import fill
 from palpate.nodes.base.surface import surface_mesh
@@ -59,7 +59,7 @@ def test_inverted_elements_are_found_by_the_sign_of_their_determinant_anywhere()
         least = least_determinant(points)
         if abs(least) < 0.02:
             continue
-        wrong = len(inverted(points, np.arange(10)[None], 0.0)) > 0
+        wrong = len(find_inverted(points, np.arange(10)[None], 0.0)) > 0
         assert wrong == (least < 0.0)
         printed[wrong] += 1
     assert min(printed.values()) > 20

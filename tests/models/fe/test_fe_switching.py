@@ -6,7 +6,7 @@ from pytest import approx
 from scipy.sparse import csr_array
 
 from palpate.models.fe import RigidIndenter, Solver, box, neo_hooke, sphere
-from palpate.models.fe.contact.switching import Switching, joined, switched
+from palpate.models.fe.contact.switching import Switching, join_parts, switch_points
 
 
 def linear_contact(seed, count=12, points=9):
@@ -23,7 +23,7 @@ def one_step(elastic, force, points):
     rows, level, penalty, area = points
     tangent = elastic + rows.T @ np.diag(area * penalty * (level > 0)) @ rows.toarray()
     newton = np.linalg.solve(tangent, force + rows.T @ (area * np.maximum(level, 0.0)))
-    return newton, *switched(points, newton, lambda forces: np.linalg.solve(tangent, forces))
+    return newton, *switch_points(points, newton, lambda forces: np.linalg.solve(tangent, forces))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -49,7 +49,7 @@ def test_a_step_ends_in_balance_with_the_points_that_touch_at_its_end(seed):
 
 def test_a_step_without_switching_is_unchanged():
     elastic, _, points = linear_contact(1)
-    change, traction = switched(points, np.zeros(12), lambda forces: np.linalg.solve(elastic, forces))
+    change, traction = switch_points(points, np.zeros(12), lambda forces: np.linalg.solve(elastic, forces))
     assert (change == 0.0).all() and traction == approx(np.maximum(points.level, 0.0))
 
 
@@ -58,13 +58,13 @@ def test_a_body_held_by_separating_points_alone_keeps_the_newton_step():
     points = Switching(rows, np.array([1.0]), np.array([10.0]), np.array([1.0]))
     tangent = np.diag([10.0, 1.0])  # the first component is held by the point alone
     step = np.array([0.5, 0.2])
-    change, _ = switched(points, step, lambda forces: np.linalg.solve(tangent, forces))
+    change, _ = switch_points(points, step, lambda forces: np.linalg.solve(tangent, forces))
     assert change == approx(step)
 
 
 def test_points_of_several_contacts_are_concatenated():
     one, two = linear_contact(1)[2], linear_contact(2)[2]
-    both = joined([one, two])
+    both = join_parts([one, two])
     assert both.rows.shape == (18, 12) and (both.rows[9:].toarray() == two.rows.toarray()).all()
     assert (both.level == np.concatenate([one.level, two.level])).all()
 

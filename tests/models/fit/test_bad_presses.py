@@ -13,7 +13,7 @@ import palpate
 from palpate.cli.__main__ import app
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.fit import fit_tissue
-from palpate.models.fit.tissue.measured import prepared
+from palpate.models.fit.tissue.measured import prepare_press
 from palpate.models.fit.tissue.report import data
 from palpate.models.fit.tissue.residuals import lack_of_fit
 from palpate.models.fit.tissue.rigs import Rig
@@ -60,7 +60,7 @@ def rows(young=7300.0, depth=0.7e-3, rate=100.0, air=0.6, ramp=2.0, size=0.003, 
 
 
 def fitted(law="hertz", rig=BALL, **how):
-    return fit_tissue([prepared("press.csv", *rows(**how))], rig, law)
+    return fit_tissue([prepare_press("press.csv", *rows(**how))], rig, law)
 
 
 WAYS = [
@@ -127,7 +127,9 @@ def test_rows_beyond_the_range_of_the_law_are_left_out_with_a_note():
 
 
 def test_a_fingertip_that_relaxes_has_no_interval():
-    fit = fit_tissue([prepared("press.csv", *rows(rate=30.0, back=True))], Rig("fingertip"), "power", "hunt-crossley")
+    fit = fit_tissue(
+        [prepare_press("press.csv", *rows(rate=30.0, back=True))], Rig("fingertip"), "power", "hunt-crossley"
+    )
     assert fit.estimate.withheld and any("no interval is given" in note for note in fit.notes)
     for parameter in fit.estimate.parameters:
         own = fit.estimate.intervals[parameter.name]
@@ -157,7 +159,7 @@ def test_what_is_not_noise_is_found_though_the_noise_is_as_smooth():
 
 
 def test_drift_and_a_late_start_are_corrected_in_several_presses_at_once():
-    many = [prepared(f"{k}.csv", *rows(seed=k, **how)) for k, how in enumerate(
+    many = [prepare_press(f"{k}.csv", *rows(seed=k, **how)) for k, how in enumerate(
         ({"drift": 0.06}, {"drift": -0.04}, {"start": 0.2, "air": 0.0}, {}))]  # fmt: skip
     fit = fit_tissue(many, BALL, "hertz")
     own = fit.estimate.intervals["young"]

@@ -20,7 +20,7 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.estimate import Problem, estimate, inflation
 from palpate.models.fit.tissue.fit import fit_tissue
-from palpate.models.fit.tissue.measured import MeasuredPress, prepared, read_presses
+from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press, read_presses
 from palpate.models.fit.tissue.report import data
 from palpate.models.fit.tissue.rigs import FINGER, Rig, closed_form
 from palpate.studies.presses import _deepest_touch, recorded_press
@@ -41,7 +41,7 @@ def press(
     step = rng.standard_normal(rows)
     for k in range(1, rows):
         step[k] = correlation * step[k - 1] + math.sqrt(1.0 - correlation**2) * step[k]
-    return prepared("synthetic", time, s + offset, force + noise * force.max() * step)
+    return prepare_press("synthetic", time, s + offset, force + noise * force.max() * step)
 
 
 BALL = Rig("ball", 8e-3, 20e-3)

@@ -8,8 +8,8 @@ from pytest import approx
 
 from palpate.models.fit.tissue.estimate import Problem, estimate
 from palpate.models.fit.tissue.fit import fit_tissue
-from palpate.models.fit.tissue.measured import prepared
-from palpate.models.fit.tissue.noise import dither, gain, quantised, step_of
+from palpate.models.fit.tissue.measured import prepare_press
+from palpate.models.fit.tissue.noise import dither, gain, quantised_variance, step_of
 from palpate.models.fit.tissue.rigs import Rig, closed_form
 
 PUNCH, BALL = Rig("punch", 20e-3), Rig("ball", 30e-3)
@@ -38,7 +38,7 @@ def spoilt(rig, what, seed):
         force = force + peak * (0.005 * rng.standard_normal(len(TIME)) + 0.004 * (TIME + 1.0) / 3.0)
     elif what == "gain":
         force = force * (1.0 + 0.02 * correlated(0.9, rng)) + 0.001 * peak * rng.standard_normal(len(TIME))
-    return prepared("press.csv", TIME, DEPTH + 1e-4, force)
+    return prepare_press("press.csv", TIME, DEPTH + 1e-4, force)
 
 
 @pytest.mark.parametrize("what", ["white", "step", "drift", "gain"])
@@ -73,7 +73,7 @@ def test_the_variance_of_a_sum_of_rounding_errors_bounds_that_of_drawn_ones(nois
     for _ in range(1500):
         given = force + step * rng.uniform() + noise * step * rng.standard_normal(150)
         draws.append(rows @ (step * np.round(given / step) - given))
-    found, drawn = quantised(rows, force, step, noise * step), np.var(draws, axis=0)
+    found, drawn = quantised_variance(rows, force, step, noise * step), np.var(draws, axis=0)
     assert np.all(found > 0.8 * drawn)
     assert np.all(found < 4.0 * drawn)
     if noise == 0.0:  # all rows before contact have the same error
@@ -104,7 +104,7 @@ def test_a_drift_along_a_curve_widens_the_interval_or_is_listed(rig):
         force, rng = ideal(rig), np.random.default_rng(seed)
         bend = 0.02 * ((TIME + 1.0) / 3.0) ** 2
         force = force + force.max() * (0.005 * rng.standard_normal(len(TIME)) + rng.choice((-1.0, 1.0)) * bend)
-        fit = fit_tissue([prepared("press.csv", TIME, DEPTH + 1e-4, force)], rig, "hertz")
+        fit = fit_tissue([prepare_press("press.csv", TIME, DEPTH + 1e-4, force)], rig, "hertz")
         given, curved = fit.estimate.intervals["young"], fit.bent["young"]
         assert curved[0] <= YOUNG <= curved[1]
         noted = any("drift along a curve" in note for note in fit.notes)

@@ -56,7 +56,7 @@ def test_numbers_of_a_command_are_read_as_in_graphs():
 
 
 def test_every_shipped_basis_is_in_the_index_with_its_command():
-    printed = basis_store.shipped()
+    printed = basis_store.shipped_bases()
     assert {path.name for path in basis_store.SHIPPED.glob("*.npz")} == set(printed)
     for name, about in printed.items():
         assert basis_store.about(basis_store.SHIPPED / name) == about
@@ -173,7 +173,7 @@ def test_changed_numbers_of_a_sampled_basis_require_another_version():
 @pytest.mark.parametrize("name", ["plane-condensed.npz", "plane-nodule-condensed.npz"])
 def test_a_shipped_basis_equals_a_new_build(name):
     """The slab, without and with its nodule: its compliance at three vertices."""
-    node = node_of(basis_store.shipped()[name]["command"])
+    node = node_of(basis_store.shipped_bases()[name]["command"])
     basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(_organ(node, silent))
     half = 0.51 * float(np.abs(basis.compliance).max()) / 32767  # half of the quantization step of the file
     for v in (0, 100, 300):

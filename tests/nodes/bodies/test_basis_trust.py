@@ -27,7 +27,7 @@ def stored(monkeypatch, tmp_path):
     node = ReducedFE(**PLANE)
     path = basis_store.cache() / node.filename()
     trust.make_folder(path.parent)
-    node.stored(basis_store.SHIPPED)[1].save(path, json.dumps({"error": {}}))
+    node.find_stored(basis_store.SHIPPED)[1].save(path, json.dumps({"error": {}}))
     yield path
     os.umask(before)
 

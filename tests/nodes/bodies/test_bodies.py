@@ -17,7 +17,7 @@ from palpate.messages import Load, Proximity, Surface
 from palpate.nodes import deformation
 from palpate.nodes.base import inputs, outputs
 from palpate.nodes.base import settings as settings_of
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.nodes.base.surface import complete
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
@@ -39,11 +39,11 @@ class Loop:
         self.contact, self.spread, self.body = Series(), Kernel(**PLANE), make(kind)
         for node in (self.contact, self.spread, self.body):
             node.start()
-        self.surface = press(self.body, nothing(), dt=1e-3)
+        self.surface = press_body(self.body, nothing(), dt=1e-3)
 
     def press(self, approach, dt=1e-3):
         contact = self.contact.step(touching(approach), self.surface, dt=dt)
-        self.surface = press(self.body, self.spread.step(contact, None), dt=dt)
+        self.surface = press_body(self.body, self.spread.step(contact, None), dt=dt)
         return contact
 
 
@@ -189,7 +189,7 @@ def test_the_surface_is_continuous_at_the_rim_of_the_sent_vertices(kind):
     everything.start()
     law = loop.surface
     whole = Loop(kind)
-    whole.body, whole.surface = everything, press(everything, nothing(), dt=1e-3)
+    whole.body, whole.surface = everything, press_body(everything, nothing(), dt=1e-3)
     for _ in range(100):
         whole.press(6e-3)
     assert whole.surface.rest_indentation == law.rest_indentation and len(whole.surface.nodes) == len(mesh.vertices)

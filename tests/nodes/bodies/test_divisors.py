@@ -12,7 +12,7 @@ from test_bodies import BODIES, UP, Loop
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Proximity
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.physics.contact.terminal import Terminal, law_at
 from palpate.records.reader import Recording
 
@@ -47,7 +47,7 @@ class Timed(Loop):
         )  # fmt: skip
         load = self.spread.step(contact, None)
         if self.tick % self.every == 0:
-            answer = press(self.body, load, dt=self.every * dt)
+            answer = press_body(self.body, load, dt=self.every * dt)
             self.sent = msgspec.structs.replace(answer, tick=self.tick, time=self.tick * MS)
         return contact
 

@@ -5,7 +5,7 @@ import pytest
 from test_bodies import BODIES, nothing
 
 from palpate.messages import Pose
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.nodes.collision import Mesh, Nurbs
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
@@ -17,7 +17,7 @@ def driven(kind, collision, start, end, speed=0.1):
     for node in nodes:
         node.start()
     find, series, spread, body = nodes
-    surface = press(body, nothing(), dt=1e-3)
+    surface = press_body(body, nothing(), dt=1e-3)
     count = int(np.linalg.norm(np.subtract(end, start)) / speed * 1e3)
     along = np.concatenate([np.linspace(0, 1, count), np.ones(100), np.linspace(1, 0, count)])[:, None]
     path = np.array(start) + along * np.subtract(end, start)
@@ -25,7 +25,7 @@ def driven(kind, collision, start, end, speed=0.1):
     for p in path:
         place = find.step(Pose(position=tuple(p.tolist()), velocity=(0.0, 0.0, 0.0), dt=1e-3))
         contact = series.step(place, surface, dt=1e-3)
-        surface = press(body, spread.step(contact, None), dt=1e-3)
+        surface = press_body(body, spread.step(contact, None), dt=1e-3)
         forces.append(contact.force * np.array(contact.normal))
     return np.array(forces), path
 

@@ -5,7 +5,7 @@ import pytest
 from pytest import approx
 
 from palpate.messages import Contact, Friction, Proximity
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.spread import Kernel
@@ -34,13 +34,13 @@ def rubbed(spread, force, share, dt):
 def held(nodes, share, dt, press_time=0.2):
     """Forces [N] of a finger that presses and then stays for 100 ms, and the last message of the body."""
     spread, body, contact = nodes
-    surface, forces = press(body, rubbed(spread, 0.0, share, dt), dt=dt), []
+    surface, forces = press_body(body, rubbed(spread, 0.0, share, dt), dt=dt), []
     for k in range(round((press_time + 0.1) / dt)):
         deep = DEEP * min(k * dt / press_time, 1.0)
         given = Proximity(foot=FOOT, normal=tuple(NORMAL), slip=(0.0, 0.0, 0.0), gap=4e-3 - deep, approach=deep,
                           separation=0.0, coordinates=(0.0, 0.0), element=0, time=round(k * dt * 1e9))  # fmt: skip
         forces.append(contact.step(given, surface, dt=dt).force)
-        surface = press(body, rubbed(spread, forces[-1], share, dt), dt=dt)
+        surface = press_body(body, rubbed(spread, forces[-1], share, dt), dt=dt)
     return np.array(forces), surface
 
 
@@ -61,5 +61,5 @@ def test_the_law_is_that_of_forces_that_grow_with_their_friction(share):
     nodes, dt = parts(), 1e-3
     forces, law = held(nodes, share, dt)
     one, two = (law.rest_indentation + (f / law.stiffness) ** (1.0 / law.exponent) for f in forces[-1] * np.r_[1, 1.05])
-    reached = press(nodes[1], rubbed(nodes[0], 1.05 * forces[-1], share, dt), dt=dt).previous_indentation
+    reached = press_body(nodes[1], rubbed(nodes[0], 1.05 * forces[-1], share, dt), dt=dt).previous_indentation
     assert reached - one == approx(two - one, rel=0.01) if share > 0.0 else 0.0 < reached - one < two - one

@@ -9,7 +9,7 @@ from pytest import approx
 from test_bodies import PLANE, Loop, nothing, touching
 
 from palpate.compiler.fields import blank_record
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.nodes.contact import Joint, Series
 from palpate.nodes.deformation import MassSpring, ReducedFE
 from palpate.physics.contact.end_rate import COURSE, STEPS, advance, arrive, expected_change
@@ -29,7 +29,7 @@ class Tapped(Loop):
         self.body = kind(**PLANE, **settings, second_order=second_order)
         for node in (self.contact, self.body):
             node.start()
-        self.surface, self.tick, self.joint = press(self.body, nothing(), dt=1e-3), 0, joint
+        self.surface, self.tick, self.joint = press_body(self.body, nothing(), dt=1e-3), 0, joint
 
     def press(self, approach, dt=1e-3, lost=False):
         self.tick += 2 if lost else 1
@@ -37,7 +37,7 @@ class Tapped(Loop):
         contact = self.contact.step([near] if self.joint else near, self.surface, dt=dt)
         if not self.joint:
             load = msgspec.structs.replace(self.spread.step(contact, None), tick=self.tick)
-            self.surface = press(self.body, load, dt=dt)
+            self.surface = press_body(self.body, load, dt=dt)
         return contact
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.messages import Load
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.nodes.collision import Mesh
 from palpate.nodes.deformation.mass_spring import MassSpring
 
@@ -48,7 +48,7 @@ def test_mass_spring_notes_an_indentation_beyond_the_thickness(tmp_path, make, a
     for share, noted in ((0.9, False), (1.2, True)):
         force = np.array([[0.0, 0.0, -250.0 * share * mean]])
         load = Load(nodes=np.array([node], np.int32), forces=force, foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
-        sent = press(body, load, dt=1e-3)
+        sent = press_body(body, load, dt=1e-3)
         found = [line for line in body.notes() if "more than its thickness" in line]
         assert len(found) == noted and all(f"{1e3 * thick:.3g} mm" in line for line in found)
         assert (

@@ -15,7 +15,7 @@ from palpate.nodes.controller import Haptic
 from palpate.nodes.device import Segment, Simulated
 from palpate.nodes.kinematics import FalconKinematics, FalconStatics
 from palpate.physics.device.falcon import FALCON, HOME
-from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, wanted
+from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, path_point
 
 T = 1e-3
 DOWN = [{"to": [0.0, 0.0, 0.10], "time": 0.2}]
@@ -55,7 +55,7 @@ def test_long_and_stiff_steps_settle_without_overshoot():
 def test_minimum_jerk_starts_and_ends_at_rest():
     ends, points, shapes = np.array([0.5]), np.array([[0.0, 0, 0], [0.04, 0, 0]]), np.array([1])
     t = np.linspace(0.0, 0.5, 501)
-    x = np.array([wanted(a, ends, points, shapes)[1] for a in t])
+    x = np.array([path_point(a, ends, points, shapes)[1] for a in t])
     v = np.gradient(x, t)
     assert abs(v[0]) < 1e-5 and abs(v[-1]) < 1e-5
     assert v.max() == approx(1.875 * 0.04 / 0.5, rel=1e-4)  # peak of the quintic, at half time
@@ -67,7 +67,7 @@ def test_a_path_follows_all_three_axes_segment_by_segment():
     shapes = np.array([LINEAR, MINIMUM_JERK, LINEAR])
     for time, i, share in ((0.1, 0, 0.2), (0.65, 1, 0.5), (0.575, 1, 0.103515625), (1.7, 2, 0.75), (2.0, 2, 1.0)):
         expected = points[i] + share * (points[i + 1] - points[i])
-        segment, *place_then = wanted(time, ends, points, shapes)
+        segment, *place_then = path_point(time, ends, points, shapes)
         assert segment == i and place_then == approx(expected, rel=1e-12)
 
 

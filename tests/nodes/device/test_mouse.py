@@ -19,7 +19,7 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Force, Pointed, Torque
 from palpate.nodes.base import SettingError
 from palpate.nodes.device import Mouse, Pointer
-from palpate.records.changed import changed
+from palpate.records.changed import change_plan
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
 
@@ -162,7 +162,7 @@ nodes:
         thread.join()
     assert outcome.result.ok, outcome.result.deaths
     recording = Recording(record)
-    report = verify(recording, changed(recording))
+    report = verify(recording, change_plan(recording))
     assert report.ok
     assert report.complete
     assert report.nodes["device"].checked > 100

@@ -155,7 +155,7 @@ def test_a_truncated_file_is_read_up_to_its_last_whole_chunk(tmp_path):
             for record in McapRecords(file):
                 if isinstance(record, bytes):
                     found += messages(record)
-            McapRecords(file).indexed()
+            McapRecords(file).read_index()
         assert broken.value.cut and found == whole_before(data, end)
 
 

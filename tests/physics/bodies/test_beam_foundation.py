@@ -149,6 +149,17 @@ def test_a_tangential_force_shears_the_beams_elastically():
     assert surface.displacement[:, :2] == approx(np.outer(w / MESH.areas[nodes] * softness, [0.2, 0.1]))
 
 
+def test_shear_creeps_with_the_mean_retardation_of_the_layers():
+    """At once it would indent inclined beams under friction, while the fingertip is viscous."""
+    bus = FakeBus(BeamBundle(**{**ELASTIC, "relaxations": (0.02, 0.2)}))
+    times = 1e-3 * np.arange(1, 401)
+    moved = np.array([s.displacement[:, 0].max() for s in bus.publish(*[load(0.5, tangent=(0.1, 0.0))] * len(times))])
+    soft = np.array([1e-3 / 1.36e5, 9e-3 / 3.4e4])
+    lag = soft @ [0.02, 0.2] / soft.sum()
+    settled = 0.1 * (weights()[1] / MESH.areas[weights()[0]]).max() * 2 * (1 + 0.48) * soft.sum()
+    assert moved == approx(settled * (1 - (1 + 1e-3 / lag) ** -(times / 1e-3)), rel=1e-6)
+
+
 def test_a_continuous_motion_of_the_load_moves_the_surface_continuously():
     feet = [(x, 0.2e-3, 0.0) for x in np.linspace(0, 5e-3, 400)]
     steps = FakeBus(BeamBundle(**ELASTIC)).publish(*[load(0.3, foot) for foot in feet])

@@ -22,7 +22,7 @@ from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers import continuum
-from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, TissueBlock, graded
+from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, TissueBlock, grade_axis
 
 UP = (0.0, 0.0, 1.0)
 
@@ -161,8 +161,10 @@ def test_the_sent_surface_includes_all_contacts():
 def cut(apart, cells):
     """Half of the block, with a mesh that follows two patches on y = 0."""
     size = RADIUS / cells
-    x = graded(-SIDE / 2, -apart / 2 - RADIUS, apart / 2 + RADIUS, SIDE / 2, size)
-    points, corners = grid(x, graded(0.0, 0.0, RADIUS, SIDE / 2, size), graded(-SLAB, -0.6 * RADIUS, 0.0, 0.0, size))
+    x = grade_axis(-SIDE / 2, -apart / 2 - RADIUS, apart / 2 + RADIUS, SIDE / 2, size)
+    points, corners = grid(
+        x, grade_axis(0.0, 0.0, RADIUS, SIDE / 2, size), grade_axis(-SLAB, -0.6 * RADIUS, 0.0, 0.0, size)
+    )
     mesh = quadratic(points, bricks(points, corners), np.zeros(6 * len(corners), np.int64))
     high = mesh.points[mesh.faces[:, :3], 2]
     top, under = mesh.faces[(high > -1e-9).all(axis=1)], mesh.faces[(high < 1e-9 - SLAB).all(axis=1)]

@@ -182,7 +182,7 @@ def test_on_the_kidney_the_law_is_never_worse_than_the_linear_one(place, radius,
     monkeypatch.setattr(kidney, "RADIUS", radius)
     monkeypatch.setattr(kidney, "POISSON", poisson)
     levels = np.array([0.01, 0.3, 0.6, 1.0, 1.5, 2.0, 2.5]) * (radius / 8e-3) ** 2
-    curve = kidney.press(kidney.Kidney(1e-3 * place, 2), levels)
+    curve = kidney.press_kidney(kidney.Kidney(1e-3 * place, 2), levels)
     depth, compliance = curve.indentation, curve.indentation[0] / levels[0]
     rho, wide = nonlinearity(poisson), radius * (compliance * YOUNG * radius / half_space(poisson)) ** 2
     linear = compliance * levels / depth

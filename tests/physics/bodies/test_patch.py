@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.bodies.patch import add_pressure, interpolated, reaches
+from palpate.physics.bodies.patch import add_pressure, interpolate_fine, reaches
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 250])
@@ -16,7 +16,7 @@ def test_vertices_near_the_contact_are_sent_in_order_with_the_mean_of_their_corn
     rows, room = reaches(vertices, within)
     nodes, moved = np.zeros(count, dtype=np.int32), np.zeros((count, 3))
     for _ in range(2):
-        printed = interpolated(corners, weights, u, rows, feet, room, nodes, moved)
+        printed = interpolate_fine(corners, weights, u, rows, feet, room, nodes, moved)
     away = np.linalg.norm(vertices[:, None] - feet, axis=2)
     right = np.flatnonzero((away <= within[:, None]).any(axis=1))
     assert nodes[:printed].tolist() == right.tolist()

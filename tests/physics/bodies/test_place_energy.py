@@ -16,7 +16,7 @@ from palpate.messages import Load, Proximity, Surface
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.large_displacement import nonlinearity
-from palpate.physics.bodies.place_energy import MOST_ASIDE, SUDDEN, bounded, on_hand
+from palpate.physics.bodies.place_energy import MOST_ASIDE, SUDDEN, limit_tangential, on_hand
 from palpate.physics.contact.area import FIXED, ball, fingertip, of_table
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
@@ -235,9 +235,9 @@ def test_the_tangential_force_jumps_no_farther_than_the_finger_moves():
     before, stiffness = np.zeros(3), 2.0 / 8e-3
     for _ in range(300):
         motion, wanted = rng.uniform(0.0, 3e-4), rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 2.0)
-        lateral = np.array(bounded(tuple(wanted), force, motion, approach, ratio))
+        lateral = np.array(limit_tangential(tuple(wanted), force, motion, approach, ratio))
         assert np.linalg.norm(lateral - before) <= motion * stiffness / SUDDEN + 1e-12
         assert np.linalg.norm(lateral) <= MOST_ASIDE * force * (1 + 1e-12)
         before = lateral
-    assert bounded((9.0, 9.0, 9.0), force, 0.0, approach, ratio) == approx(tuple(before), abs=1e-15)
-    assert bounded((1e-3, 2e-3, 0.0), force, 1e-2, approach, ratio) == (1e-3, 2e-3, 0.0)
+    assert limit_tangential((9.0, 9.0, 9.0), force, 0.0, approach, ratio) == approx(tuple(before), abs=1e-15)
+    assert limit_tangential((1e-3, 2e-3, 0.0), force, 1e-2, approach, ratio) == (1e-3, 2e-3, 0.0)

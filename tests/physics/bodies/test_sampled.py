@@ -20,8 +20,8 @@ from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.reduce import snapshots
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
 from palpate.models.fe.reduce.reduction import CELLS, truncation_errors
-from palpate.models.fe.reduce.sampling import at_rest, chosen, fit_gamma, nonnegative, points_of
-from palpate.models.fe.reduce.snapshots import MILD, mirror, press, press_from_rest, scatter
+from palpate.models.fe.reduce.sampling import at_rest, fit_gamma, nonnegative, points_of, select_points
+from palpate.models.fe.reduce.snapshots import MILD, mirror, press_from_rest, press_touches, scatter
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import FINGER_LENGTH, FINGER_RADIUS, surface_mesh, surface_patch
 from palpate.nodes.deformation import ReducedFE
@@ -150,21 +150,21 @@ def test_modes_in_single_precision_give_the_same_forces():
 def test_a_computed_touch_is_cached_and_a_damaged_file_is_ignored(tmp_path, monkeypatch):
     small, calls = of_organ(Organ(surface_mesh("sphere", 12))), []
 
-    def counted(body, own, solve=snapshots.pressed):
+    def counted(body, own, solve=snapshots.press_touch):
         calls.append(own)
         return solve(body, own)
 
-    monkeypatch.setattr(snapshots, "pressed", counted)
+    monkeypatch.setattr(snapshots, "press_touch", counted)
     few = scatter(small.surface, 2, np.ones(len(small.surface.triangles), dtype=bool), 0.02, 1e-4 * MILD[:2], 1)
-    first = press(small, few, folder=tmp_path)
-    again = press(small, few, folder=tmp_path)
+    first = press_touches(small, few, folder=tmp_path)
+    again = press_touches(small, few, folder=tmp_path)
     assert len(calls) == 2
     assert [p.solutions.tobytes() for p in again] == [p.solutions.tobytes() for p in first]
     next(tmp_path.iterdir()).write_bytes(b"half")
-    assert press(small, few, folder=tmp_path)[0].solutions == approx(first[0].solutions)
+    assert press_touches(small, few, folder=tmp_path)[0].solutions == approx(first[0].solutions)
     assert len(calls) == 3
     stiffer = of_organ(Organ(surface_mesh("sphere", 12), poisson=0.4))
-    press(stiffer, few[:1], folder=tmp_path)
+    press_touches(stiffer, few[:1], folder=tmp_path)
     assert len(calls) == 4 and len(list(tmp_path.iterdir())) == 3
 
 
@@ -282,12 +282,12 @@ def test_a_subset_of_points_changes_the_result_little():
 
 def test_weights_of_one_do_not_change_the_points():
     whole = points_of(slab(), np.ascontiguousarray(mode_shapes()[:, :, :6]), 1.0)
-    every = at_rest(chosen(whole, np.arange(len(whole.kinds)), np.ones(len(whole.kinds))))
+    every = at_rest(select_points(whole, np.arange(len(whole.kinds)), np.ones(len(whole.kinds))))
     assert np.abs(every.modes - whole.modes).max() < 1e-9 * np.abs(whole.modes).max()
 
 
 def test_the_iteration_from_rest_agrees_with_newton():
-    (one,), (two,) = pressed()[:1], press(slab(), touches()[:1])
+    (one,), (two,) = pressed()[:1], press_touches(slab(), touches()[:1])
     for a, b in zip(one.solutions, two.solutions, strict=True):
         assert np.abs(a - b).max() < 3e-3 * np.abs(b).max()
 

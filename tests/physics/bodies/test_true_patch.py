@@ -18,7 +18,7 @@ from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.studies.accuracy.bodies.reduced_fe import ready
-from palpate.studies.accuracy.sites import stored
+from palpate.studies.accuracy.sites import load_reference
 
 YOUNG, POISSON, RADIUS = 19e3, 0.45, 8e-3
 UP = (0.0, 0.0, 1.0)
@@ -114,7 +114,7 @@ def pressed(body, place, force=0.1, radius=RADIUS):
 @pytest.mark.parametrize(("name", "error"), [("middle", 0.012), ("slip", 0.012), ("edge", 0.025)])
 def test_a_light_touch_of_a_slab_agrees_with_two_full_solvers(name, error):
     """The references are computed with fe.Solver and FElupe on meshes that follow the patch."""
-    reference = stored(name)
+    reference = load_reference(name)
     soft = np.polyfit(reference.force[:4], reference.indentation[:4] / reference.force[:4], 2)[-1]
     sticks = reference.about["place"].get("sticks", True)
     (compliance, _, _), _, _ = pressed(slab_body(sticks=sticks), reference.about["place"]["place"])
@@ -144,7 +144,7 @@ def test_the_mean_sent_displacement_under_the_load_is_the_indentation():
 
 
 def test_the_sent_surface_agrees_with_two_full_solvers():
-    reference, body = stored("middle"), slab_body()
+    reference, body = load_reference("middle"), slab_body()
     k = 3
     pressed(body, 0.0, reference.force[k])
     sent, moved = body.displaced((0.0, 0.0, 0.0))
@@ -238,7 +238,7 @@ def test_the_correction_near_a_nodule_is_the_same_for_every_load():
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "error"), [("nodule-00", 0.025), ("nodule-10", 0.02)])
 def test_a_light_touch_of_a_slab_with_a_nodule_agrees_with_two_full_solvers(name, error, nodule_node):
-    reference = stored(name)
+    reference = load_reference(name)
     soft = np.polyfit(reference.force[:4], reference.indentation[:4] / reference.force[:4], 2)[-1]
     body = CondensedBody.of(nodule_node)
     assert pressed(body, reference.about["place"]["place"])[0][0] == approx(soft, rel=error)

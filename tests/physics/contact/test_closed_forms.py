@@ -8,9 +8,9 @@ from pytest import approx
 from scipy.special import dawsn
 
 from palpate.physics.contact import layer, subsurface
-from palpate.physics.contact.series import elastic, energy
+from palpate.physics.contact.series import elastic, series_energy
 from palpate.physics.friction.lugre import LuGre, lugre
-from palpate.physics.materials.prony import relaxed
+from palpate.physics.materials.prony import relax_response
 
 NU = 0.3
 
@@ -102,7 +102,7 @@ def test_a_ball_on_a_thin_sheet_approaches_the_elastic_foundation():
     f = (3 pi/4) sqrt(chi) (1 - nu)²/(1 - 2 nu) (Johnson, section 5.8); the border is wider by part of the thickness."""
     nu, ratios = 0.2, []
     for wide in (2.0, 4.0, 8.0):
-        chi, f = layer.solved(wide, nu)
+        chi, f = layer.solve_layer(wide, nu)
         ratios.append(f / (0.75 * math.pi * chi * (1.0 - nu) ** 2 / (1.0 - 2.0 * nu)))
     away = np.abs(np.array(ratios) - 1.0)
     assert away[2] < 0.15 and (away[1:] < 0.65 * away[:-1]).all()
@@ -113,7 +113,7 @@ def test_a_ball_at_constant_speed_in_a_viscoelastic_half_space_has_its_closed_fo
     For s = v t and one time T: int e^-(t-t')/T sqrt(t') dt' = T sqrt(t) - T^1.5 D(sqrt(t/T)), D of Dawson."""
     share, relaxation = 0.6, 0.2
     time = np.linspace(0.0, 1.0, 4001)
-    found = relaxed([share], [relaxation], time, time**1.5)
+    found = relax_response([share], [relaxation], time, time**1.5)
     lasting = relaxation * np.sqrt(time) - relaxation**1.5 * dawsn(np.sqrt(time / relaxation))
     assert found == approx((1.0 - share) * time**1.5 + share * 1.5 * lasting, abs=2e-5)
 
@@ -127,7 +127,7 @@ def test_a_standard_linear_solid_has_its_storage_and_loss_moduli(turns):
     cycles = 3 + int(8 * relaxation / period)
     time = np.linspace(0.0, cycles * period, 2000 * cycles + 1)
     late = slice(-2001, -1)
-    found = relaxed([share], [relaxation], time, np.sin(w * time))[late]
+    found = relax_response([share], [relaxation], time, np.sin(w * time))[late]
     x2 = turns * turns
     assert 2.0 * np.mean(found * np.sin(w * time[late])) == approx(1 - share + share * x2 / (1 + x2), abs=1e-3)
     assert 2.0 * np.mean(found * np.cos(w * time[late])) == approx(share * turns / (1 + x2), abs=1e-3)
@@ -138,7 +138,7 @@ def test_a_ball_that_hits_a_half_space_has_hertzs_contact_time():
     m v²/2 = 2/5 K s^2.5."""
     mass, speed, k = 5e-3, 0.4, 3e3
     deepest = (1.25 * mass * speed**2 / k) ** 0.4
-    assert energy(deepest, 0, k, 1.5, 0.0) == approx(0.5 * mass * speed**2, rel=1e-12)
+    assert series_energy(deepest, 0, k, 1.5, 0.0) == approx(0.5 * mass * speed**2, rel=1e-12)
     s, v, t, dt = 0.0, speed, 0.0, 2e-7
     while True:
         v -= 0.5 * dt * elastic(s, 0, k, 1.5, 0.0)[0] / mass

@@ -17,7 +17,7 @@ from theory.impact import peak_energy, peak_indentation, restitution
 from palpate.launch.testing import FakeBus
 from palpate.messages import Proximity, Surface
 from palpate.nodes.contact import Series
-from palpate.physics.contact.series import elastic, energy, exponential, hertz_exponential, power
+from palpate.physics.contact.series import elastic, exponential, hertz_exponential, power, series_energy
 from palpate.physics.contact.terminal import Terminal, indentation
 
 FINGER, C1 = exponential(26.2641, 1681.06), 8.0
@@ -34,7 +34,7 @@ def ramp(step):
 def test_stored_energy_is_the_integral_of_the_force(law):
     for s in (1e-7, 1e-4, 2.5e-3, 6e-3):
         expected = quad(lambda x: float(force(law, x)), 0, s, epsabs=0, epsrel=1e-12)[0]
-        assert float(energy(s, *law)) == approx(expected, rel=1e-10)
+        assert float(series_energy(s, *law)) == approx(expected, rel=1e-10)
 
 
 def test_force_is_never_negative_and_zero_when_apart():
@@ -164,7 +164,7 @@ def test_the_rebound_of_a_mass_equals_the_closed_form(law, n, y):
     run = solve_ivp(motion, (0, 5.0), [0.0, y / c], events=leaves, method="DOP853", rtol=1e-11, atol=1e-14)
     assert -run.y[1, -1] / (y / c) == approx(float(restitution(y)), abs=1e-6)
     assert run.y[0].max() <= float(peak_indentation(mass, y / c, law.first, n, c)) * (1 + 1e-9)
-    deepest = float(energy(peak_indentation(mass, y / c, law.first, n, c), *law))
+    deepest = float(series_energy(peak_indentation(mass, y / c, law.first, n, c), *law))
     assert deepest == approx(float(peak_energy(mass, y / c, c)), rel=1e-12)
 
 
@@ -193,8 +193,13 @@ def test_any_path_and_step_gives_a_finite_force_and_no_energy(law, path, c1, c2,
         assert math.isfinite(f) and f >= 0 and a >= 0 and b >= 0
         if f > 0:
             assert a + b == approx(e, rel=1e-12)
-            gained = float(energy(a, *law) - energy(s1, *law) + energy(b, *power(K, n)) - energy(s2, *power(K, n)))
-            scale = float(energy(max(a, s1), *law) + energy(max(b, s2), *power(K, n)))
+            gained = float(
+                series_energy(a, *law)
+                - series_energy(s1, *law)
+                + series_energy(b, *power(K, n))
+                - series_energy(s2, *power(K, n))
+            )
+            scale = float(series_energy(max(a, s1), *law) + series_energy(max(b, s2), *power(K, n)))
             assert f * (a + b - s1 - s2) >= gained - 1e-11 * scale - 1e-18
         else:
             assert a + b >= e

@@ -12,7 +12,7 @@ from pytest import approx
 
 from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.nodes.ledger import Energy
-from palpate.physics.contact.series import energy, exponential
+from palpate.physics.contact.series import exponential, series_energy
 from palpate.physics.friction.coulomb import Coulomb
 from palpate.physics.friction.lugre import LuGre
 
@@ -61,7 +61,7 @@ class Balance:
         self.answer = self.node.step([Force(force=NONE, state="free", energy=0.0)], [None], [None], [None], None)
 
     def generated(self, part):
-        return self.node.generated(part)
+        return self.node.generated_energy(part)
 
     def __getattr__(self, name):
         return getattr(self.answer, name)
@@ -150,7 +150,7 @@ def test_fingertip_and_tissue_never_generate_energy_on_any_path(approaches, dt):
     f, s1, s2 = series_path([0.0, *approaches], dt, law, 8.0, 3e3, 1.5, 5.0)
     balance = Balance()
     for force, a, b in zip(f, s1, s2, strict=True):
-        held = float(energy(a, *law)), 3e3 * max(b, 0.0) ** 2.5 / 2.5, 0.0
+        held = float(series_energy(a, *law)), 3e3 * max(b, 0.0) ** 2.5 / 2.5, 0.0
         balance.add(Moment((0, 0, -a - b), (0, 0, force), UP, force, a, b, NONE, NONE, held))
     scale = max(1e-9, float(f.max()) * 0.012)
     assert balance.generated("fingertip") <= 1e-9 * scale and balance.generated("tissue") <= 1e-9 * scale

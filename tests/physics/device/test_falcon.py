@@ -1,5 +1,6 @@
 """Kinematics and statics of the Falcon: published constants, finite differences, virtual work, hard poses."""
 
+import mpmath
 import numpy as np
 import pytest
 from falcon_arrays import counts, force, forward, inverse, rates, torque
@@ -7,7 +8,7 @@ from formulas import angles_of
 from pytest import approx
 
 from palpate.physics.device.falcon import FALCON, HOME, leg, links, newton, reachable
-from palpate.physics.device.falcon_statics import damped, inverted, saturate
+from palpate.physics.device.falcon_statics import invert_lever, saturate, solve_damped
 
 CENTRE = (0.0, 0.0, 0.11)
 TABLE = [
@@ -169,12 +170,14 @@ def test_the_damped_inverse_is_the_least_squares_solution():
         rows /= np.linalg.norm(rows, axis=1)[:, None]
         push = rng.normal(size=3)
         exact = np.linalg.solve(rows @ rows.T + damping**2 * np.eye(3), rows @ push)
-        assert damped(*map(tuple, rows), tuple(push), damping) == approx(exact, rel=1e-9)
-    assert damped((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 2.0, 3.0), 0.0) == (0.0, 0.0, 0.0)
+        assert solve_damped(*map(tuple, rows), tuple(push), damping) == approx(exact, rel=1e-9)
+    assert solve_damped((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 2.0, 3.0), 0.0) == (0.0, 0.0, 0.0)
 
 
 def test_the_inverse_of_a_short_lever_goes_to_zero_with_its_length():
-    assert [inverted(lever) for lever in (2e-3, 1e-3, 5e-4, 0.0, -5e-4)] == approx([500.0, 1000.0, 500.0, 0.0, -500.0])
+    assert [invert_lever(lever) for lever in (2e-3, 1e-3, 5e-4, 0.0, -5e-4)] == approx(
+        [500.0, 1000.0, 500.0, 0.0, -500.0]
+    )
 
 
 @pytest.mark.parametrize("torques", [(np.inf, 0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.1, -np.inf)])
@@ -315,3 +318,9 @@ def test_the_widely_copied_forward_kinematics_stop_too_early():
         errors.append(np.linalg.norm(copied_forward(angles, near) - point))
         assert np.linalg.norm(forward(angles, near)[0] - point) <= 1e-9
     assert 0.2e-3 < np.median(errors) < 0.5e-3  # the sensor resolves 0.06e-3
+
+
+def test_the_directions_of_the_legs_are_the_nearest_doubles():
+    # They come from the C library, since reading a graph must not start the compiler
+    for phi, cosine, sine in zip(FALCON.phi, FALCON.geometry.cos_phi, FALCON.geometry.sin_phi, strict=True):
+        assert (cosine, sine) == (float(mpmath.cos(phi)), float(mpmath.sin(phi)))

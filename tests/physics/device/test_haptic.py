@@ -325,7 +325,7 @@ def test_a_fresh_state_is_that_of_new_buffers():
     ((0.6, 0.8, 0.0), UP), ((0.0, -0.6, 0.8), (1.0, 0.0, 0.0)), ((0.8, 0.0, 0.6), (0.0, -1.0, 0.0)),
 ])  # fmt: skip
 def test_a_finger_drags_a_point_in_contact_and_carries_it_in_air(push, way, n):
-    """The point of `dragged` follows at SPAN counts along the surface, under any force."""
+    """The point of `drag_distance` follows at SPAN counts along the surface, under any force."""
     (state, past), law, begin = buffers(0), gains(COUNT), np.array([0.01, -0.02, 0.03])
     for k in range(60):
         place = begin + 5e-5 * k * np.array(way)

@@ -7,7 +7,7 @@ from formulas import delayed_damping, wall_damping
 from pytest import approx
 from scipy.linalg import expm
 
-from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
+from palpate.physics.device.passivity import absorbed_energy, clamp, dissipation, slew
 from palpate.physics.device.stability import passive_stiffness
 
 T = 1e-3
@@ -74,7 +74,7 @@ def test_energy_of_a_held_force_is_exact():
     supplied = 0.0
     for _ in range(100):
         way = rng.normal(size=3)
-        energy = absorbed(energy, *force, *way)
+        energy = absorbed_energy(energy, *force, *way)
         supplied -= force @ way
         place, force = place + way, rng.normal(size=3)
     assert energy == approx(supplied, rel=1e-12)

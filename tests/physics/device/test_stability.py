@@ -9,7 +9,7 @@ from pytest import approx
 
 from palpate.physics.device.stability import (
     MOST,
-    held,
+    hold_step,
     passive_stiffness,
     poles,
     quantised_stiffness,
@@ -36,13 +36,13 @@ def test_poles_and_jury_agree(mass, period):
 
 
 def test_the_step_with_held_force_equals_a_fine_integration():
-    a, p, c, q = held(0.1, 0.2, 1e-2)
+    a, p, c, q = hold_step(0.1, 0.2, 1e-2)
     x, v = 0.0, 1.0
     for _ in range(100_000):
         v += 1e-7 * (3.0 - 0.2 * v) / 0.1
         x += 1e-7 * v
     assert (a + 3 * c, p + 3 * q) == approx((x, v), rel=1e-5)
-    assert held(0.1, 1e-9, 1e-3)[2] == approx(0.5e-6 / 0.1, rel=1e-6)  # a mass without drag: T²/(2 m)
+    assert hold_step(0.1, 1e-9, 1e-3)[2] == approx(0.5e-6 / 0.1, rel=1e-6)  # a mass without drag: T²/(2 m)
 
 
 @pytest.mark.parametrize("ratio", [1e-9, 1e-5, 9.9e-4, 1.01e-3, 0.3])
@@ -52,7 +52,7 @@ def test_the_step_with_held_force_is_exact_for_any_drag(ratio):
         drag, p = r * mass / period, (-r).exp()
         a = mass / drag * (1 - p)
         exact = [float(value) for value in (a, p, (period - a) / drag, (1 - p) / drag)]
-    assert held(0.1, float(drag), 1e-3) == approx(exact, rel=2e-11, abs=0.0)
+    assert hold_step(0.1, float(drag), 1e-3) == approx(exact, rel=2e-11, abs=0.0)
 
 
 def test_a_device_with_the_required_drag_meets_the_stiffest_wall():

@@ -134,7 +134,7 @@ def test_a_moved_patch_moves_its_points():
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     u, v = np.random.default_rng(6).random((2, 20))
     np.testing.assert_allclose(
-        torus(2, 1).moved(turn, (1, 2, 3))(u, v), torus(2, 1)(u, v) @ turn.T + (1, 2, 3), atol=1e-14
+        torus(2, 1).move(turn, (1, 2, 3))(u, v), torus(2, 1)(u, v) @ turn.T + (1, 2, 3), atol=1e-14
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.mesh import Mesh, plane
-from palpate.physics.geometry.refined import contracted, refined
+from palpate.physics.geometry.refined import contract_edges, refine_mesh
 from palpate.physics.geometry.topology import edge_counts
 
 trimesh = pytest.importorskip("trimesh")
@@ -23,7 +23,7 @@ def longest(mesh):
 def test_a_refined_sphere_is_round_converges_and_stays_closed():
     off = []
     for level in (2, 3):
-        fine = refined(mesh_of(trimesh.creation.icosphere(level, 0.04)), 0.0016, 200_000)
+        fine = refine_mesh(mesh_of(trimesh.creation.icosphere(level, 0.04)), 0.0016, 200_000)
         assert edge_counts(fine.triangles, len(fine.vertices)) == (0, 0) and longest(fine) < 0.0017
         assert (np.einsum("ij,ij->i", fine.face_vectors, fine.vertices[fine.triangles[:, 0]]) > 0).all()
         off.append(np.abs(np.linalg.norm(fine.vertices, axis=1) - 0.04).max())
@@ -38,12 +38,12 @@ def test_the_bend_at_the_edges_of_a_coarse_sphere_falls():
         return np.arccos(np.clip(np.einsum("ij,ij->i", *unit[given.face_adjacency.T]), -1, 1)).max()
 
     coarse = mesh_of(trimesh.creation.icosphere(3, 0.04))
-    assert bend(refined(coarse, 0.0016, 200_000)) < 0.4 * bend(coarse)
+    assert bend(refine_mesh(coarse, 0.0016, 200_000)) < 0.4 * bend(coarse)
 
 
 def test_a_box_and_a_sheet_keep_their_shape():
     for given in (mesh_of(trimesh.creation.box((0.1, 0.08, 0.05))), plane(0.1, 16)):
-        fine = refined(given, 0.004, 200_000)
+        fine = refine_mesh(given, 0.004, 200_000)
         assert longest(fine) <= 0.004 * (1 + 1e-6)
         assert edge_counts(fine.triangles, len(fine.vertices))[1] == 0
         assert fine.areas.sum() == pytest.approx(given.areas.sum(), rel=1e-12)
@@ -52,7 +52,7 @@ def test_a_box_and_a_sheet_keep_their_shape():
 
 def test_a_cylinder_keeps_its_rim_and_its_side_becomes_round():
     given = mesh_of(trimesh.creation.cylinder(0.03, 0.06, sections=24))
-    fine = refined(given, 0.003, 200_000)
+    fine = refine_mesh(given, 0.003, 200_000)
     radius = np.hypot(fine.vertices[:, 0], fine.vertices[:, 1])
     middle = np.abs(fine.vertices[:, 2]) < 0.02
     chord = 0.03 * np.cos(np.pi / 24)
@@ -63,8 +63,8 @@ def test_a_cylinder_keeps_its_rim_and_its_side_becomes_round():
 
 def test_a_mesh_with_short_edges_is_the_same_object_and_the_number_of_vertices_is_bounded():
     kidney = surface_mesh("kidney", 3000)
-    assert refined(kidney, 0.01, 200_000) is kidney
-    assert len(refined(kidney, 1e-5, 20_000).vertices) < 80_000
+    assert refine_mesh(kidney, 0.01, 200_000) is kidney
+    assert len(refine_mesh(kidney, 1e-5, 20_000).vertices) < 80_000
 
 
 def split(mesh, apart, every=40):
@@ -90,7 +90,7 @@ def split(mesh, apart, every=40):
 def test_thin_triangles_are_not_folded_out_of_the_refined_surface(apart):
     """Their long sides bent apart: normals had errors of 87 degrees, and vertices of 1.8 mm."""
     given = split(mesh_of(trimesh.creation.icosphere(3, 0.04)), apart)
-    fine = refined(given, 0.0016, 200_000)
+    fine = refine_mesh(given, 0.0016, 200_000)
     out = fine.vertices / np.linalg.norm(fine.vertices, axis=1)[:, None]
     assert np.arccos(np.clip(np.einsum("ij,ij->i", fine.normals, out), -1, 1)).max() < np.deg2rad(1.0)
     assert np.abs(np.linalg.norm(fine.vertices, axis=1) - 0.04).max() < 2e-5
@@ -101,4 +101,4 @@ def test_strips_and_dense_parts_are_not_contracted():
     strips = mesh_of(trimesh.creation.cylinder(0.003, 0.06, sections=128))
     dense = mesh_of(trimesh.creation.icosphere(5, 0.003))
     for given in (strips, dense):
-        assert contracted(given, 3.2e-4) is given
+        assert contract_edges(given, 3.2e-4) is given

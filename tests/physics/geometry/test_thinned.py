@@ -9,7 +9,7 @@ from pytest import approx
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.geometry.mesh import Mesh, plane
-from palpate.physics.geometry.thinned import LEAST, thinned
+from palpate.physics.geometry.thinned import LEAST, thin_mesh
 from palpate.physics.geometry.topology import edge_counts
 
 SPACING, RADIUS = 1e-3, 8e-3
@@ -22,14 +22,14 @@ def fine(count=40_000, surface="sphere"):
 @pytest.mark.parametrize(("surface", "count"), [("kidney", 10_000), ("sphere", 10_000), ("plane", 10_000)])
 def test_the_shipped_meshes_are_not_thinned(surface, count):
     mesh = surface_mesh(surface, count)
-    assert thinned(mesh, SPACING) is mesh and thinned(mesh, 0.0) is mesh
+    assert thin_mesh(mesh, SPACING) is mesh and thin_mesh(mesh, 0.0) is mesh
 
 
 def test_the_remaining_vertices_are_spaced_and_cover_a_closed_surface():
     counts = []
     for count in (20_000, 60_000):
         mesh = fine(count)
-        thin = thinned(mesh, SPACING)
+        thin = thin_mesh(mesh, SPACING)
         tree = scipy.spatial.cKDTree(thin.vertices)
         assert tree.query(mesh.vertices)[0].max() < SPACING
         assert tree.query(thin.vertices, k=2)[0][:, 1].min() >= SPACING
@@ -44,7 +44,7 @@ def test_the_remaining_vertices_are_spaced_and_cover_a_closed_surface():
 def test_both_sides_of_a_sheet_thinner_than_the_spacing_remain_separate():
     ball = fine()
     mesh = Mesh(ball.vertices * (1.0, 1.0, 0.01), ball.triangles)  # 0.4 mm thick
-    thin = thinned(mesh, SPACING)
+    thin = thin_mesh(mesh, SPACING)
     middle = np.hypot(*thin.vertices[:, :2].T) < 15e-3
     up = thin.vertices[:, 2] > 0
     assert (thin.normals[middle & up, 2] > 0.9).all() and (thin.normals[middle & ~up, 2] < -0.9).all()
@@ -55,7 +55,7 @@ def test_a_mesh_with_a_fine_region_is_thinned_there_without_loss_of_area():
     sheet = plane(0.1, 40_000)  # 0.5 mm
     x, y = sheet.vertices[:, :2].T / 0.05
     graded = Mesh(np.column_stack([0.05 * np.sign(x) * np.abs(x) ** 1.7, 0.05 * y, 0 * x]), sheet.triangles)
-    thin = thinned(graded, SPACING)
+    thin = thin_mesh(graded, SPACING)
     assert len(thin.vertices) < 0.6 * len(graded.vertices)
     assert edge_counts(thin.triangles, len(thin.vertices))[1] == 0
     assert (thin.normals[:, 2] > 0.99).all()
@@ -70,7 +70,7 @@ def test_a_mesh_with_a_fine_region_is_thinned_there_without_loss_of_area():
 def test_a_small_body_keeps_its_shape():
     ball = fine()
     mesh = Mesh(0.05 * ball.vertices, ball.triangles)  # 2.1 mm across
-    thin = thinned(mesh, SPACING)
+    thin = thin_mesh(mesh, SPACING)
     assert 0.7 * LEAST < len(thin.vertices) < 1.5 * LEAST
     assert thin.areas.sum() == approx(mesh.areas.sum(), rel=0.01)
 
@@ -95,7 +95,7 @@ def test_centre_and_width_of_a_patch_converge_with_second_order():
     whole = moments(mesh, feet)
     errors = []
     for spacing in (2e-3, 1e-3):
-        wrong = moments(thinned(mesh, spacing), feet) - whole
+        wrong = moments(thin_mesh(mesh, spacing), feet) - whole
         errors.append([np.sqrt((wrong[:, :3] ** 2).sum(axis=1).mean()), np.sqrt((wrong[:, 3] ** 2).mean())])
     errors = np.array(errors) / RADIUS
     assert (errors[-1] < 1e-3).all()

@@ -6,7 +6,7 @@ from pytest import approx
 
 from palpate.models.fe import MaterialError, demiray, mooney_rivlin, neo_hooke, ogden, yeoh
 from palpate.physics.materials.hyperelastic import moduli, rest_moduli, uniaxial
-from palpate.physics.materials.prony import relaxed
+from palpate.physics.materials.prony import relax_response
 
 STRETCH = np.array([0.4, 0.7, 0.9, 0.99, 1.01, 1.2])
 LAWS = {
@@ -61,8 +61,8 @@ T = np.linspace(0.0, 1.0, 3)
     "make", [lambda: ogden(0.4, 1e3), lambda: ogden(0.4, 1e3, 0.0), lambda: ogden(0.4, -1e3, 2.0),
              lambda: ogden(0.5, 1e3, 2.0), lambda: ogden(-1.5, 1e3, 2.0), lambda: demiray(1e4, 0.4, 0.0),
              lambda: yeoh(0.4, 0.0), lambda: yeoh(0.4, 1e3, float("nan")),
-             lambda: relaxed([0.5, 0.6], [1.0, 2.0], T, T), lambda: relaxed([0.5], [0.0], T, T),
-             lambda: relaxed([0.5], [1.0, 2.0], T, T)]
+             lambda: relax_response([0.5, 0.6], [1.0, 2.0], T, T), lambda: relax_response([0.5], [0.0], T, T),
+             lambda: relax_response([0.5], [1.0, 2.0], T, T)]
 )  # fmt: skip
 def test_impossible_constants_are_errors(make):
     with pytest.raises(MaterialError, match="expected"):
@@ -73,7 +73,7 @@ def test_a_prony_series_relaxes_a_step_and_a_ramp_like_the_integral():
     series = [0.3, 0.4], [0.1, 2.0]
     time = np.linspace(0.0, 3.0, 31)
     step = 1.0 + 0.3 * np.expm1(-time / 0.1) + 0.4 * np.expm1(-time / 2.0)
-    assert relaxed(*series, time, np.ones(31)) == approx(step, rel=1e-12)
+    assert relax_response(*series, time, np.ones(31)) == approx(step, rel=1e-12)
     ramp = time - 0.3 * (time - 0.1 * -np.expm1(-time / 0.1)) - 0.4 * (time - 2.0 * -np.expm1(-time / 2.0))
-    assert relaxed(*series, time, time) == approx(ramp, rel=1e-12)
-    assert relaxed(*series, np.array([0.0, 1e9]), np.ones(2))[1] == approx(0.3)
+    assert relax_response(*series, time, time) == approx(ramp, rel=1e-12)
+    assert relax_response(*series, np.array([0.0, 1e9]), np.ones(2))[1] == approx(0.3)

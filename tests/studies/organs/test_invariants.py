@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from palpate.studies.organs.invariants import INVARIANTS, scores
 from palpate.studies.organs.reference import at_rest, lag_of_beams
 from palpate.studies.organs.runs import run
-from palpate.studies.organs.touches import Finger, Setting, Touch, drawn
+from palpate.studies.organs.touches import Finger, Setting, Touch, draw_touch
 from palpate.studies.organs.trace import ABOVE
 
 B, M, K, TAU = 26.2641, 1681.06, 257.0, 20e-3  # of the kidney scene
@@ -159,7 +159,7 @@ def test_a_touch_is_the_run_of_its_command(folder, tmp_path):
     import palpate
 
     rng = np.random.default_rng(5)
-    touches = [drawn(Setting("torus-14", rate=500.0, friction="Coulomb"), rng) for _ in range(3)]
+    touches = [draw_touch(Setting("torus-14", rate=500.0, friction="Coulomb"), rng) for _ in range(3)]
     (traces,) = run(touches, folder)
     alone = palpate.run(
         "kidney", duration=touches[2].duration, sets=touches[2].sets(folder), record=tmp_path / "one.mcap"
@@ -173,7 +173,7 @@ def test_beams_that_recover_next_to_the_foot_do_not_delay_its_contact(folder):
     """Found by random search: a finger touches again 4 mm from its last place, which was indented by 1.8 mm, the new
     one by 1.0 mm: 0.34 N of contact force in one tick, of 0.07 N."""
     rng = np.random.default_rng((3, 272))
-    touch = [drawn(Setting("box", body="BeamBundle", fingers=2), rng) for _ in range(54)][-1]
+    touch = [draw_touch(Setting("box", body="BeamBundle", fingers=2), rng) for _ in range(54)][-1]
     traces = run([touch], folder)
     force = traces[0]["contact.force"][0]
     assert np.diff(force[760:800]).max() < 0.02 and force[779] == approx(0.065, abs=0.005)

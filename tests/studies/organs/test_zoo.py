@@ -5,8 +5,8 @@ import pytest
 from pytest import approx
 
 from palpate.physics.geometry.topology import edge_counts
-from palpate.studies.organs.shapes import directions, joined
-from palpate.studies.organs.zoo import COARSE, FINE, MM, USUAL, ZOO, written
+from palpate.studies.organs.shapes import directions, join_vertices
+from palpate.studies.organs.zoo import COARSE, FINE, MM, USUAL, ZOO, write_mesh
 
 
 def volume(mesh):
@@ -18,7 +18,7 @@ def volume(mesh):
 def test_surfaces_are_closed_and_face_outwards(name):
     for count in (COARSE, USUAL):
         mesh = ZOO[name].true(count)
-        whole = joined(mesh.vertices, mesh.triangles)
+        whole = join_vertices(mesh.vertices, mesh.triangles)
         assert edge_counts(whole.triangles, len(whole.vertices)) == (0, 0)
         assert volume(mesh) > 0.0
         assert 0.7 * count < len(whole.vertices) < 2.2 * count
@@ -74,6 +74,6 @@ def test_slivers_and_doubled_vertices_are_as_bad_as_they_claim():
 
 def test_a_file_is_in_millimetres_far_from_the_origin(tmp_path):
     trimesh = pytest.importorskip("trimesh")
-    mesh = trimesh.load(written("box", COARSE, tmp_path), process=False)
+    mesh = trimesh.load(write_mesh("box", COARSE, tmp_path), process=False)
     assert mesh.extents == approx([50.0, 40.0, 30.0])
     assert np.linalg.norm(mesh.centroid) > 500.0

@@ -40,7 +40,7 @@ def usual() -> Iterator[tuple[str, LaunchFile]]:
         yield f"kidney with {body}", find("kidney").but(overrides=(f"tissue.use=deformation.{body}",))
 
 
-def shipped() -> Iterator[tuple[str, LaunchFile]]:
+def shipped_launches() -> Iterator[tuple[str, LaunchFile]]:
     """All graphs, with emulated devices; those of one touch with each body."""
     yield from usual()
     for name in names():
@@ -59,7 +59,7 @@ def start(launch: LaunchFile, folder: Path) -> None:
     if not any(planned.graph.nodes[name].cls.hardware for name in planned.order):
         duration = TICKS / planned.graph.rate
         done = execute(launch.but(clock="simulated", place="fused", duration=duration, record=folder / "run.mcap"))
-        done.signalled()
+        done.raise_signal()
         return
     [job] = jobs(planned, launch.but(place="fused").placement(planned), clock="real", ticks=TICKS, about={})
     worker = Worker(job, None, lambda _: None)
@@ -80,7 +80,7 @@ def compile_all(
     """
     count, now = 0, ""
 
-    def compiled(_: int) -> None:
+    def count_kernel(_: int) -> None:
         nonlocal count
         count += 1
         report(now, count)
@@ -88,13 +88,13 @@ def compile_all(
     for now, launch in runs:
         report(now, count)
         try:
-            with compiling(compiled):
+            with compiling(count_kernel):
                 start(launch, folder)
         except PalpateError:  # a body that does not fit, or a package that is not installed
             continue
     if nodes:
         now = "all nodes"
-        with compiling(compiled):
+        with compiling(count_kernel):
             _compile_nodes()
     return count
 
@@ -106,7 +106,7 @@ def _compile_nodes() -> None:
     for real in (False, True):
         table_runner(real)
     for info in pkgutil.walk_packages(palpate.nodes.__path__, "palpate.nodes."):
-        for kind in registry.declared(importlib.import_module(info.name), CompiledNode):
+        for kind in registry.declared_classes(importlib.import_module(info.name), CompiledNode):
             with contextlib.suppress(Exception):  # an abstract base
                 kernels(kind, True)
     palpate.Ensemble("kidney", lanes=2, duration=TICKS * 1e-3).run(quiet=True)
@@ -154,9 +154,9 @@ def main(words: Sequence[str]) -> None:
             case ["check"]:
                 compile_all(end_if_missing, usual(), folder)
             case ["all"]:
-                compile_all(_report, shipped(), folder, nodes=True)
+                compile_all(_report, shipped_launches(), folder, nodes=True)
             case ["copy", to]:
-                if count := compile_all(_report, shipped(), folder, nodes=True):
+                if count := compile_all(_report, shipped_launches(), folder, nodes=True):
                     raise SystemExit(f"compiled {count} kernels, expected that all are in {kernel_cache.folder()}")
                 copy_loaded(Path(to))
             case []:

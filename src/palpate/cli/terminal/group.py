@@ -91,7 +91,7 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
         numbers.append(number)
         raise StoppedError
 
-    def dropped(error: Any) -> None:
+    def handle_unraisable(error: Any) -> None:
         if issubclass(error.exc_type, KeyboardInterrupt):
             again = threading.Timer(RETRY, os.kill, (os.getpid(), signal.SIGINT))
             again.daemon = True  # do not delay the end of the program
@@ -99,7 +99,7 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
         else:
             before(error)
 
-    sys.unraisablehook = dropped
+    sys.unraisablehook = handle_unraisable
     try:
         with interrupts(end, [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]):
             yield

@@ -123,7 +123,7 @@ Quiet = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
 
 
-def chosen(
+def choose_launch(
     graph: str, sets: list[str] | None = None, scene: str | None = None, place: str | None = None, fused: bool = False
 ) -> LaunchFile:
     """The run that the options describe. GraphError: an option is invalid."""
@@ -137,7 +137,7 @@ def chosen(
     launch = find(graph).but(
         overrides=sets or (), scene=scene and Path(scene), place=FUSED if fused else find_place(place)
     )
-    return launch if launch.organ is None else launch.settled()
+    return launch if launch.organ is None else launch.settle_organ()
 
 
 def check_new(files: Collection[Path], force: bool) -> None:
@@ -185,16 +185,16 @@ def with_organ_file(
             raise typer.BadParameter(f"--piece: found {piece!r}, expected all or a number from 1")
         organ = OrganFile(file, unit, int(piece) if piece is not None and piece.isdecimal() else piece)
         if repair:
-            from palpate.models.build.repair import repaired
+            from palpate.models.build.repair import repair_mesh
 
             if not silent:
                 typer.echo(f"repairing {file} ...", err=True)
-            written, steps = repaired(file, organ.in_unit(), organ.setting)
+            written, steps = repair_mesh(file, organ.in_unit(), organ.setting)
             text = f"{file}: {', '.join(steps)}; written to {written}" if steps else f"{file} needs no repair"
             launch = dataclasses.replace(launch, notes=(text,))
             organ = OrganFile(written, "m") if steps else organ
         launch = launch.but(organ=organ)
-    launch = launch.settled()
+    launch = launch.settle_organ()
     for line in () if silent else launch.notes:
         typer.echo(line, err=True)
     return launch

@@ -92,7 +92,7 @@ def line(message: Message) -> Text:
     return text
 
 
-def drawn(draw: Callable[..., list[Path]], *args: Any) -> list[Path]:
+def draw_if_possible(draw: Callable[..., list[Path]], *args: Any) -> list[Path]:
     """The pictures that a function draws. If a package is missing: none, and a hint on standard error."""
     from palpate.physics.extras import missing
 

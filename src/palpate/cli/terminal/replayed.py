@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from palpate.records.replay import Replay
 
 
-def checked(recording: Recording, report: Report, tolerance: float, elsewhere: list[str]) -> None:
+def print_check(recording: Recording, report: Report, tolerance: float, elsewhere: list[str]) -> None:
     """Print the result of a check; elsewhere: versions or instructions that differ from those of the recording."""
     count = sum(node.checked for node in report.nodes.values())
     if report.first is not None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from palpate.launch.run.execute import RunOutcome
 
 
-def ended(outcome: RunOutcome, name: str, folder: Path | None, as_json: bool, quiet: bool) -> None:
+def print_end(outcome: RunOutcome, name: str, folder: Path | None, as_json: bool, quiet: bool) -> None:
     """Print the summary and draw the pictures into a folder, unless it is None."""
     from palpate.launch.run.screen import print_death
 
@@ -119,17 +119,17 @@ def standard_pictures(file: Path, folder: Path, silent: bool) -> list[Path]:
     cannot be drawn. RecordingError, OSError. PictureError: nothing can be drawn; gives the reason."""
     from palpate.launch.run.progress import StageBars
     from palpate.views.errors import PictureError
-    from palpate.views.pictures import draw
+    from palpate.views.pictures import draw_pictures
 
     lines: list[str] = []
     with StageBars(silent) as stages:
         done = stages.begin("drawing the pictures", "this takes seconds")
-        made = draw(file, folder, lines.append, done)
+        made = draw_pictures(file, folder, lines.append, done)
     reason = "" if made else lines.pop() if lines else _without_picture(file)
     for text in () if silent else lines:
         say(text, "yellow")
     if reason:
-        raise PictureError(reason).failed()
+        raise PictureError(reason).as_failure()
     return made
 
 

@@ -52,7 +52,7 @@ class FaultSchedule:
     def _since(self, now: int) -> float:
         return -1.0 if self.begun is None else (now - self.begun) * 1e-9
 
-    def unplugged(self, now: int) -> bool:
+    def is_unplugged(self, now: int) -> bool:
         """Whether the device is unplugged at `now` [ns]."""
         return self._within(self.faults.unplug, now)
 
@@ -61,14 +61,14 @@ class FaultSchedule:
         since, back = self._since(now), self.faults.back
         return 0.0 <= begin <= since and not 0.0 <= back <= since
 
-    def lost(self, opened: int, now: int) -> bool:
+    def was_unplugged(self, opened: int, now: int) -> bool:
         """Whether the device was unplugged since `opened` [ns]: a connection does not survive this."""
         given, then = self.faults, self._since(opened)
-        return self.unplugged(now) or (0.0 <= given.unplug <= self._since(now) and then < given.back)
+        return self.is_unplugged(now) or (0.0 <= given.unplug <= self._since(now) and then < given.back)
 
     def check(self, name: str, opened: int, now: int) -> None:
         """DeviceError: the device was unplugged between `opened` and `now` [ns]."""
-        if self.lost(opened, now):
+        if self.was_unplugged(opened, now):
             raise DeviceError(f"the {name} is gone. Plug it in again.", lost=True)
 
     def silent(self, now: int) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.compiler.fields import blank_record
 from palpate.physics.device.falcon import HOME
-from palpate.physics.device.grip import GRIP, SUBSTEP, advance, propagator, wanted
+from palpate.physics.device.grip import GRIP, SUBSTEP, advance, path_point, propagator
 
 Point = tuple[float, float, float]
 LONGEST = 0.25  # [s] limit of the time between two steps
@@ -83,8 +83,8 @@ class EmulatedOperator:
         if h != self._length:
             self._matrix = propagator((arm.drag + arm.damping) / arm.mass, arm.stiffness / arm.mass, h)
             self._length = h
-        _, *p = wanted(self.time, self.ends, self.points, self.shapes)
-        self.segment, *q = wanted(self.time + h, self.ends, self.points, self.shapes)
+        _, *p = path_point(self.time, self.ends, self.points, self.shapes)
+        self.segment, *q = path_point(self.time + h, self.ends, self.points, self.shapes)
         for i in range(3):
             x, v = self.position[i], self.velocity[i]
             self.position[i], self.velocity[i] = advance(

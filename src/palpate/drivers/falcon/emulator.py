@@ -74,7 +74,7 @@ class EmulatedFalcon:
 
     def connect(self) -> EmulatedChip:
         """Open the chip. DeviceError: the device is unplugged."""
-        if self.days.unplugged(self.now()):
+        if self.days.is_unplugged(self.now()):
             raise DeviceError(f"no {NAME} on USB: the emulated one is unplugged")
         return EmulatedChip(self)
 

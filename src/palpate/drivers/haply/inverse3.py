@@ -151,7 +151,7 @@ class EmulatedService:
                 now = time.monotonic_ns()
                 if not self.hand.waits:
                     self.days.begin(now)
-                if self.days.lost(opened, now):
+                if self.days.was_unplugged(opened, now):
                     return
                 self.hand.begin(now)
                 for device in entries(state(text), "inverse3"):

@@ -33,7 +33,7 @@ class EmulatedRawHid:
     def connect(self) -> Self:
         """Open the device. DeviceError: it is unplugged."""
         self.opened = time.monotonic_ns()
-        if self.days.unplugged(self.opened):
+        if self.days.is_unplugged(self.opened):
             raise DeviceError(f"no {raw.NAME} on USB: the emulated one is unplugged")
         return self
 

@@ -184,7 +184,7 @@ class EmulatedNetFT:
             due = max(due + 1.0 / self.rate, now * 1e-9 - 0.01)
             number += 1
             self.days.begin(now)
-            if self.days.silent(now) or self.days.unplugged(now) or self.days.chance("dropouts"):
+            if self.days.silent(now) or self.days.is_unplugged(now) or self.days.chance("dropouts"):
                 continue
             counts = [round(w * self.COUNTS) for w in self.wrench(now)]
             with contextlib.suppress(OSError):

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
-from palpate.drivers.connected import selected
+from palpate.drivers.connected import select_device
 from palpate.drivers.errors import DeviceError, package
 
 OUT, IN = 0x02, 0x81  # endpoints
@@ -79,7 +79,7 @@ class UsbFtdi:
                 " shows what is there; `port: emulator` runs without one."
             )
         places = {f"{d.bus}:{d.address}": d for d in devices}
-        return places[selected(self.name, port, {place: self._serial(d) for place, d in places.items()})]
+        return places[select_device(self.name, port, {place: self._serial(d) for place, d in places.items()})]
 
     def _serial(self, device: Any) -> str | None:
         try:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any, Protocol
 
-from palpate.drivers.connected import selected
+from palpate.drivers.connected import select_device
 from palpate.drivers.errors import DeviceError, package
 
 
@@ -50,7 +50,7 @@ class UsbHid:
                 f"no {name} on USB or Bluetooth. Plug it in; `palpate devices` lists the connected ones;"
                 " `port: emulator` runs without one."
             )
-        path = selected(name, port, {path: entry.get("serial_number") for path, entry in entries.items()})
+        path = select_device(name, port, {path: entry.get("serial_number") for path, entry in entries.items()})
         self.device = hid.device()
         try:
             self.device.open_path(os.fsencode(path))

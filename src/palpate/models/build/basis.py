@@ -42,7 +42,7 @@ def silent(name: str, note: str, total: float | None = 1.0) -> Report:
     return unheard
 
 
-def expected(node: ReducedFE, vertices: int) -> str:
+def estimate_time(node: ReducedFE, vertices: int) -> str:
     """Estimated processor time of a build, as text. Measured on a loaded core, with mesher and error: 20 s for 700
     vertices, 65 s for 1780. A sampled basis takes longer, because the full model is pressed."""
     seconds = 10.0 + 18.0 * (vertices / 1000) ** 2
@@ -67,7 +67,7 @@ def make(node: ReducedFE, path: Path, begin: Begin = silent, commit: str | None 
         )
     try:
         check_folder(path.parent)
-        for folder in (path.parent, kept(node))[: 2 if node.model == "sampled" else 1]:
+        for folder in (path.parent, solutions_folder(node))[: 2 if node.model == "sampled" else 1]:
             if user_cache() in folder.parents:
                 make_folder(folder)
     except UntrustedError as error:
@@ -76,7 +76,7 @@ def make(node: ReducedFE, path: Path, begin: Begin = silent, commit: str | None 
         raise SettingError(
             f"folder {path.parent}: {error.strerror}; expected a writable folder, such as -o bases"
         ) from None
-    basis, missed = built(node, begin)
+    basis, missed = build_basis(node, begin)
     inputs = node.inputs()
     provenance = {
         "key": key(inputs), "inputs": inputs, "version": version("palpate"), "commit": commit,
@@ -90,12 +90,12 @@ def make(node: ReducedFE, path: Path, begin: Begin = silent, commit: str | None 
     return missed
 
 
-def kept(node: ReducedFE) -> Path:
+def solutions_folder(node: ReducedFE) -> Path:
     """Folder of the full solutions, from which an interrupted build resumes."""
     return touches() if node.surface == "fingertip" else touches() / node.key()
 
 
-def built(node: ReducedFE, begin: Begin, check: bool = True) -> tuple[Basis | SampledBasis, dict[str, float]]:
+def build_basis(node: ReducedFE, begin: Begin, check: bool = True) -> tuple[Basis | SampledBasis, dict[str, float]]:
     """The basis and its errors [1] at held-out touches; {} without `check`.
 
     The error of the condensed basis of a file is estimated by the difference of its stiffness under a patch from that
@@ -104,7 +104,7 @@ def built(node: ReducedFE, begin: Begin, check: bool = True) -> tuple[Basis | Sa
     """
     if node.model == "sampled":
         return _sample_organ(node, begin, check)
-    reduced, count = node.reduced(), len(node.coarse_mesh().vertices)
+    reduced, count = node.reduced_count(), len(node.coarse_mesh().vertices)
     basis = _condense_organ(node, begin, reduced)
     if node.surface in SURFACES or not check or count < FEWEST:
         return basis, {}
@@ -132,7 +132,7 @@ def _organ(node: ReducedFE, begin: Begin, vertices: int | None = None, what: str
         _check_size(node, surface)
     count = vertices or found
     reduced = f", reduced from {found}" if count < found else ""
-    took = "" if what else f"; the build takes {expected(node, count)}"
+    took = "" if what else f"; the build takes {estimate_time(node, count)}"
     meshed = begin("meshing", f"{what}the inside of {count} vertices{reduced}{took}", None)
     try:
         nodule = Nodule(node.nodule_centre(), node.nodule_radius, node.nodule_ratio)
@@ -161,7 +161,7 @@ def _sample_organ(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBa
     body = (
         of_finger(FingertipDimensions(cells=reduction.CELLS))
         if finger
-        else of_organ(_organ(node, begin, node.reduced()))
+        else of_organ(_organ(node, begin, node.reduced_count()))
     )
     if len(body.mesh.elements) > MOST_ELEMENTS:
         raise SettingError(
@@ -175,7 +175,7 @@ def _sample_organ(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBa
         )
     # solutions of the full model, and modes and integration points from them
     pressing = begin("pressing", f"{3 * len(body.mesh.points)} degrees of freedom")
-    seen, held_out = reduction.full_solutions(body, finger, pressing, kept(node))
+    seen, held_out = reduction.full_solutions(body, finger, pressing, solutions_folder(node))
     if len(seen) < 2 or not held_out:
         raise SettingError(
             f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held_out)} "
@@ -185,7 +185,7 @@ def _sample_organ(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBa
     basis = reduction.build(body, seen, held_out, node.modes, sampling)
     sampling(1.0)
     if not finger:  # 2 MB per touch; those of the fingertip serve any number of modes
-        shutil.rmtree(kept(node), ignore_errors=True)
+        shutil.rmtree(solutions_folder(node), ignore_errors=True)
     if not check:
         return basis, {}
     # errors at touches that the basis was not built from

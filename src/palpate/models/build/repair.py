@@ -13,7 +13,7 @@ from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.physics.geometry.topology import edge_counts, outward
 
 
-def repaired(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
+def repair_mesh(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
     """Write a closed mesh in metres next to the file; returns it and a line per repair, or the file if it is sound.
 
     Holes are closed by fans. If more than two triangles share an edge, or triangles intersect, fTetWild rebuilds the

@@ -102,22 +102,22 @@ def _search(model: ForceModel, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray
     low, high = np.array([s[0] for s in starts]), np.array([s[-1] for s in starts])
     begin = np.clip(begin, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
 
-    def solved(nonlinear: np.ndarray) -> np.ndarray:
+    def solve_linear(nonlinear: np.ndarray) -> np.ndarray:
         return np.concatenate([_linear(np.stack(model.basis(x, *nonlinear), axis=-1), y), nonlinear])
 
     def slope(nonlinear: np.ndarray) -> np.ndarray:
-        basis, bent = np.split(model.jacobian(x, solved(nonlinear)), [len(model.linear)], axis=1)
+        basis, bent = np.split(model.jacobian(x, solve_linear(nonlinear)), [len(model.linear)], axis=1)
         span, _ = np.linalg.qr(basis)
         return bent - span @ (span.T @ bent)
 
     optimum = least_squares(
-        lambda nonlinear: model.predict(x, solved(nonlinear)) - y, begin, slope, bounds=(low, high),
+        lambda nonlinear: model.predict(x, solve_linear(nonlinear)) - y, begin, slope, bounds=(low, high),
         x_scale=(high - low) / 100.0, ftol=1e-15, xtol=1e-15, gtol=1e-15,
     ).x  # fmt: skip
     near = 1e-6 * (high - low)
     at_end = (optimum < low + near) | (optimum > high - near)
     at_limit = tuple(name for name, limited in zip(model.nonlinear, at_end, strict=True) if limited)
-    return solved(optimum), at_limit
+    return solve_linear(optimum), at_limit
 
 
 def _linear(basis: np.ndarray, y: np.ndarray) -> np.ndarray:

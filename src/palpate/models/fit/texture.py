@@ -15,7 +15,7 @@ import scipy  # loads its subpackages on first use
 from scipy.signal import butter, sosfiltfilt
 
 from palpate.models.fit.sessions import SessionError
-from palpate.nodes.base.texture_file import Model, Texture, tabulated
+from palpate.nodes.base.texture_file import Model, Texture, tabulate_texture
 from palpate.physics.table_file import read_table, split_unit
 from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule_walker
 from palpate.physics.texture.surface import third_octaves
@@ -202,7 +202,7 @@ def _covariance(windows: np.ndarray, most: int) -> np.ndarray:
 
 def _errors(texture: Texture, cell: RecordedCell) -> np.ndarray:
     """Third-octave bands [Hz] and the error of the predicted level [dB] in each (n, 2)."""
-    speeds, forces, table = tabulated(texture)
+    speeds, forces, table = tabulate_texture(texture)
     row = table[np.argmin(np.abs(speeds - cell.speed)), np.argmin(np.abs(forces - cell.force))]
     width = cell.windows.shape[1]
     frequency = np.fft.rfftfreq(4 * width, 1.0 / texture.sampling)

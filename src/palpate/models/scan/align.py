@@ -82,7 +82,7 @@ def find_frame(lying: FingertipSurfaces, nail: np.ndarray | None) -> FingerFrame
     return FingerFrame(middle + (_tip(lying, skin, y) - middle @ y) * y, axes)
 
 
-def turned(lying: FingertipSurfaces, frame: FingerFrame, margin: float) -> FingertipSurfaces:
+def turn_surfaces(lying: FingertipSurfaces, frame: FingerFrame, margin: float) -> FingertipSurfaces:
     """The surfaces in the finger's frame, with a margin [m] of air. The last slice is extrapolated if it is oblique."""
     step = lying.spacing
     inside = (_inside(lying, "skin").points - frame.origin) @ frame.axes.T

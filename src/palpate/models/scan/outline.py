@@ -155,7 +155,7 @@ def _largest(image: np.ndarray, level: float, plane, mask: np.ndarray) -> np.nda
         curve = curve - 1
         if not np.allclose(curve[0], curve[-1]):
             continue
-        area = enclosed(curve * plane)
+        area = enclosed_area(curve * plane)
         row, column = np.round(curve[:-1]).astype(int).T
         touching = mask[np.clip(row, 0, mask.shape[0] - 1), np.clip(column, 0, mask.shape[1] - 1)]
         if area > size and touching.mean() > 0.3:
@@ -187,7 +187,7 @@ def distance(curve: np.ndarray, points: np.ndarray) -> np.ndarray:
     return away
 
 
-def enclosed(curve: np.ndarray) -> float:
+def enclosed_area(curve: np.ndarray) -> float:
     """Area inside a closed curve [m²]."""
     a, b = curve, np.roll(curve, -1, axis=0)
     return abs(float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()))
@@ -226,7 +226,7 @@ def _check(outlines: Outlines, where: str) -> None:
         )
     breadth = max(float(np.ptp(curve, axis=0).max()) for curve in outlines.skin if curve is not None)
     centres = [curve.mean(axis=0) for curve in outlines.skin if curve is not None]
-    areas = [enclosed(curve) for curve in outlines.skin if curve is not None]
+    areas = [enclosed_area(curve) for curve in outlines.skin if curve is not None]
     for k, (a, b) in enumerate(pairwise(areas)):
         jump = float(np.linalg.norm(centres[k + 1] - centres[k]))
         less, more = min(a, b) / max(areas), max(a, b) / max(areas)

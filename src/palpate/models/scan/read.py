@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.models.scan.stack import ScanError, Stack, checked, cross_sections, oriented
+from palpate.models.scan.stack import ScanError, Stack, check_stack, cross_sections, orient_stack
 
 MOST_PACKED = 1032  # [1] Largest compression ratio of deflate (zlib, technical details)
 MOST_VOXELS = 1 << 28  # [1] limit of a stack: 1 GB in memory, 4 l at 0.25 mm
@@ -46,8 +46,8 @@ def read(path: str | Path, spacing: tuple[float, float, float] | None = None, ax
         raise ScanError(
             f"{path}: not a stack. Expected a folder of DICOM files, .nii or .nii.gz; convert images to NIfTI"
         )
-    stack = cross_sections(oriented(Stack(np.asarray(volume, dtype=np.float32), stated, str(path)), axes, mirrored))
-    return checked(stack if spacing is None else dataclasses.replace(stack, spacing=spacing))
+    stack = cross_sections(orient_stack(Stack(np.asarray(volume, dtype=np.float32), stated, str(path)), axes, mirrored))
+    return check_stack(stack if spacing is None else dataclasses.replace(stack, spacing=spacing))
 
 
 def _nifti(path: Path):

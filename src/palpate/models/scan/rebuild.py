@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from palpate.models.scan.align import FingerFrame, find_frame, turned
-from palpate.models.scan.outline import Outlines, distance, enclosed
+from palpate.models.scan.align import FingerFrame, find_frame, turn_surfaces
+from palpate.models.scan.outline import Outlines, distance, enclosed_area
 from palpate.models.scan.stack import ScanError, Stack
 from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
@@ -67,11 +67,11 @@ def reconstruct(outlines: Outlines, grid: float = 4e-4) -> Rebuilt:
     levels[2] = np.maximum(levels[2], levels[0])
     lying = FingertipSurfaces(np.array([x[0], y[0], z[0]]), np.full(3, grid), *map(np.ascontiguousarray, levels))
     frame = find_frame(lying, _nail(outlines.axes, side))
-    return Rebuilt(turned(lying, frame, MARGIN), frame)
+    return Rebuilt(turn_surfaces(lying, frame, MARGIN), frame)
 
 
 def _tip_is_last(outlines: Outlines) -> bool:
-    areas = [enclosed(curve) for curve in outlines.skin if curve is not None]
+    areas = [enclosed_area(curve) for curve in outlines.skin if curve is not None]
     if min(areas[0], areas[-1]) > 0.8 * max(areas[0], areas[-1]):
         raise ScanError("neither end of the stack narrows to a fingertip; expected slices from the tip on")
     last = areas[0] > areas[-1]

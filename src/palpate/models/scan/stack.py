@@ -48,7 +48,7 @@ class Stack:
     handed: str = "assumed"  # source of the handedness: "header", "stated", or "assumed"
 
 
-def checked(stack: Stack) -> Stack:
+def check_stack(stack: Stack) -> Stack:
     """The stack itself. ScanError: too few or empty slices, or a spacing that is implausible for a finger."""
     volume, spacing, where = stack.volume, stack.spacing, stack.source
     if volume.ndim != 3 or volume.shape[0] < LEAST_SLICES or min(volume.shape[1:]) < 16:
@@ -68,7 +68,7 @@ def checked(stack: Stack) -> Stack:
     return stack
 
 
-def oriented(stack: Stack, axes: str, mirrored: bool | None) -> Stack:
+def orient_stack(stack: Stack, axes: str, mirrored: bool | None) -> Stack:
     """The stack, right-handed.
 
     axes      three letters, or "" if not given

@@ -26,7 +26,7 @@ import math
 
 import numpy as np
 
-from palpate.compiler.exact import log
+from palpate.compiler.exact import cos, log, sin
 from palpate.compiler.kernel import kernel
 from palpate.physics.afferents.published import ADAPTATION, PROBE, RATE
 
@@ -38,7 +38,7 @@ def post_spike() -> np.ndarray:
     """b_1 and b_2 (189,2) at each sample since the spike: raised cosines over x = 3 pi/2 ln(1 + t/ms)/ln 9, centred at
     0 and 3 pi/2, with the half width pi."""
     x = 1.5 * math.pi * log(1.0 + np.arange(189) * 1e3 / RATE) / log(np.array(9.0))
-    return np.stack([0.5 + 0.5 * np.cos(np.clip(x - at, -math.pi, math.pi)) for at in (0.0, 1.5 * math.pi)], axis=1)
+    return np.stack([0.5 + 0.5 * cos(np.clip(x - at, -math.pi, math.pi)) for at in (0.0, 1.5 * math.pi)], axis=1)
 
 
 def probe_gains(depth: np.ndarray, poisson: float) -> tuple[np.ndarray, np.ndarray]:
@@ -65,7 +65,7 @@ def rows(fits: np.ndarray, depth: np.ndarray, poisson: float, kind: np.ndarray) 
     a_1, a_2, T/tau_m, g."""
     chi, dynamic = probe_gains(depth, poisson)
     angle = math.pi * fits[:, 0] * 10.0 / RATE
-    k = np.sin(angle) / np.cos(angle)  # prewarped bilinear transform of 1/((s + 1)(s² + s + 1))
+    k = sin(angle) / cos(angle)  # prewarped bilinear transform of 1/((s + 1)(s² + s + 1))
     first, second = (1.0 + k, k - 1.0), (1.0 + k + k * k, 2.0 * (k * k - 1.0), 1.0 - k + k * k)
     a = [sum(first[i] * second[j] for i in range(2) for j in range(3) if i + j == n) for n in range(4)]
     b = [weight * k * k * k / a[0] for weight in (1.0, 3.0, 3.0, 1.0)]

@@ -154,7 +154,7 @@ def traction(stress, corners, weights):
 
 
 @kernel(error_model="numpy")
-def deflected(deflection, corners, weights):
+def deflection_stimulus(deflection, corners, weights):
     """|E* u| [N/m] of the surface above a receptor, from the deflection [N/m] (s,3) of a depth's points."""
     x = y = z = 0.0
     layer = len(deflection)

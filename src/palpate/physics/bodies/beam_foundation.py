@@ -1,8 +1,11 @@
 """An elastic foundation of beams under a surface: the tissue that a fingertip presses, under given nodal forces.
 
 Each vertex of the surface has a beam along its normal, with the thickness of all layers as its length and the vertex's
-area as its section. Layers are Voigt elements in series (`voigt`), so beams are independent. Laterally a beam is an
-elastic spring in shear, A / sum(L/G). The strain of the layers and the shear of a beam are limited.
+area as its section. Layers are Voigt elements in series (`voigt`), so beams are independent. Laterally a beam is one
+Voigt element in shear, of the stiffness A / sum(L/G) and the mean retardation of the layers, sum(tau L/G) / sum(L/G),
+which is exact for slow changes. (Elastic shear at once indents inclined beams under friction, while their fingertip is
+viscous: the force of two fingers on one place, or of one in a groove, then alternated.) The strain of the layers and
+the shear of a beam are limited.
 
 The indentation s of a contact is conjugate to its force f: with forces w_j f on nodes that move by u_j along the inward
 normal, s = sum_j w_j u_j, so that f ds is the work done on the beams.
@@ -50,6 +53,7 @@ class FoundationBeams(NamedTuple):
     moduli: Annotated[np.ndarray, "<f8", 1]  # [Pa] (h)
     viscosities: Annotated[np.ndarray, "<f8", 1]  # [Pa s] (h)
     softness: float  # [m/Pa] sum of thickness over shear modulus
+    lag: float  # [s] retardation in shear
     static: float  # [1/Pa] compliance of all layers at rest, over their length
 
 
@@ -154,12 +158,13 @@ def beam_foundation(
     # layers in series, each with its share of the length
     count, h = len(mesh.vertices), len(layers)
     thickness, moduli = np.array(layers, float), np.array([m.modulus for m in materials])
-    shares = thickness / thickness.sum()
+    shares, soft = thickness / thickness.sum(), thickness / np.array([m.shear_modulus for m in materials])
     areas = mesh.areas if hardness is None else mesh.areas * hardness
     vertices, normals, areas = (np.ascontiguousarray(x, float) for x in (mesh.vertices, mesh.normals, areas))
     beams = FoundationBeams(
         vertices, normals, areas, float(thickness.sum()), shares, moduli, np.array([m.viscosity for m in materials]),
-        float((thickness / [m.shear_modulus for m in materials]).sum()), float((shares / moduli).sum()),
+        float(soft.sum()), float((soft * [m.viscosity / m.modulus for m in materials]).sum() / soft.sum()),
+        float((shares / moduli).sum()),
     )  # fmt: skip
     # at rest, out of contact
     moving = FoundationState(

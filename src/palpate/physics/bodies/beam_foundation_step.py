@@ -144,14 +144,19 @@ def _beam(j, dt, beams, moving):
     most = 0.0
     for a in range(strains.shape[0]):
         most = max(most, strains[a])
-    if most < STILL and not loaded:
+    # shear: a Voigt element, by backward Euler
+    factor = _shear_factor(force, along, beams.softness / beams.areas[j], beams.length)
+    yields, axial, sideways = dt / (dt + beams.lag), dot(displacement, normal), 0.0
+    for a in range(3):
+        tangent = force[a] - along * normal[a]
+        kept = (1.0 - yields) * (displacement[a] - axial * normal[a])
+        moved = yields * (factor * beams.softness * tangent / beams.areas[j]) + kept
+        displacement[a] = moved - strain * beams.length * normal[a]
+        sideways = max(sideways, abs(moved))
+    if most < STILL and not loaded and sideways < STILL * beams.length:
         strains[:] = 0.0
         displacement[:] = 0.0
         return 0.0
-    factor = _shear_factor(force, along, beams.softness / beams.areas[j], beams.length)
-    for a in range(3):
-        tangent = force[a] - along * normal[a]
-        displacement[a] = factor * beams.softness * tangent / beams.areas[j] - strain * beams.length * normal[a]
     return 1.0 if most >= STRAIN_LIMIT or factor < 1.0 else 0.0
 
 
@@ -182,7 +187,7 @@ def _shared_compliance(i, j, dt, beams, moving, contacts):
             moving.chain[a] = moving.strains[v, a]
         chain_stress_step(moving.chain, beams.moduli, beams.viscosities, beams.shares, max(-along, 0.0) / area, dt)
         axial = beams.length * _chain_compliance(moving.chain, beams, dt)
-        side = _shear_factor(force, along, beams.softness / area, beams.length) * beams.softness
+        side = _shear_factor(force, along, beams.softness / area, beams.length) * beams.softness * dt / (dt + beams.lag)
         total += w / area * (max(here, 0.0) * max(there, 0.0) * axial + side * (dot(n, m) - here * there))
     for k in range(contacts.counts[j]):
         weight[contacts.nodes[second, j, k]] = 0.0
@@ -215,26 +220,28 @@ def _response(i, dt, beams, moving, contacts):
     loaded = total > 0.0 or others > 0.0
     free = deep = previous = compliance = whole = 0.0
     length, shares, moduli, viscosities = beams.length, beams.shares, beams.moduli, beams.viscosities
-    chain = moving.chain
+    chain, yields = moving.chain, dt / (dt + beams.lag)
     for k in range(contacts.counts[i]):
         j, w = contacts.nodes[which, i, k], contacts.shares[which, i, k]
         area, beam, strains, force = beams.areas[j], beams.normals[j], moving.strains[j], moving.force[j]
         face = dot(beam, normal)
-        previous -= w * dot(moving.displacement[j], normal)
+        displacement = moving.displacement[j]
+        previous -= w * dot(displacement, normal)
+        remains = w * (1.0 - yields) * (dot(displacement, normal) - dot(displacement, beam) * face)
         # next step of the beam without load, and under its current load (if none, the least force of the law)
         for a in range(len(chain)):
             chain[a] = strains[a]
-        free += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, 0.0, dt)
+        free += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, 0.0, dt) - remains
         for a in range(len(chain)):
             chain[a] = strains[a]
         along = dot(force, beam)
         push = max(-along, 0.0) if loaded else max(face, 0.0) * w * LEAST_FORCE
-        deep += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, push / area, dt)
+        deep += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, push / area, dt) - remains
         # shear, and the compliance of both
         factor = _shear_factor(force, along, beams.softness / area, length)
-        side = factor * w * beams.softness / area * (1.0 - face * face)
+        side = factor * yields * w * beams.softness / area * (1.0 - face * face)
         if loaded:
-            sheared = factor * w * beams.softness / area * (dot(force, normal) - along * face)
+            sheared = factor * yields * w * beams.softness / area * (dot(force, normal) - along * face)
             deep -= sheared
             whole -= sheared
         else:

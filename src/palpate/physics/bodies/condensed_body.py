@@ -28,9 +28,9 @@ from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_contacts import joint_answer, joint_profile
 from palpate.physics.bodies.condensed_field import add_field, add_half_space
 from palpate.physics.bodies.large_displacement import DEEPEST, DEEPEST_COVERED, stored_energy
-from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, interpolated, lies_on, patch_of, respread
+from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, interpolate_fine, lies_on, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
-from palpate.physics.bodies.true_patch import true_patch, uncorrected
+from palpate.physics.bodies.true_patch import true_patch, without_correction
 from palpate.physics.contact.area import FIXED, MEAN, AreaLaw, approach, with_approach
 from palpate.physics.geometry.mesh import Mesh
 
@@ -104,7 +104,7 @@ def condensed_body(
     coarse, fine, rho = Mesh(basis.vertices, basis.triangles), fine_mesh(mesh, radius, reach), np.array(rho)
     corners, weights = lies_on(coarse, mesh) if start is None else start[:2]
     table = None if start is None else start.table
-    true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart, table)
+    true = without_correction(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart, table)
     if len(area.forces):
         half_space = (1.0 - true.held) * np.pi * true.normal * MEAN / young
         area, rho = with_approach(area, half_space, rho), np.array(NO_FLOATS)
@@ -195,7 +195,7 @@ def is_still(body):
 
 
 @kernel(error_model="numpy")
-def stored(body):
+def patch_energy(body):
     """Energy [J] stored under the patches of the last step, V(s) of `place_energy`, of each contact in proportion to
     its part of the effective force. For a linear body this is f.C f/2. The energy of tangential loads and of former
     patches is not included."""
@@ -241,7 +241,7 @@ def slope(body, contact):
 
 
 @kernel(error_model="numpy")
-def displaced(body):
+def displace_fine(body):
     """Fill `fine.nodes`, all vertices near the last foot points and fewer farther away, and `fine.moved`, their
     displacements [m]. Returns their number, 0 if the body is at rest."""
     if is_still(body):
@@ -251,7 +251,7 @@ def displaced(body):
     for c in range(len(feet)):
         count, touched = body.counts[c, 0], body.counts[c, 1]
         add_field(model, u, body.fields[c], body.marks[c], count, touched, normals[c], body.contacts[c])
-    sent = interpolated(model.corners, model.weights, u, fine.reach, feet, fine.sent, fine.nodes, fine.moved)
+    sent = interpolate_fine(model.corners, model.weights, u, fine.reach, feet, fine.sent, fine.nodes, fine.moved)
     for c in range(len(feet)):
         add_half_space(model, feet[c], normals[c], body.contacts[c], fine.nodes[:sent], fine.moved)
     return sent

@@ -73,7 +73,7 @@ def curvature(mesh: Mesh) -> np.ndarray:
 
 def thin_error(radius: float, wide: float, thick: float) -> float:
     """Bound [1] of the relative error of the indentation on ground of this thickness; all lengths in m."""
-    return LAYER * max((wide / radius) ** 2 - 1.0, 0.0) * (radius / thick) ** 3
+    return LAYER * max((wide / radius) ** 2 - 1.0, 0.0) * (radius / thick) * (radius / thick) * (radius / thick)
 
 
 def curved_error(excess: float) -> str:

@@ -37,7 +37,7 @@ def normal_force(forces, normal):
 
 
 @kernel(error_model="numpy")
-def shared(foot, other_foot, normal, other_normal, radius):
+def shared_load(foot, other_foot, normal, other_normal, radius):
     """Share O [1] of the force of one contact that acts on another, of patches of this radius R [m]:
 
         O = (1 - q)^4 (4q + 1) n.n',    q = |x - x'|/2R
@@ -55,7 +55,7 @@ def shared(foot, other_foot, normal, other_normal, radius):
 
 
 @kernel(error_model="numpy")
-def shifted(forces, normal, share):
+def add_shared(forces, normal, share):
     """Nodal forces [N] (k,3) plus the fraction `share` [1] of their normal parts."""
     out = np.empty_like(forces)
     for i in range(len(forces)):
@@ -94,7 +94,7 @@ def _size(x):
 
 
 @kernel(error_model="numpy")
-def retarded(stiffness, exponent, retardation, dt):
+def retard_law(stiffness, exponent, retardation, dt):
     """The law K <s + tau s'>^n of a Kelvin-Voigt body in a step of dt > 0 [s] as a terminal law, K_T <s - s_free>^n:
 
         K_T = K/m^n,    s_free = (1 - m) s_prev,    m = T/(T + tau)
@@ -238,7 +238,7 @@ def nodal_step(nodes, forces, normal, dt, ahead, law, nodal, edges, where, activ
     count            length of the list before the step
     """
     exponent, damping, k_t, d_t, shortest = law[1], law[2], law[3], law[4], law[5]
-    stiffness, rest = retarded(law[0], exponent, law[6], dt)
+    stiffness, rest = retard_law(law[0], exponent, law[6], dt)
     rest *= ahead
     hardness, per_area = nodal[0], nodal[1]
     total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)

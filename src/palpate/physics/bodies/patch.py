@@ -29,7 +29,7 @@ class FineMesh(NamedTuple):
     spreader: Spreader  # of the patch of the terminal law without load
     reach: Annotated[np.ndarray, "<f4", 2]  # see `reaches`
     sent: Annotated[np.ndarray, "|u1", 1]
-    nodes: Annotated[np.ndarray, "<i4", 1]  # (N,) filled by `interpolated`
+    nodes: Annotated[np.ndarray, "<i4", 1]  # (N,) filled by `interpolate_fine`
     moved: Annotated[np.ndarray, "<f8", 2]  # [m] (N,3)
 
 
@@ -110,7 +110,7 @@ def load_radius(vertices, patch, pull, normal, total, least):
 
 def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates [m] of each vertex and the squared distance [m²] from a foot within which it is sent, as rows (4,N)
-    in single precision; and the workspace of `interpolated`."""
+    in single precision; and the workspace of `interpolate_fine`."""
     rows = np.ascontiguousarray(np.concatenate([vertices.T, within[None] ** 2]), dtype=np.float32)
     return rows, np.zeros(-(-len(vertices) // 8) * 8, dtype=np.uint8)
 
@@ -131,7 +131,7 @@ def _within(reach, foot, more, sent):
 
 
 @kernel(error_model="numpy")
-def interpolated(corners, weights, u, reach, feet, sent, nodes, moved):
+def interpolate_fine(corners, weights, u, reach, feet, sent, nodes, moved):
     """Displacements of the fine mesh round the feet, from u [m] (V,3) of the coarse vertices: fills `nodes` and `moved`
     [m]; returns their number.
 

@@ -29,7 +29,7 @@ from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import stack_zeros
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.patch import load_radius, normal_force
-from palpate.physics.bodies.true_patch import Holds, gathered, narrow_load, patch_compliance
+from palpate.physics.bodies.true_patch import Holds, gather_compliance, narrow_load, patch_compliance
 from palpate.physics.contact.spread import Spreader, spread
 from palpate.physics.geometry.mesh import Mesh
 
@@ -90,7 +90,7 @@ def _soften(vertices, normals, model, spreader, compliances, sideways):
         total = normal_force(forces, normal)
         radius, _ = load_radius(model.fine, nodes, forces, normal, total, model.true.least)
         narrowed = narrow_load(model, nodes, forces, normal, total, order, touched, measure, radius)
-        hats = gathered(model.compliance, model.true.table, order, touched, measure, 0, block)
+        hats = gather_compliance(model.compliance, model.true.table, order, touched, measure, 0, block)
         for i in range(3):
             for j in range(3):
                 sideways[v, i] -= normal[j] * block[j, i]
@@ -178,7 +178,7 @@ def on_hand(gradient, shape, approach, normal):
 
 
 @kernel
-def bounded(lateral, force, motion, approach, ratio):
+def limit_tangential(lateral, force, motion, approach, ratio):
     """The tangential force [N] (3 numbers) within its limits for a normal `force` [N] > 0; updates `ratio` [1] (3), the
     tangential over the normal force: at most `MOST_ASIDE`, changed by at most motion/(`SUDDEN` approach).
 

@@ -24,7 +24,7 @@ import numpy as np
 from palpate.compiler.exact import sum_of_squares
 from palpate.compiler.kernel import kernel
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
-from palpate.physics.bodies.patch import FineMesh, fine_mesh, interpolated, lies_on, patch_of
+from palpate.physics.bodies.patch import FineMesh, fine_mesh, interpolate_fine, lies_on, patch_of
 from palpate.physics.bodies.sampled import step
 from palpate.physics.bodies.sampled.contacts import SampledContacts, step_all
 from palpate.physics.bodies.sampled.energy import Points, SampledWorkspace, scratch
@@ -189,9 +189,9 @@ def extrapolation(body):
 
 
 @kernel(error_model="numpy")
-def displaced(body):
+def displace_fine(body):
     """Fill `fine.nodes`, all vertices near the foot points and fewer farther away, and `fine.moved`, their
     displacements [m]. Returns their number."""
     model, fine, u = body.model, body.fine, body.fields[3]
     step.field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.state[0].gamma)
-    return interpolated(model.corners, model.weights, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)
+    return interpolate_fine(model.corners, model.weights, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)

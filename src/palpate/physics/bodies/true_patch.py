@@ -44,7 +44,7 @@ from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.hat_distances import mean_inverse_distance
 from palpate.physics.bodies.patch import patch_radius, share_of
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.kept import kept
+from palpate.physics.kept import keep_results
 
 MEAN = 2.40816816  # I: mean of W over the patch, weighted with the pressure
 HELD = 0.1764960  # S_0, reduction of c_R by sticking of each point, over (1 - 2nu)²/(1 - nu)²
@@ -92,17 +92,17 @@ def true_patch(
     )  # fmt: skip
 
 
-@kept
+@keep_results
 def _table(coarse: Mesh) -> np.ndarray:
     return mean_inverse_distance(coarse).astype(np.float32)
 
 
-@kept
+@keep_results
 def _ground(coarse: Mesh) -> np.ndarray:
     return np.stack([inverse_thickness(coarse), curvature(coarse)], axis=1)
 
 
-def uncorrected(fine: Mesh) -> TruePatch:
+def without_correction(fine: Mesh) -> TruePatch:
     """No correction: the body is that of the full model under the widened load."""
     return TruePatch(
         np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, LEAST_MOMENT * fine.areas, np.zeros(0),
@@ -233,7 +233,7 @@ def narrow_load(model, patch, pull, normal, total, order, touched, measure, radi
 
 
 @kernel
-def gathered(compliance, table, order, touched, measure, column, block):
+def gather_compliance(compliance, table, order, touched, measure, column, block):
     """Fill block [m/N] (3,3) with g.C g of the shares in a column of `measure`; returns g.T g [1/m]."""
     block[:] = 0.0
     hats, corrects = 0.0, len(table) > 0
@@ -264,7 +264,7 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
     """Compliance of a patch for a modulus of 1 Pa [m/N]: g.C g along the normal, and its correction. Fills `holds`.
 
     holds        `HOLDS`, or arrays with these names
-    block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gathered`; `block` is changed
+    block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gather_compliance`; `block` is changed
     order, measure, narrowed  see `narrow_load`
     """
     for a in range(2):
@@ -275,7 +275,7 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
         return own, 0.0
     apart = 0.0
     if narrowed:
-        hats = gathered(compliance, true.table, order, touched, measure, 1, block)
+        hats = gather_compliance(compliance, true.table, order, touched, measure, 1, block)
         apart = _along(block, normal) - own
     more = true.normal * (MEAN / radius - hats)
     if true.sticks:

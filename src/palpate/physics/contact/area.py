@@ -19,6 +19,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.exponentials import cbrt
 from palpate.compiler.kernel import kernel
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 
@@ -62,7 +63,7 @@ def _join_radii(forces, plate, radius, modulus):
     numpy's powers depend on the processor."""
     radii = np.empty(len(forces))
     for k in range(len(forces)):
-        radii[k] = np.cbrt(plate[k] ** 3 + 0.75 * forces[k] * radius / modulus)
+        radii[k] = cbrt(plate[k] ** 3 + 0.75 * forces[k] * radius / modulus)
     return radii
 
 
@@ -91,7 +92,7 @@ def radius_at(forces, radii, force):
     if force >= forces[last]:
         return radii[last]
     if force <= forces[0]:
-        return radii[0] * np.cbrt(max(force, 0.0) / forces[0])
+        return radii[0] * cbrt(max(force, 0.0) / forces[0])
     k = 0
     while forces[k + 1] < force:
         k += 1
@@ -131,7 +132,7 @@ def _fill(forces, radii, compliance, rho, table):
 @kernel(error_model="numpy")
 def approach(table, force):
     """d [m], dd/df [m/N] and V [J] at a force [N] >= 0; the table is linear over t, and constant beyond its end."""
-    t = max(np.cbrt(max(force, 0.0)), 1e-3)
+    t = max(cbrt(max(force, 0.0)), 1e-3)
     k = min(int(t / STEP), table.shape[1] - 2)
     q = min(t / STEP - k, 1.0)
     rise = table[0, k + 1] - table[0, k]

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from palpate.compiler.exact import arctan2
+from palpate.compiler.exact import arcsin, arctan2, cos, sin
 from palpate.physics.contact.spread import kernel_values
 
 ANGLES, ALONG = 128, 24  # quadrature points of theta (trapezoidal rule) and of s (Gauss)
@@ -24,7 +24,7 @@ def surface_under_patch(points: np.ndarray, radius: float, kernel: str, poisson:
     """E* u [N/m per N = 1/m] (p,3,3) at points [m] (p,2) of the surface, relative to the centre of the patch: component
     of u, and of the force on the patch. kernel: shape of the load (`spread.KERNELS`), of this radius [m]."""
     points = np.asarray(points, float)
-    away = np.hypot(points[:, 0], points[:, 1])
+    away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2)
     places, which = np.unique(np.round(away, 12), return_inverse=True)
     node, weight = np.polynomial.legendre.leggauss(400)
     q = 0.5 * (node + 1.0)
@@ -33,8 +33,8 @@ def surface_under_patch(points: np.ndarray, radius: float, kernel: str, poisson:
     # The load is axisymmetric: the displacement at (x, y) is that at (r, 0), rotated.
     angle = arctan2(points[:, 1], points[:, 0])
     turned = np.zeros((len(points), 3, 3))
-    turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angle)
-    turned[:, 1, 0], turned[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    turned[:, 0, 0] = turned[:, 1, 1] = cos(angle)
+    turned[:, 1, 0], turned[:, 0, 1] = sin(angle), -sin(angle)
     turned[:, 2, 2] = 1.0
     half = np.einsum("pia,pab->pib", turned, at_x[which.ravel()])
     return np.einsum("pjb,pib->pij", turned, half)
@@ -49,14 +49,14 @@ def _on_axis(r: float, radius: float, kernel: str, poisson: float) -> np.ndarray
         share = np.full(ANGLES, 2.0 * math.pi / ANGLES)
     else:
         node, weight = np.polynomial.legendre.leggauss(ANGLES)
-        widest = math.asin(min(radius / r, 1.0))
+        widest = float(arcsin(min(radius / r, 1.0)))
         theta, share = math.pi + widest * node, widest * weight
-    c, s = np.cos(theta), np.sin(theta)
+    c, s = cos(theta), sin(theta)
     root = np.sqrt(np.maximum(radius**2 - (r * s) ** 2, 0.0))
     near, far = np.maximum(-r * c - root, 0.0), np.maximum(-r * c + root, 0.0)
     node, weight = np.polynomial.legendre.leggauss(ALONG)
     along = near[:, None] + np.outer(far - near, 0.5 * (node + 1.0))
-    apart = np.hypot(r + along * c[:, None], along * s[:, None]) / radius
+    apart = np.sqrt((r + along * c[:, None]) ** 2 + (along * s[:, None]) ** 2) / radius
     length = 0.5 * (far - near) * (kernel_values(kernel, np.minimum(apart, 1.0)) @ weight) * share
     # From a source in the direction theta, the point lies in the direction (-c, -s).
     k, ratio = (1.0 - 2.0 * poisson) / (2.0 * math.pi * (1.0 - poisson)), poisson / (1.0 - poisson) / math.pi

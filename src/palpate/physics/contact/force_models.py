@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.compiler.exact import exp
+from palpate.compiler.exact import cos, exp, sin
 from palpate.physics.arrays import Numbers, Vector
 
 
@@ -67,7 +67,7 @@ MODELS = {model.name: model for model in (
     # the data cover 1/3 of a period, so omega needs limits: a constant and a long wave are nearly equivalent
     ForceModel(
         "fourier", "a0 + a1 cos(omega d) + b1 sin(omega d)", {"a0": "N", "a1": "N", "b1": "N"},
-        lambda x, w: [np.ones_like(w * x), np.cos(w * x), np.sin(w * x)],
+        lambda x, w: [np.ones_like(w * x), cos(w * x), sin(w * x)],
         {"omega": "1/m"},
         lambda x, w: [[np.zeros(len(x)), -x * np.sin(w * x), x * np.cos(w * x)]],
         lambda x: [np.linspace(50.0, 1200.0, 231)],

@@ -18,33 +18,33 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from palpate.compiler.exact import expm1, product, solve
+from palpate.compiler.exact import cos, expm1, product, solve
 
 MOST = 2.0  # [1] Largest contact radius over the thickness
 POINTS, WAVES, END = 60, 300, 50.0  # Gauss points over the contact, and over xi h from 0 to `END`, where 1 - M is 1e-18
 
 
-def solved(wide: float, poisson: float) -> tuple[float, float]:
+def solve_layer(wide: float, poisson: float) -> tuple[float, float]:
     """chi and f [1] at a contact radius over the thickness [1]."""
     x, w = _gauss(POINTS, wide)
     y, dy = _gauss(WAVES, END)
     grown = expm1(y)
     sinh, cosh = 0.5 * (grown + grown / (1.0 + grown)), 0.5 * (1.0 + grown + 1.0 / (1.0 + grown))
     less = 1.0 - ((3 - 4 * poisson) * sinh * cosh - y) / (y**2 + 4 * (1 - poisson) ** 2 + (3 - 4 * poisson) * sinh**2)
-    waves = np.cos(np.multiply.outer(np.append(x, wide), y))
+    waves = cos(np.multiply.outer(np.append(x, wide), y))
     K = 2.0 / np.pi * product(waves * (less * dy), waves[:-1].T) * w
     flat, bent = np.full(POINTS + 1, 2.0 / np.pi), 2.0 / np.pi * np.append(x, wide) ** 2
     phi = solve(np.eye(POINTS) - K[:-1], np.stack([flat, bent], 1)[:-1])
     ends = np.array([flat[-1], bent[-1]]) + np.sum(K[-1][:, None] * phi, axis=0)
     square = ends[1] / ends[0]  # s R/h²
     force = 2.0 * np.pi * np.sum(w * (square * phi[:, 0] - phi[:, 1]))
-    return float(np.sqrt(square)), float(force / (8.0 / 3.0 * square**1.5))
+    return float(np.sqrt(square)), float(force / (8.0 / 3.0 * square * np.sqrt(square)))
 
 
 @lru_cache(maxsize=8)
 def thickness_factor(poisson: float) -> CubicSpline:
     """f over chi, for Poisson's ratio [1] in [0, 0.5]; from 0 to `thickness_factor(nu).x[-1]`."""
-    rows = np.array([solved(wide, poisson) for wide in np.linspace(0.0, MOST, 41)[1:]])
+    rows = np.array([solve_layer(wide, poisson) for wide in np.linspace(0.0, MOST, 41)[1:]])
     return CubicSpline(np.r_[0.0, rows[:, 0]], np.r_[1.0, rows[:, 1]])
 
 

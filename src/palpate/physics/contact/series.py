@@ -70,7 +70,7 @@ def elastic(s, kind, first, second, radius):
 
 
 @kernel(error_model="numpy")
-def energy(s, kind, first, second, radius):
+def series_energy(s, kind, first, second, radius):
     """Stored energy V(s) [J], the integral of g from 0 to s [m]; zero where s <= 0."""
     depth = max(s, 0.0)
     if kind == 0:
@@ -93,7 +93,7 @@ def energy(s, kind, first, second, radius):
 
 @kernel(error_model="numpy")
 def _eighth(start, root, scale, second):
-    """The sum of every eighth term of the quadrature in `energy`, in numpy's order of summation."""
+    """The sum of every eighth term of the quadrature in `series_energy`, in numpy's order of summation."""
     total = 0.0
     for i in range(start, len(GAUSS_POINTS), 8):
         t = root * (GAUSS_POINTS[i] + 1) / 2

@@ -10,7 +10,12 @@ and removes the side of the body continuously.
 
 A foot point that follows the finger to another part of the surface may lie off the surface (`geometry.proxy`), where
 few nodes are within R, or none. If the nearest node is at d_0 > a = `OFF` R, d_j² is reduced by d_0² - a²: the patch
-keeps (1 - `OFF`²)^½ = 87 % of its radius, and changes continuously. A point of the surface may be as far from all nodes
+keeps (1 - `OFF`²)^½ = 87 % of its radius. d_0² is a smooth minimum, exact for a plane,
+
+    d_0² = -tau log(sum_j A_j exp(-d_j²/tau - `_averted`)/(pi tau)),    tau = `SMOOTH` R²,
+
+since between two faces the rate of the nearest distance changes its sign, and a viscous body and fingertip respond to
+that at once. A point of the surface may be as far from all nodes
 as the radius of the circle round a triangle, so that a is at least that of the longest edge L, L/3^½.
 """
 
@@ -27,6 +32,7 @@ from palpate.physics.geometry.mesh_closest import nearest_weights
 KERNELS = ("biweight", "wendland", "cosine", "hertz")
 FACES = 0.5  # [1] cosine to the contact's normal below which a node bears less
 OFF = 0.5  # [1] of R, distance of the nearest node beyond which the foot counts as off the surface
+SMOOTH = 1.0 / 12.0  # [1] of R²; tau of the smooth minimum
 
 
 @kernel(error_model="numpy")
@@ -148,10 +154,23 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
     )  # fmt: skip
 
 
+@kernel
+def _facing(faces):
+    """Factor [1] on the weight of a node whose normal has this cosine, in (0, `FACES`), to the contact's."""
+    share = faces / FACES
+    return share * share * (3.0 - 2.0 * share)
+
+
+@kernel(error_model="numpy")
+def _averted(faces):
+    """Part of d_j² over tau [1] of a node whose normal has this cosine > 0 to the contact's: from 0 to inf at 0."""
+    return FACES / faces - 1.0 if faces < FACES else 0.0
+
+
 @kernel(error_model="numpy")
 def _weigh(s, foot, normal, r, shift):
     """Fill `nodes` and `weights` [m²] with the nodes that face `normal` and have d² - shift < R². Returns their number,
-    and the least d² [m²] of them; inf: none exists."""
+    and the least d² [m²] of them, `_averted` included; inf: none exists."""
     kind, shape, first, order, near = int(s.scalars[1]), s.shape, s.first, s.order, s.near
     reach = r * r + shift
     wide = r if shift == 0.0 else math.sqrt(reach)
@@ -168,11 +187,11 @@ def _weigh(s, foot, normal, r, shift):
                 faces = near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]
                 if faces <= 0.0:
                     continue
-                least = min(least, square)
                 weight = near[at, 6] * kernel_value(kind, math.sqrt(max(square - shift, 0.0)) / r)
                 if faces < FACES:
-                    share = faces / FACES
-                    weight *= share * share * (3.0 - 2.0 * share)
+                    weight *= _facing(faces)
+                    square += SMOOTH * r * r * _averted(faces)
+                least = min(least, square)
                 if weight > 0.0:
                     s.nodes[count], s.weights[count] = order[at], weight
                     count += 1
@@ -186,17 +205,35 @@ def _on_surface(s, r):
 
 
 @kernel(error_model="numpy")
-def _off_surface(s, foot, normal, r):
-    """Fill `nodes` and `weights` for a foot without a node within R; returns their number, 0 if the foot lies on a
-    triangle that is larger than R, or no node faces `normal`."""
+def _clearance(s, foot, normal, r, least):
+    """d_0² - a² [m²] as a smooth minimum, 0 at the exact `least` d_0² = a²; nodes that hardly count are left out."""
+    near, off, tau = s.near, least - _on_surface(s, r), SMOOTH * r * r
+    reach = math.sqrt(least + 20.0 * tau)
+    lo, hi = _cells(foot, -reach, s.scalars, s.shape), _cells(foot, reach, s.scalars, s.shape)
+    total = 0.0
+    for i in range(lo[0], hi[0] + 1):
+        for j in range(lo[1], hi[1] + 1):
+            row = (i * s.shape[1] + j) * s.shape[2]
+            for at in range(s.first[row + lo[2]], s.first[row + hi[2] + 1]):
+                x, y, z = near[at, 0] - foot[0], near[at, 1] - foot[1], near[at, 2] - foot[2]
+                faces = near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]
+                if faces > 0.0:
+                    total += near[at, 6] * math.exp((least - (x * x + y * y + z * z)) / tau - _averted(faces))
+    return max(off - tau * math.log(max(total / (math.pi * tau), 1e-3)), 0.0) * min(off / tau, 1.0)
+
+
+@kernel(error_model="numpy")
+def _off_surface(s, foot, normal, r, least):
+    """Fill `nodes` and `weights` for a foot without a node within OFF R, `least` [m²] being d_0² if one is within R,
+    else inf; returns their number, 0 if the foot lies on a triangle that is larger than R, or no node faces
+    `normal`."""
     most, wide = 4.0 * (s.box[1, 0] - s.box[0, 0] + s.box[1, 1] - s.box[0, 1] + s.box[1, 2] - s.box[0, 2]), 2.0 * r
-    while wide < most:
-        count, least = _weigh(s, foot, normal, r, wide * wide - r * r)
-        if count > 0:
-            near = _on_surface(s, r)
-            return _weigh(s, foot, normal, r, least - near)[0] if least > near else 0
+    while least == np.inf and wide < most:
+        least = _weigh(s, foot, normal, r, wide * wide - r * r)[1]
         wide *= 2.0
-    return 0
+    if not _on_surface(s, r) < least < np.inf:
+        return 0
+    return _weigh(s, foot, normal, r, _clearance(s, foot, normal, r, least))[0]
 
 
 @kernel(error_model="numpy")
@@ -213,9 +250,9 @@ def spread(spreader, foot, normal, force, radius=0.0):
     r = radius if radius > 0.0 else s.scalars[0]
     count, least = _weigh(s, foot, normal, r, 0.0)
     if count == 0:
-        count = _off_surface(s, foot, normal, r)
+        count = _off_surface(s, foot, normal, r, np.inf)
     elif least > _on_surface(s, r):
-        count, least = _weigh(s, foot, normal, r, least - _on_surface(s, r))
+        count = _off_surface(s, foot, normal, r, least)
     total = 0.0
     for at in range(count):
         total += weights[at]

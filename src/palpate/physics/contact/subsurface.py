@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from palpate.compiler.exact import arctan2
+from palpate.compiler.exact import arctan2, cos, sin
 from palpate.compiler.kernel import kernel
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.friction.bristle import turn
@@ -67,10 +67,10 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
     share = weight * q * kernel_values(kernel, q)
     round_ = 16 + math.ceil(12.0 / least)
     turn = 2.0 * math.pi * np.arange(round_) / round_
-    source = radius * np.stack([np.outer(q, np.cos(turn)), np.outer(q, np.sin(turn))], axis=-1).reshape(-1, 2)
+    source = radius * np.stack([np.outer(q, cos(turn)), np.outer(q, sin(turn))], axis=-1).reshape(-1, 2)
     share = np.repeat(share / (share.sum() * round_), round_)
     # the load is axisymmetric: the stress at (x, y) is that at (r, 0), rotated
-    away = np.hypot(points[:, 0], points[:, 1])
+    away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2)
     places, which = np.unique(np.round(np.stack([away, points[:, 2]], axis=1), 12), axis=0, return_inverse=True)
     there = np.empty((len(places), 3, 3, 3))
     for k, (r, z) in enumerate(places):
@@ -78,8 +78,8 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
         there[k] = np.einsum("s,sijk->ijk", share, point_stress(apart, poisson))
     angle = arctan2(points[:, 1], points[:, 0])
     turned = np.zeros((len(points), 3, 3))
-    turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angle)
-    turned[:, 1, 0], turned[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    turned[:, 0, 0] = turned[:, 1, 1] = cos(angle)
+    turned[:, 1, 0], turned[:, 0, 1] = sin(angle), -sin(angle)
     turned[:, 2, 2] = 1.0
     found = there[which.ravel()]
     for place in ("pia,pabc->pibc", "pjb,pabc->pajc", "pkc,pabc->pabk"):

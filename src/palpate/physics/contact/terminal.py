@@ -10,8 +10,7 @@ any law of the same kind has a bracketed root for every step length.
 import math
 from typing import NamedTuple
 
-import numpy as np
-
+from palpate.compiler.exponentials import cbrt
 from palpate.compiler.kernel import kernel
 
 LEAST_FORCE = 1e-3  # [N] Smallest force at which a body's law is fitted
@@ -59,7 +58,7 @@ def power_slope(x, n):
 def root_of(x, n):
     """x^(1/n) for x >= 0; avoids pow for the common exponents."""
     if n == 1.5:
-        y = np.cbrt(x)
+        y = cbrt(x)
         return y * y
     if n == 1.0:
         return x

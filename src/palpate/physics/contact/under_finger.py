@@ -29,7 +29,7 @@ def under_finger(plane: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def rounded(settings: dict[str, Any]) -> dict[str, Any]:
+def round_settings(settings: dict[str, Any]) -> dict[str, Any]:
     """The settings with six digits, tuples as lists."""
     return {name: [_six(v) for v in value] if isinstance(value, tuple) else _six(value)
             for name, value in settings.items()}  # fmt: skip

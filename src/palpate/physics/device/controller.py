@@ -36,7 +36,7 @@ import numpy as np
 
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import clear, put, vector
-from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
+from palpate.physics.device.passivity import absorbed_energy, clamp, dissipation, slew
 from palpate.physics.device.rendered import GAUGE, LEAP, SPAN, WALL, compensation, slope, soften, stiffest
 
 GAINS = {
@@ -60,7 +60,7 @@ STATE = {
     "clock": (), "last": (),  # [s] time; last step
     "newest": int,  # newest row of the rings
     "wall": WALL, "gauge": GAUGE,  # of the rendered force
-    "dragged": (3,), "brake": (3,),  # [m] point on a string, see `dragged`; [N] force of the damping
+    "dragged": (3,), "brake": (3,),  # [m] point on a string, see `drag_distance`; [N] force of the damping
 }  # fmt: skip
 """State of the controller."""
 
@@ -127,7 +127,7 @@ def observe(state, force, x, y, z, dt, resolution):
         return 0.0, 0.0, 0.0
     elapsed = state.still
     vx, vy, vz = dx / elapsed, dy / elapsed, dz / elapsed
-    state.energy = absorbed(state.energy, state.impulse[0], state.impulse[1], state.impulse[2], vx, vy, vz)
+    state.energy = absorbed_energy(state.energy, state.impulse[0], state.impulse[1], state.impulse[2], vx, vy, vz)
     put(state.impulse, (0.0, 0.0, 0.0))
     state.still = 0.0
     put(counted, (x, y, z))
@@ -136,7 +136,7 @@ def observe(state, force, x, y, z, dt, resolution):
 
 
 @kernel(error_model="numpy")
-def dragged(point, n, place, play):
+def drag_distance(point, n, place, play):
     """Distance [m] by which a finger at `place` [m] drags a point on a string of length `play` [m], in the plane with
     the normal n [1]. Steady sliding drags it by the whole motion; oscillations smaller than `play` do not move it.
 
@@ -162,7 +162,7 @@ def render(gains, state, past, before, force, n, approach, place, lag, dt):
     along = wx * n[0] + wy * n[1] + wz * n[2]
     sideways = 0.0
     if force > 0.0:
-        sideways = dragged(state.dragged, n, place, SPAN * gains.resolution)
+        sideways = drag_distance(state.dragged, n, place, SPAN * gains.resolution)
     else:  # in air n is not valid: it is that of the last contact, or of a sleeping one
         put(state.dragged, place)
     most = stiffest(gains.mass, gains.drag, gains.resolution, lag)

@@ -81,67 +81,70 @@ class FalconGeometry:
 FALCON = FalconGeometry()
 
 
-@kernel
-def leg(geometry, i, x, y, z):
-    """Inverse kinematics of leg i at a point [m] in closed form: (reachable, t1, t2, t3) [rad]; zeros if out of reach.
+@kernel(inline=True)
+def directions(geometry, i, x, y, z):
+    """(reachable, (cos, sin) of t1, of t2 and of t3) of leg i at a point [m]; zeros if out of reach.
 
-    t3 = acos(v/b)    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
-    t2 = atan2(w - a sin t1, X - a cos t1)
+    cos(t3) = v/b    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
+    L cos(t2) = X - a cos(t1)    L sin(t2) = w - a sin(t1)
     """
     a, b, c, length0, offset, r = geometry.a, geometry.b, geometry.c, geometry.length, geometry.offset, geometry.r
     cos_phi, sin_phi = geometry.cos_phi[i], geometry.sin_phi[i]
-    u = cos_phi * x + sin_phi * y - r
-    v = -sin_phi * x + cos_phi * y + offset
-    if not abs(v) <= b:
-        return False, 0.0, 0.0, 0.0
-    t3 = math.acos(v / b)
-    length = length0 + b * math.sin(t3)
-    across = u + c
+    none = (0.0, 0.0)
+    across = cos_phi * x + sin_phi * y - r + c
+    cos3 = (-sin_phi * x + cos_phi * y + offset) / b
+    if not abs(cos3) <= 1.0:
+        return False, none, none, none
+    sin3 = math.sqrt((1.0 - cos3) * (1.0 + cos3))
+    length = length0 + b * sin3
     rho2 = across * across + z * z
     if not 0.0 < rho2 < 1e6:
-        return False, 0.0, 0.0, 0.0
+        return False, none, none, none
     rho = math.sqrt(rho2)
     cosine = (rho2 + a * a - length * length) / (2.0 * a * rho)
     if not abs(cosine) <= 1.0:
-        return False, 0.0, 0.0, 0.0
-    t1 = math.atan2(z, across) - math.acos(cosine)
-    if t1 <= -math.pi:
-        t1 += 2.0 * math.pi
-    t2 = math.atan2(z - a * math.sin(t1), across - a * math.cos(t1))
-    return True, t1, t2, t3
+        return False, none, none, none
+    sine = math.sqrt((1.0 - cosine) * (1.0 + cosine))
+    cos1, sin1 = (across * cosine + z * sine) / rho, (z * cosine - across * sine) / rho
+    return True, (cos1, sin1), ((across - a * cos1) / length, (z - a * sin1) / length), (cos3, sin3)
 
 
 @kernel
-def link(geometry, i, t1, t2, t3):
-    """The unit vector (x, y, z) along the parallelogram of leg i, and its lever a sin(t2 - t1) sin(t3) [m].
+def leg(geometry, i, x, y, z):
+    """Inverse kinematics of leg i at a point [m]: (reachable, t1, t2, t3) [rad]; zeros if out of reach."""
+    ok, one, two, three = directions(geometry, i, x, y, z)
+    return ok, math.atan2(one[1], one[0]), math.atan2(two[1], two[0]), math.atan2(three[1], three[0])
+
+
+@kernel(inline=True)
+def link(geometry, i, x, y, z):
+    """(reachable, t1 [rad], the unit vector (x, y, z) along the parallelogram of leg i, its lever [m]) at a point [m].
 
     As a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw, row i of the Jacobian G of the
-    driven angles, dt1/dt = G dx/dt, is vector / lever; it has no bound where a leg is stretched or folded.
+    driven angles, dt1/dt = G dx/dt, is vector / lever, with the lever a sin(t2 - t1) sin(t3); it has no bound where a
+    leg is stretched or folded.
     """
+    ok, (cos1, sin1), (cos2, sin2), (cos3, sin3) = directions(geometry, i, x, y, z)
     cos_phi, sin_phi = geometry.cos_phi[i], geometry.sin_phi[i]
-    sin_t3 = math.sin(t3)
-    u, v, w = math.cos(t2) * sin_t3, math.cos(t3), math.sin(t2) * sin_t3
-    lever = geometry.a * math.sin(t2 - t1) * sin_t3
-    return cos_phi * u - sin_phi * v, sin_phi * u + cos_phi * v, w, lever
+    u, v, w = cos2 * sin3, cos3, sin2 * sin3
+    lever = geometry.a * (sin2 * cos1 - cos2 * sin1) * sin3
+    return ok, math.atan2(sin1, cos1), (cos_phi * u - sin_phi * v, sin_phi * u + cos_phi * v, w), lever
 
 
 @kernel
 def links(geometry, x, y, z):
     """The three legs at a point [m]: (reachable, angles t1 [rad], vectors [1] of legs 1, 2, 3, levers [m])."""
-    ok0, p0, q0, r0 = leg(geometry, 0, x, y, z)
-    ok1, p1, q1, r1 = leg(geometry, 1, x, y, z)
-    ok2, p2, q2, r2 = leg(geometry, 2, x, y, z)
-    n0x, n0y, n0z, l0 = link(geometry, 0, p0, q0, r0)
-    n1x, n1y, n1z, l1 = link(geometry, 1, p1, q1, r1)
-    n2x, n2y, n2z, l2 = link(geometry, 2, p2, q2, r2)
-    n0, n1, n2 = (n0x, n0y, n0z), (n1x, n1y, n1z), (n2x, n2y, n2z)
-    return ok0 and ok1 and ok2, (p0, p1, p2), n0, n1, n2, (l0, l1, l2)
+    ok0, t0, n0, l0 = link(geometry, 0, x, y, z)
+    ok1, t1, n1, l1 = link(geometry, 1, x, y, z)
+    ok2, t2, n2, l2 = link(geometry, 2, x, y, z)
+    return ok0 and ok1 and ok2, (t0, t1, t2), n0, n1, n2, (l0, l1, l2)
 
 
 @kernel
 def reachable(geometry, x, y, z):
     """Whether all three legs reach the point (x, y, z) [m]."""
-    return leg(geometry, 0, x, y, z)[0] and leg(geometry, 1, x, y, z)[0] and leg(geometry, 2, x, y, z)[0]
+    one, two = directions(geometry, 0, x, y, z)[0], directions(geometry, 1, x, y, z)[0]
+    return one and two and directions(geometry, 2, x, y, z)[0]
 
 
 @kernel

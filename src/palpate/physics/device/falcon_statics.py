@@ -48,12 +48,12 @@ def torque_kernel(geometry, fx, fy, fz, x, y, z):
     if abs(volume) >= FLAT:
         t0, t1, t2 = dot(c0, force) / volume, dot(c1, force) / volume, dot(c2, force) / volume
     else:
-        t0, t1, t2 = damped(n0, n1, n2, force, DAMPING * (1.0 - abs(volume) / FLAT))
+        t0, t1, t2 = solve_damped(n0, n1, n2, force, DAMPING * (1.0 - abs(volume) / FLAT))
     return (True, *saturate(levers[0] * t0, levers[1] * t1, levers[2] * t2, geometry.limit))
 
 
 @kernel
-def damped(n0, n1, n2, force, damping):
+def solve_damped(n0, n1, n2, force, damping):
     """Damped least squares for N^T t = force: (N N^T + damping^2) t = N force, by Cramer's rule."""
     diagonal = 1.0 + damping * damping
     g01, g02, g12 = dot(n0, n1), dot(n0, n2), dot(n1, n2)
@@ -80,7 +80,7 @@ def force_kernel(geometry, t0, t1, t2, x, y, z):
     ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
     if not ok:
         return False, 0.0, 0.0, 0.0
-    w0, w1, w2 = t0 * inverted(levers[0]), t1 * inverted(levers[1]), t2 * inverted(levers[2])
+    w0, w1, w2 = t0 * invert_lever(levers[0]), t1 * invert_lever(levers[1]), t2 * invert_lever(levers[2])
     return (
         True,
         w0 * n0[0] + w1 * n1[0] + w2 * n2[0],
@@ -90,6 +90,6 @@ def force_kernel(geometry, t0, t1, t2, x, y, z):
 
 
 @kernel
-def inverted(lever):
+def invert_lever(lever):
     """1/lever [1/m]; below SHORT lever/SHORT², which falls to zero."""
     return 1.0 / lever if abs(lever) >= SHORT else lever / (SHORT * SHORT)

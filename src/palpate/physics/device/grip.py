@@ -71,7 +71,7 @@ def times(p, q):
 
 
 @kernel
-def wanted(time, ends, points, shapes):
+def path_point(time, ends, points, shapes):
     """(segment, x, y, z) of the path at a time; the last point after its end.
 
     ends    [s]  (n)     end of each segment, increasing
@@ -114,10 +114,10 @@ def grip_kernel(geometry, grip, motion, ends, points, shapes, t0, t1, t2, dt):
             motion.length = h
         # substeps, with the motors' force at the start of each
         begin, position, velocity = motion.time, motion.position, motion.velocity
-        _, px, py, pz = wanted(begin, ends, points, shapes)
+        _, px, py, pz = path_point(begin, ends, points, shapes)
         for i in range(1, count + 1):
             now = begin + dt * i / count
-            segment, qx, qy, qz = wanted(now, ends, points, shapes)
+            segment, qx, qy, qz = path_point(now, ends, points, shapes)
             x, y, z = position[0], position[1], position[2]
             _, fx, fy, fz = force_kernel(geometry, t0, t1, t2, x, y, z)
             x, ux = advance(e, h, mass, drag, fx, x, velocity[0], px, qx, grip)
@@ -138,9 +138,9 @@ def angles(geometry, grip, motion):
     """The driven angles [rad] of a grip as its encoders count them; arguments as of `grip_kernel`."""
     x, y, z = vector(motion.position)
     return (
-        encoded(geometry, grip.resolution, leg(geometry, 0, x, y, z)[1]),
-        encoded(geometry, grip.resolution, leg(geometry, 1, x, y, z)[1]),
-        encoded(geometry, grip.resolution, leg(geometry, 2, x, y, z)[1]),
+        encode_angle(geometry, grip.resolution, leg(geometry, 0, x, y, z)[1]),
+        encode_angle(geometry, grip.resolution, leg(geometry, 1, x, y, z)[1]),
+        encode_angle(geometry, grip.resolution, leg(geometry, 2, x, y, z)[1]),
     )
 
 
@@ -155,7 +155,7 @@ def advance(e, h, mass, drag, force, x, v, p, q, grip):
 
 
 @kernel
-def encoded(geometry, resolution, angle):
+def encode_angle(geometry, resolution, angle):
     """The angle [rad] in whole encoder counts of `resolution` [rad] from the encoder's zero; unrounded for 0."""
     if resolution == 0.0:
         return angle

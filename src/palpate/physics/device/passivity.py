@@ -11,7 +11,7 @@ from palpate.compiler.kernel import kernel
 
 
 @kernel
-def absorbed(energy, fx, fy, fz, dx, dy, dz):
+def absorbed_energy(energy, fx, fy, fz, dx, dy, dz):
     """E - F . dx [J]: energy absorbed by the display after a displacement dx [m] under the force F [N] on the hand."""
     return energy - (fx * dx + fy * dy + fz * dz)
 

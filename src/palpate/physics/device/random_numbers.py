@@ -16,7 +16,7 @@ ROTATION, WORD, SPARE = np.uint64(58), np.uint64(63), np.uint64(11)
 UNIT = 1.0 / 9007199254740992.0  # 2^-53
 
 
-def seeded(seed: int) -> np.ndarray:
+def seed_state(seed: int) -> np.ndarray:
     """The state (4) of `np.random.Generator(np.random.PCG64(seed))`."""
     state = np.random.PCG64(seed).state["state"]
     return np.array([word for name in ("state", "inc") for word in divmod(state[name], 2**64)], np.uint64)
@@ -32,7 +32,7 @@ def high_product(a, b):
 
 @kernel
 def uniform(state):
-    """The next number [1] of `Generator.random`, in [0, 1); state as of `seeded`, changed in place."""
+    """The next number [1] of `Generator.random`, in [0, 1); state as of `seed_state`, changed in place."""
     high = high_product(state[1], LOW) + state[0] * LOW + state[1] * HIGH + state[2]
     low = state[1] * LOW + state[3]
     state[0], state[1] = high + np.uint64(low < state[3]), low

@@ -22,7 +22,7 @@ POINTS = 1024  # Frequencies of the first search for the passive bound; the best
 
 
 @kernel
-def held(mass, drag, period):
+def hold_step(mass, drag, period):
     """Coefficients (a, p, c, q) of the exact step T [s] of a mass m [kg] with drag b > 0 [N s/m] under a held force F,
 
         x+ = x + a v + c F     v+ = p v + q F
@@ -44,7 +44,7 @@ def poles(
     stiffness  [N/m]    K of the wall      damping  [N s/m]  B of the wall, on the mean of `order` differences
     mass, drag [kg], [N s/m] > 0 of the device;  period [s] T;  delay [1] whole samples
     """
-    a, p, c, q = held(mass, drag, period)
+    a, p, c, q = hold_step(mass, drag, period)
     back = delay + order  # past positions in the state, in addition to x and v
     loop = np.zeros((2 + back, 2 + back))
     answer = np.zeros(2 + back)  # present force as a function of x, v, x_-1, x_-2 ...

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
 from palpate.physics.device.controller import GAINS, STATE, haptic, rings
-from palpate.physics.device.stability import held
+from palpate.physics.device.stability import hold_step
 
 
 class WallDevice(NamedTuple):
@@ -36,7 +36,7 @@ def advance(x, v, force, mass, drag, coulomb, dt):
     is divided into eight; in each the friction reduces the momentum, at most to zero."""
     parts = 8 if coulomb > 0.0 else 1
     h = dt / parts
-    a, p, c, q = held(mass, drag, h)
+    a, p, c, q = hold_step(mass, drag, h)
     for _ in range(parts):
         if v == 0.0 and abs(force) <= coulomb:
             continue

@@ -7,16 +7,16 @@ import numpy as np
 from palpate.compiler.exact import exp
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Numbers, Points
-from palpate.physics.display.shape_display import bulge, deflection_under, press
+from palpate.physics.display.shape_display import bulge, deflection_under, press_pad
 
 
 @kernel
 def heights_from_force(distance, force, b, m, pad_curvature, compliance, tissue_curvature, out):
     """Fill `out` [m] (n) with u_f at each pin for a force; returns (rigid-body motion [m], contact radius [m]).
 
-    distance  [m]  (n)  of each pin from the centre of contact; other arguments as of `shape_display.press`
+    distance  [m]  (n)  of each pin from the centre of contact; other arguments as of `shape_display.press_pad`
     """
-    _, approach, radius, _, _, share, curvature = press(force, b, m, pad_curvature, compliance, tissue_curvature)
+    _, approach, radius, _, _, share, curvature = press_pad(force, b, m, pad_curvature, compliance, tissue_curvature)
     for i in range(distance.size):
         out[i] = share * curvature * bulge(distance[i], radius)
     return approach, radius
@@ -58,7 +58,7 @@ def local_plane(points: Points, places: Points, values: np.ndarray, width: float
     along = np.einsum("nq,nqi,nq->ni", weight, away, values - level[:, None])
     # pseudo-inverse of the symmetric matrices (a, b; b, c), whose eigenvalues are middle +- half
     a, b, c = spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
-    middle, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+    middle, half = 0.5 * (a + c), np.sqrt((0.5 * (a - c)) ** 2 + b * b)
     flat = middle - half <= 1e-10 * (middle + half)
     turned = np.stack([c * along[:, 0] - b * along[:, 1], a * along[:, 1] - b * along[:, 0]], axis=1)
     line = np.einsum("nij,nj->ni", spread, along)

@@ -122,7 +122,7 @@ def deflection_under(load: float, b: float, m: float) -> float:
 
 
 @kernel
-def press(force: float, b: float, m: float, pad_curvature: float, compliance: float, tissue_curvature: float):
+def press_pad(force: float, b: float, m: float, pad_curvature: float, compliance: float, tissue_curvature: float):
     """(x, delta, a, E_f*, E*, share, 1/R) of `PadContact` for one force [N]; zeros, with share = 1, without force."""
     curvature = pad_curvature + tissue_curvature
     if not force > 0.0:
@@ -162,7 +162,7 @@ def pad_contact(
     curved = np.isfinite(tissue_curvature) & (tissue_curvature > -1.0 / pad.radius)
     _refuse("radius", given[3], curved, "a radius > 0 m or < -R_f (inf: flat)")
     compliance = (1.0 - given[2] ** 2) / given[1]
-    contact = np.vectorize(press, otypes=7 * [float])
+    contact = np.vectorize(press_pad, otypes=7 * [float])
     with np.errstate(all="ignore"):  # compiled code also evaluates branches that are not taken
         state = contact(given[0], float(pad.b), float(pad.m), 1.0 / pad.radius, compliance, tissue_curvature)
     return PadContact._make([*state, state[2] <= VALID_RATIO * pad.radius])

@@ -93,7 +93,7 @@ def bundle(
     else:
         length = bends.sum(axis=1)
         mean = length / (bends / moduli[: bends.shape[1]]).sum(axis=1)
-        stiffness = 3 * mean * (math.pi * pitch**4 / 64) / (length * length * length)
+        stiffness = 3 * mean * (math.pi * (pitch * pitch) * (pitch * pitch) / 64) / (length * length * length)
     # the sheet on the skin ends
     points, length = index * pitch, lengths.sum(axis=1)
     softest = np.where(lengths > 0, moduli, np.inf).min(axis=1, keepdims=True)

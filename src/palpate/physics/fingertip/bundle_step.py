@@ -72,7 +72,7 @@ def bundle_step(beams, nodes, scratch, motion, tolerance, most):
     beams            a `beam_bundle.Bundle`;  nodes, scratch, motion  as above
     tolerance, most  as in `stick_slip`
     """
-    contacts, limited = _press(beams, nodes, scratch, motion)
+    contacts, limited = _press_beams(beams, nodes, scratch, motion)
     stiffness, touch, following = _next_law(beams, nodes, motion)
     slips, iterations, residual = _rub(beams, nodes, scratch, motion, tolerance, most)
     force = nodes.force
@@ -85,7 +85,7 @@ def bundle_step(beams, nodes, scratch, motion, tolerance, most):
 
 
 @kernel
-def _press(beams, nodes, scratch, motion):
+def _press_beams(beams, nodes, scratch, motion):
     """Shorten the beams to the depth; compute normal forces, friction limits and weights in the sheet. Returns the
     numbers of nodes in contact and of beams at their reach."""
     contacts = limited = 0

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import scipy  # loads its submodules when they are used
 
-from palpate.compiler.exact import product
+from palpate.compiler.exact import cos, power, product, sin
 from palpate.physics.archive import read_arrays
 from palpate.physics.arrays import Numbers
 from palpate.physics.errors import MISUSE, PalpateError
@@ -53,7 +53,7 @@ class FingertipSurfaces:
 
     def volume(self, name: str) -> float:
         """Volume inside a surface [m³]; the signed distance gives the fraction of each cell that is inside."""
-        h = float(np.prod(self.spacing) ** (1 / 3))
+        h = float(power(np.prod(self.spacing), 1.0 / 3.0))
         return float(np.clip(0.5 - getattr(self, name) / h, 0, 1).sum() * np.prod(self.spacing))
 
     def save(self, path: str | Path) -> None:
@@ -101,7 +101,7 @@ def plate_axes(angle: float) -> np.ndarray:
 
     angle  [rad]  inclination; 0: the finger is flat on the plate, pi/2: perpendicular to it
     """
-    c, s = math.cos(angle), math.sin(angle)
+    c, s = float(cos(angle)), float(sin(angle))
     return np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
 
 

@@ -124,25 +124,25 @@ def _rescale_bristles(kind: type[Any]) -> CompiledKernel:
     advance, stored = kind.advance, kind.stored
 
     @kernel(error_model="numpy")
-    def scaled(law, s, z, v, last, load, dt, path):
+    def step_scaled(law, s, z, v, last, load, dt, path):
         """The step from s z, and its dissipation D [J]."""
         after, force, stick = advance(law, (s * z[0], s * z[1], s * z[2]), v, load, dt, path)
         work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
         return after, force, stick, work + stored(law, z, last) - stored(law, after, load)
 
     @kernel(error_model="numpy")
-    def rescaled(law, z, v, last, spare, load, dt, path):
-        after, force, stick, here = scaled(law, 1.0, z, v, last, load, dt, path)
+    def rescale_bristles(law, z, v, last, spare, load, dt, path):
+        after, force, stick, here = step_scaled(law, 1.0, z, v, last, load, dt, path)
         if not (law.rescale and last > 0.0 and load != last):
             return after, force, stick, spare
         if load > last:
             if here + spare < 0.0:
                 one, least = here + spare, math.sqrt(last / load)
-                after, force, stick, here = scaled(law, least, z, v, last, load, dt, path)
+                after, force, stick, here = step_scaled(law, least, z, v, last, load, dt, path)
                 there = here + spare
                 if there > 0.0:
                     s = least + (1.0 - least) * there / (there - one)
-                    chord, pushed, stuck, dissipated = scaled(law, s, z, v, last, load, dt, path)
+                    chord, pushed, stuck, dissipated = step_scaled(law, s, z, v, last, load, dt, path)
                     if dissipated + spare >= 0.0:
                         after, force, stick, here = chord, pushed, stuck, dissipated
             spare = max(spare + min(here, 0.0), 0.0)
@@ -151,4 +151,4 @@ def _rescale_bristles(kind: type[Any]) -> CompiledKernel:
         # At most the stored energy: many falls must not add up to one large rise.
         return after, force, stick, min(spare, stored(law, after, load))
 
-    return rescaled
+    return rescale_bristles

@@ -37,7 +37,7 @@ def coulomb(law, z, v, load, dt, path):
 
 
 @kernel
-def energy(law, z, load):
+def spring_energy(law, z, load):
     """Energy k |z|²/2 [J] stored in the spring at the deflection z [m] (3)."""
     return 0.5 * law.stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 
@@ -58,4 +58,4 @@ class Coulomb(NamedTuple):
     stiffness: Annotated[float, "N/m", "> 0"] = 500.0
     damping: Annotated[float, "N s/m", ">= 0"] = 1.5
 
-    advance, stored, stick = coulomb, energy, stick  # type: ignore[misc]
+    advance, stored, stick = coulomb, spring_energy, stick  # type: ignore[misc]

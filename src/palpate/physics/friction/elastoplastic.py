@@ -11,7 +11,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.friction.lugre import active, energy, force, stick, stribeck
+from palpate.physics.friction.lugre import active, bristle_energy, force, stick, stribeck
 
 
 @kernel(error_model="numpy")
@@ -58,4 +58,4 @@ class ElastoPlastic(NamedTuple):
     elastic: Annotated[float, "1", ">= 0", "< 1"] = 0.9
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise generate energy
 
-    advance, stored, stick, caution = elastoplastic, energy, stick, active  # type: ignore[misc]
+    advance, stored, stick, caution = elastoplastic, bristle_energy, stick, active  # type: ignore[misc]

@@ -55,7 +55,7 @@ def lugre(law, z, v, load, dt, path):
 
 
 @kernel
-def energy(law, z, load):
+def bristle_energy(law, z, load):
     """Energy f_n sigma0 |z|²/2 [J] stored in the bristles at the deflection z [m] (3) and the load f_n [N]."""
     return 0.5 * load * law.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 
@@ -100,4 +100,4 @@ class LuGre(NamedTuple):
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise generate energy
     play: Annotated[float, "m", ">= 0"] = 0.0  # smaller motion does not relax the bristles; use half an encoder count
 
-    advance, stored, stick, caution = lugre, energy, stick, active  # type: ignore[misc]
+    advance, stored, stick, caution = lugre, bristle_energy, stick, active  # type: ignore[misc]

@@ -18,7 +18,7 @@ import numpy as np
 from palpate.compiler.kernel import kernel
 from palpate.physics.geometry.newton import flattest, inside_border, newton
 from palpate.physics.geometry.nurbs import NurbsPatch, evaluate, normal_of
-from palpate.physics.kept import kept
+from palpate.physics.kept import keep_results
 
 FAR = 1e9  # [m] Limit of coordinates, so that squares are finite
 SAMPLES = 2500
@@ -202,7 +202,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
     return count
 
 
-@kept
+@keep_results
 def samples(surface: NurbsPatch, count: int) -> tuple[np.ndarray, np.ndarray]:
     """About `count` samples of the surface with their neighbours, in clusters, as arrays for the kernels:
 

@@ -5,14 +5,14 @@ h has the relative error h²/(4 r²), which is 3 % for h = `GRADE` r at any dist
 
 Vertices are ranked by farthest-point sampling (T. F. Gonzalez, Theor. Comput. Sci. 38 (1985) 293-306): each is the
 farthest from all before it. A vertex at the distance h from these is sent up to h/`GRADE` beyond the region in which
-all vertices are sent. The receiver interpolates (`filled`).
+all vertices are sent. The receiver interpolates (`fill_field`).
 """
 
 import numpy as np
 import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import solve
-from palpate.physics.kept import kept
+from palpate.physics.kept import keep_results
 
 GRADE = 0.35  # [1] Spacing of the sent vertices over their distance from the region in which all are sent
 RANKED = 600  # Number of ranked vertices; the others are sent only near the contact
@@ -23,7 +23,7 @@ NEIGHBOURS = 12  # Number of sent vertices from which another one is interpolate
 STIFF = 1e-4  # [1] Regularization of the linear fit: the neighbours are nearly coplanar
 
 
-def ranked(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def rank_vertices(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The first `count` vertices by farthest-point sampling, and the distance [m] of each from all before it."""
     chosen = np.arange(0, len(points), -(-len(points) // SAMPLED))
     some = points[chosen]
@@ -37,21 +37,21 @@ def ranked(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return chosen[order], apart
 
 
-@kept
+@keep_results
 def ranges(points: np.ndarray, near: float) -> np.ndarray:
     """Distance [m] (N,) from the contact up to which each vertex is sent. points [m] (N,3); near [m]: distance within
     which all are sent"""
-    order, apart = ranked(points, RANKED)
+    order, apart = rank_vertices(points, RANKED)
     within = np.full(len(points), near)
     within[order] = near + apart / GRADE
     within[order[:EVERYWHERE]] = np.inf
     return within
 
 
-@kept
+@keep_results
 def landmarks(points: np.ndarray) -> np.ndarray:
     """Indices of `LANDMARKS` points that are far from each other, of points [m] (N,3)."""
-    return ranked(points, LANDMARKS)[0]
+    return rank_vertices(points, LANDMARKS)[0]
 
 
 def spread_over(points: np.ndarray, nodes: np.ndarray) -> bool:
@@ -60,7 +60,7 @@ def spread_over(points: np.ndarray, nodes: np.ndarray) -> bool:
     return len(nodes) < len(points) and bool(np.isin(landmarks(points), nodes).all())
 
 
-def filled(points: np.ndarray, nodes: np.ndarray, moved: np.ndarray) -> np.ndarray:
+def fill_field(points: np.ndarray, nodes: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """The field (N,c) at all points [m] (N,3), interpolated from `moved` (k,c) at `nodes` (k,).
 
     Linear moving least squares over the nearest nodes, with weights that are zero at the farthest one; exact for linear

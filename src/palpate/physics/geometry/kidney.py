@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.compiler.exact import exp, product
+from palpate.compiler.exact import cos, exp, product, sin
 from palpate.physics.geometry.mesh import write_ply
 from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import interpolate
@@ -60,9 +60,9 @@ def kidney(length: float = LENGTH, width: float = WIDTH, thickness: float = THIC
         raise ValueError(f"kidney: found {length} x {width} x {thickness} m, expected three positive lengths")
     phi = np.arange(AROUND) / AROUND * 2 * np.pi
     theta = np.linspace(0.0, np.pi, ALONG)
-    around = np.stack([np.zeros(AROUND), np.cos(phi), np.sin(phi)], axis=-1)
+    around = np.stack([np.zeros(AROUND), cos(phi), sin(phi)], axis=-1)
     axis = np.array([1.0, 0.0, 0.0])
-    direction = around[:, None] * np.sin(theta)[:, None] - axis * np.cos(theta)[:, None]
+    direction = around[:, None] * sin(theta)[:, None] - axis * cos(theta)[:, None]
     points = shape(direction)
     points[:, 0], points[:, -1] = shape(-axis), shape(axis)
     slopes = [_slope(pole, around) * np.pi * sign for pole, sign in ((-axis, 1.0), (axis, -1.0))]
@@ -71,7 +71,7 @@ def kidney(length: float = LENGTH, width: float = WIDTH, thickness: float = THIC
     box = fitted(grid[:, None], grid).reshape(-1, 3)  # its extent is exact within 1e-4 of the size
     low, high = box.min(axis=0), box.max(axis=0)
     scale = size / (high - low)
-    return fitted.moved(np.diag(scale), -scale * (low + high) / 2)
+    return fitted.move(np.diag(scale), -scale * (low + high) / 2)
 
 
 def _slope(pole: np.ndarray, around: np.ndarray) -> np.ndarray:
@@ -80,7 +80,7 @@ def _slope(pole: np.ndarray, around: np.ndarray) -> np.ndarray:
     h = 1e-4
 
     def ahead(tangent: np.ndarray, h: float) -> np.ndarray:
-        moved = (shape(pole * np.cos(s * h) + tangent * np.sin(s * h)) for s in (1.0, -1.0))
+        moved = (shape(pole * cos(s * h) + tangent * sin(s * h)) for s in (1.0, -1.0))
         return np.subtract(*moved) / (2 * h)
 
     basis = np.array([(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])

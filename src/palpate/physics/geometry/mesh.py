@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.compiler.exact import arctan2
+from palpate.compiler.exact import arctan2, cos, sin
 from palpate.physics.geometry.pieces import pieces
 
 
@@ -134,7 +134,7 @@ def summit(mesh: Mesh, radius: float) -> np.ndarray:
     surface is lower or higher by less than the radius. The highest vertex of all if it fits on none."""
     order = np.argsort(-mesh.vertices[:, 2], kind="stable")
     angle = np.arange(8) * np.pi / 4
-    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ring = radius * np.stack([cos(angle), sin(angle)], axis=1)
     left = np.ones(len(order), dtype=bool)
     for v in order:
         if not left[v]:

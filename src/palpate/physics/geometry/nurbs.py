@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.kept import kept
+from palpate.physics.kept import keep_results
 
 # Indices in the header of `layout`, which is followed by the first control point of each span.
 PU, PV, NU, NV, SPANS_U, SPANS_V, CLOSED_U, CLOSED_V, POLE_LOW, POLE_HIGH, AT_BV, AT_MU, AT_MV, AT_H, HEADER = range(15)
@@ -93,14 +93,14 @@ class NurbsPatch:
     def __call__(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         return self.derivatives(u, v)[..., 0, :]
 
-    def moved(self, rotation: np.ndarray, position: np.ndarray) -> NurbsPatch:
+    def move(self, rotation: np.ndarray, position: np.ndarray) -> NurbsPatch:
         """The patch rotated by the matrix (3,3), then shifted by `position` [m] (3)."""
         points = np.einsum("nmk,ik->nmi", self.points, rotation) + np.asarray(position)
         rest = (self.weights, self.knots_u, self.knots_v, self.degree_u, self.degree_v, self.closed_u, self.closed_v)
         return NurbsPatch(points, *rest)
 
 
-@kept
+@keep_results
 def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The basis functions as polynomials on each span: ends of the spans (s+1), index of the first basis function of
     each (s), and coefficients (s,p+1,p+1) of N_{first+k}(u) = sum_m c[span,k,m] t^m, t = (u - from)/(to - from).

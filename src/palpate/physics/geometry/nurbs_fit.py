@@ -5,7 +5,7 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, ch. 7 (circles, rev
 
 import numpy as np
 
-from palpate.compiler.exact import solve
+from palpate.compiler.exact import cos, sin, solve
 from palpate.physics.geometry.nurbs import NurbsPatch, basis_matrices
 
 
@@ -71,7 +71,7 @@ def _arc(quarters: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Exact unit arc of quarter circles from angle 0: points (2q+1,2), weights, knots of degree 2."""
     angle = np.arange(2 * quarters + 1) * np.pi / 4
     weights = np.where(np.arange(len(angle)) % 2, np.sqrt(0.5), 1.0)
-    points = np.stack([np.cos(angle), np.sin(angle)], axis=-1) / weights[:, None]
+    points = np.stack([cos(angle), sin(angle)], axis=-1) / weights[:, None]
     inner = np.repeat(np.arange(1, quarters), 2)
     knots = np.concatenate([np.zeros(3), inner, np.full(3, quarters)]) / quarters
     return np.round(points, 15), weights, knots

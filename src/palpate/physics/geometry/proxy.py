@@ -22,14 +22,17 @@ of dp along the surface, no faster than `FASTEST`. The normal turns by at most |
 cover the same share of the distance to the target, along the chord. A foot that trails its target follows its motion,
 and catches up no faster than `FASTEST`: twice the speed of a fast tool is that of a patch at 83 % of the radius of a
 ball, but in a groove nothing moves that fast. It covers at most the larger share of (its largest motion)/`LANDING` and
-dt/`ARRIVES` of the distance, so that it does not stop abruptly. The gap is that of the target, but within
+dt/`ARRIVES` of the distance, so that it does not stop abruptly, and a foot that starts to trail reaches these speeds
+within `LANDING` or `ARRIVES`, because the tissue resists a patch at once. The gap is that of the target, but within
 
     g + n.dp - REGAIN |dp|  <=  gap  <=  g + |dp|,
 
 g and n being the last gap and normal (`BENT` in place of `REGAIN` if the foot does not trail). So the force F(e) n
 changes by at most (F' + F/(SUDDEN e)) |dp|, F' = dF/de; the approach is at most that of the target, except on the way
-out of a thin body; and it grows without work of the hand by at most `REGAIN` or `BENT` times |dp|. A foot that the
-nearest point does not outrun is the nearest point exactly.
+out of a thin body; and it grows without work of the hand by at most `REGAIN` or `BENT` times |dp|. The rate of the gap
+is continuous, too, because a viscous body responds to it: while the foot trails a target that leapt, the gap changes by
+n.dp, as for a foot at rest, and then as that of the target; and it covers the larger share of |dp|/`LANDING` and
+dt/`ARRIVES` of the difference to it. A foot that the nearest point does not outrun is the nearest point exactly.
 """
 
 import numpy as np
@@ -52,7 +55,8 @@ EASY, FASTEST = 2.0, 0.1
 `FASTEST`: viscous tissue resists a patch that moves over it, twofold at the radius of the patch over its retardation
 time, 0.4 m/s."""
 LANDING, ARRIVES = 1e-3, 5e-3
-"""[m], [s] Largest motion of the foot, or time, in which a foot that trails its target covers 63 % of the distance."""
+"""[m], [s] Largest motion of the foot (of the gap: of the tool), or time, in which one that trails its target covers
+63 % of the distance."""
 SUDDEN, SHARPEST = 1.0 / 6.0, 1e-3
 """[1], [m] The normal turns by at most the tool's motion over `SUDDEN` times the approach, and over `SHARPEST`."""
 REGAIN, BENT = 0.2, 0.5
@@ -62,16 +66,19 @@ BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from wh
 ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
 STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
 FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
-STARTED, INSIDE, GAP, TOOL, FOOT, NORMAL, PLACE, OPEN, THICKNESS, BEHIND, PASSED = 0, 1, 2, 3, 6, 9, 12, 15, 16, 17, 18
+STARTED, INSIDE, GAP, TOOL, FOOT, NORMAL, PLACE = 0, 1, 2, 3, 6, 9, 12
+OPEN, THICKNESS, BEHIND, PASSED, OFF, PACE = 15, 16, 17, 18, 19, 20
 """Entries of the memory: whether a last step exists, whether the tool is inside, last gap [m]; tool [m], foot [m],
 normal [1] (3 each); parameters, or triangle and weights of the target (3); whether the surface has a border; tissue
-before the tool [m]; distance of the foot from its target [m]; whether the nearest point is on another side."""
+before the tool [m]; distance of the foot from its target [m]; whether the nearest point is on another side; gap of the
+target minus gap [m]; share of its greatest speed that a foot has reached
+since its target leapt, or -1: it trails for another reason."""
 
 
 def memory(points: np.ndarray, border: bool = False, thickness: float = 0.0) -> np.ndarray:
     """Memory of a tool before its first step, for a surface through points [m] (...,3), with or without a border, and a
     tool with soft tissue of this thickness [m]."""
-    state = np.zeros(19)
+    state = np.zeros(21)
     state[OPEN], state[THICKNESS] = float(border), thickness
     return state
 
@@ -160,9 +167,10 @@ def _approach(moved, held, dt, foot, memory):
 
     moved [m] of the tool;  held [m] the gap if the foot does not move;  dt [s]
     """
-    deep = memory[THICKNESS] - memory[GAP]
-    gap = min(max(foot[8], memory[GAP] - moved), memory[GAP] + moved)
-    behind, memory[BEHIND] = memory[BEHIND], 0.0
+    deep, behind, off, target, least = memory[THICKNESS] - memory[GAP], memory[BEHIND], memory[OFF], foot[8], -np.inf
+    start, memory[BEHIND], pace, memory[PACE] = target, 0.0, memory[PACE], 0.0
+    if off != 0.0:  # the motion of the target
+        start = memory[GAP] + min(max(target - (memory[GAP] + off), -moved), moved)
     if deep > 0.0:
         turn = move = 0.0
         for k in range(3):
@@ -170,18 +178,25 @@ def _approach(moved, held, dt, foot, memory):
             move += (foot[k] - memory[FOOT + k]) ** 2
         turn, move = np.sqrt(turn), np.sqrt(move)
         aside = np.sqrt(max(moved * moved - (held - memory[GAP]) ** 2, 0.0))
-        most = min(AHEAD * moved, max(EASY * aside, FASTEST * dt)) + STILL
-        if behind > 0.0:
-            most = min(most, max(move - behind, 0.0) + FASTEST * dt + STILL)
+        most, motion = min(AHEAD * moved, max(EASY * aside, FASTEST * dt)) + STILL, max(move - behind, 0.0)
+        ramp = max(moved / LANDING, dt / ARRIVES)
+        if motion > AHEAD * moved + STILL:  # the target leaps: the foot starts again to this part of the distance
+            pace = min(abs(pace) * behind / move + ramp, 1.0)
+            most *= pace
+        elif behind > 0.0:
+            pace = min(pace + ramp, 1.0) if pace > 0.0 else pace
+            most = min(most, motion + abs(pace) * FASTEST * dt + STILL)
+        else:
+            pace = -1.0
         most_turned = (moved + STILL) / max(SUDDEN * deep, SHARPEST)
         share = min(most / move if move > most else 1.0, most_turned / turn if turn > most_turned else 1.0)
         if behind > 0.0:  # the motion of the target, and a part of the distance
             part = min(max(most / LANDING, dt / ARRIVES), 1.0)
-            share = min(share, (max(move - behind, 0.0) + behind * part) / max(move, STILL))
-        gap = max(gap, held - (REGAIN if share < 1.0 else BENT) * moved)
-        if share < 1.0 and move > ROUNDING:
-            memory[BEHIND] = (1.0 - share) * move
-            size = 0.0
+            share = min(share, (motion + behind * part) / max(move, STILL))
+        least = held - (REGAIN if share < 1.0 else BENT) * moved
+        if (1.0 - share) * move > ROUNDING:
+            memory[BEHIND], memory[PACE] = (1.0 - share) * move, pace
+            start, size = held if pace > 0.0 else start, 0.0
             for k in range(3):
                 foot[k] = memory[FOOT + k] + share * (foot[k] - memory[FOOT + k])
                 foot[3 + k] = memory[NORMAL + k] + share * (foot[3 + k] - memory[NORMAL + k])
@@ -189,6 +204,10 @@ def _approach(moved, held, dt, foot, memory):
             size = np.sqrt(size)
             for k in range(3):
                 foot[3 + k] /= size
+    # the gap: from `start`, a part of the difference to the target
+    gap = start + min(max(moved / LANDING, dt / ARRIVES), 1.0) * (target - start) if start != target else target
+    gap = max(min(max(gap, memory[GAP] - moved), memory[GAP] + moved), least)
+    memory[OFF] = target - gap if abs(target - gap) > ROUNDING else 0.0
     foot[8] = gap
 
 
@@ -207,7 +226,10 @@ def _end(p, moved, inside, exists, dt, foot, memory):
         if exists:
             _approach(moved, held, dt, foot, memory)
         else:
+            memory[OFF] = 0.0
             _stay(memory, held, foot)
+    else:
+        memory[OFF] = 0.0
     memory[STARTED], memory[GAP] = 1.0, foot[8]
     for k in range(3):
         memory[TOOL + k], memory[FOOT + k], memory[NORMAL + k] = p[k], foot[k], foot[3 + k]

@@ -24,11 +24,11 @@ ROUNDS = 12  # largest number of halvings
 SHORTEST, THIN = 0.2, 0.1  # [1] length of an edge that is contracted, over the wanted one and the triangles' longest
 
 
-def refined(mesh: Mesh, longest: float, most: int) -> Mesh:
+def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     """The mesh with edges of at most `longest` [m], or longer if it would have more than about `most` vertices; the
     same object if no edge is longer, and no thin triangle has a shorter side than `SHORTEST` of it."""
-    mesh = contracted(mesh, SHORTEST * longest)
-    longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * 3.0**0.5 * most))))
+    mesh = contract_edges(mesh, SHORTEST * longest)
+    longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * np.sqrt(3.0) * most))))
     points, triangles, normals = mesh.vertices, mesh.triangles.astype(np.int64), mesh.normals
     sharp = _creases(points, triangles)
     for _ in range(ROUNDS):
@@ -55,7 +55,7 @@ def refined(mesh: Mesh, longest: float, most: int) -> Mesh:
     return Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
 
 
-def contracted(mesh: Mesh, shortest: float) -> Mesh:
+def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
     """The mesh with both ends of each edge at one of them that is below `shortest` [m] and, in its triangles, below
     `THIN` of the longest side; the same object if no edge is, or if edges of more than two triangles would
     result. Chains of them that are longer remain, as on a cylinder of long strips."""

@@ -22,7 +22,7 @@ CROWDED = 3.0  # [1] Vertices over area/h² above which a mesh is decimated
 LEAST = 1000  # Approximate lower limit of the number of remaining vertices
 
 
-def thinned(mesh: Mesh, spacing: float) -> Mesh:
+def thin_mesh(mesh: Mesh, spacing: float) -> Mesh:
     """The mesh with vertices at least `spacing` [m] apart, less if fewer than `LEAST` would remain; unchanged if no
     region has more than `CROWDED` times the vertices that this requires."""
     spacing = min(spacing, float(np.sqrt(mesh.areas.sum() / LEAST)))

@@ -15,7 +15,7 @@ LAW = types.UniTuple(types.float64, 4)(MATRIX, types.float64, VECTOR, MATRIX, MA
 
 
 @lru_cache(maxsize=128)
-def compiled(function: Callable[..., Any], signature: Any) -> types.CompileResultWAP:
+def compile_law(function: Callable[..., Any], signature: Any) -> types.CompileResultWAP:
     """The function compiled for a signature such as `LAW`, in the form that a kernel accepts. TypeError: neither a
     kernel nor a `numba.njit` function, or it does not match the signature."""
     if not hasattr(function, "compile"):

@@ -19,7 +19,7 @@ EXAMPLE = (1e4, 0.4, 2.0)
 
 
 @kernel(pointer=True)
-def energy(F, J, p, P, A):
+def strain_energy(F, J, p, P, A):
     mu, kappa, b = p[0], p[1], p[2]
     _, i1, _ = shape_invariants(F)
     w1 = 0.5 * mu * math.exp(min(b * i1, 600.0))  # bounds a trial step of a solver, which then rejects it
@@ -34,4 +34,4 @@ def demiray(young: float, poisson: float, b: float) -> Material:
         raise MaterialError(f"Demiray, b {b}: expected a positive number; 0 is `neo_hooke`")
     constants = moduli(young, poisson)
     rubberlike("Demiray", young)
-    return Material(energy, (*constants, float(b)), mixed=wants_mixed(*constants))
+    return Material(strain_energy, (*constants, float(b)), mixed=wants_mixed(*constants))

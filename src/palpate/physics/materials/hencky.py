@@ -76,7 +76,7 @@ def log_stretch(F, C, N, E):
 
 @kernel
 def _stress_alone(F, J, p, P, A):
-    """`energy` without the tangent; A is scratch. As ln U commutes with C, P = F 2 mu dev(ln U) C^-1 equals
+    """`strain_energy` without the tangent; A is scratch. As ln U commutes with C, P = F 2 mu dev(ln U) C^-1 equals
     2 mu F^-T dev(ln U)."""
     shear, bulk = p[0], p[1]
     E = A[6:9, 0:3]
@@ -96,7 +96,7 @@ def _stress_alone(F, J, p, P, A):
 
 
 @kernel(pointer=True)
-def energy(F, J, p, P, A):
+def strain_energy(F, J, p, P, A):
     if np.isnan(A[0, 0]):
         return _stress_alone(F, J, p, P, A)
     shear, bulk = p[0], p[1]
@@ -112,4 +112,4 @@ def hencky(young: float, poisson: float) -> Material:
     """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5) at small strain. MaterialError:
     see `moduli`."""
     constants = moduli(young, poisson)
-    return Material(energy, constants, mixed=wants_mixed(*constants))
+    return Material(strain_energy, constants, mixed=wants_mixed(*constants))

@@ -6,13 +6,14 @@ A law splits its energy into an isochoric and a volumetric part,
 
 so that the mixed element can use one mean volume ratio per element. A file `x.py` of this folder is a law if it has
 
-    energy      the compiled law, below        x(...)   a function that gives a `Material` from its constants
-    EXAMPLE     constants that x takes, for tests and tables
+    strain_energy   the compiled law, below
+    x(...)          a function that gives a `Material` from its constants
+    EXAMPLE         constants that x takes, for tests and tables
 
 and the equation in its docstring. Laws are found, not registered: finite elements (`palpate.models.fe.x`), sampled
 bodies, checks, `palpate list laws` and the consistency tests use every file. Compiled with `kernel(pointer=True)`,
 
-    energy(F, J, p, P, A) -> (W, U, U', U'')
+    strain_energy(F, J, p, P, A) -> (W, U, U', U'')
 
 F  [1]  (3,3)  deformation gradient        P [Pa] (3,3)  output dW/dF, first Piola-Kirchhoff
 J  [1]  ()     volume ratio                A [Pa] (9,9)  output d2W/dF2, row 3i + j for F[i, j]. NaN at A[0, 0]: no
@@ -34,7 +35,7 @@ import numpy as np
 from palpate.compiler.kernel import kernel
 from palpate.physics import materials
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.materials.compiled import LAW, compiled
+from palpate.physics.materials.compiled import LAW, compile_law
 from palpate.registry import modules
 
 Law = Callable[..., tuple[float, float, float, float]]
@@ -71,7 +72,7 @@ class Material:
         """Name of its law, as the argument of `law`: the file, or the full name of a function elsewhere."""
         module, function = (getattr(self.law, key, "") for key in ("__module__", "__qualname__"))
         folder, _, file = module.rpartition(".")
-        return file if folder == materials.__name__ and function == "energy" else f"{module}.{function}"
+        return file if folder == materials.__name__ and function == "strain_energy" else f"{module}.{function}"
 
 
 def moduli(young: float, poisson: float) -> tuple[float, float]:
@@ -113,7 +114,7 @@ def uniaxial(material: Material, stretch: np.ndarray) -> np.ndarray:
     """Nominal stress [Pa] (n,) of an incompressible body of this law under uniaxial stretch [1] (n,), sides free:
     P = dW/dF11 - dW/dF22 l2/l1 with l2 = l1^(-1/2). U does not contribute."""
     stress = np.empty(len(stretch))
-    _uniaxial(compiled(material.law, LAW), np.array(material.parameters), np.asarray(stretch, float), stress)
+    _uniaxial(compile_law(material.law, LAW), np.array(material.parameters), np.asarray(stretch, float), stress)
     return stress
 
 
@@ -121,7 +122,7 @@ def rest_moduli(material: Material) -> tuple[float, float]:
     """Shear and bulk modulus [Pa] of the undeformed material, from the tangent of its law. MaterialError: one is
     not positive."""
     P, A = np.zeros((3, 3)), np.zeros((9, 9))
-    law: Any = compiled(material.law, LAW)
+    law: Any = compile_law(material.law, LAW)
     _, _, _, bulk = law(np.eye(3), 1.0, np.array(material.parameters), P, A)
     shear = A[1, 1]
     if not (np.isfinite(shear) and np.isfinite(bulk) and shear > 0 and bulk > 0):
@@ -154,7 +155,7 @@ def rubberlike(law: str, young: float) -> None:
 def laws() -> dict[str, ModuleType]:
     """The files of this folder that define a law, by name."""
     every = modules(materials).items()
-    return {name: module for name, module in every if hasattr(module, "energy") and hasattr(module, name)}
+    return {name: module for name, module in every if hasattr(module, "strain_energy") and hasattr(module, name)}
 
 
 def constructor(name: str) -> Callable[..., Material]:
@@ -178,7 +179,7 @@ def law(name: str) -> Law:
         raise MaterialError(f"law {name!r} lies outside palpate, and no file imports code: import {module} first")
     try:
         library: Any = importlib.import_module(module or f"{materials.__name__}.{name}")
-        return cast(Law, getattr(library, function if module else "energy"))
+        return cast(Law, getattr(library, function if module else "strain_energy"))
     except (ImportError, AttributeError):
         raise MaterialError(
             f"no material law {name!r}: expected {', '.join(laws())}, or the full name of a compiled function"
@@ -190,7 +191,7 @@ _placed: dict[int, str] = {}
 
 def place_of(law: Law, name: str) -> int:
     """Address of a law's code in this process, for kernels with several laws (`compiled.law_at`)."""
-    place = compiled(law, LAW).__wrapper_address__()
+    place = compile_law(law, LAW).__wrapper_address__()
     _placed[place] = name
     return place
 

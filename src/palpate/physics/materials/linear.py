@@ -10,7 +10,7 @@ EXAMPLE = (1e4, 0.3)
 
 
 @kernel(pointer=True)
-def energy(F, J, p, P, A):
+def strain_energy(F, J, p, P, A):
     shear, bulk = p[0], p[1]
     third = (F[0, 0] + F[1, 1] + F[2, 2] - 3.0) / 3.0
     A[:] = 0.0
@@ -32,4 +32,4 @@ def energy(F, J, p, P, A):
 def linear(young: float, poisson: float) -> Material:
     """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5). MaterialError: see `moduli`."""
     constants = moduli(young, poisson)
-    return Material(energy, constants, mixed=wants_mixed(*constants), small=True)
+    return Material(strain_energy, constants, mixed=wants_mixed(*constants), small=True)

@@ -15,7 +15,7 @@ EXAMPLE = (2430.0, 5420.0, 239000.0, 262000.0, 74700.0, 13.3e-6)
 
 
 @kernel(pointer=True)
-def energy(F, J, p, P, A):
+def strain_energy(F, J, p, P, A):
     c10, c01, c20, c11, c02, d1 = p[0], p[1], p[2], p[3], p[4], p[5]
     _, x, y = shape_invariants(F)
     shape_stress(
@@ -33,4 +33,4 @@ def mooney_rivlin(c10: float, c01: float, c20: float, c11: float, c02: float, d1
     if not all(np.isfinite(constants)) or shear <= 0 or d1 <= 0:
         raise MaterialError(f"Mooney-Rivlin constants {constants}: expected c10 + c01 > 0 [Pa] and d1 > 0 [1/Pa]")
     rubberlike("Mooney-Rivlin", 9.0 * shear / (3.0 + 0.5 * shear * d1))
-    return Material(energy, constants, mixed=wants_mixed(shear, 2.0 / constants[5]))
+    return Material(strain_energy, constants, mixed=wants_mixed(shear, 2.0 / constants[5]))

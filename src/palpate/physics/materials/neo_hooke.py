@@ -11,7 +11,7 @@ EXAMPLE = (1e4, 0.3)
 
 
 @kernel(pointer=True)
-def energy(F, J, p, P, A):
+def strain_energy(F, J, p, P, A):
     _, i1, _ = shape_invariants(F)
     shape_stress(F, 0.5 * p[0], 0.0, 0.0, 0.0, 0.0, P, A)
     return 0.5 * p[0] * i1, 0.5 * p[1] * (J - 1.0) ** 2, p[1] * (J - 1.0), p[1]
@@ -22,4 +22,4 @@ def neo_hooke(young: float, poisson: float) -> Material:
     see `moduli`; a modulus above that of any rubber."""
     constants = moduli(young, poisson)
     rubberlike("neo-Hooke", young)
-    return Material(energy, constants, mixed=wants_mixed(*constants))
+    return Material(strain_energy, constants, mixed=wants_mixed(*constants))

@@ -51,5 +51,5 @@ def stiffness_map(
     lateral = np.maximum(np.einsum("vi,vi->v", to_centre, to_centre) - along**2, 0.0)
     half = np.sqrt(np.maximum(radius**2 - lateral, 0.0))
     top, bottom = np.maximum(along - half, 0.0), np.maximum(along + half, 0.0)
-    share = 1.0 / np.hypot(1.0, top / reach) - 1.0 / np.hypot(1.0, bottom / reach)
+    share = 1.0 / np.sqrt(1.0 + (top / reach) ** 2) - 1.0 / np.sqrt(1.0 + (bottom / reach) ** 2)
     return 1.0 / (1.0 - np.where(half > 0, share, 0.0) * (1.0 - 1.0 / ratio))

@@ -19,7 +19,7 @@ EXAMPLE = (0.4, 8e3, 4.7, 2e3, -3.0)
 
 
 @kernel(pointer=True)
-def energy(F, J, p, P, A):
+def strain_energy(F, J, p, P, A):
     c, N = principal_squares(F)
     e = 0.5 * np.log(c)
     e -= np.sum(e) / 3.0
@@ -45,4 +45,4 @@ def ogden(poisson: float, *terms: float) -> Material:
     if not len(terms) or len(terms) % 2 or not np.isfinite(terms).all() or (alpha == 0.0).any():
         raise MaterialError(f"Ogden terms {terms}: expected pairs of mu [Pa] and alpha, alpha not 0")
     shear, bulk = of_rest("Ogden", float(mu.sum()), poisson)
-    return Material(energy, (bulk, *map(float, terms)), mixed=wants_mixed(shear, bulk))
+    return Material(strain_energy, (bulk, *map(float, terms)), mixed=wants_mixed(shear, bulk))

@@ -33,7 +33,7 @@ def _relaxed_kernel(shares, times, time, elastic):
     return out
 
 
-def relaxed(
+def relax_response(
     shares: Sequence[float] | np.ndarray, times: Sequence[float] | np.ndarray, time: np.ndarray, elastic: np.ndarray
 ) -> np.ndarray:
     """The relaxed response (n,) to an elastic response (n,) at increasing times [s] (n,), which is piecewise linear and

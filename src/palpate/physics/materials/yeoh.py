@@ -17,7 +17,7 @@ EXAMPLE = (0.4, 5e3, 1.2e3, 150.0)
 
 
 @kernel(pointer=True)
-def energy(F, J, p, P, A):
+def strain_energy(F, J, p, P, A):
     kappa, c1, c2, c3 = p[0], p[1], p[2], p[3]
     _, x, _ = shape_invariants(F)
     shape_stress(F, c1 + x * (2.0 * c2 + 3.0 * c3 * x), 0.0, 2.0 * c2 + 6.0 * c3 * x, 0.0, 0.0, P, A)
@@ -30,4 +30,4 @@ def yeoh(poisson: float, c1: float, c2: float = 0.0, c3: float = 0.0) -> Materia
     if not np.isfinite([c1, c2, c3]).all():
         raise MaterialError(f"Yeoh constants {(c1, c2, c3)}: expected finite numbers [Pa]")
     shear, bulk = of_rest("Yeoh", 2.0 * c1, poisson)
-    return Material(energy, (bulk, float(c1), float(c2), float(c3)), mixed=wants_mixed(shear, bulk))
+    return Material(strain_energy, (bulk, float(c1), float(c2), float(c3)), mixed=wants_mixed(shear, bulk))

@@ -68,7 +68,7 @@ def innovation(a, work):
 
 
 @kernel(error_model="numpy")
-def filtered(a, gain, past, newest, random):
+def filter_sample(a, gain, past, newest, random):
     """The next sample, and its index in the ring buffer `past` (n); random: state of `random_numbers`. Normal noise:
     G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29 (1958) 610-611."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(random)))

@@ -46,7 +46,7 @@ def random_surface(points: np.ndarray, rms: float, seed: int) -> tuple[np.ndarra
                          f"most {most:.3g} times")  # fmt: skip
     power = density(points, np.arange(count // 2 + 1) / (count * spacing))
     phase = 2.0 * np.pi * np.random.Generator(np.random.PCG64(seed)).random(len(power))
-    lines = np.sqrt(power / np.sum(power)) * (np.cos(phase) + 1j * np.sin(phase))
+    lines = np.sqrt(power / np.sum(power)) * (exact.cos(phase) + 1j * exact.sin(phase))
     # reproducible: pocketfft uses no vector instructions for a single row
     return np.fft.irfft(lines, count) * (count * rms / np.sqrt(2.0)), spacing
 
@@ -54,7 +54,7 @@ def random_surface(points: np.ndarray, rms: float, seed: int) -> tuple[np.ndarra
 def grating(wavelength: float, rms: float) -> tuple[np.ndarray, float]:
     """One period of a sinusoidal grating of this wavelength [m] and rms [1], and its spacing [m]."""
     count = 4 * POINTS
-    return rms * np.sqrt(2.0) * np.sin(2.0 * np.pi * np.arange(count) / count), wavelength / count
+    return rms * np.sqrt(2.0) * exact.sin(2.0 * np.pi * np.arange(count) / count), wavelength / count
 
 
 def has_heights(path: Path) -> bool:

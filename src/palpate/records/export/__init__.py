@@ -45,7 +45,7 @@ def export(
     if to not in FORMATS:
         raise RecordingError(f"--to: found {to!r}, expected one of {', '.join(FORMATS)}")
     for name in streams:
-        recording.known(name)
+        recording.find_stream(name)
     module, ending = FORMATS[to]
     write = getattr(import_module(f"{__name__}.{module}"), f"write_{to}")
     target = out or recording.path.with_name(recording.path.stem + ending)
@@ -61,7 +61,7 @@ def export(
 
 def source(recording: Recording, kind: type[Message], streams: Sequence[str], remedy: str) -> str:
     """The first of these streams that has messages of this type. RecordingError: none has; `remedy` follows."""
-    found = [name for name in streams or recording.streams if recording.known(name).type is kind]
+    found = [name for name in streams or recording.streams if recording.find_stream(name).type is kind]
     if not found:
         raise RecordingError(f"{recording.path}: no stream of {kind.__name__}; {remedy}")
     return found[0]

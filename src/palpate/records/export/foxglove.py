@@ -37,7 +37,7 @@ def write_foxglove(recording: Recording, target: Path, streams: tuple[str, ...],
             seen[name] += 1
             if (seen[name] - 1) % (every or 1):
                 continue
-            body = as_plain(recording.decoded(name, tick, payload, kinds[name]), rows=False)
+            body = as_plain(recording.decode(name, tick, payload, kinds[name]), rows=False)
             writer.add_message(channels[name], time, msgspec.json.encode(body), time, tick)
         writer.finish()
     return [target]

@@ -13,12 +13,12 @@ from palpate.messages import Spikes
 from palpate.physics.afferents.population import Population
 from palpate.physics.afferents.published import RATE, TYPES
 from palpate.physics.archive import replacing
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 from palpate.physics.readable import MOST_TEXT, check_readable
 from palpate.records.export import source
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
-from palpate.records.stored import RecordingError, damaged
+from palpate.records.stored import RecordingError, report_damage
 
 COLUMNS = {
     "afferent_type": "type of the afferent: SA1, RA1 or PC",
@@ -66,14 +66,14 @@ def write_nwb(
 
     RecordingError: pynwb is missing, no stream of spikes, an unknown sender, or an unknown field of the subject.
     """
-    with required("NWB", "feel", RecordingError):
+    with require_extra("NWB", "feel", RecordingError):
         from pynwb import NWBHDF5IO, NWBFile
         from pynwb.file import Subject
     if unknown := sorted(set(subject) - set(SUBJECT)):
         raise RecordingError(f"--subject: found {', '.join(unknown)}, expected {', '.join(SUBJECT)}")
     stream = source(recording, Spikes, streams, "`palpate run nodule --scene afferents` records one")
     made, unit, moment, span = _units(recording, stream)
-    with damaged(recording.path, "the date or the versions"):
+    with report_damage(recording.path, "the date or the versions"):
         file = NWBFile(
             session_description=f"Simulated tactile afferents, stream {stream!r} of {recording.path.name}",
             identifier=f"{recording.path.stem}/{stream}",
@@ -104,7 +104,7 @@ def _units(recording: Recording, stream: str) -> tuple[Population, np.ndarray, n
     sender = recording.streams[stream].producer
     try:
         node: Any = plan_of(recording).make(sender)
-        made = node.made()
+        made = node.make_population()
     except (AttributeError, ValueError) as error:
         raise RecordingError(
             f"{recording.path}: the receptors of node {sender!r} are not known here: {error}"

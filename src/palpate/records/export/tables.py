@@ -11,7 +11,7 @@ from typing import Any
 from palpate.messages import Field, Message, fields
 from palpate.messages.fields import Shape
 from palpate.physics.archive import replacing
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
@@ -117,7 +117,7 @@ def _fill_rows(values: Any, width: int) -> list[Any]:
 def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None) -> list[Path]:
     """Write a file per stream with the columns of the CSV, and arrays as nested lists, `displacement [m]`. Units, type
     and provenance are also in the metadata. Rows are written in groups, so that a stream need not fit into memory."""
-    with required("Parquet", "export", RecordingError):
+    with require_extra("Parquet", "export", RecordingError):
         import pyarrow as pa
         import pyarrow.parquet as pq
     folder.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO
 
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.physics.writable import opened_alone, unlocked
+from palpate.physics.writable import opened_alone, unlock_file
 from palpate.records.format.head import PROFILE
 from palpate.records.format.mcap_writer import MAGIC
 
@@ -24,7 +24,7 @@ def is_recording(file: Path) -> bool:
 
 
 @contextlib.contextmanager
-def claimed(file: Path, force: bool = False) -> Iterator[bool]:
+def claim_file(file: Path, force: bool = False) -> Iterator[bool]:
     """Keep the file of a recording for this process, under an exclusive lock of the file itself. Yields whether the
     file is new; a new file that stays empty is removed.
 
@@ -50,7 +50,7 @@ def claimed(file: Path, force: bool = False) -> Iterator[bool]:
             with contextlib.suppress(OSError):
                 if not file.stat().st_size:
                     file.unlink()
-        unlocked(opened)
+        unlock_file(opened)
         opened.close()
 
 

@@ -50,7 +50,7 @@ def lacking(path: Path) -> str:
     """The missing part of a recording, in one line: its end, or lost messages; empty if it is complete."""
     try:
         with path.open("rb") as file:
-            metadata = [record for record in McapRecords(file).indexed() if isinstance(record, Metadata)]
+            metadata = [record for record in McapRecords(file).read_index() if isinstance(record, Metadata)]
     except (OSError, Broken) as error:
         return f"recording {path} is not complete: {error}"
     counts = next((record.metadata for record in metadata if record.name == "palpate.counts"), {})
@@ -120,7 +120,7 @@ class McapRecords:
             yield at, kind
             at += _RECORD.size + length
 
-    def indexed(self) -> list[Schema | Channel | Metadata]:
+    def read_index(self) -> list[Schema | Channel | Metadata]:
         """Schemas, channels and metadata of a complete file, from the summary at its end. Broken: the file is truncated
         or damaged anywhere."""
         self._check_record(len(MAGIC), _parse(len(MAGIC), Header, self._record(len(MAGIC))[1]))
@@ -216,7 +216,7 @@ class McapRecords:
         return record
 
 
-def opened(path: str | Path) -> Iterator[Header | Schema | Channel | Metadata | bytes]:
+def read_records(path: str | Path) -> Iterator[Header | Schema | Channel | Metadata | bytes]:
     """The records of a file, see `McapRecords`. OSError, Broken."""
     check_readable(path)
     with open(path, "rb") as file:
@@ -233,7 +233,7 @@ def messages(chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
             yield channel, tick, time, content[_HEAD.size :]
 
 
-def declared(chunk: bytes) -> Iterator[Schema | Channel]:
+def read_declarations(chunk: bytes) -> Iterator[Schema | Channel]:
     for at, kind, content in _inside(chunk):
         if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
             if len(content) > MOST_HEAD:

@@ -117,7 +117,7 @@ TOUCHES: dict[str, BenchCase] = {
 }  # fmt: skip
 
 
-def chosen(names: list[str] | None) -> list[BenchCase]:
+def choose_cases(names: list[str] | None) -> list[BenchCase]:
     """The test cases of these names, by default all. ArgumentError: an unknown name."""
     for name in names or ():
         if name not in TOUCHES:

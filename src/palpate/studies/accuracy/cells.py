@@ -17,7 +17,7 @@ from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.reference import reference_solution
-from palpate.studies.accuracy.score import CHARGED_STEP, charged, score
+from palpate.studies.accuracy.score import CHARGED_STEP, missing_score, score
 from palpate.studies.accuracy.sites import SHIPPED, cache
 
 
@@ -105,9 +105,9 @@ def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) 
         cell.p50, cell.p99 = (float(np.percentile(outcome.steps, p)) for p in (50, 99))
         cell.steps, cell.memory, cell.offline = len(outcome.steps), outcome.memory, outcome.offline
     except UnsupportedError as error:
-        cell.status, cell.why, cell.errors = "refused", str(error), charged()
+        cell.status, cell.why, cell.errors = "refused", str(error), missing_score()
     except Exception as error:  # a custom class may raise anything; the benchmark continues
-        cell.status, cell.why, cell.errors = "failed", f"{type(error).__name__}: {error}", charged()
+        cell.status, cell.why, cell.errors = "failed", f"{type(error).__name__}: {error}", missing_score()
     return cell
 
 

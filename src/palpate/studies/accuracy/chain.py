@@ -29,7 +29,7 @@ from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.kidney import along
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, MethodOutcome
-from palpate.studies.accuracy.reference import SLIDING, worked
+from palpate.studies.accuracy.reference import SLIDING, compute_work
 
 M = TypeVar("M", bound=Message)
 Sent = tuple[Any, Any, Any, Any]
@@ -77,7 +77,7 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
         values["indentation"] = depth = np.array([c.indentation for c, *_ in first])
         if touch.finger == "ball":
             values["indentation"] = depth = depth + np.array([c.compression for c, *_ in first])
-        values["energy"] = worked(force, depth)
+        values["energy"] = compute_work(force, depth)
     if touch.friction:
         values["friction"] = np.array([float(np.linalg.norm(f.force)) if f else 0.0 for _, f, *_ in first])
     # Area, traction and shape of the surface, if the body computes it; on the kidney they are not compared.
@@ -96,7 +96,7 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
     return MethodOutcome(times, values, shapes, np.concatenate(seconds), held_bytes(chain.nodes), offline)
 
 
-def sent(touch: BenchCase, body: type[Node], rate: float, settings: dict[str, Any]) -> list[Sent]:
+def sent_messages(touch: BenchCase, body: type[Node], rate: float, settings: dict[str, Any]) -> list[Sent]:
     """The messages of each tick of a test case with this class of body and its settings, steps at `rate` [Hz]."""
     times = np.arange(round(touch.duration * rate) + 1) / rate
     fidelity = Fidelity("", rate, {"body": settings})
@@ -221,7 +221,7 @@ class _Chain:
         needs = [(port, -1 if port.dead or port.inside else port.need(tick)) for port in slot.inputs]
         return [port.of(need) if need >= 0 else None for port, need in needs]
 
-    def sent(self, slot: Slot, tick: int) -> None:
+    def take_outputs(self, slot: Slot, tick: int) -> None:
         """The messages stay in the outputs of the slots."""
 
 

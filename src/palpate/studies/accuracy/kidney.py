@@ -15,14 +15,14 @@ import numpy as np
 
 from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
-from palpate.models.fe.element.jacobian import inverted
+from palpate.models.fe.element.jacobian import find_inverted
 from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
 from palpate.models.fe.solve.solver import Solver
 from palpate.models.fe.sparse.tangent import Pattern
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers import continuum, felupe
-from palpate.studies.peers.continuum import BED, CUTS, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, pressed
+from palpate.studies.peers.continuum import BED, CUTS, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, press_mesh
 
 LEVELS = np.array([0.1, 0.3, 0.6, 1.0])  # [N] Forces at which a curve is known
 DOWN = -0.5  # [1] As of `fe.meshing.organ`
@@ -116,11 +116,11 @@ def cut(block: Kidney) -> tuple[SiteFrame, list[np.ndarray]]:
         line[:, axis] = t
         arc = _arc_length(line)
         arc -= np.interp((middle, 0.0, 1.0)[axis], t, arc)
-        axes.append(np.interp(continuum.graded(arc[0], low, high, arc[-1], size), arc, t))
+        axes.append(np.interp(continuum.grade_axis(arc[0], low, high, arc[-1], size), arc, t))
     return frame, axes
 
 
-def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+def press_kidney(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the kidney with `fe.Solver`.
 
     Where two sides of the cube meet, the surface of the kidney is smooth, so curved tetrahedra would be inverted there;
@@ -132,7 +132,7 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     elements, edges = edge_nodes(len(corner_points), bricks(corner_points, cells))
     cube = np.concatenate([corner_points, corner_points[edges].mean(axis=1)])
     placed = frame.points(cube)
-    while len(wrong := inverted(placed, elements, FOLDED)):
+    while len(wrong := find_inverted(placed, elements, FOLDED)):
         bent = np.unique(elements[wrong, 4:])
         straight = placed[edges[bent - len(corner_points)]].mean(axis=1)
         if np.array_equal(placed[bent], straight):
@@ -148,7 +148,7 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     bed = _PartBed(mesh.faces[share.any(axis=1)], BED * YOUNG, share[share.any(axis=1)])
     tissue = {0: neo_hooke(YOUNG, POISSON)}
     body = Solver(mesh, tissue, fixed, loads=lambda f: f * unit, contacts=[bed], settings=STEPS)
-    return pressed(lambda force: continuum.reached(body, force), levels, unit, NO_TOP)
+    return press_mesh(lambda force: continuum.solve_displacement(body, force), levels, unit, NO_TOP)
 
 
 class _PartBed(ElasticFoundation):
@@ -170,7 +170,7 @@ def pressure(points: np.ndarray) -> np.ndarray:
     return (1.0 - q) ** 2
 
 
-def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+def press_kidney_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the kidney with FElupe. MissingError: it is not installed."""
     fem = felupe.library()
     frame, axes = cut(block)
@@ -180,8 +180,8 @@ def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     sides = felupe.sides(cube, axes)
     unit = felupe.on_bricks(p, sides[-1], pressure, 2 * CUTS)
     springs = BED * YOUNG * felupe.springs(p, np.concatenate(sides), frame.down)
-    field = felupe.displaced(fem, mesh)
+    field = felupe.displacement_field(fem, mesh)
     items = [felupe.neo_hooke(fem, field, YOUNG, POISSON), felupe.Outer(field, unit, springs)]
     under = (cube[:, 2] > 1.0 - 1e-9) & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9))
     held = {"stuck": fem.Boundary(field[0], mask=under, skip=(0, 0, 1))}
-    return pressed(lambda force: felupe.balanced(fem, field, items, held, force), levels, unit, NO_TOP)
+    return press_mesh(lambda force: felupe.solve_equilibrium(fem, field, items, held, force), levels, unit, NO_TOP)

@@ -71,7 +71,7 @@ def standard() -> list[Method]:
     ]  # fmt: skip
 
 
-def chosen(only: Sequence[str] | None, bodies: Mapping[str, type[Node]]) -> list[Method]:
+def choose_methods(only: Sequence[str] | None, bodies: Mapping[str, type[Node]]) -> list[Method]:
     """The standard methods, or those named in `only`, and these custom bodies.
 
     ArgumentError: an unknown method, or a class that is not a deformable body.

@@ -27,7 +27,7 @@ from palpate.compiler.kernel import kernel
 from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
 from palpate.studies.accuracy.cases import BenchCase
-from palpate.studies.accuracy.sites import SITES, ReferenceSite, on_path, stored
+from palpate.studies.accuracy.sites import SITES, ReferenceSite, load_reference, on_path
 from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 RATE = 32000  # [Hz]
@@ -101,7 +101,7 @@ def reference_solution(touch: BenchCase) -> ReferenceSolution:
         values = {"force": force}
         return ReferenceSolution(times, values, {"force": EXACT * force}, force, touch, None)
     # Slab and kidney: extrapolate the time step, and add up the uncertainties of curve, path interpolation and step.
-    places, at = [stored(name) for name in on_path(touch.place)], path_of(touch)
+    places, at = [load_reference(name) for name in on_path(touch.place)], path_of(touch)
     levels = places[0].force
     depth, band = (np.array([getattr(p, name) for p in places]) for name in ("indentation", "band"))
     fine, coarse = (in_time(touch, levels, depth, every, at) for every in (1, 2))
@@ -111,8 +111,8 @@ def reference_solution(touch: BenchCase) -> ReferenceSolution:
     refined = [np.maximum(one, 0.0) for one in refined]
     steps = [np.abs(a - np.interp(times, times[::2], b)) for a, b in zip(fine, coarse, strict=True)]
     spread = [np.abs(a - b) + np.abs(c - b) + d for a, b, c, d in zip(off, fine, bent, steps, strict=True)]
-    values = derived(touch, slip, *refined[:2])
-    above = derived(touch, slip, *(a + d for a, d in zip(refined[:2], spread[:2], strict=True)))
+    values = derive_quantities(touch, slip, *refined[:2])
+    above = derive_quantities(touch, slip, *(a + d for a, d in zip(refined[:2], spread[:2], strict=True)))
     bands = {name: np.abs(above[name] - value) for name, value in values.items()}
     return ReferenceSolution(times, values, bands, refined[2], touch, places[0] if touch.body == "slab" else None)
 
@@ -122,10 +122,12 @@ def path_of(touch: BenchCase) -> np.ndarray:
     return np.array([SITES[name].place for name in on_path(touch.place)])
 
 
-def derived(touch: BenchCase, slip: np.ndarray, force: np.ndarray, depth: np.ndarray) -> dict[str, np.ndarray]:
+def derive_quantities(
+    touch: BenchCase, slip: np.ndarray, force: np.ndarray, depth: np.ndarray
+) -> dict[str, np.ndarray]:
     """Compared quantities from force [N] and indentation [m] (T,); area and traction on the flat slab only."""
     patch = math.pi * RADIUS**2
-    values = {"force": force, "indentation": depth, "energy": worked(force, depth)}
+    values = {"force": force, "indentation": depth, "energy": compute_work(force, depth)}
     if touch.body == "slab":
         values |= {"area": np.where(force > 0.0, patch, 0.0), "traction": 3.0 * force / patch}
     if touch.friction:
@@ -133,7 +135,7 @@ def derived(touch: BenchCase, slip: np.ndarray, force: np.ndarray, depth: np.nda
     return values
 
 
-def worked(force: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def compute_work(force: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Work [J] (T,) done on a body by forces [N] along its indentation [m]."""
     return np.append(0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(depth)))
 
@@ -266,7 +268,7 @@ class SurfaceShape:
 
 @lru_cache(maxsize=16)
 def _surface_shape(name: str) -> SurfaceShape:
-    site = stored(name)
+    site = load_reference(name)
     return SurfaceShape(site.force, site.x, site.y, site.shape)
 
 

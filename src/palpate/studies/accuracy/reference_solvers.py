@@ -17,8 +17,8 @@ from palpate.studies.peers import calculix, felupe, mujoco
 
 TICKS = 1000.0  # [Hz] Sample rate of the results
 PEERS: dict[str, ModuleType] = {"FElupe": felupe, "CalculiX": calculix, "MuJoCo": mujoco}
-"""Solvers by others. To add one: `press(block, levels)`, `version()` and `INSTALL` as in `peers.felupe`, its name here
-and, in lower case, in `CELLS` and `sites.SOLVERS`."""
+"""Solvers by others. To add one: `press_block(block, levels)`, `version()` and `INSTALL` as in `peers.felupe`, its name
+here and, in lower case, in `CELLS` and `sites.SOLVERS`."""
 CELLS = {"fe": (1, 2, 3, 4), "felupe": (1, 2), "calculix": (1, 2, 3), "mujoco": (1, 2, 3, 4),
          "mujoco, its own material": (1, 2)}  # fmt: skip
 """Cells across the radius of the patch, by the name in `sites.SOLVERS`."""
@@ -58,13 +58,13 @@ def _refuses(solver: str, touch: BenchCase) -> str:
 
 def _press_case(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
     solver, cells = str(fidelity.settings["fe"]["solver"]), int(str(fidelity.settings["fe"]["cells"]))
-    curves = [sites.computed(replace(SITES[name], cells=cells), solver) for name in on_path(touch.place)]
+    curves = [sites.compute_curve(replace(SITES[name], cells=cells), solver) for name in on_path(touch.place)]
     curve, at = curves[0], reference.path_of(touch)
     fine = np.arange(round(touch.duration * reference.RATE) + 1) / reference.RATE
     _, _, place, slip = touch.at(fine)
     force, depth, elastic = reference.in_time(touch, curve.force, np.array([c.indentation for c in curves]), at=at)
     every = round(reference.RATE / TICKS)
-    values = {name: v[::every] for name, v in reference.derived(touch, slip, force, depth).items()}
+    values = {name: v[::every] for name, v in reference.derive_quantities(touch, slip, force, depth).items()}
     shapes = []
     if touch.body == "slab":
         depth_at = reference.SurfaceShape(curve.force, curve.x, curve.y, curve.shape)

@@ -41,6 +41,6 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def charged() -> Score:
+def missing_score() -> Score:
     """Errors of a method without a result."""
     return {name: {"rms": CHARGED, "worst": CHARGED, "band": 0.0} for name in QUANTITIES}

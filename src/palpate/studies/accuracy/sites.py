@@ -27,14 +27,17 @@ SITES: dict[str, TissueBlock | Kidney] = {
 """[m] `slip` is the middle, with a surface free to slide under the patch; `edge` is 10 mm from the border of the block;
 `nodule-NN` is NN mm from a nodule; `kidney+NN` is NN mm from the middle of the top towards the upper pole."""
 SOLVERS: dict[str, Callable[[TissueBlock, np.ndarray], ContinuumCurve]] = {
-    "fe": continuum.press,
-    "felupe": felupe.press,
-    "calculix": calculix.press,
-    "mujoco": mujoco.press,
-    "mujoco, its own material": partial(mujoco.press, material="Saint Venant-Kirchhoff"),
+    "fe": continuum.press_block,
+    "felupe": felupe.press_block,
+    "calculix": calculix.press_block,
+    "mujoco": mujoco.press_block,
+    "mujoco, its own material": partial(mujoco.press_block, material="Saint Venant-Kirchhoff"),
 }
 """The first two compute the references; the others are compared with them."""
-ON_KIDNEY: dict[str, Callable[[Kidney], ContinuumCurve]] = {"fe": kidney.press, "felupe": kidney.press_felupe}
+ON_KIDNEY: dict[str, Callable[[Kidney], ContinuumCurve]] = {
+    "fe": kidney.press_kidney,
+    "felupe": kidney.press_kidney_felupe,
+}
 PATHS = {"kidney": ("kidney-12", "kidney+00", "kidney+12")}
 """Sites along a path on which the static curve changes."""
 
@@ -74,7 +77,7 @@ class ReferenceSite:
 
 
 @lru_cache(maxsize=32)
-def stored(name: str) -> ReferenceSite:
+def load_reference(name: str) -> ReferenceSite:
     """The reference of this name. MissingError: it is not stored. ArgumentError: its file is damaged."""
     path = SHIPPED / f"{name}.npz"
     if not path.is_file():
@@ -91,7 +94,7 @@ def stored(name: str) -> ReferenceSite:
 
 
 @lru_cache(maxsize=64)
-def computed(block: TissueBlock | Kidney, solver: str) -> ContinuumCurve:
+def compute_curve(block: TissueBlock | Kidney, solver: str) -> ContinuumCurve:
     """The curve of a site by a solver."""
     if isinstance(block, Kidney):
         return ON_KIDNEY[solver](block)

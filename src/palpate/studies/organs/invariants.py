@@ -35,12 +35,13 @@ side     while the nearest point of the surface has moved continuously since the
          within 0.35 rad of the direction from it, and the approach within 0.3 mm + 5 %. At an edge the interpolated
          normal differs from this direction; the normal is within 0.35 rad of the arc between both, and the approach
          may be smaller, so that the hand gains no energy (`geometry.proxy`), until the finger has moved by five times
-         the difference. Over an edge the nearest point's direction
-         turns by more than w/R, the most that `still` allows the normal: it may be behind by the difference, until the
-         finger has moved by R for each radian of it. A finger that enters along the bisector of an edge is equally near
-         to two faces, 90 degrees apart: the foot stays on its face until another is nearer by the hysteresis h
-         (`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both directions,
-         the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its face.
+         the difference. Over an edge the nearest point's direction turns by more than w/R, the most that `still` allows
+         the normal: it may be behind by the difference delta, which decreases by the smaller of 1/R and delta/LANDING
+         per motion of the finger, since the foot arrives without stopping abruptly (`geometry.proxy`). A finger that
+         enters along the bisector of an edge is equally near to two faces, 90 degrees apart: the foot stays on its face
+         until another is nearer by the hysteresis h (`nodes.collision`). So a foot that is farther by at most h also
+         counts: with theta between both directions, the nearest point of the finger moved by h/(1 - cos theta) towards
+         the foot is on its face.
 finite   no lane stops, and every value is finite.
 """
 
@@ -51,7 +52,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.physics.geometry.proxy import EASY, FASTEST, REGAIN
+from palpate.physics.geometry.proxy import EASY, FASTEST, LANDING, REGAIN
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
 from palpate.studies.organs.trace import (
@@ -62,7 +63,7 @@ from palpate.studies.organs.trace import (
     extent,
     greatest,
     length,
-    traced,
+    trace_batch,
 )
 
 WINDOW = 1e-3  # [s] W
@@ -192,7 +193,7 @@ def still(trace: Trace) -> Score:
     return worst(trace, np.where(pressed, turn, 0.0), bounds)
 
 
-def energy(trace: Trace) -> Score:
+def energy_gain(trace: Trace) -> Score:
     p, f = trace["finger.position"], trace["controller.force"]
     if trace["contact.force"][-1] > 0.0 or not trace["contact.force"].max() > 0.0:
         return Score(0.0, 0.0, 0.0, 0.0)
@@ -226,6 +227,12 @@ def _on_other_face(trace: Trace, tick: int, away: np.ndarray, gap: float) -> flo
     return _between((place - there[0]) / left[0], trace["contact.normal"][tick])
 
 
+def _behind(angle: float, moved: float) -> float:
+    """Angle [rad] by which the normal may be behind after this motion [m] of the finger."""
+    first = min(max(angle - LANDING / LEAST_CURVATURE, 0.0) * LEAST_CURVATURE, moved)
+    return (angle - first / LEAST_CURVATURE) * float(np.exp((first - moved) / LANDING))
+
+
 def side(trace: Trace) -> Score:
     every, p = trace.ticks(EVERY), trace["finger.position"]
     ticks = np.arange(0, len(p), every)
@@ -241,7 +248,7 @@ def side(trace: Trace) -> Score:
             continue
         if i > 0:
             turn = max(_between(each[i - 1], each[i]) for each in ((normal, away) if abs(gap[i]) > ON else (normal,)))
-            behind = max(behind + turn - float(length(step[i - 1])) / LEAST_CURVATURE, 0.0)
+            behind = _behind(behind + turn, float(length(step[i - 1])))
             lost = max(lost - REGAIN * float(length(step[i - 1])), 0.0)
         inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
@@ -273,13 +280,13 @@ def side(trace: Trace) -> Score:
 
 INVARIANTS: dict[str, Callable[[Trace], Score]] = {
     "force": force, "hand": hand, "contact": contact, "lateral": lateral, "rubbing": rubbing, "still": still,
-    "energy": energy, "side": side,
+    "energy": energy_gain, "side": side,
 }  # fmt: skip
 UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad", "energy": "J",
          "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak"}  # fmt: skip
 
 
-def judged(trace: Trace | None) -> dict[str, Score]:
+def score_touch(trace: Trace | None) -> dict[str, Score]:
     """The score of each invariant in a touch."""
     if trace is None:
         return {"finite": Score(np.inf, 0.0, 1.0, 0.0)}
@@ -288,4 +295,4 @@ def judged(trace: Trace | None) -> dict[str, Score]:
 
 def scores(traces: Traces) -> list[dict[str, Score]]:
     """The score of each invariant, for each touch of a batch of one finger."""
-    return [judged(trace) for trace in traced([traces])[0]]
+    return [score_touch(trace) for trace in trace_batch([traces])[0]]

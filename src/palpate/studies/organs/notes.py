@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.launch.load.placement import fused
+from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
@@ -56,7 +56,7 @@ def _thickness(foot: np.ndarray, normal: np.ndarray, closest: Callable[..., tupl
     return float(deep[int(np.argmax(outside))]) if outside.any() else DEEP
 
 
-def noted(touch: Touch, folder: Path) -> list[str]:
+def collect_notes(touch: Touch, folder: Path) -> list[str]:
     """The notes that a single run of the touch prints while it runs, and of those of its start the one on its patch:
     a patch wider than the body is known before the run.
 
@@ -71,7 +71,7 @@ def noted(touch: Touch, folder: Path) -> list[str]:
     graph = launch(touch.setting, folder, touch.duration, touch.hand_sets()).load()
     set_recording(graph, None)
     planned = plan(graph)
-    (job,) = jobs(planned, fused(planned), ticks=round(touch.duration * touch.setting.rate))
+    (job,) = jobs(planned, fuse_nodes(planned), ticks=round(touch.duration * touch.setting.rate))
     worker = Worker(job, None, report)
     try:
         worker.start()

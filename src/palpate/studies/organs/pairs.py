@@ -22,7 +22,7 @@ from palpate.physics.errors import PalpateError
 from palpate.studies.organs.invariants import Score
 from palpate.studies.organs.runs import run
 from palpate.studies.organs.search import WITH_BASIS, Found
-from palpate.studies.organs.touches import Finger, Setting, Touch, drawn, reachable
+from palpate.studies.organs.touches import Finger, Setting, Touch, draw_touch, reachable
 from palpate.studies.organs.zoo import COARSE, FINE, USUAL, Specimen
 
 TURNED = 1e-3  # [1] of the peak
@@ -30,7 +30,7 @@ REFINED = {(COARSE, USUAL): 0.05, (USUAL, FINE): 0.01}  # [1] of the peak
 LIGHT = 0.2  # [N] peak below which a touch is not compared
 
 
-def turned(touch: Touch, turn: Rotation) -> Touch:
+def turn_touch(touch: Touch, turn: Rotation) -> Touch:
     """The touch with organ and hand turned about the middle of the organ."""
     setting = touch.setting
     x, y, z = (turn * Rotation.from_rotvec(setting.rotation)).as_rotvec().tolist()
@@ -39,16 +39,16 @@ def turned(touch: Touch, turn: Rotation) -> Touch:
 
 
 def _turn_finger(finger: Finger, turn: Rotation) -> Finger:
-    def moved(point: Sequence[float]) -> tuple[float, float, float]:
+    def turn_point(point: Sequence[float]) -> tuple[float, float, float]:
         x, y, z = turn.apply(point)
         return (float(x), float(y), float(z))
 
     path: list[dict[str, Any]] = []
     for segment in finger.path:
-        path.append(segment | {"to": list(moved(segment["to"]))} if "to" in segment else segment)
-    points = np.array([moved(finger.begin), *(s["to"] for s in path if "to" in s)])
+        path.append(segment | {"to": list(turn_point(segment["to"]))} if "to" in segment else segment)
+    points = np.array([turn_point(finger.begin), *(s["to"] for s in path if "to" in s)])
     x, y, z = 0.5 * (points.min(axis=0) + points.max(axis=0)) - HOME
-    return Finger(moved(finger.begin), (float(x), float(y), float(z)), tuple(path))
+    return Finger(turn_point(finger.begin), (float(x), float(y), float(z)), tuple(path))
 
 
 def forces(touches: Sequence[Touch], folder: Path) -> list[np.ndarray]:
@@ -63,8 +63,8 @@ def rotation_scores(setting: Setting, count: int, seed: int, folder: Path) -> li
     turn = Rotation.random(random_state=seed)
     exact, pairs = replace(setting, exact=True), list[tuple[Touch, Touch]]()
     while len(pairs) < count:
-        touch = drawn(exact, rng)
-        other = turned(touch, turn)
+        touch = draw_touch(exact, rng)
+        other = turn_touch(touch, turn)
         if all(map(reachable, other.fingers)):
             pairs.append((touch, other))
     one, two = (forces([pair[k] for pair in pairs], folder) for k in (0, 1))
@@ -77,7 +77,7 @@ def refinement_scores(
     """Scores of `count` touches on a coarser and a finer mesh."""
     rng = np.random.default_rng(seed)
     coarse, fine = (replace(setting, exact=True, count=n) for n in meshes)
-    touches = [drawn(coarse, rng) for _ in range(count)]
+    touches = [draw_touch(coarse, rng) for _ in range(count)]
     finer = [replace(touch, setting=fine) for touch in touches]
     one, two = forces(touches, folder), forces(finer, folder)
     return [
@@ -93,7 +93,7 @@ def _difference(value: float, reference: np.ndarray, bound: float) -> Score:
     return Score(float(value) / peak / bound, 0.0, float(value) / peak, bound)
 
 
-def compared(
+def compare_pairs(
     specimens: Sequence[Specimen], bodies: Sequence[str], count: int, seed: int, folder: Path, fine: bool = False
 ) -> Iterator[Found]:
     """The worst of `count` turned touches, and of `count` touches on a finer mesh, of each smooth surface with each

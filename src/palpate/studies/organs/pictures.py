@@ -18,7 +18,7 @@ AROUND = 0.03  # [s] before and after the worst tick
 NEAR = 22e-3  # [m] half of the width of a section
 
 
-def drawn(listed: Sequence[Found], meshes: Path, out: Path) -> dict[str, Path]:
+def draw_touches(listed: Sequence[Found], meshes: Path, out: Path) -> dict[str, Path]:
     """A picture of each touch, as files by name; none where matplotlib is missing. OSError: it cannot be written."""
     try:
         from palpate.views.pictures.style import figure
@@ -28,13 +28,13 @@ def drawn(listed: Sequence[Found], meshes: Path, out: Path) -> dict[str, Path]:
     for number, found in enumerate(listed):
         name = f"worst-{number + 1}"
         picture = figure(11.0, 4.6, line(found))
-        _draw(picture, found, meshes)
+        _draw_one(picture, found, meshes)
         files[name] = out / f"{name}.png"
         picture.savefig(files[name], dpi=110)
     return files
 
 
-def _draw(picture: Any, found: Found, meshes: Path) -> None:
+def _draw_one(picture: Any, found: Found, meshes: Path) -> None:
     every = run([found.touch], meshes)
     traces = max(every, key=lambda one: float(np.nan_to_num(one["contact.force"]).max()))
     values = {name: column[0, : traces.ticks[0]] for name, column in traces.values.items()}

@@ -31,7 +31,7 @@ import numpy as np
 
 from palpate.launch.load.classes import find_class
 from palpate.messages import Contact, Friction, Load
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base.contacts import press_body
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
 from palpate.physics.bodies.spring_range import LAG
@@ -76,7 +76,7 @@ class AtRest:
     def indentation(self, foot: np.ndarray, normal: np.ndarray, force: float, rubs: np.ndarray | None = None) -> float:
         """s2 [m] under a force [N] at a point of the surface [m] (3) along its normal [1] (3), with friction of this
         multiple [1] (3) of it."""
-        return float(press(self.body, self._load(foot, normal, force, rubs), dt=LONG).previous_indentation)
+        return float(press_body(self.body, self._load(foot, normal, force, rubs), dt=LONG).previous_indentation)
 
     def _load(self, foot: np.ndarray, normal: np.ndarray, force: float, rubs: np.ndarray | None = None) -> Load:
         given = Contact(foot=tuple(foot.tolist()), normal=tuple(normal.tolist()), force=force, compression=1e-3,
@@ -86,7 +86,7 @@ class AtRest:
             rubbing = Friction(force=tuple((force * rubs).tolist()), bristle=(0.0, 0.0, 0.0), stick=True)
         return self.spread.step(given, rubbing, dt=LONG)
 
-    def moved(
+    def yield_under(
         self, here: tuple[np.ndarray, np.ndarray], there: tuple[np.ndarray, np.ndarray], rubs: np.ndarray
     ) -> np.ndarray:
         """How far [m] (2,F) the surface here yields to `FORCES` there, without and with friction of the multiple `rubs`
@@ -94,7 +94,7 @@ class AtRest:
         found = []
         for multiple in (None, rubs):
             loads = [(self._load(*here, TOUCHING), self._load(*there, f, multiple)) for f in FORCES.tolist()]
-            found.append([float(press(self.pair, *each, dt=LONG).laws[0][4]) for each in loads])
+            found.append([float(press_body(self.pair, *each, dt=LONG).laws[0][4]) for each in loads])
         return np.array(found)
 
     def yields(self, slide: float) -> float:

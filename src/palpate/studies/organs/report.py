@@ -84,7 +84,7 @@ def _cell(results: Results, surface: str, body: str) -> str:
     )
 
 
-def written(results: Results, meshes: Path, out: Path, count: int = 10) -> dict[str, Path]:
+def write_report(results: Results, meshes: Path, out: Path, count: int = 10) -> dict[str, Path]:
     """Write the report to a folder, as text and as JSON; the files by name. OSError: it cannot be written."""
     out.mkdir(parents=True, exist_ok=True)
     files = {"report": out / "organs.txt", "table": out / "organs.json"}

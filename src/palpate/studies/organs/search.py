@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import PalpateError
-from palpate.studies.organs.invariants import Score, judged
-from palpate.studies.organs.notes import noted, reasons
+from palpate.studies.organs.invariants import Score, score_touch
+from palpate.studies.organs.notes import collect_notes, reasons
 from palpate.studies.organs.runs import lanes_of, run
-from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, drawn, reachable
-from palpate.studies.organs.trace import traced
+from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, draw_touch, reachable
+from palpate.studies.organs.trace import trace_batch
 from palpate.studies.organs.zoo import COARSE, USUAL, Specimen
 
 BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
@@ -114,7 +114,7 @@ def _pairs(surfaces: Sequence[Specimen], bodies: Sequence[str]) -> list[tuple[Sp
     return [(s, b) for s in surfaces for b in bodies if s.patch or b not in WITH_BASIS]
 
 
-def tried(
+def run_touches(
     touches: Sequence[Touch], folder: Path, results: Results, threads: int | None = None, notes: bool = False
 ) -> list[dict[str, Score]]:
     """Run touches of one setting; their scores, the worst of the fingers of each.
@@ -123,9 +123,9 @@ def tried(
     """
     each: list[dict[str, Score]] = [{} for _ in touches]
     runs = run(touches, folder, threads)
-    for traces, listed in zip(runs, traced(runs), strict=True):
+    for traces, listed in zip(runs, trace_batch(runs), strict=True):
         for touch, mine, trace in zip(touches, each, listed, strict=True):
-            for name, score in judged(trace).items():
+            for name, score in score_touch(trace).items():
                 if name not in mine or score.score > mine[name].score:
                     mine[name] = score
             if notes and trace is not None:
@@ -138,7 +138,7 @@ def tried(
 def _look_for_notes(touch: Touch, why: Sequence[str], folder: Path, results: Results) -> None:
     keys = [(touch.setting.surface, touch.setting.body, reason) for reason in why]
     if new := [key for key in keys if key not in results.noted]:
-        texts = noted(touch, folder)
+        texts = collect_notes(touch, folder)
         for key in new:
             results.noted[key] = (touch, texts)
 
@@ -176,10 +176,10 @@ def search(
             continue
         own = np.random.default_rng((seed, number))
         size = min(batch, lanes_of(setting, 2.5), count - results.total)
-        touches = [replace(drawn(setting, own), seed=(seed, number, k)) for k in range(size)]
+        touches = [replace(draw_touch(setting, own), seed=(seed, number, k)) for k in range(size)]
         key = setting.surface, setting.body
         try:
-            for touch, found in zip(touches, tried(touches, folder, results, notes=notes), strict=True):
+            for touch, found in zip(touches, run_touches(touches, folder, results, notes=notes), strict=True):
                 results.touches[key] += 1
                 results.bad[key] += any(score.broken for score in found.values())
                 for name, score in found.items():
@@ -190,7 +190,7 @@ def search(
     return results
 
 
-def worsened(
+def worsen_touch(
     start: Found,
     rounds: int,
     seed: int,
@@ -204,11 +204,11 @@ def worsened(
     """
     best, rng, size, unused = start, np.random.default_rng(seed), 1.0, Results()
     for _ in range(rounds):
-        near = [touch for _ in range(4 * batch) if _is_reachable(touch := varied(best.touch, size, rng))][:batch]
+        near = [touch for _ in range(4 * batch) if _is_reachable(touch := vary_touch(best.touch, size, rng))][:batch]
         if not near:
             break
         try:
-            found = tried(near, folder, unused)
+            found = run_touches(near, folder, unused)
         except PalpateError:
             break
         ranked = [
@@ -226,7 +226,7 @@ def _is_reachable(touch: Touch) -> bool:
     return all(reachable(f) and float(closest.find(np.array(f.begin))[3]) > 4.5e-3 for f in touch.fingers)
 
 
-def varied(touch: Touch, size: float, rng: np.random.Generator) -> Touch:
+def vary_touch(touch: Touch, size: float, rng: np.random.Generator) -> Touch:
     """The touch with its path moved as a whole, its points moved singly, and its times scaled."""
     fingers = []
     for finger in touch.fingers:

@@ -12,7 +12,7 @@ GOLDEN = (1.0 + 5.0**0.5) / 2.0
 CORNER = 0.35  # [rad] turn of an outline above which its point is a corner
 
 
-def joined(vertices: np.ndarray, triangles: np.ndarray, near: float = 1e-9) -> Mesh:
+def join_vertices(vertices: np.ndarray, triangles: np.ndarray, near: float = 1e-9) -> Mesh:
     """The mesh whose vertices [m] (V,3) nearer than `near` [m] are merged; triangles without area are left out."""
     _, first, same = np.unique(np.round(vertices / near), axis=0, return_index=True, return_inverse=True)
     triangles = same.reshape(-1)[triangles]
@@ -54,7 +54,7 @@ def directions(count: int) -> Mesh:
         points.append(weights @ np.array([a, b, c]))
         triangles.append(np.array(small) + n * len(rows))
     every = np.concatenate(points)
-    return joined(every / np.linalg.norm(every, axis=1)[:, None], np.concatenate(triangles), 1e-7)
+    return join_vertices(every / np.linalg.norm(every, axis=1)[:, None], np.concatenate(triangles), 1e-7)
 
 
 def star(radius: Callable[[np.ndarray], np.ndarray], count: int) -> Mesh:
@@ -77,7 +77,7 @@ def torus(ring: float, tube: float, count: int) -> Mesh:
     return Mesh(points, triangles.astype(np.int32))
 
 
-def resampled(outline: np.ndarray, step: float) -> np.ndarray:
+def resample_outline(outline: np.ndarray, step: float) -> np.ndarray:
     """An outline (n,2), divided into parts of about `step` [m]; corners of more than `CORNER` are kept."""
     sides = np.diff(outline, axis=0)
     length = np.linalg.norm(sides, axis=1)
@@ -91,12 +91,12 @@ def resampled(outline: np.ndarray, step: float) -> np.ndarray:
     return np.concatenate(points)
 
 
-def revolved(outline: np.ndarray, count: int) -> Mesh:
+def revolve_outline(outline: np.ndarray, count: int) -> Mesh:
     """A body of revolution about z: its outline (r, z) [m] (n,2) runs from the top of the axis to its bottom."""
     lengths = np.linalg.norm(np.diff(outline, axis=0), axis=1)
     area = 2 * np.pi * np.sum(lengths * 0.5 * (outline[1:, 0] + outline[:-1, 0]))
     step = (area / count) ** 0.5
-    line = resampled(outline, step)
+    line = resample_outline(outline, step)
     around = max(6, round(2 * np.pi * line[:, 0].max() / step))
     angle = np.arange(around) * 2 * np.pi / around
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -105,7 +105,7 @@ def revolved(outline: np.ndarray, count: int) -> Mesh:
     a, b = i * around + j, i * around + (j + 1) % around
     c, d = a + around, b + around
     triangles = np.concatenate([np.stack([a, c, d], -1).reshape(-1, 3), np.stack([a, d, b], -1).reshape(-1, 3)])
-    return joined(points, triangles)
+    return join_vertices(points, triangles)
 
 
 def arc(centre: tuple[float, float], radius: float, begin: float, end: float, parts: int = 64) -> np.ndarray:
@@ -152,4 +152,4 @@ def _boxes(x: Sequence[float], y: Sequence[float], z: Sequence[float], full: np.
             triangles += [first + [order[i] for i in part] for part in ((0, 1, 2), (0, 2, 3))]
             corners.append(quad.reshape(-1, 3))
             total += 4 * len(at)
-    return joined(np.concatenate(corners), np.concatenate(triangles))
+    return join_vertices(np.concatenate(corners), np.concatenate(triangles))

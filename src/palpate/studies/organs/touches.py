@@ -16,7 +16,7 @@ from palpate.nodes.base.surface import OPEN
 from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.studies.organs.zoo import FAR, USUAL, ZOO, mesh_of, written
+from palpate.studies.organs.zoo import FAR, USUAL, ZOO, mesh_of, write_mesh
 
 THICKNESS = 4e-3  # [m] of the fingertip, as in the scenes
 APART = 18e-3  # [m] between two fingers
@@ -117,7 +117,7 @@ class Touch:
 
 def surface_sets(setting: Setting, folder: Path) -> list[str]:
     """The values of `--set` that all touches of a setting share."""
-    name = ZOO[setting.surface].patch if not setting.count else str(written(setting.surface, setting.count, folder))
+    name = ZOO[setting.surface].patch if not setting.count else str(write_mesh(setting.surface, setting.count, folder))
     texts = [
         f"scene.surface.surface={name}", f"scene.surface.position={list(setting.position)}",
         f"scene.surface.rotation={list(setting.rotation)}", f"tissue.use=deformation.{setting.body}",
@@ -151,7 +151,7 @@ def _closest(surface: str, count: int, rotation: tuple[float, float, float]) -> 
     return MeshClosestPoint(_placed_surface(surface, count, rotation))
 
 
-def drawn(setting: Setting, rng: np.random.Generator) -> Touch:
+def draw_touch(setting: Setting, rng: np.random.Generator) -> Touch:
     """A random touch of a surface that begins outside of it, within reach of the device."""
     for _ in range(TRIES):
         touch = _draw_touch(setting, rng)

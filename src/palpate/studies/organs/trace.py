@@ -61,7 +61,7 @@ class Trace:
         assert self.other is not None
         if tick not in self.moved:
             here, there = ((t["contact.foot"][tick], t["contact.normal"][tick]) for t in (self, self.other))
-            self.moved[tick] = self.rest.moved(here, there, self.other.rubs(tick))
+            self.moved[tick] = self.rest.yield_under(here, there, self.other.rubs(tick))
         return self.moved[tick]
 
     @cached_property
@@ -87,8 +87,8 @@ class Trace:
             return lift
         theirs, mine, yours = lift, self.most_yields, self.other.most_yields
         for _ in range(ROUNDS):
-            before, lift = lift, lifted(mine, self.other.explains(theirs))
-            theirs = lifted(yours, self.explains(before))
+            before, lift = lift, lift_distance(mine, self.other.explains(theirs))
+            theirs = lift_distance(yours, self.explains(before))
             if np.abs(lift - before).max() < CLOSE:
                 break
         return lift
@@ -99,8 +99,8 @@ class Trace:
             return self._most(tick, 0.0)
         mine, yours, lift, theirs = self.yields(tick), self.other.yields(tick), 0.0, 0.0
         for _ in range(ROUNDS):
-            before, lift = lift, float(lifted(mine, self.other._most(tick, theirs)))
-            theirs = float(lifted(yours, self._most(tick, before)))
+            before, lift = lift, float(lift_distance(mine, self.other._most(tick, theirs)))
+            theirs = float(lift_distance(yours, self._most(tick, before)))
             if abs(lift - before) < CLOSE:
                 break
         return self._most(tick, lift)
@@ -190,7 +190,7 @@ class Trace:
         return max(1, round(seconds / self.step))
 
 
-def lifted(yields: np.ndarray, force: np.ndarray | float) -> np.ndarray:
+def lift_distance(yields: np.ndarray, force: np.ndarray | float) -> np.ndarray:
     """How far [m] (...) a force [N] (...) lifts a surface, at most, that yields [m] (n,F) to `FORCES`."""
     return np.interp(force, [0.0, *FORCES], [0.0, *np.maximum(-yields.min(axis=0), 0.0)])
 
@@ -221,9 +221,9 @@ def _surface(traces: Traces) -> MeshClosestPoint:
     return MeshClosestPoint(Mesh(**traces.nodes["collision"]).mesh())
 
 
-def traced(runs: Sequence[Traces]) -> list[list[Trace | None]]:
+def trace_batch(runs: Sequence[Traces]) -> list[list[Trace | None]]:
     """Each touch of a batch, for each finger; None: its lane stopped, or a value is not finite."""
-    listed = [_traced(traces, at_rest(traces)) for traces in runs]
+    listed = [_trace_lanes(traces, at_rest(traces)) for traces in runs]
     if len(runs) == 2:
         for one, two in zip(*listed, strict=True):
             if one is not None and two is not None:
@@ -231,7 +231,7 @@ def traced(runs: Sequence[Traces]) -> list[list[Trace | None]]:
     return listed
 
 
-def _traced(traces: Traces, rest: AtRest) -> list[Trace | None]:
+def _trace_lanes(traces: Traces, rest: AtRest) -> list[Trace | None]:
     closest, listed = _surface(traces).find, list[Trace | None]()
     for lane, ticks in enumerate(traces.ticks):
         values = {name: column[lane, :ticks] for name, column in traces.values.items()}

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.errors import ArgumentError
 from palpate.physics.geometry.mesh import Mesh, write_ply
-from palpate.studies.organs.shapes import arc, boxes, revolved, star, together, torus
+from palpate.studies.organs.shapes import arc, boxes, revolve_outline, star, together, torus
 
 COARSE, USUAL, FINE = 600, 5000, 300_000  # vertices of a mesh
 FAR = np.array([0.3125, -0.140625, 0.875])  # [m] of each mesh in its file, as a scanner's frame has it
@@ -107,14 +107,14 @@ def _bowl(hollow: float, count: int) -> Mesh:
     wide, deep = hollow + 15 * MM, hollow + 12 * MM
     line = np.concatenate([arc((0, 0), hollow, -np.pi / 2, 0), [(wide, 0), (wide, -deep), (0, -deep)]])
     line[0, 0] = 0.0
-    return revolved(line, count)
+    return revolve_outline(line, count)
 
 
 def _dome(count: int) -> Mesh:
     """A hemisphere on a plate."""
     line = np.concatenate([arc((0, 0), 15 * MM, np.pi / 2, 0), [(40 * MM, 0), (40 * MM, -12 * MM), (0, -12 * MM)]])
     line[0, 0] = 0.0
-    return revolved(line, count)
+    return revolve_outline(line, count)
 
 
 def _vessel(count: int) -> Mesh:
@@ -122,7 +122,7 @@ def _vessel(count: int) -> Mesh:
     r, half = 3 * MM, 30 * MM
     line = np.concatenate([arc((0, half), r, np.pi / 2, 0), arc((0, -half), r, 0, -np.pi / 2)])
     line[0, 0] = line[-1, 0] = 0.0
-    tube = revolved(line, count // 5)
+    tube = revolve_outline(line, count // 5)
     lying = Mesh(tube.vertices[:, [2, 0, 1]], tube.triangles)
     return together(_ellipsoid(45 * MM, 30 * MM, 22 * MM, count - count // 5), _move_mesh(lying, 0, 35 * MM, 0))
 
@@ -210,7 +210,7 @@ ZOO = _all()
 """All surfaces by name."""
 
 
-def chosen(names: list[str] | None) -> list[Specimen]:
+def choose_specimens(names: list[str] | None) -> list[Specimen]:
     """These surfaces, or all. ArgumentError: an unknown name."""
     if unknown := [name for name in names or () if name not in ZOO]:
         raise ArgumentError(f"--surface: found {', '.join(unknown)}, expected some of {', '.join(ZOO)}")
@@ -223,7 +223,7 @@ def mesh_of(name: str, count: int) -> Mesh:
     return ZOO[name].true(count)
 
 
-def written(name: str, count: int, folder: Path) -> Path:
+def write_mesh(name: str, count: int, folder: Path) -> Path:
     """The file of a mesh, in mm, `FAR` from the origin; it is written once."""
     file = folder / f"{name}-{count}.ply"
     if not file.is_file():

@@ -40,7 +40,7 @@ def version() -> str | None:
     return found[1] if found else "of unknown version"
 
 
-def press(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+def press_block(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with CalculiX. The time of a load step is the time of the run over the number of load steps.
 
     MissingError: CalculiX is not installed. ArithmeticError: it did not converge; quotes the end of its output.

@@ -69,9 +69,9 @@ class TissueBlock:
         if self.nodule:
             low, high = min(low, -NODULE_RADIUS), max(high, NODULE_RADIUS)
             below = NODULE_DEPTH + NODULE_RADIUS
-        x = graded(-SIDE / 2, low, high, SIDE / 2, size)
-        y = graded(0.0, 0.0, self.radius, SIDE / 2, size)
-        z = graded(-SLAB, -below, 0.0, 0.0, size)
+        x = grade_axis(-SIDE / 2, low, high, SIDE / 2, size)
+        y = grade_axis(0.0, 0.0, self.radius, SIDE / 2, size)
+        z = grade_axis(-SLAB, -below, 0.0, 0.0, size)
         return x, y, z
 
     def pressure(self, points: np.ndarray) -> np.ndarray:
@@ -152,27 +152,27 @@ def tetrahedra(block: TissueBlock) -> Tetrahedra:
     fixed[p[:, 1] < near, 1] = True
     if block.sticks:
         fixed[stuck(p, block.place, block.radius), :2] = True
-    x, y = (halved(a) for a in axes[:2])
+    x, y = (halve_cells(a) for a in axes[:2])
     unit = on_triangles(p, top, block.pressure)
     return Tetrahedra(mesh, ratios, unit, fixed, under, top_grid(p, axes), x, y)
 
 
-def press(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+def press_block(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with `fe.Solver`."""
     cut = tetrahedra(block)
     materials = {k: neo_hooke(YOUNG * float(h), block.poisson) for k, h in enumerate(cut.ratios)}
     bed = ElasticFoundation(cut.under, BED * YOUNG)
     body = Solver(cut.mesh, materials, cut.fixed, loads=lambda f: 0.5 * f * cut.unit, contacts=[bed], settings=STEPS)
-    return pressed(lambda force: reached(body, force), levels, cut.unit, (cut.x, cut.y, cut.top))
+    return press_mesh(lambda force: solve_displacement(body, force), levels, cut.unit, (cut.x, cut.y, cut.top))
 
 
-def reached(body: Solver, load: float) -> np.ndarray:
+def solve_displacement(body: Solver, load: float) -> np.ndarray:
     """Displacement [m] (N,3) of a body under a load."""
     body.advance(load)
     return body.displacement
 
 
-def pressed(reach: Callable[[float], np.ndarray], levels: np.ndarray, unit: np.ndarray, top: Top) -> ContinuumCurve:
+def press_mesh(reach: Callable[[float], np.ndarray], levels: np.ndarray, unit: np.ndarray, top: Top) -> ContinuumCurve:
     """The curve of a solver.
 
     reach  solves for a force [N] and returns the displacement [m] (N,3)
@@ -231,11 +231,11 @@ def top_grid(points: np.ndarray, axes: tuple[np.ndarray, ...]) -> np.ndarray:
     return order.reshape(2 * len(axes[0]) - 1, 2 * len(axes[1]) - 1)
 
 
-def halved(axis: np.ndarray) -> np.ndarray:
+def halve_cells(axis: np.ndarray) -> np.ndarray:
     return np.sort(np.concatenate([axis, 0.5 * (axis[1:] + axis[:-1])]))
 
 
-def graded(low: float, begin: float, end: float, high: float, size: float) -> np.ndarray:
+def grade_axis(low: float, begin: float, end: float, high: float, size: float) -> np.ndarray:
     """Grid lines [m] from low to high: cells of about `size` between begin and end, growing cells outside."""
     middle = np.linspace(begin, end, max(2, round((end - begin) / size) + 1))
     return np.concatenate([begin - _out(begin - low, size)[::-1], middle, end + _out(high - end, size)])

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
-from palpate.physics.extras import install, package_version, required
+from palpate.physics.extras import install, package_version, require_extra
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, ContinuumCurve, Pressure, TissueBlock
@@ -27,19 +27,19 @@ def version() -> str | None:
 
 def library() -> Any:
     """The module `felupe`. MissingError: it is not installed."""
-    with required("FElupe", "bench", MissingError):
+    with require_extra("FElupe", "bench", MissingError):
         import felupe
     return felupe
 
 
-def press(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+def press_block(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with FElupe. MissingError: it is not installed."""
     fem = library()
     axes = block.axes()
     mesh = bricks(fem, axes)
-    field, hardness = displaced(fem, mesh), block.hardness()
+    field, hardness = displacement_field(fem, mesh), block.hardness()
     solids = [
-        neo_hooke(fem, displaced(fem, fem.Mesh(mesh.points, mesh.cells[hardness == ratio], mesh.cell_type)),
+        neo_hooke(fem, displacement_field(fem, fem.Mesh(mesh.points, mesh.cells[hardness == ratio], mesh.cell_type)),
                   YOUNG * float(ratio), POISSON)
         for ratio in np.unique(hardness)
     ]  # fmt: skip
@@ -50,21 +50,24 @@ def press(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     half = {"middle": fem.Boundary(field[0], mask=p[:, 1] < near, skip=(1, 0, 1))}
     if block.sticks:
         half["stuck"] = fem.Boundary(field[0], mask=continuum.stuck(p, block.place, block.radius), skip=(0, 0, 1))
-    x, y = (continuum.halved(a) for a in axes[:2])
+    x, y = (continuum.halve_cells(a) for a in axes[:2])
     top_nodes = continuum.top_grid(p, axes)
-    return continuum.pressed(
-        lambda force: balanced(fem, field, [*solids, outer], half, 0.5 * force), levels, unit, (x, y, top_nodes)
+    return continuum.press_mesh(
+        lambda force: solve_equilibrium(fem, field, [*solids, outer], half, 0.5 * force),
+        levels,
+        unit,
+        (x, y, top_nodes),
     )
 
 
-def balanced(fem: Any, field: Any, items: list[Any], held: dict[str, Any], force: float) -> np.ndarray:
+def solve_equilibrium(fem: Any, field: Any, items: list[Any], held: dict[str, Any], force: float) -> np.ndarray:
     """Displacement [m] (N,3) in equilibrium with a force [N] of the last item, which is an `Outer`."""
     items[-1].force = force
     balance(fem, field, items, held)
     return field[0].values
 
 
-def displaced(fem: Any, mesh: Any) -> Any:
+def displacement_field(fem: Any, mesh: Any) -> Any:
     """Displacement field of a mesh of 4-node or 10-node tetrahedra or 27-node bricks."""
     region = {"tetra": fem.RegionTetra, "tetra10": fem.RegionQuadraticTetra}.get(
         mesh.cell_type, fem.RegionTriQuadraticHexahedron

@@ -18,7 +18,7 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import edge_nodes, six_volumes
 from palpate.models.fe.meshing.organ import SLAB
-from palpate.physics.extras import install, required
+from palpate.physics.extras import install, require_extra
 from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, ContinuumCurve, Tetrahedra, TissueBlock
 
@@ -42,14 +42,14 @@ def version() -> str | None:
 
 def library() -> Any:
     """The module `mujoco`. MissingError: it is not installed or too old."""
-    with required("MuJoCo 4", "bench", MissingError):
+    with require_extra("MuJoCo 4", "bench", MissingError):
         import mujoco
     if version() is None:
         raise MissingError(f"MuJoCo: found {mujoco.__version__}, expected 4 or newer; {INSTALL}")
     return mujoco
 
 
-def press(block: TissueBlock, levels: np.ndarray = LEVELS, material: str = "neo-Hookean") -> ContinuumCurve:
+def press_block(block: TissueBlock, levels: np.ndarray = LEVELS, material: str = "neo-Hookean") -> ContinuumCurve:
     """Press the block with MuJoCo.
 
     MissingError: MuJoCo is not installed. ArithmeticError: it does not come to rest, or elements are inverted.
@@ -74,7 +74,7 @@ def press(block: TissueBlock, levels: np.ndarray = LEVELS, material: str = "neo-
             _upright(points + moved, corners, level, material)
             return moved
 
-        return continuum.pressed(reach, levels, unit, (cut.x[::2], cut.y[::2], cut.top[::2, ::2]))
+        return continuum.press_mesh(reach, levels, unit, (cut.x[::2], cut.y[::2], cut.top[::2, ::2]))
 
 
 def _rest(step: Callable[[], None], depth: Callable[[], float], level: float) -> None:

@@ -19,7 +19,7 @@ from palpate.engine.faults import Faults, choices
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.source import YamlSource, read
-from palpate.studies.files import Text, Whole, filled, found
+from palpate.studies.files import Text, Whole, fill_struct, locate_file
 
 EXPERIMENTS = GRAPHS / "experiments"
 ANSWERS: dict[str, dict[str, str]] = {
@@ -125,13 +125,13 @@ class Experiment(msgspec.Struct, kw_only=True):
 
 def find(name: str) -> Path:
     """The file of a shipped experiment, or at a path. GraphError: it does not exist."""
-    return found(name, EXPERIMENTS, "experiment")
+    return locate_file(name, EXPERIMENTS, "experiment")
 
 
 def load(path: Path) -> tuple[Experiment, YamlSource]:
     """The experiment of a file, and the positions of its entries. GraphError: lists all faults."""
     source = read(path)
-    given = filled(Experiment, source, "graph, vary, response, question, duration and blocks")
+    given = fill_struct(Experiment, source, "graph, vary, response, question, duration and blocks")
     faults = Faults()
     given.task = given.task or re.sub(r"[^A-Za-z0-9]", "", path.stem)
     if not LABEL.fullmatch(given.task):

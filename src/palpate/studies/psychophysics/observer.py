@@ -32,7 +32,7 @@ from palpate.studies.psychophysics.functions import proportion
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Answer
 from palpate.studies.psychophysics.stimuli import Stimuli
-from palpate.studies.sweeps.keep import Kept, kept
+from palpate.studies.sweeps.keep import Kept, kept_results
 from palpate.views.run import Run
 
 _Number = Annotated[float, msgspec.Meta(description="a number")]
@@ -88,7 +88,7 @@ class SimulatedObserver:
         if devices or stimuli.launch.clock == "real":
             what = f"{devices[0]!r} drives a device" if devices else "clock: real"
             raise ArgumentError(f"{base.path.stem}: a simulated observer needs simulated time, but {what}")
-        self._feels: tuple[Kept, ...] = kept(settings.feels.split(" / "), base) if settings.feels else ()
+        self._feels: tuple[Kept, ...] = kept_results(settings.feels.split(" / "), base) if settings.feels else ()
         if any(one.how == "curve" for one in self._feels):
             raise ArgumentError(f"feels: found {settings.feels!r}, expected a number, such as peak contact.force")
         # A separate random stream: the schedule draws from the same participant and session.
@@ -108,7 +108,7 @@ class SimulatedObserver:
         if key not in self._known:
             duration = self.settings.duration
             outcome = execute(launch.but(place=FUSED, clock="simulated", duration=duration))
-            outcome.signalled()
+            outcome.raise_signal()
             if not outcome.ok:
                 raise RunError("; ".join(map(str, outcome.result.deaths)) or f"{launch.record} is not whole")
             self._known[key] = launch.record, self._feel(launch.record)

@@ -13,7 +13,7 @@ from palpate.studies.files import refuse
 from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
 from palpate.studies.psychophysics.schedule import Trial
-from palpate.studies.psychophysics.session import resumed, run
+from palpate.studies.psychophysics.session import resume_schedule, run
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
 
@@ -31,7 +31,7 @@ class Sitting:
     ) -> None:
         self.stimuli, self.source, self.folder, self.table = stimuli, source, folder, table
         self.participant, self.session = participant, session
-        self.order, self.trial = resumed(stimuli, table.rows, table.path, participant, session)
+        self.order, self.trial = resume_schedule(stimuli, table.rows, table.path, participant, session)
         self.ended = self.trial is None
         kept = f"{len(table.rows)} whole trials are kept; as it was: {table.recovered}"
         self.notes = [f"{table.path} was broken: {kept}"] if table.recovered is not None else []
@@ -56,7 +56,7 @@ class Sitting:
 
 
 @contextmanager
-def opened(
+def open_sitting(
     name: str, out: Path | None, participant: str | None, session: int | None, sets: list[str], resume: bool, sure: Sure
 ) -> Iterator[Sitting]:
     """Open a new session of an experiment, or resume one. GraphError, ArgumentError: it cannot be opened."""
@@ -104,7 +104,7 @@ def _state(stimuli: Stimuli, folder: Path, who: str, number: int) -> tuple[int, 
     """Number of stored trials of a session, and whether it is complete."""
     file = table_path(folder, stimuli.experiment.task, who, number)
     rows, _ = parse(file.read_bytes())
-    return len(rows), resumed(stimuli, rows, file, who, number)[1] is None
+    return len(rows), resume_schedule(stimuli, rows, file, who, number)[1] is None
 
 
 def _listed_participants(experiment: Experiment) -> dict[str, dict[str, Any] | None]:

@@ -25,7 +25,7 @@ from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.views.errors import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
-from palpate.views.page.steered import Count, Pointers, Sample, steered, touched
+from palpate.views.page.steered import Count, Pointers, Sample, steer_launch, touched_part
 
 LOOK = 0.2  # [s] Period of the check whether the page was closed
 MOMENT = 1.0  # [s] Duration of a title without a text
@@ -64,11 +64,11 @@ class ExperimentPage(Live):
         self._file: Path | None = None
         self.mouse = not any(spec.cls.hardware for spec in graph.nodes.values())
         if self.mouse:
-            launch, sockets = steered(stimuli.launch, Path(self._place.name))
+            launch, sockets = steer_launch(stimuli.launch, Path(self._place.name))
             self._file, graph = launch.graph, launch.load()
         for block, levels in stimuli.levels.items():  # the node that replaces the hand may lack a setting
             self._steered_run(stimuli.run(block, levels[0])).load()
-        super().__init__(touched(plan(graph)))
+        super().__init__(touched_part(plan(graph)))
         self.panel = {"title": "starting", "text": ""}
         self._pointers = Pointers(sockets, self.touched.begins)
         self._modules = sorted({spec.cls.__module__ for spec in graph.nodes.values()})
@@ -136,7 +136,7 @@ class ExperimentPage(Live):
         if status != "running":
             super().say(status)
 
-    def begun(self) -> None:
+    def show_begin(self) -> None:
         """Uncover the picture when an interval begins."""
         self.mesh = mesh_frame(self.touched, {"watch": not self.mouse, "bodies": [], "effects": {}})
         self._cover(interval=True, end_key=self.experiment.end_key, show=self.experiment.show)
@@ -144,7 +144,7 @@ class ExperimentPage(Live):
     # -- as a presenter, in a separate thread --------------------------------------------------------------------
 
     def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
-        self._tell(trial)
+        self._say_trial(trial)
         if trial is None or not text:
             self._cover(title=title, text=text, over=trial is None)
             self._closed.wait(MOMENT)
@@ -157,13 +157,13 @@ class ExperimentPage(Live):
 
     def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
         several = self.experiment.intervals > 1
-        self._tell(trial, f"interval {interval} of {self.experiment.intervals}" if several else "")
+        self._say_trial(trial, f"interval {interval} of {self.experiment.intervals}" if several else "")
         self._cover(title=f"{'First' if interval == 1 else 'Second'} interval" if several else "", text="")
         self.stopping.clear()
         self._left, until = False, time.monotonic() + self.experiment.gap
         launch = self._steered_run(launch)
         graph = launch.load()
-        self.touched = touched(plan(graph))
+        self.touched = touched_part(plan(graph))
         self._closed.wait(max(until - time.monotonic(), 0.0))
         if self._closed.is_set():
             raise ClosedError
@@ -180,7 +180,7 @@ class ExperimentPage(Live):
 
     def ask(self, trial: Trial) -> Answer:
         keys = self.experiment.keys
-        self._tell(trial)
+        self._say_trial(trial)
         self._cover(
             title=self.experiment.question, text="", number=not keys,
             buttons=[{"label": name, "key": key, "answer": name} for name, key in keys.items()],
@@ -225,7 +225,7 @@ class ExperimentPage(Live):
         self.panel = {"shown": self._shown, **panel}
         self.on_news()
 
-    def _tell(self, trial: Trial | None, what: str = "") -> None:
+    def _say_trial(self, trial: Trial | None, what: str = "") -> None:
         if trial is not None:
             total = f" of {trial.total}" if trial.total else ""
             self.say(f"trial {trial.number}{total}{' · ' * bool(what)}{what}")

@@ -25,7 +25,7 @@ GROUPS = 10  # of neighbouring levels
 NAMES = {"correct": "share correct", "yes": "share of yes", "judged greater": "comparison judged greater"}
 
 
-def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+def draw_answers(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     """Draw one picture per task, with one panel per participant and block."""
     files = []
     for task in dict.fromkeys(one.task for one in outcomes):
@@ -58,7 +58,7 @@ def _function(axes: Axes, one: Outcome) -> None:
     share, low, high = fitted.curve(line)
     axes.fill_between(turned * line, low, high, color=INK, alpha=0.12, linewidth=0.0, zorder=1)
     axes.plot(turned * line, share, color=INK, zorder=2)
-    place, shares, counts = pooled(x, np.array(one.shares), np.array(one.counts), ratio)
+    place, shares, counts = pool_levels(x, np.array(one.shares), np.array(one.counts), ratio)
     ends = wilson(shares, counts)
     axes.errorbar(
         turned * place, shares, np.abs(ends - shares), fmt="none", ecolor=TISSUE, elinewidth=1.0, alpha=0.6, zorder=3
@@ -79,7 +79,7 @@ def _function(axes: Axes, one: Outcome) -> None:
     axes.set_ylim(-0.03, 1.03)
 
 
-def pooled(
+def pool_levels(
     x: np.ndarray, shares: np.ndarray, counts: np.ndarray, ratio: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Levels, shares and counts with neighbouring levels joined into at most `GROUPS` groups of similar counts: a

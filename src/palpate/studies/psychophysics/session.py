@@ -40,7 +40,7 @@ class Presenter(Protocol):
         """The answer to the experiment's question."""
 
 
-def resumed(
+def resume_schedule(
     stimuli: Stimuli, rows: list[Row], file: Path, participant: str, session: int
 ) -> tuple[Schedule, Trial | None]:
     """The schedule of a session after the stored trials of a file, and the next trial; None: the session is complete.
@@ -94,7 +94,7 @@ def _begin(stimuli: Stimuli, trial: Trial, presenter: Presenter, first: bool) ->
 def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter) -> Row:
     experiment = stimuli.experiment
     while True:
-        repeat, files = table.begun(trial.number), list[Path]()
+        repeat, files = table.count_attempts(trial.number), list[Path]()
         try:
             for interval, level in enumerate(trial.levels(experiment.intervals), 1):
                 files.append(table.recording(trial.number, interval, repeat))
@@ -108,7 +108,7 @@ def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter) -
             break
         except DisturbedError as error:
             presenter.show(trial, f"Trial {trial.number} is repeated", str(error))
-    hit = judged(stimuli, trial, answer.value)
+    hit = judge_answer(stimuli, trial, answer.value)
     names = [str(file.relative_to(table.folder)) for file in files]
     table.add(
         {
@@ -122,7 +122,7 @@ def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter) -
     return table.rows[-1]
 
 
-def judged(stimuli: Stimuli, trial: Trial, answer: str) -> bool | None:
+def judge_answer(stimuli: Stimuli, trial: Trial, answer: str) -> bool | None:
     """Whether an answer is right or yes; None for a number."""
     if stimuli.experiment.response == "magnitude":
         return None

@@ -16,7 +16,7 @@ from palpate.launch.load.values.units import UnitError, convert
 from palpate.nodes.base import settings
 from palpate.studies.files import graph_of
 from palpate.studies.psychophysics.file import ConstantBlock, Experiment, StaircaseBlock
-from palpate.studies.sweeps.axes import GRIDS, rounded
+from palpate.studies.sweeps.axes import GRIDS, round_values
 from palpate.studies.sweeps.checks import path as full_path
 from palpate.studies.sweeps.point import overrides
 
@@ -39,7 +39,7 @@ class Stimuli:
         self.launch: LaunchFile = (
             find_launch(graph_of(file, experiment.graph))
             .but(scene=scene, overrides=[*overrides(experiment.set, "set"), *sets])
-            .settled()
+            .settle_organ()
         )
         base = self.launch.load()
         self.path = full_path(experiment.vary, base)
@@ -102,7 +102,7 @@ class Stimuli:
                              self._source.place(*key.split(".")))  # fmt: skip
             return []
         ends = [self.number(key, value) for value in how[:2]]
-        return rounded(GRIDS[kind](*ends, how[2])).tolist()
+        return round_values(GRIDS[kind](*ends, how[2])).tolist()
 
     def _unit(self, base: Graph) -> str:
         """Unit of the setting at `path`. GraphError: the path does not exist."""

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.physics.errors import ArgumentError
-from palpate.physics.writable import locked
+from palpate.physics.writable import lock_file
 from palpate.studies.files import replace
 
 NONE = "n/a"
@@ -60,7 +60,7 @@ class Table:
         self.recordings.mkdir(parents=True, exist_ok=True)
         self.recovered: Path | None = None
         self._file = open(self.path, "a+b", buffering=0)  # noqa: SIM115 - open during the session
-        if not locked(self._file):
+        if not lock_file(self._file):
             self._file.close()
             raise ArgumentError(f"{self.path}: another `palpate experiment` has this session open")
         self.rows = self._recover()
@@ -83,7 +83,7 @@ class Table:
         name = f"{self.name}_trial-{trial:03d}_interval-{interval}{f'_repeat-{repeat}' if repeat else ''}.mcap"
         return self.recordings / name
 
-    def begun(self, trial: int) -> int:
+    def count_attempts(self, trial: int) -> int:
         """Number of earlier attempts at a trial."""
         return next(repeat for repeat in itertools.count() if not self.recording(trial, 1, repeat).exists())
 

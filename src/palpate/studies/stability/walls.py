@@ -102,12 +102,12 @@ def row(device: WallDevice, rate: float, delay: int, damping: float, order: int,
         return run(device, stiffness, damping, controlled=controlled, steps=steps, delay=delay, order=order,
                    lost=missing, push=push)  # fmt: skip
 
-    def held(stiffness: float) -> bool:
+    def settles_at(stiffness: float) -> bool:
         with_controller = path(stiffness, True)
         most[0] = max(most[0], float(with_controller[:, 2].max()))
         return settles(with_controller[:, 0], device.resolution)
 
-    commanded = largest(held)
+    commanded = largest(settles_at)
     pushes = (device.limit / 8.0, device.limit / 2.0)
     return {
         "rate": rate,

@@ -65,7 +65,7 @@ def axis(name: str, given: Any) -> Axis:
                 raise ArgumentError(f"over {name}: found {count:,.0f} values, expected up to {MOST:,}")
             if count != int(count) or count < 1 or (kind == "geomspace" and low * high <= 0):
                 raise ArgumentError(f"over {name}: found {_short(how)}, expected [low, high, number of values]")
-            given = rounded(GRIDS[kind](low, high, int(count)))
+            given = round_values(GRIDS[kind](low, high, int(count)))
             return _listed_values(name, paths, given.tolist(), None, texts)
         if kind == "named" and isinstance(how, Mapping):
             return _listed_values(name, paths, list(how.values()), [str(key) for key in how], ())
@@ -136,7 +136,7 @@ def _numbers(name: str, given: Any, count: int | None) -> tuple[list[float], tup
     return numbers, tuple(texts)
 
 
-def rounded(values: np.ndarray) -> np.ndarray:
+def round_values(values: np.ndarray) -> np.ndarray:
     """Round to `DIGITS` significant digits, so that other processors and versions of scipy give the same points."""
     return np.array([float(f"{value:.{DIGITS}g}") for value in values])
 
@@ -184,7 +184,9 @@ class Space:
         columns = []
         for law, share in zip([one.law for one in self.sampled], self.cube.T, strict=True):
             values = law.ppf(share)
-            columns.append(rounded(np.where(np.isfinite(values), values, law.ppf(np.clip(share, EDGE, 1.0 - EDGE)))))
+            columns.append(
+                round_values(np.where(np.isfinite(values), values, law.ppf(np.clip(share, EDGE, 1.0 - EDGE))))
+            )
         return np.column_stack(columns)
 
     @cached_property

@@ -71,14 +71,14 @@ def check(launch: LaunchFile, base: Graph, space: Space) -> None:
         else:
             choices.append([dict(zip(one.paths, row, strict=True)) for row in one.values])
     for combination in islice(product(*choices), TRIED):
-        values = accepted(launch, space, {path: value for part in combination for path, value in part.items()})
+        values = find_loadable(launch, space, {path: value for part in combination for path, value in part.items()})
         for path, unit in units if values is not None else ():
             assert values is not None
             same = f"{values[path] / float(parse(unit).factor)!r} {unit}" if unit else str(values[path])
             launch.but(overrides=overrides({**values, path: same})).load()
 
 
-def accepted(launch: LaunchFile, space: Space, fixed: Mapping[str, Any] | None = None) -> dict[str, Any] | None:
+def find_loadable(launch: LaunchFile, space: Space, fixed: Mapping[str, Any] | None = None) -> dict[str, Any] | None:
     """Values of a point that loads, with some values `fixed`.
 
     None: no tried point loads, each for a different reason. The values are then out of range, and each point becomes a
@@ -117,7 +117,7 @@ def units(launch: LaunchFile, space: Space) -> dict[str, str]:
 
     A path that changes no setting, or only together with other paths, has no unit.
     """
-    first, found = accepted(launch, space), dict[str, str]()
+    first, found = find_loadable(launch, space), dict[str, str]()
     if first is None:
         return found
     base = launch.but(overrides=overrides(first)).load()

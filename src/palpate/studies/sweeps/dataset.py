@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import RunError
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 from palpate.studies.sweeps.store import Store
 
 
 def dataset(study: Any) -> Any:
     """Numbers and curves over the axes of a study. RunError: xarray is missing."""
-    with required("xarray()", "study", RunError):
+    with require_extra("xarray()", "study", RunError):
         import xarray
     space, rows = study.space, study.rows()
     dims = (*(one.paths[0] for one in space.crossed), *(("sample",) if space.sampled else ()))

@@ -17,7 +17,7 @@ from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.organ_file import organ_of
 from palpate.launch.load.values.lines import quantity
 from palpate.launch.load.values.source import read
-from palpate.studies.files import Text, Whole, filled, found, graph_of
+from palpate.studies.files import Text, Whole, fill_struct, graph_of, locate_file
 from palpate.studies.sweeps.point import overrides
 from palpate.studies.sweeps.study import Study
 
@@ -44,7 +44,7 @@ class _File(msgspec.Struct, kw_only=True):
 
 def find(name: str) -> Path:
     """The file of a shipped study, or at a path. GraphError: it does not exist."""
-    return found(name, STUDIES, "study")
+    return locate_file(name, STUDIES, "study")
 
 
 def load(path: Path, sensitivity: str | None = None, samples: int | None = None) -> Study:
@@ -52,7 +52,7 @@ def load(path: Path, sensitivity: str | None = None, samples: int | None = None)
 
     GraphError: the file is invalid. ArgumentError: the study is invalid.
     """
-    given = filled(_File, read(path), "graph, over and keep")
+    given = fill_struct(_File, read(path), "graph, over and keep")
     values = msgspec.structs.asdict(given)
     sets = overrides(values.pop("set"), "set")
     values["organ"] = None if given.organ is None else organ_of(given.organ, Location(str(path)))

@@ -37,7 +37,7 @@ def _flat(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
         yield name, data
 
 
-def described(space: Space) -> dict[str, str]:
+def describe_space(space: Space) -> dict[str, str]:
     """Summary of the values of each path, as text."""
     words = {}
     for name, values in space.columns("labels").items():

@@ -84,7 +84,7 @@ class Kept:
         return float(values[at])
 
 
-def kept(texts: Iterable[str], graph: Graph) -> tuple[Kept, ...]:
+def kept_results(texts: Iterable[str], graph: Graph) -> tuple[Kept, ...]:
     """The kept results of the runs of a graph, without recordings. ArgumentError: an unknown stream or field, or an
     invalid text."""
     return tuple(_parse_kept(text, graph) for text in texts if text != RECORDING)

@@ -103,7 +103,7 @@ def _run(
     """The results of lanes of one structure by their place, without those that fail."""
     names = _names(keep)
     heads = [(stream, name) for stream in dict.fromkeys(stream for stream, _ in names) for name in HEAD]
-    run = _started(members.values(), [*heads, *names], ticks, beat)
+    run = _start_lanes(members.values(), [*heads, *names], ticks, beat)
     if run is None:
         return
     reached = 0
@@ -151,7 +151,7 @@ def _names(keep: Sequence[Kept]) -> list[tuple[str, str]]:
     return list(dict.fromkeys((one.stream, one.field) for one in keep))
 
 
-def _started(lanes: Iterable[Prepared], names: Sequence[tuple[str, str]], ticks: int, beat: Beat) -> LaneRun | None:
+def _start_lanes(lanes: Iterable[Prepared], names: Sequence[tuple[str, str]], ticks: int, beat: Beat) -> LaneRun | None:
     """Lanes of this structure: known ones, or new ones that the first lane that starts begins. None: none starts."""
     process = os.getpid()  # a forked child also compiles, but must not call `beat`
     for one in lanes:

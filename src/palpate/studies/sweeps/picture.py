@@ -29,7 +29,7 @@ SHARES = {
 }
 
 
-def draw(study: Any, name: str, ax: Axes | None = None) -> Figure:
+def draw_quantity(study: Any, name: str, ax: Axes | None = None) -> Figure:
     """Draw a quantity or a kept result into `ax` or a new figure; returns the figure. PictureError: it cannot be
     drawn."""
     if importlib.util.find_spec("matplotlib") is None:
@@ -57,7 +57,7 @@ def draw_all(study: Any, folder: Path) -> list[Path]:
     for one in study.keep:
         file = folder / f"{one.text.replace(' ', '-')}.png"
         with contextlib.suppress(PictureError):
-            draw(study, one.text).savefig(file)
+            draw_quantity(study, one.text).savefig(file)
             files.append(file)
     return files
 
@@ -80,7 +80,7 @@ def _varied_path(study: Any, rows: list[dict[str, Any]]) -> tuple[str, list[str]
 
 
 def _name_row(study: Any, row: dict[str, Any], paths: list[str]) -> str:
-    return ", ".join(study.shown(path, row[path]) for path in paths)
+    return ", ".join(study.value_text(path, row[path]) for path in paths)
 
 
 def _curves(study: Any, one: Kept, axes: Axes) -> None:
@@ -112,12 +112,12 @@ def _curves(study: Any, one: Kept, axes: Axes) -> None:
         axes.plot(times[k], values[k], color=colours[shade], linewidth=1.2, linestyle=dashes.get(names[k], "-"))
     # Legend or colour bar of the colours, and a legend of the line styles.
     if len(known) <= LEGEND:
-        lines = [Line2D([], [], color=colours[shade], label=study.shown(path, shade)) for shade in known]
-        axes.legend(handles=lines, title=study.labelled(path), loc="center left", bbox_to_anchor=(1.0, 0.5))
+        lines = [Line2D([], [], color=colours[shade], label=study.value_text(path, shade)) for shade in known]
+        axes.legend(handles=lines, title=study.axis_label(path), loc="center left", bbox_to_anchor=(1.0, 0.5))
     elif _numeric(shades):
-        axes.figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes, label=study.labelled(path))
+        axes.figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes, label=study.axis_label(path))
     if len(kinds) > 1:
-        title = ", ".join(map(study.labelled, others))
+        title = ", ".join(map(study.axis_label, others))
         if dashes:
             lines = [Line2D([], [], color=INK, linestyle=dashes[kind], label=kind) for kind in kinds]
             axes.figure.legend(handles=lines, title=title, loc="outside lower center", ncols=len(kinds))
@@ -138,12 +138,12 @@ def _numbers(study: Any, one: Kept, axes: Axes) -> None:
         groups.setdefault(_name_row(study, row, others), []).append(row)
     for name, group in groups.items():
         values, label = _scale_values(one, [row[one.text] for row in group])
-        where = [row[across] if _numeric([row[across]]) else study.shown(across, row[across]) for row in group]
+        where = [row[across] if _numeric([row[across]]) else study.value_text(across, row[across]) for row in group]
         axes.plot(where, values, "." if drawn else ".-", label=name or None)
         axes.set_ylabel(label)
     if len(groups) > 1:
-        axes.legend(title=", ".join(map(study.labelled, others)), loc="center left", bbox_to_anchor=(1.0, 0.5))
-    axes.set_xlabel(study.labelled(across))
+        axes.legend(title=", ".join(map(study.axis_label, others)), loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.set_xlabel(study.axis_label(across))
 
 
 def _shares(study: Any, one: Kept, axes: Axes) -> None:

@@ -18,13 +18,13 @@ from palpate.launch.run.execute import execute
 from palpate.launch.run.tasks.task import Beat
 from palpate.launch.run.work.compiling import compiling
 from palpate.nodes.logger import Mcap
-from palpate.physics.writable import locked
+from palpate.physics.writable import lock_file
 from palpate.studies.sweeps.keep import Kept
 from palpate.studies.sweeps.point import Computed, Point, kept_of
 from palpate.views.run import Run
 
 
-def recorded(
+def record_point(
     launched: Callable[[Mapping[str, Any], Path], LaunchFile], keep: Sequence[Kept], point: Point, beat: Beat
 ) -> Computed:
     """Run a point with a recording.
@@ -78,7 +78,7 @@ def warm(launch: LaunchFile, graph: Graph, beat: Beat) -> None:
     _warmed.add(name)
     process = os.getpid()  # a forked child also compiles, but must not call `beat`
     with open(folder / "warm.lock", "a") as lock:
-        while not locked(lock):
+        while not lock_file(lock):
             beat()
             time.sleep(0.1)
         if not (folder / name).exists():

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 
 METHODS = {"sobol": ("S1", "S1_conf", "ST", "ST_conf"), "morris": ("mu", "mu_star", "mu_star_conf", "sigma")}
 LEVELS = 4  # Levels of the grid of Morris
@@ -27,7 +27,7 @@ RESAMPLED = 200
 
 
 def _salib() -> Any:
-    with required("sensitivity", "study", RunError):
+    with require_extra("sensitivity", "study", RunError):
         import SALib.analyze.morris
         import SALib.analyze.sobol
         import SALib.sample.morris

@@ -27,13 +27,13 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import RunError
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 from palpate.physics.readable import MOST_TEXT, check_readable
-from palpate.physics.writable import locked
+from palpate.physics.writable import lock_file
 from palpate.studies.files import refuse, replace
 from palpate.studies.sweeps.point import Computed, Point
 
-with required("studies", "study", RunError):
+with require_extra("studies", "study", RunError):
     import pyarrow
     import pyarrow.parquet
     import zarr
@@ -63,7 +63,7 @@ class Store:
             refuse(folder, "dataset_description.json", "the data of an experiment")
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = open(folder / ".lock", "w")  # noqa: SIM115 - until `close`
-            if not locked(self._lock):
+            if not lock_file(self._lock):
                 self._lock.close()
                 raise RunError(f"{folder}: another process writes this study; wait for it, or take another folder")
         try:

@@ -30,8 +30,8 @@ from palpate.launch.run.tasks.task import Ended, about, fingerprint
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.sweeps.axes import axis
 from palpate.studies.sweeps.checks import check, path, seconds, space, units
-from palpate.studies.sweeps.identity import changes, described, origin
-from palpate.studies.sweeps.keep import RECORDING, Kept, kept
+from palpate.studies.sweeps.identity import changes, describe_space, origin
+from palpate.studies.sweeps.keep import RECORDING, Kept, kept_results
 from palpate.studies.sweeps.point import Computed, Point
 from palpate.studies.sweeps.sensitivity import indices
 from palpate.studies.sweeps.task import PointTask
@@ -82,10 +82,10 @@ class Study:
             raise ArgumentError(f"keep: found {keep!r}, expected a list such as ['peak contact.force']")
         given = scene if isinstance(scene, Mapping) or scene is None else find_file(str(scene), SCENES, what="scene")
         launch = find(str(graph)).but(overrides=sets, scene=given, duration=seconds("duration", duration))
-        launch = launch.but(organ=None if organ is None else organ_of(organ)).settled()
+        launch = launch.but(organ=None if organ is None else organ_of(organ)).settle_organ()
         self.limit = seconds("limit", limit)
         base = launch.load()
-        self.keep = kept(keep, base)
+        self.keep = kept_results(keep, base)
         self.recorded = RECORDING in keep
         self.launch, self.name = replace(launch, pace=None, only=None), launch.graph.stem
         self.space = space(
@@ -199,7 +199,7 @@ class Study:
     def _missing(self, store: Any, retry: bool, report: Callable[[str], None]) -> list[Point]:
         """The points that a folder lacks, with the slots of their rows; reports changes since the last run."""
         before = store.about.get("base")
-        study = {"over": described(self.space), "samples": self.space.samples, "design": self.space.design,
+        study = {"over": describe_space(self.space), "samples": self.space.samples, "design": self.space.design,
                  "seed": self.space.seed}  # fmt: skip
         lines = []
         if before is not None:
@@ -246,11 +246,11 @@ class Study:
         nothing = {"error": "not computed"}
         return [{**stored.get(point.key, nothing), **point.labels} for point in self.points]
 
-    def labelled(self, path: str) -> str:
+    def axis_label(self, path: str) -> str:
         """A path with its unit, for axes and legends."""
         return f"{path} [{self.units[path]}]" if path in self.units else path
 
-    def shown(self, path: str, value: Any) -> str:
+    def value_text(self, path: str, value: Any) -> str:
         """A value for tables and legends; a long one, such as a motion, is replaced by its number."""
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         if len(text) <= LEGIBLE or path not in self.space.paths:
@@ -305,6 +305,6 @@ class Study:
         """Draw a quantity, such as "contact.force", or a kept result, such as "peak contact.force": curves over time, a
         number over the first axis with numbers, or the sensitivity indices. Draws into the axes `ax`, or into a new
         figure that becomes the current one of pyplot. PictureError: it cannot be drawn."""
-        from palpate.studies.sweeps.picture import draw
+        from palpate.studies.sweeps.picture import draw_quantity
 
-        return draw(self, name, ax)
+        return draw_quantity(self, name, ax)

@@ -19,7 +19,7 @@ from palpate.studies.sweeps import lane
 from palpate.studies.sweeps.identity import origin
 from palpate.studies.sweeps.keep import Kept
 from palpate.studies.sweeps.point import Computed, Point, overrides, text_of
-from palpate.studies.sweeps.recorded import recorded
+from palpate.studies.sweeps.recorded import record_point
 
 
 @dataclass
@@ -72,7 +72,7 @@ class PointTask:
                 since = time.monotonic()
 
             try:
-                done = recorded(self.run, self.keep, point, begin)
+                done = record_point(self.run, self.keep, point, begin)
             except OSError as error:
                 done = Computed(lost=f"{error.filename or point.recording}: {error.strerror or error}")
             except Exception as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.physics.extras import required
+from palpate.physics.extras import require_extra
 from palpate.views.errors import PageError
 
 if TYPE_CHECKING:
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def check() -> None:
     """PageError: the package that serves the pages is missing."""
-    with required("the page", "page", PageError):
+    with require_extra("the page", "page", PageError):
         import websockets  # noqa: F401
 
 

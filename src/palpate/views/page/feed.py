@@ -178,7 +178,7 @@ def picture(
     first, *others = (
         now(last, touched.thickness) | curve for last, curve in zip(every, curves or [{}] * len(every), strict=True)
     )
-    return frame(head | first | {"others": others} | bodies.pressed(loads), bodies.surface(shapes))
+    return frame(head | first | {"others": others} | bodies.pressed_area(loads), bodies.surface(shapes))
 
 
 def kinds_of(touched: Touched) -> dict[str, type[Message]]:
@@ -192,11 +192,11 @@ def frame(head: dict[str, Any], surface: Surface | None) -> bytes:
     """A packed frame: head, nodes, displacements and pressures of the surface. The head has for each node whether it
     slides, if the body sends that."""
     if surface is None:
-        return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
+        return pack_message(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
     if len(surface.slipped) and len(surface.slipped) == len(surface.nodes):
         head = head | {"slipped": surface.slipped.tolist()}
     pressure = surface.pressure if len(surface.pressure) == len(surface.nodes) else ()
-    return packed(head, np.asarray(surface.nodes, "<u4"), np.asarray(surface.displacement, "<f4").ravel(),
+    return pack_message(head, np.asarray(surface.nodes, "<u4"), np.asarray(surface.displacement, "<f4").ravel(),
                   np.asarray(pressure, "<f4"))  # fmt: skip
 
 
@@ -241,11 +241,11 @@ def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
 
 
 def surface_frame(mesh: Mesh, about: dict[str, Any]) -> bytes:
-    return packed({"kind": "mesh", **about}, np.asarray(mesh.triangles, "<u4").ravel(),
+    return pack_message({"kind": "mesh", **about}, np.asarray(mesh.triangles, "<u4").ravel(),
                   np.asarray(mesh.vertices, "<f4").ravel(), np.asarray(mesh.normals, "<f4").ravel())  # fmt: skip
 
 
-def packed(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second: np.ndarray) -> bytes:
+def pack_message(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second: np.ndarray) -> bytes:
     """One binary message to the page: length of the head, the head in JSON padded to four bytes, then the arrays. NaN
     becomes null."""
     head = head | {"sizes": [len(indices), len(first), len(second)]}
@@ -255,7 +255,7 @@ def packed(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second:
 
 
 def binary(data: bytes) -> bytes:
-    """The record for external renderers, without JSON, of a mesh or frame of the page (`packed`)."""
+    """The record for external renderers, without JSON, of a mesh or frame of the page (`pack_message`)."""
     (length,) = struct.unpack_from("<I", data)
     head = msgspec.json.decode(data[4 : 4 + length])
     first, second, _ = (4 * size for size in head["sizes"])

@@ -10,7 +10,7 @@ from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.wire.discover import Running
 from palpate.nodes.base.effect import effects
 from palpate.views.page.feed import FrameSource, StreamReader, mesh_frame
-from palpate.views.page.steered import Touched, watched
+from palpate.views.page.steered import Touched, watched_part
 
 ENDING = 15.0  # [s] timeout of a graceful shutdown
 NICE = 10  # niceness of the thread that makes frames, so that the nodes of the run have priority
@@ -36,14 +36,14 @@ class Live(FrameSource):
         if self.stopping.is_set():
             launcher.stop()
         elif self._thread is None and launcher.phase == "running":
-            self.begun()
+            self.show_begin()
             run = Running(launcher.run_id, [group for group, job in launcher.jobs.items() if job.nodes])
             self._over.clear()
             self._thread = threading.Thread(target=self._follow, args=(run,), name="frames", daemon=True)
             self._thread.start()
             self.say("running")
 
-    def begun(self) -> None:
+    def show_begin(self) -> None:
         """Called when the run has begun."""
 
     def over(self) -> None:
@@ -77,7 +77,7 @@ class LiveView(Live):
     """The view of a run that the page does not steer. PageError: the graph cannot be shown."""
 
     def __init__(self, planned: Plan) -> None:
-        super().__init__(watched(planned))
+        super().__init__(watched_part(planned))
         self.mesh = mesh_frame(self.touched, {"watch": True, "bodies": [], "effects": {}})
         self.status = "the run is starting"
 

@@ -18,7 +18,7 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.errors import PageError
 from palpate.views.page.feed import Curve, FrameSource, frame, kinds_of, mesh_frame, picture
-from palpate.views.page.steered import watched
+from palpate.views.page.steered import watched_part
 from palpate.views.shown import fingers, links_of
 from palpate.views.surface.colour import able
 
@@ -43,7 +43,7 @@ class RecordingSource:
                 streams = ", ".join(sorted(self.recording.streams)) or "none"
                 raise RecordingError(f"{path}: no {what} in it to show: no stream of {kind.__name__} among {streams}")
         try:
-            self.touched = watched(plan_of(self.recording), found)
+            self.touched = watched_part(plan_of(self.recording), found)
         except PageError as error:
             raise RecordingError(f"{path}: {error}") from None
         self._file = self.recording.file().open("rb")
@@ -67,7 +67,7 @@ class RecordingSource:
             for channel, tick, time, payload in self._inside(chunk):
                 first = time if first is None else min(first, time)
                 if (contact := channels.get(channel)) is not None:
-                    message = self.recording.decoded(contact, tick, payload, Contact)
+                    message = self.recording.decode(contact, tick, payload, Contact)
                     rows[contact].append((time * 1e-9, message.force, message.indentation))
             if first is not None:
                 self._begins.append(first * 1e-9)
@@ -104,7 +104,7 @@ class RecordingSource:
             if len(found) == len(self._kinds) and chunk < k:
                 break
         return {
-            name: self.recording.decoded(name, tick, payload, self._kinds[name])
+            name: self.recording.decode(name, tick, payload, self._kinds[name])
             for name, (_, tick, payload) in found.items()
         }
 

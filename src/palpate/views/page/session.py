@@ -20,7 +20,7 @@ from palpate.physics.errors import PalpateError
 from palpate.views.errors import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
-from palpate.views.page.steered import Count, Pointers, Sample, steered, touched
+from palpate.views.page.steered import Count, Pointers, Sample, steer_launch, touched_part
 
 
 class PageRequest(msgspec.Struct, forbid_unknown_fields=True):
@@ -58,10 +58,10 @@ class Session(Live):
     ) -> None:  # fmt: skip
         self._build = build
         self.place = tempfile.TemporaryDirectory(prefix="palpate-touch-")
-        self.launch, self.sockets = steered(launch, Path(self.place.name))
+        self.launch, self.sockets = steer_launch(launch, Path(self.place.name))
         self.launch = self.launch.but(overrides=sets, only=only)
         self._graph: Graph | None = self.launch.load()
-        super().__init__(touched(plan(self._graph)))
+        super().__init__(touched_part(plan(self._graph)))
         several = takers(Load, self._graph.nodes[self.touched.body].cls)
         self.bodies = [body for body in reversed(bodies()) if len(self.sockets) == 1 or body in several]
         self.folder = folder
@@ -139,7 +139,7 @@ class Session(Live):
         if graph is None:
             graph = self.launch.but(overrides=[*switched, f"{self.touched.body}.use={self._wish}"]).load()
             self._build(graph, self._building)
-            self.touched = touched(plan(graph))
+            self.touched = touched_part(plan(graph))
         self.number += 1
         while (self.folder / f"{self.launch.graph.stem}-{self.number}.mcap").exists():  # of another program
             self.number += 1
@@ -175,6 +175,6 @@ class Session(Live):
         done(0.0)
         return done
 
-    def begun(self) -> None:
+    def show_begin(self) -> None:
         about = {"recording": str(self.record), "bodies": self.bodies, "effects": self.effects}
         self.mesh = mesh_frame(self.touched, about)

@@ -74,7 +74,7 @@ class Touched:
     receptors: Receptors
 
 
-def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
+def steer_launch(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
     """The run with the page's hands instead of its devices, and the sockets of the pointer samples, one per finger.
 
     folder  a private folder for the graph and the sockets
@@ -113,12 +113,12 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
     return LaunchFile(graph=file, scene=launch.scene, clock="real", overrides=overrides), sockets
 
 
-def touched(planned: Plan) -> Touched:
+def touched_part(planned: Plan) -> Touched:
     """The part of a plan that a page shows and steers. PageError: no body with a mesh, or no pose of the finger."""
     return _part_shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
 
 
-def watched(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
+def watched_part(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
     """The part of a plan that a page shows without steering it, or of its recording with these streams of each finger.
     PageError: no body with a mesh, or no contact."""
     needed = () if recorded else (Surface, Contact)
@@ -173,7 +173,7 @@ def shapes(planned: Plan) -> Bodies:
 def _receptors(planned: Plan, node: str) -> Receptors:
     """Positions and types of the receptors of a node of afferents; empty if the node cannot be made."""
     try:
-        made = planned.make(node).made()  # type: ignore[attr-defined]
+        made = planned.make(node).make_population()  # type: ignore[attr-defined]
     except (AttributeError, SettingError):
         return {}
     return {"x": (1e3 * made.at[:, 0]).tolist(), "y": (1e3 * made.at[:, 1]).tolist(), "kind": made.kind.tolist()}

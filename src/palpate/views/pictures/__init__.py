@@ -1,6 +1,6 @@
 """Pictures of a recording. Its message types determine which are drawn, independent of the graph.
 
-draw(Path("runs/kidney.mcap"), Path("runs"))
+draw_pictures(Path("runs/kidney.mcap"), Path("runs"))
 
 A picture is a file of this folder with three names; no list names it:
 
@@ -35,7 +35,7 @@ def _ignore(*_: object) -> None:
     pass
 
 
-def draw(
+def draw_pictures(
     recording: Path, folder: Path, warn: Callable[[str], object] = _ignore, done: Callable[..., object] = _ignore
 ) -> list[Path]:
     """Draw the pictures of a recording into a folder; returns the files.
@@ -49,10 +49,12 @@ def draw(
         warn(missing("no pictures", "matplotlib", "view"))
         return []
     with look():
-        return _draw(Recording(recording), folder, warn, done)
+        return _draw_all(Recording(recording), folder, warn, done)
 
 
-def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], done: Callable[..., object]) -> list[Path]:
+def _draw_all(
+    recording: Recording, folder: Path, warn: Callable[[str], object], done: Callable[..., object]
+) -> list[Path]:
     from palpate.views.pictures.deformation import Views
     from palpate.views.pictures.touch import TouchStreams
 
@@ -79,7 +81,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
             done(number / (len(known) + 2), name)
             several = picture.OF_A_FINGER and len(fingers) > 1
             for finger in fingers if several else fingers[:1]:
-                drawing = picture.draw(finger)
+                drawing = picture.draw_picture(finger)
                 if drawing is None:
                     continue
                 contact = finger.stream_of(Contact)
@@ -92,7 +94,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
         done(1.0 - 1.0 / (len(known) + 2), "deformation")
         if views is not None:
             try:
-                drawing = views.draw()
+                drawing = views.draw_views()
             except PictureError as error:
                 warn(str(error))
             else:

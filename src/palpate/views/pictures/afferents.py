@@ -20,7 +20,7 @@ PERIOD = 0.2  # [s] of a map: several spikes of a unit that fires at 5 to 20 per
 DOTS = (32, 18, 55)  # [pt²] size of a unit's dot, by type
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None if no spikes were recorded."""
     stream = touch.stream_of(Spikes)
     if stream is None or (made := population_of(touch, stream)) is None:
@@ -85,7 +85,7 @@ def population_of(touch: TouchStreams, stream: str) -> Population | None:
     """The receptors of the node that sent a stream; None if it cannot be made here."""
     node = touch.make(stream)
     try:
-        return node.made() if node is not None else None
+        return node.make_population() if node is not None else None
     except ValueError:
         return None
 

@@ -52,7 +52,7 @@ def readable(name: str) -> str:
     return ", ".join(parts)
 
 
-def draw(variants: Sequence[Variant], path: Path) -> list[Path]:
+def draw_comparison(variants: Sequence[Variant], path: Path) -> list[Path]:
     picture = figure(variants)
     path.parent.mkdir(parents=True, exist_ok=True)
     picture.savefig(path, dpi=140)

@@ -9,7 +9,7 @@ from palpate.views.pictures.touch import TouchStreams, touches
 ORDER, OF_A_FINGER = 30, True
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None without a contact, or if only one of the two deforms."""
     contact = touch.contact
     if contact is None or not touches(contact["time"], contact["force"]):

@@ -9,7 +9,7 @@ from matplotlib.patheffects import withStroke
 
 from palpate.views.pictures.style import INK, deformation_bar, figure
 from palpate.views.pictures.touch import TouchStreams
-from palpate.views.surface.colour import COLOURS, painted, round_up
+from palpate.views.surface.colour import COLOURS, paint_vertices, round_up
 from palpate.views.surface.moments import Instant, bodies_of, instants
 from palpate.views.surface.off_screen import Rendering
 
@@ -30,14 +30,14 @@ class Views:
         count = len(self.instants)
         self.columns = min(COLUMNS, count)
         self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].loads.max())[: self.columns])
-        lengths = [painted(COLOURS["displacement"], mesh, instant.surface) for instant in self.instants]
+        lengths = [paint_vertices(COLOURS["displacement"], mesh, instant.surface) for instant in self.instants]
         self.deepest = round_up(max(float(length.max()) for length in lengths))
         self._rendering = Rendering(mesh, self.instants, lengths, self.near, self.deepest)
 
     def close(self) -> None:
         self._rendering.close()
 
-    def draw(self) -> Figure:
+    def draw_views(self) -> Figure:
         """The figure. PictureError: this machine cannot render it."""
         pixels = self._rendering.pixels()
         columns = self.columns

@@ -10,7 +10,7 @@ from palpate.views.pictures.touch import Columns, TouchStreams
 ORDER, OF_A_FINGER = 50, True
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None without a recorded force."""
     force = touch[Force]
     if force is None:
@@ -35,7 +35,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     upper.set_title(f"largest {size.max():.2f} N{limit_text}; shaded: in contact")
     legend_above(upper)
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
-    energy = absorbed(force, touch[Pose])
+    energy = absorbed_energy(force, touch[Pose])
     if energy is None:
         energy, how = force["energy"], "absorbed since the last change of state, by the passivity observer"
     else:
@@ -47,7 +47,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     return out
 
 
-def absorbed(force: Columns, pose: Columns | None) -> np.ndarray | None:
+def absorbed_energy(force: Columns, pose: Columns | None) -> np.ndarray | None:
     """Energy [J] (n) that the display has absorbed up to each force, E_k = E_{k-1} - F_{k-1}·(x_k - x_{k-1}), from the
     forces without the delay that the controller's observer may assume. None without a pose at each tick."""
     if pose is None or not np.isin(force["tick"], pose["tick"]).all():

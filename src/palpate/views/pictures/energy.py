@@ -14,7 +14,7 @@ LEAST = 1e-5  # [J] below this generated energy its panel would be empty
 PARTS = ("fingertip", FINGER), ("tissue", TISSUE), ("friction", FRICTION)
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None without a recorded Ledger. Without generated energy, its panel is left out."""
     ledger = touch[Ledger]
     if ledger is None:

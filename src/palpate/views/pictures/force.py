@@ -22,7 +22,7 @@ LEAST_STEP = 0.01  # [1] of the largest force; smaller steps of a bundle of beam
 FIXED = 3e-3  # [m] largest extent of the foot points of a press; of a touch with a larger one the title reports it
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None without a contact, or without depth or pose."""
     contact = touch.contact
     if contact is None or not (slices := touches(contact["time"], contact["force"])):
@@ -58,7 +58,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     for axes, (whose, depth, label) in zip(every, depths, strict=False):
         for other in slices:
             if other is not chosen:
-                smooth = smoothed(contact["force"][other], contact["time"][other])
+                smooth = smooth_force(contact["force"][other], contact["time"][other])
                 axes.plot(depth[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
         _loop(axes, depth[chosen], contact["force"][chosen], contact["time"][chosen])
         loop = millijoules(work(depth[chosen], contact["force"][chosen]))
@@ -124,7 +124,7 @@ def _limit(axes: Axes, touch: TouchStreams, compression: np.ndarray) -> None:
 def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> None:
     """One touch: loading, hold and unloading in their colours, with arrows."""
     axes.plot(way * 1e3, force, ".", color=NORMAL, alpha=0.12, markersize=2.5)
-    smooth = smoothed(force, time)
+    smooth = smooth_force(force, time)
     moves = movement(way, time)
     mark = _hold(axes, way, smooth, time, moves)
     for label, colour, which in (("loading", TISSUE, 1), ("hold", FINGER, 0), ("unloading", NORMAL, -1)):
@@ -178,7 +178,7 @@ def largest_step(touch: TouchStreams, most: float) -> float:
     return step if step > LEAST_STEP * most else 0.0
 
 
-def smoothed(force: np.ndarray, time: np.ndarray) -> np.ndarray:
+def smooth_force(force: np.ndarray, time: np.ndarray) -> np.ndarray:
     """The running mean of noisy forces; quiet forces unchanged, with their peaks."""
     return force if noise(force) < QUIET * float(np.ptp(force)) else mean(force, time, SPAN)
 

@@ -52,7 +52,7 @@ def beyond_dip(touch: TouchStreams) -> float:
     return DIPS_FOR * speed if isinstance(speed, float | int) else BEYOND_DIP
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None if normal force, friction or slip were not recorded, or nothing was touched."""
     data = sliding(touch)
     if data is None or not touches(data[0], data[1]):

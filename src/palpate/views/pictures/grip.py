@@ -16,7 +16,7 @@ SPAN = 0.05  # [s] window of the mean over which a finger slides
 CREEP = 1e-3  # [m/s] slowest sliding; below it friction creeps
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None if no grip was recorded, or nothing was held."""
     grip = touch[Grip]
     if grip is None or not grip["normal"].any():

@@ -17,7 +17,7 @@ COLUMNS = 5
 APART, STUCK = "#f2f2f5", "#8d8d99"
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None without a recorded Slip."""
     slide = slides(touch)
     if slide is None:

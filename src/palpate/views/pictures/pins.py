@@ -24,7 +24,7 @@ STEADY = 0.8  # [1] smallest force of these times, as a fraction of the largest
 STOPPED = 0.999  # [1] share of the stroke from which a pin counts as at its stop
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None if no pins were recorded, or nothing was touched."""
     columns = touch[Pins]
     if columns is None or touch.contact is None:

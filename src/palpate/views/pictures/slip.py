@@ -56,7 +56,7 @@ def slides(touch: TouchStreams) -> tuple[Columns, Columns, Columns, Phases] | No
     return contact, friction, slip, phases(contact["force"], size, slip["incipient"], slip["gross"])
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None without a recorded Slip."""
     slide = slides(touch)
     if slide is None:

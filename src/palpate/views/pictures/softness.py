@@ -20,7 +20,7 @@ POINTS = 40  # of the run over force
 OUTSIDE = "outside Hertz theory"
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None if no pins show a force, or their node cannot be made here."""
     sent = touch[Pins]
     if sent is None or touch.contact is None:

@@ -21,7 +21,7 @@ LEAST = 0.02  # [1] share of the time in which a frequency must be louder than R
 HIGHEST = 1000.0  # [Hz] highest frequency that a finger feels
 
 
-def draw(touch: TouchStreams) -> Figure | None:
+def draw_picture(touch: TouchStreams) -> Figure | None:
     """None if nothing slid over a texture."""
     stream = touch.stream_of(Vibration)
     if stream is None:

@@ -97,7 +97,7 @@ class TouchStreams:
         wanted = set(ticks)
         for name, tick, _, payload in self.recording.raw():
             if name == stream and tick in wanted:
-                messages[tick] = self.recording.decoded(name, tick, payload, kind)
+                messages[tick] = self.recording.decode(name, tick, payload, kind)
                 if len(messages) == len(wanted):
                     break
         return messages

@@ -50,7 +50,7 @@ def able(surface: Surface) -> list[str]:
     return [name for name in COLOURS if sent.get(name, True)]
 
 
-def painted(of: Colour, mesh: Any, surface: Surface) -> np.ndarray:
+def paint_vertices(of: Colour, mesh: Any, surface: Surface) -> np.ndarray:
     """Values (V) of all vertices of a mesh, in SI: displacement [m], pressure [Pa], slip (1: slides), or largest
     principal strain of the triangles around each vertex [1]. Zero for vertices that are not in the message."""
     values = np.zeros(len(mesh.vertices))

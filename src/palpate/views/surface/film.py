@@ -21,7 +21,7 @@ from palpate.views.errors import PictureError
 from palpate.views.pictures.style import deformation_bar, look
 from palpate.views.pictures.style import figure as blank
 from palpate.views.pictures.touch import TouchStreams
-from palpate.views.surface.colour import COLOURS, Colour, check, painted, top
+from palpate.views.surface.colour import COLOURS, Colour, check, paint_vertices, top
 from palpate.views.surface.moments import Instant, bodies_of, instants_at
 from palpate.views.surface.off_screen import Rendering
 
@@ -99,11 +99,11 @@ def film(
 
 def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Figure]:
     """Surface, colour bar, time and force at each instant; the same figure each time."""
-    most = top(of, max(float(painted(of, mesh, one.surface).max()) for one in instants))
+    most = top(of, max(float(paint_vertices(of, mesh, one.surface).max()) for one in instants))
     image: Any = None
     for begin in range(0, len(instants), BATCH):
         batch = instants[begin : begin + BATCH]
-        values = [painted(of, mesh, one.surface) for one in batch]
+        values = [paint_vertices(of, mesh, one.surface) for one in batch]
         with closing(Rendering(mesh, batch, values, [], most, all_of=instants)) as rendering:
             wide = rendering.pixels()["wide"]
         for pixels, instant in zip(wide, batch, strict=True):

@@ -85,7 +85,7 @@ def _mesh(touch: TouchStreams, name: str) -> Mesh:
         raise PictureError(f"node {name!r}: its mesh cannot be made here: {error}") from None
 
 
-def displaced(surface: Surface, vertices: int) -> np.ndarray:
+def displace_vertices(surface: Surface, vertices: int) -> np.ndarray:
     """Displacement [m] (V,3) of all vertices. PictureError: a vertex that is not in the mesh."""
     field = np.zeros((vertices, 3))
     if len(surface.nodes):
@@ -152,15 +152,15 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
     for k, tick in enumerate(at.tolist()):
         surface = shown.surface({stream: found[tick] for stream, found in by_body.items() if tick in found})
         assert surface is not None  # contains the first body
-        field = displaced(surface, len(shown.mesh.vertices))
-        along = dragged(shown.mesh.vertices, field, feet[k], normals[k]) * (loads[k] > 0.0)[:, None]
+        field = displace_vertices(surface, len(shown.mesh.vertices))
+        along = mean_drag(shown.mesh.vertices, field, feet[k], normals[k]) * (loads[k] > 0.0)[:, None]
         moments.append(
             Instant(float(time[k]), surface, field, tips[k] + along, normals[k], forces[k], loads[k], depths[k])
         )
     return moments
 
 
-def dragged(vertices: np.ndarray, displacement: np.ndarray, feet: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def mean_drag(vertices: np.ndarray, displacement: np.ndarray, feet: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Mean displacement [m] (f,3) along the surface of the vertices around each foot point (f,3), normals (f,3).
 
     The contact and its load are computed at the foot point on the undeformed surface. Friction moves this point, so a

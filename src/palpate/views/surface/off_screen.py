@@ -76,7 +76,7 @@ class Rendering:
                 raise PictureError(
                     f"no 3-D picture within {self._patience:.0f} s: if this machine is busy, draw it later with "
                     f"`palpate picture FILE`; else {CURE}"
-                ).failed() from None
+                ).as_failure() from None
             if self._process.returncode == 0 and self._target.is_file():
                 with np.load(self._target) as archive:
                     return dict(archive)
@@ -84,7 +84,7 @@ class Rendering:
                 self._process = self._begin(following)
         raise PictureError(
             f"no 3-D picture: {_reason(self._process.returncode, errors.decode(errors='replace'))}; {CURE}"
-        ).failed()
+        ).as_failure()
 
     def close(self) -> None:
         if self._process.poll() is None:

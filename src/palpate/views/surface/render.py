@@ -51,7 +51,7 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         _lights(pyvista, plotter)
         for shot in (shots[i] for i in which):
             plotter.clear_actors()
-            _draw(pyvista, plotter, views["vertices"], faces, *shot, most, edges=out is close)
+            _draw_surface(pyvista, plotter, views["vertices"], faces, *shot, most, edges=out is close)
             _camera(plotter, views["vertices"], balls, heads, shot, near=out is close)
             plotter.render()
             out.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
@@ -80,7 +80,7 @@ def _lights(pyvista: Any, plotter: Any) -> None:
         plotter.add_light(light)
 
 
-def _draw(
+def _draw_surface(
     pyvista: Any, plotter: Any, vertices: np.ndarray, faces: np.ndarray, displacement: np.ndarray, values: np.ndarray,
     tips: np.ndarray, normals: np.ndarray, arrows: np.ndarray, most: float, edges: bool,
 ) -> None:  # fmt: skip

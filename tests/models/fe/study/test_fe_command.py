@@ -86,7 +86,7 @@ def test_a_stopped_reduce_leaves_no_files(tmp_path, monkeypatch):
 def test_reduce_warns_of_a_useless_basis(tmp_path, monkeypatch, worst, code):
     given = Basis(np.zeros((4, 3)), np.zeros((1, 3), dtype=np.int32), np.eye(12))
     missed = {"mean": worst / 4, "worst": worst}
-    monkeypatch.setattr(builder, "built", lambda node, stages: (given, missed))
+    monkeypatch.setattr(builder, "build_basis", lambda node, stages: (given, missed))
     made = run("build", "basis", "--set", "surface=plane", "--set", "coarse=120", "--out", str(tmp_path))
     assert made.exit_code == code, made.output
     assert f"worst {worst:.1%}" in made.stdout

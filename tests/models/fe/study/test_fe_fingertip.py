@@ -100,7 +100,7 @@ def test_pressing_makes_force_area_and_strain_and_the_bone_stays_rigid():
 def test_dividing_all_moduli_divides_the_force_on_a_rigid_plate():
     _, whole = pressed()
     soft = record(Pressing(FingertipDimensions(cells=3), "steel", "cortical/16"), 1.5e-4)
-    assert soft.force[-1] == approx(whole.softened(16.0).force[-1], rel=5e-3)
+    assert soft.force[-1] == approx(whole.soften(16.0).force[-1], rel=5e-3)
     depth, area, volumes = soft.at(0.5 * soft.force[-1])
     assert 0 < depth < 1.5e-4 and area > 0 and volumes.shape == LEVELS.shape
     with pytest.raises(ValueError, match="ends at"):

@@ -9,7 +9,7 @@ from pytest import approx
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh, box
 from palpate.models.fe.meshing.fingertip import NAIL, SUBCUTIS, FingertipDimensions
-from palpate.models.fe.study.isostrain import strain, subdivided, volumes_above
+from palpate.models.fe.study.isostrain import strain, subdivide_element, volumes_above
 from palpate.models.fe.study.press_record import LEVELS, Record, differing
 from palpate.physics.contact.tactile import equivalent_strain
 
@@ -71,7 +71,7 @@ def test_uniform_stretch_has_its_strain_and_volume():
 
 @pytest.mark.parametrize("cuts", [1, 2, 3, 5])
 def test_a_cut_tetrahedron_is_filled_by_its_pieces(cuts):
-    at, pieces = subdivided(cuts)
+    at, pieces = subdivide_element(cuts)
     corner = at[pieces]
     volume = np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) / 6.0
     assert len(pieces) == cuts**3

@@ -42,16 +42,18 @@ def rates(
     limit, and a launch file is written. If no rates meet the limit, nothing is written and the exit code is 1.
     """
     from palpate.studies import rates as study
-    from palpate.studies.motions import at_speeds, reached
+    from palpate.studies.motions import at_speeds, peak_speeds
     from palpate.studies.search import read_error
 
     share, _ = read_error(error)
     fast = study.read_speeds(speeds)
-    launch = options.chosen(graph, sets, scene).but(duration=duration)
+    launch = options.choose_launch(graph, sets, scene).but(duration=duration)
     planned = launch.plan()
     study.effects_of(planned)
     file = options.launch_file(launch, out, "rates")
-    took = sum(one.duration or 0.0 for one in at_speeds(launch, fast).values()) * (3 if reached(launch, fast)[1] else 1)
+    took = sum(one.duration or 0.0 for one in at_speeds(launch, fast).values()) * (
+        3 if peak_speeds(launch, fast)[1] else 1
+    )
     title = f"rates: a touch of {launch.duration or 0.0:g} s, then again at other rates"
     with steps(title, 4, silent=as_json, seconds=PER_TICK * took * planned.graph.rate) as done:
         found = study.rates(launch, share, file, done, fast)

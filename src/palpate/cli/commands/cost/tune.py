@@ -55,7 +55,7 @@ def tune(
     if budget is None and error is None:
         raise typer.BadParameter("expected --budget '0.5 ms', --error '2 % force', or both")
     goal = study.Goal(budget, *(read_error(error, study.QUANTITIES) if error is not None else (None, "force")))
-    launch = options.chosen(graph, sets, scene).but(duration=duration)
+    launch = options.choose_launch(graph, sets, scene).but(duration=duration)
     file = options.launch_file(launch, out, "tuned")
     loaded = launch.load()
     bodies, length = len(study.candidates(loaded)), launch.duration or 0.0

@@ -1,6 +1,6 @@
 """`palpate check`: check a graph and report all its faults."""
 
-from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
+from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, choose_launch
 from palpate.cli.terminal.output import console, print_json, say
 
 EXAMPLE = "palpate check kidney --scene frictionless"
@@ -20,7 +20,7 @@ def check(
     """
     from palpate.launch.load.plan import check_stored
 
-    run = chosen(graph, sets, scene, place, fused)
+    run = choose_launch(graph, sets, scene, place, fused)
     plan = run.plan()
     check_stored(plan)
     groups = run.placement(plan).groups

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
+from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, choose_launch
 from palpate.cli.terminal.output import console, print_json, table
 from palpate.launch.run.progress import steps
 
@@ -45,7 +45,7 @@ def plan(
     from palpate.launch.load.effect_costs import effect_costs
     from palpate.records.times import step_times
 
-    run = chosen(graph, sets, scene, place, fused)
+    run = choose_launch(graph, sets, scene, place, fused)
     planned = run.plan()
     times, source = step_times(planned, ablate)
     placement = run.placement(planned, times)

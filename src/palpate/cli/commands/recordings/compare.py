@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import File, Json, NoPictures, Trust, check_ending, out_option
-from palpate.cli.terminal.output import console, drawn, print_json, say, table
+from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.launch.run.progress import ticks
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ def compare(
     from palpate.records.compare import RECORDED
     from palpate.records.compare import compare as work
     from palpate.records.reader import Recording
-    from palpate.records.stored import damaged
-    from palpate.views.pictures.compare import draw
+    from palpate.records.stored import report_damage
+    from palpate.views.pictures.compare import draw_comparison
 
     wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
     wanted = [[] if given == [RECORDED] else given for given in wanted]
@@ -55,9 +55,9 @@ def compare(
     if not no_pictures:
         check_ending(target)
     recording = Recording(file)
-    with damaged(file), ticks("computing", silent=as_json) as show:
+    with report_damage(file), ticks("computing", silent=as_json) as show:
         outcomes = work(recording, wanted, reference=base, show=show)
-    paths = [] if no_pictures else drawn(draw, outcomes, target)
+    paths = [] if no_pictures else draw_if_possible(draw_comparison, outcomes, target)
     if as_json:
         print_json({"ok": True, "complete": recording.complete, "ending": recording.ending,
                     "reference": outcomes[0].name,

@@ -54,7 +54,7 @@ def _recorded_rows(file: str, stream: str | None) -> Iterator[Message]:
     recording = Recording(file)
     if stream is None:
         raise RecordingError(f"{file}: name a stream: {', '.join(recording.streams)}")
-    recording.known(stream)
+    recording.find_stream(stream)
     return recording.messages(stream)
 
 

@@ -81,12 +81,12 @@ def _pairs(given: list[str]) -> dict[str, str]:
 
 
 def _recover(file: Path, out: Path | None, full: bool, as_json: bool) -> None:
-    from palpate.records.fill import explained, recover, recover_full
+    from palpate.records.fill import explain_difference, recover, recover_full
     from palpate.records.reader import Recording
 
     if full:
         target, counts, report = recover_full(file, out)
-        wrong = explained(file, report, Recording(file).about) if report.first is not None else ""
+        wrong = explain_difference(file, report, Recording(file).about) if report.first is not None else ""
     else:
         (target, counts), wrong = recover(file, out), ""
     if as_json:

@@ -54,10 +54,10 @@ def replay(
     versions and instructions; otherwise numbers are compared within 1e-6, with a warning.
     """
     from palpate.launch.load.recording import recording_name
-    from palpate.records.changed import changed
-    from palpate.records.format.claim import claimed
+    from palpate.records.changed import change_plan
+    from palpate.records.format.claim import claim_file
     from palpate.records.reader import Recording
-    from palpate.records.stored import damaged
+    from palpate.records.stored import report_damage
 
     if speed is not None and not speed > 0:
         raise typer.BadParameter(f"--speed: found {speed}, expected more than 0")
@@ -65,9 +65,9 @@ def replay(
         raise typer.BadParameter(f"--to: found {end} s, expected not less than --from {begin} s")
     if record is not None:
         recording_name(record, "--record")
-    with damaged(file):
+    with report_damage(file):
         recording = Recording(file)
-        plan = changed(recording, sets or (), graph)
+        plan = change_plan(recording, sets or (), graph)
         if check:
             for name, given in (("--only", only), ("--record", record), ("--speed", speed), ("--graph", graph)):
                 if given:
@@ -82,7 +82,7 @@ def replay(
         no_idle(sets or [], plan, player.running)
         with contextlib.ExitStack() as stack:
             if record is not None:
-                stack.enter_context(claimed(record, force))
+                stack.enter_context(claim_file(record, force))
             if loop:
                 stack.enter_context(contextlib.suppress(KeyboardInterrupt))
             player.run()
@@ -95,7 +95,7 @@ def replay(
 
 
 def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool) -> None:
-    from palpate.cli.terminal.replayed import checked
+    from palpate.cli.terminal.replayed import print_check
     from palpate.engine.provenance import rounding
     from palpate.records.differences import ELSEWHERE
     from palpate.records.verify import verify
@@ -107,6 +107,6 @@ def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool)
     if as_json:
         print_json({**report.to_spec(), "tolerance": tolerance, "computed_otherwise": elsewhere})
     else:
-        checked(recording, report, tolerance, elsewhere)
+        print_check(recording, report, tolerance, elsewhere)
     if not report.verified:
         raise typer.Exit(TROUBLE)

@@ -65,7 +65,7 @@ def run(
         if forkserver is not None:
             ending.callback(forkserver.close)
         # The run that the options describe.
-        launch = options.chosen(graph, sets, scene, place, fused)
+        launch = options.choose_launch(graph, sets, scene, place, fused)
         launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
         options.one_of("clock", clock, "simulated", "real")
         launch = launch.but(clock=clock, duration=duration, pace=pace)
@@ -81,7 +81,7 @@ def run(
             ending.callback(page.close)
 
         from palpate.bases import build_missing
-        from palpate.cli.terminal.run_summary import ended
+        from palpate.cli.terminal.run_summary import print_end
         from palpate.launch.run.execute import Network, execute
         from palpate.records.times import step_times
 
@@ -98,7 +98,7 @@ def run(
             outcome.result.live.update(launch.notes)
         if page is not None:
             page.live.over()
-        ended(outcome, name, None if no_pictures else folder, as_json, quiet)
+        print_end(outcome, name, None if no_pictures else folder, as_json, quiet)
         if page is not None and not (outcome.result.interrupted or as_json):
             page.stay()
     if not outcome.ok or (strict and outcome.verdict is not None and not outcome.verdict.kept):

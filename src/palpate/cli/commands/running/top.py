@@ -29,7 +29,7 @@ def top(
     from rich.live import Live
 
     from palpate.launch.run.wire.bus import HEALTH
-    from palpate.launch.run.wire.discover import find, hear
+    from palpate.launch.run.wire.discover import find, receive_messages
     from palpate.messages import Health, unpack
     from palpate.physics.errors import RunError
 
@@ -40,7 +40,7 @@ def top(
     view = Live(console=console(), refresh_per_second=4, transient=left is not None)
     try:
         with view if left is None else contextlib.nullcontext():
-            for _, payload in hear(live_run, [HEALTH]):
+            for _, payload in receive_messages(live_run, [HEALTH]):
                 message, moment = unpack(payload, Health), time.monotonic()
                 rows.setdefault(message.source, Row()).take(message, moment)
                 if left is None:

@@ -46,7 +46,7 @@ def touch(
     from palpate.views.page.session import Session
 
     launch = options.with_organ_file(
-        options.chosen(graph, None if organ is None else sets, scene), organ, unit, piece, repair
+        options.choose_launch(graph, None if organ is None else sets, scene), organ, unit, piece, repair
     )
     build_missing(launch.but(overrides=sets or ()).load())
     with contextlib.nullcontext(out) if out else new_folder("touch") as folder:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Host, Json, NoOpen, Port, Sets, out_option
-from palpate.cli.terminal.output import console, drawn, print_json, say, table
+from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.launch.run.progress import steps
 
 if TYPE_CHECKING:
@@ -49,9 +49,9 @@ def experiment(
         return
     if file is None:
         raise typer.BadParameter("expected an EXPERIMENT, such as kidney-stiffness, or --analyse FOLDER")
-    from palpate.studies.psychophysics.opening import opened
+    from palpate.studies.psychophysics.opening import open_sitting
 
-    with opened(file, out, participant, session, list(sets or []), resume, _confirm) as sitting:
+    with open_sitting(file, out, participant, session, list(sets or []), resume, _confirm) as sitting:
         place = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
         for note in [*sitting.notes, place]:
             say(note, err=True)
@@ -83,10 +83,10 @@ def _confirm(text: str) -> bool | None:
 
 def _analyse(folder: Path, as_json: bool) -> None:
     from palpate.studies.psychophysics.analysis import analyse, save
-    from palpate.studies.psychophysics.pictures import draw
+    from palpate.studies.psychophysics.pictures import draw_answers
 
     outcomes = analyse(folder)
-    files = [*save(outcomes, folder), *drawn(draw, outcomes, folder)]
+    files = [*save(outcomes, folder), *draw_if_possible(draw_answers, outcomes, folder)]
     if as_json:
         print_json({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
         return

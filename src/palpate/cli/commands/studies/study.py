@@ -113,7 +113,7 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
 def _list(found: Study, listed: Any, units: dict[str, str], title: str = "") -> None:
     heads = [units.get(name, f">{name}" if kind.kind == "f" else name) for name, kind in listed.dtypes.items()]
     rows = listed.head(LISTED).itertuples(index=False)
-    body = [[found.shown(name, value) for name, value in zip(listed, row, strict=True)] for row in rows]
+    body = [[found.value_text(name, value) for name, value in zip(listed, row, strict=True)] for row in rows]
     console(soft_wrap=True).print(table(heads, body, title=title))
     if len(listed) > LISTED:
         say(f"... and {len(listed) - LISTED} more")

@@ -77,7 +77,7 @@ def contact_area(nodes: np.ndarray, gap: np.ndarray, traction: np.ndarray) -> fl
     levels = _Levels(nodes, gap)
     far = RATIO**1.5
 
-    def measured(level: float) -> tuple[float, float, float]:
+    def measure_areas(level: float) -> tuple[float, float, float]:
         """Areas within the two levels, and the distance of their lines; inf if the outer one is outside the faces."""
         (inner, short), (outer, long) = levels.at(level), levels.at(far * level)
         if long == 0.0:
@@ -87,10 +87,10 @@ def contact_area(nodes: np.ndarray, gap: np.ndarray, traction: np.ndarray) -> fl
     low, high = max(1e-6 * apart, float(gap[traction > 0.0].max())), apart
     for _ in range(40):
         level = np.sqrt(low * high)
-        if measured(level)[2] < apart:
+        if measure_areas(level)[2] < apart:
             low = level
         else:
             high = level
-    inner, outer, _ = measured(low)
+    inner, outer, _ = measure_areas(low)
     share = 1.0 / (RATIO - 1.0)
     return max(0.0, (1.0 + share) * np.sqrt(inner) - share * np.sqrt(outer)) ** 2

@@ -23,7 +23,7 @@ from palpate.models.fe.contact.augmented import SMOOTH, STIFF, Augmented, add_ta
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element.mesh import point_text
 from palpate.models.fe.sparse.tangent import Pattern
-from palpate.physics.materials.compiled import MATRIX, VECTOR, compiled
+from palpate.physics.materials.compiled import MATRIX, VECTOR, compile_law
 
 LEAP = 0.1  # Additional depth in edges, within a load step, above which a rigid body has passed through the faces
 LOOKS = 200  # Maximum number of places within a load step at which that is checked
@@ -198,7 +198,7 @@ class RigidIndenter(Augmented):
         if self.parameters.shape != (count,) or not np.isfinite(self.parameters).all():
             name = getattr(shape, "__name__", "shape")
             raise ValueError(f"{name}: found parameters {self.parameters.tolist()}, expected {count} finite numbers")
-        self._shape = compiled(shape, SHAPE)
+        self._shape = compile_law(shape, SHAPE)
         self._turn = np.eye(3)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
@@ -218,7 +218,7 @@ class RigidIndenter(Augmented):
         if fault:
             return fault
         positions = self._touching_points(start)
-        ends = [self.placed(load), self.placed(target)]
+        ends = [self.rigid_motion(load), self.rigid_motion(target)]
         before, after = ((positions - origin) @ turn for origin, turn in ends)
         pieces = min(int(np.ceil(2.0 * np.linalg.norm(after - before, axis=2).max() / self.edge)), LOOKS)
         if pieces < 2:
@@ -226,7 +226,7 @@ class RigidIndenter(Augmented):
         points = positions.reshape(-1, 3)
         least = min(_deepest(self._shape, points, *place, self.parameters)[1] for place in ends)
         for k in range(1, pieces):
-            place = self.placed(load + k / pieces * (target - load))
+            place = self.rigid_motion(load + k / pieces * (target - load))
             worst, gap = _deepest(self._shape, points, *place, self.parameters)
             if gap < least - LEAP * self.edge:
                 return f"the rigid body passes through the surface at {point_text(points[worst])} within the step"
@@ -238,10 +238,10 @@ class RigidIndenter(Augmented):
     def begin(self, displacement: np.ndarray, load: float) -> None:
         self.remember()
         self._bend = np.full(self.area.shape, np.nan) if self.friction > 0.0 else self.multiplier.copy()
-        origin, turn = self.placed(load)
+        origin, turn = self.rigid_motion(load)
         self._before = (self._touching_points(displacement) - origin) @ turn
 
-    def placed(self, load: float) -> tuple[np.ndarray, np.ndarray]:
+    def rigid_motion(self, load: float) -> tuple[np.ndarray, np.ndarray]:
         """Position of the rigid body's origin [m] (3) and its rotation (3,3). ValueError: the path returns others."""
         pose = self.path(load)
         origin, turn = pose if isinstance(pose, tuple) else (pose, np.eye(3))
@@ -257,7 +257,7 @@ class RigidIndenter(Augmented):
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         total = np.zeros((2, 3))
-        place = self.placed(load)
+        place = self.rigid_motion(load)
         self._turn = place[1]
         _touch(
             self._shape, self.parameters, self.points + displacement, (self.faces, self._where, self.value, self.area),

@@ -33,12 +33,12 @@ class Switching(NamedTuple):
     area: np.ndarray  # [m²] (P,)
 
 
-def joined(parts: list[Switching]) -> Switching:
+def join_parts(parts: list[Switching]) -> Switching:
     rows = csr_array(vstack([p.rows for p in parts], format="csr"))
     return Switching(rows, *(np.concatenate([p[k] for p in parts]) for k in (1, 2, 3)))
 
 
-def switched(
+def switch_points(
     points: Switching, step: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Newton's step [m] (3N,) with the active set at its end, and the tractions [Pa] (P,) there.
@@ -55,7 +55,7 @@ def switched(
     for _ in range(ROUNDS):
         if not answers.fetch(wrong):
             break
-        opening = answers.opened(wrong)
+        opening = answers.open_columns(wrong)
         small = np.eye(len(wrong)) + penalty[wrong, None] * opening[wrong] * sign[wrong]
         if len(wrong) and np.linalg.cond(small) > SINGULAR:
             break
@@ -68,7 +68,7 @@ def switched(
         if length == 0.0 or (length == 1.0 and np.array_equal(after, wrong)):
             break
         wrong = after
-    return step + answers.moved(part), np.maximum(start - penalty * opened, 0.0)
+    return step + answers.displacement_under(part), np.maximum(start - penalty * opened, 0.0)
 
 
 def _length(
@@ -113,10 +113,10 @@ class _Answers:
             self._column[new] = count + np.arange(len(new))
         return True
 
-    def opened(self, wanted: np.ndarray) -> np.ndarray:
+    def open_columns(self, wanted: np.ndarray) -> np.ndarray:
         return self._opened[:, self._column[wanted]]
 
-    def moved(self, traction: np.ndarray) -> np.ndarray:
+    def displacement_under(self, traction: np.ndarray) -> np.ndarray:
         """Displacements [m] (3N,) for tractions [Pa] (P,), which are zero at points that are not cached."""
         cached = np.flatnonzero(self._column >= 0)
         return self._moved[:, self._column[cached]] @ traction[cached]

@@ -40,7 +40,7 @@ def _determinants(points: np.ndarray, elements: np.ndarray, at: np.ndarray) -> n
     return np.linalg.det(np.einsum("eai,nak->enik", points[elements], natural))
 
 
-def inverted(points: np.ndarray, elements: np.ndarray, folded: float) -> np.ndarray:
+def find_inverted(points: np.ndarray, elements: np.ndarray, folded: float) -> np.ndarray:
     """Indices (K,) of the elements (E,10) whose determinant is not positive everywhere, in ascending order.
 
     points [m] (N,3);  folded [1]  allowed negative determinant, as a fraction of the largest one of the element

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.models.fe.element.elements import EDGES
-from palpate.models.fe.element.jacobian import inverted
+from palpate.models.fe.element.jacobian import find_inverted
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh
@@ -54,7 +54,7 @@ class TetMesh:
             raise MeshError(f"region: found shape {region.shape}, expected ({len(elements)},)")
         for name, value in (("points", points), ("elements", elements), ("region", region)):
             object.__setattr__(self, name, value)
-        wrong = inverted(points, elements, FOLDED)
+        wrong = find_inverted(points, elements, FOLDED)
         if len(wrong):
             bad, volume = int(wrong[0]), float(self.corner_volumes[wrong[0]])
             if volume > 0.0:

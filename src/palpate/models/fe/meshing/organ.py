@@ -170,7 +170,7 @@ def solid(surface: Mesh, edge: float | None = None) -> tuple[TetMesh, Mesh]:
         corner = surface.vertices[surface.triangles]
         edge = float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean())
     else:
-        surface = decimated(surface, round(FINER * 2.0 * vertices_for(surface, edge)))
+        surface = decimate_mesh(surface, round(FINER * 2.0 * vertices_for(surface, edge)))
     middle, size = surface.vertices.mean(axis=0), float(np.ptp(surface.vertices))
     scaled, triangles = (surface.vertices - middle) / size, np.array(surface.triangles, dtype=np.int32)
     with TemporaryDirectory() as folder, chdir(folder):  # it leaves a file in the current folder
@@ -200,7 +200,7 @@ def edge_for(surface: Mesh, vertices: int) -> float:
     return float(np.sqrt(surface.areas.sum() / (0.5 * 3.0**0.5 * vertices)))
 
 
-def decimated(surface: Mesh, triangles: int) -> Mesh:
+def decimate_mesh(surface: Mesh, triangles: int) -> Mesh:
     """The surface with this number of triangles, by quadric error metrics; unchanged if it has fewer.
 
     M. Garland, P. S. Heckbert, Surface simplification using quadric error metrics, SIGGRAPH 1997. MeshError:

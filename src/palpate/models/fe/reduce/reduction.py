@@ -8,7 +8,7 @@ from scipy.stats import qmc
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.reduce import snapshots
 from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible
-from palpate.models.fe.reduce.sampling import SAMPLING, at_rest, chosen, fit_gamma, modes, points_of, sample
+from palpate.models.fe.reduce.sampling import SAMPLING, at_rest, fit_gamma, modes, points_of, sample, select_points
 from palpate.models.fe.reduce.snapshots import LoadPath, PressSolution, mirror
 from palpate.physics.bodies.sampled.energy import Points, scratch
 from palpate.physics.bodies.sampled.solve import offline_budget, settle
@@ -63,20 +63,20 @@ def full_solutions(
     if finger:
         touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
         count = len(touches)
-        presses = snapshots.press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
+        presses = snapshots.press_touches(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
     else:
         touches, count = organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD), ORGAN_TOUCHES
         presses = snapshots.press_from_rest(body, touches, report, folder)
     seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:count], presses[count:]))
     if finger:
-        seen += snapshots.mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices))
+        seen += snapshots.mirror_solutions(seen, mirror(body.mesh.points), mirror(body.surface.vertices))
     return seen, held
 
 
 def unseen_solutions(body: Reducible, finger: bool, report: Report) -> list[PressSolution]:
     """Full solutions of touches for the error of the basis only."""
     if finger:
-        return snapshots.press(body, finger_touches(body, UNSEEN, UNSEEN_SEED), report)
+        return snapshots.press_touches(body, finger_touches(body, UNSEEN, UNSEEN_SEED), report)
     return snapshots.press_from_rest(body, organ_touches(body, UNSEEN, UNSEEN_SEED), report)
 
 
@@ -98,7 +98,7 @@ def build(
     residual_compliance = body.compliance() - surface_modes @ surface_modes.T
     limit = BEYOND * float(np.einsum("sa,sa->s", states, states).max())
     whole = points_of(body, phi, limit)
-    points = at_rest(chosen(whole, *sample(whole, states, tolerance, report=report)))
+    points = at_rest(select_points(whole, *sample(whole, states, tolerance, report=report)))
     points = points._replace(modes=points.modes.astype(np.float32))
     w, pull, weight = truncation_errors(points, surface_modes, residual_compliance, body, held_out)
     bend = (*fit_gamma(w, pull, weight), np.sqrt(BEYOND) * float(w.max()))

@@ -89,7 +89,7 @@ def points_of(body: Reducible, phi: np.ndarray, limit: float) -> Points:
     )  # fmt: skip
 
 
-def chosen(points: Points, which: np.ndarray, weights: np.ndarray) -> Points:
+def select_points(points: Points, which: np.ndarray, weights: np.ndarray) -> Points:
     r = points.modes.shape[1]
     return points._replace(
         modes=np.ascontiguousarray(points.modes.reshape(-1, 9, r)[which].reshape(-1, r)),
@@ -120,7 +120,7 @@ def sample(
     """
     r, many, rng = points.modes.shape[1], len(points.kinds), np.random.default_rng(SEED)
     work, g, hessian = scratch(points), np.zeros(r), np.zeros((r, r))
-    few = chosen(points, np.arange(0, many, FEW), np.full(-(-many // FEW), float(FEW)))
+    few = select_points(points, np.arange(0, many, FEW), np.full(-(-many // FEW), float(FEW)))
     few_work = scratch(few)
     mode_gradients, stresses = points.modes.reshape(many, 9, r), work.f.reshape(many, 9)
     mixed = np.zeros((ROWS, many), dtype=np.float32)

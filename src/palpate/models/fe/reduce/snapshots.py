@@ -26,7 +26,7 @@ MILD = np.array([0.25, 0.5, 0.75, 1.0])  # The same for other bodies
 TOLERANCE, MOST, MEMORY = 3e-4, 40, 8
 """`press_from_rest`: relative step at convergence, most iterations, iterates in Anderson's method."""
 YOUNG = 1e3  # [Pa] Modulus of the full model; displacements do not depend on it
-STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)  # In numbers of levels, see `pressed`
+STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)  # in levels, see `press_touch`
 TURN = np.array([-1.0, 1.0, 1.0])  # Reflection in x
 
 
@@ -43,7 +43,7 @@ class LoadPath:
     load: np.ndarray  # [1] (V,3) unit force along the inner normal, with its tangential part
     levels: np.ndarray  # [N] (L,) increasing forces, for a modulus of 1 Pa
 
-    def mirrored(self, vertices: np.ndarray) -> LoadPath:
+    def mirror(self, vertices: np.ndarray) -> LoadPath:
         """Reflected in x; vertices (V,) is the index of the vertex at the reflected position of each vertex."""
         return LoadPath(TURN * self.foot, TURN * self.normal, TURN * self.load[vertices], self.levels)
 
@@ -107,11 +107,11 @@ def scatter(
     return touches
 
 
-def press(
+def press_touches(
     body: Reducible, touches: list[LoadPath], report: Report = unheard, folder: Path | None = None
 ) -> list[PressSolution]:
     """Solutions of the full model. Each is stored in the folder, if any, and read from it when it exists."""
-    return _all(body, touches, report, folder, repr(STEPS), lambda path: pressed(body, path))
+    return _all(body, touches, report, folder, repr(STEPS), lambda path: press_touch(body, path))
 
 
 def _all(
@@ -137,7 +137,7 @@ def _all(
     return presses
 
 
-def pressed(body: Reducible, touch: LoadPath) -> list[np.ndarray]:
+def press_touch(body: Reducible, touch: LoadPath) -> list[np.ndarray]:
     """Solutions of the full model for one touch.
 
     Load steps are in numbers of levels, with geometric interpolation between levels: the displacement of a stiffening
@@ -162,8 +162,8 @@ def pressed(body: Reducible, touch: LoadPath) -> list[np.ndarray]:
 def press_from_rest(
     body: Reducible, touches: list[LoadPath], report: Report = unheard, folder: Path | None = None
 ) -> list[PressSolution]:
-    """`press` for a body whose stiffness stays near that at rest: modified Newton u <- u + K0^-1 (f - r(u)) with a
-    single factorization and Anderson acceleration. A touch ends at the last level that converges."""
+    """`press_touches` for a body whose stiffness is near that at rest: modified Newton u <- u + K0^-1 (f - r(u)) with
+    a single factorization and Anderson acceleration. A touch ends at the last level that converges."""
     solver = body.elastic.rest(body.fixed)
 
     def solve(force: np.ndarray) -> np.ndarray:
@@ -214,9 +214,9 @@ def _equilibrium(
     return None
 
 
-def mirrored(pressed: list[PressSolution], nodes: np.ndarray, vertices: np.ndarray) -> list[PressSolution]:
+def mirror_solutions(pressed: list[PressSolution], nodes: np.ndarray, vertices: np.ndarray) -> list[PressSolution]:
     """Solutions of the touches reflected in x; nodes (N,) and vertices (V,) are indices at the reflected positions."""
-    return [PressSolution(p.touch.mirrored(vertices), TURN * p.solutions[:, nodes]) for p in pressed]
+    return [PressSolution(p.touch.mirror(vertices), TURN * p.solutions[:, nodes]) for p in pressed]
 
 
 def mirror(points: np.ndarray) -> np.ndarray:

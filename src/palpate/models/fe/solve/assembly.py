@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.models.fe.contact.protocol import ContactPair
-from palpate.models.fe.contact.switching import joined, switched
+from palpate.models.fe.contact.switching import join_parts, switch_points
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.solve.body import ElasticBody
-from palpate.models.fe.solve.support import checked
+from palpate.models.fe.solve.support import check_values
 from palpate.models.fe.sparse.tangent import Tangent
 from palpate.physics.materials.hyperelastic import Material
 
@@ -87,20 +87,20 @@ class Assembly:
             raise Inverted(f"element {bad} at {self.mesh.place(bad)} is inverted or would be")
         size = float(np.linalg.norm(force))
         if self.loads is not None:
-            force -= checked("loads", self.loads(load), load, np.ones(u.shape, dtype=bool))
+            force -= check_values("loads", self.loads(load), load, np.ones(u.shape, dtype=bool))
         for contact in self.contacts:
             contact.add(u, load, True, force, data)
         return Balance(force, data, size)
 
-    def switched(self, step: np.ndarray) -> np.ndarray:
+    def switch_step(self, step: np.ndarray) -> np.ndarray:
         """Newton's step (N,3) corrected for contact points that switch during the step, see `contact.switching`."""
         switches = [(contact, contact.switching()) for contact in self.contacts]
         parts = [(contact, points) for contact, points in switches if points is not None]
         if not parts:
             return step
         free = ~self.fixed.reshape(-1, 1)
-        points = joined([points for _, points in parts])
-        right, traction = switched(points, step.ravel(), lambda forces: self.tangent.solve(free * forces))
+        points = join_parts([points for _, points in parts])
+        right, traction = switch_points(points, step.ravel(), lambda forces: self.tangent.solve(free * forces))
         start = 0
         for contact, part in parts:
             contact.foresee(traction[start : start + len(part.level)])

@@ -11,7 +11,7 @@ from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.mesh import MeshError, TetMesh, point_text
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.solve.assembly import Assembly, Balance, Inverted
-from palpate.models.fe.solve.support import Support, check_materials, checked
+from palpate.models.fe.solve.support import Support, check_materials, check_values
 from palpate.models.fe.sparse.tangent import UnheldError
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.errors import PalpateError
@@ -159,7 +159,7 @@ class Solver:
         # initial guess: extrapolation of the last step, else a linear step
         goal = np.zeros_like(self.displacement)
         if self.held is not None:
-            goal = checked("held", self.held(load), load, self.fixed)
+            goal = check_values("held", self.held(load), load, self.fixed)
         guess = self._extrapolate_step(goal, load)
         u, now = self._linear(goal, load) if guess is None else guess
         settings, used, since = self.settings, 0, 0
@@ -235,7 +235,7 @@ class Solver:
         """
         self.iterations += 1
         step = self._body.tangent.direction(data, np.where(self.fixed, 0.0, -force), self._body.skew)
-        switched = self._body.switched(step)
+        switched = self._body.switch_step(step)
         return switched if np.sum(switched * force) < 0.0 else step
 
     def _search_line(self, u: np.ndarray, du: np.ndarray, now: Balance, load: float) -> tuple[np.ndarray, Balance]:

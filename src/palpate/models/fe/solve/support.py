@@ -43,7 +43,7 @@ def check_materials(mesh: TetMesh, materials: Mapping[int, Material]) -> None:
             )
 
 
-def checked(what: str, values: np.ndarray, load: float, wanted: np.ndarray) -> np.ndarray:
+def check_values(what: str, values: np.ndarray, load: float, wanted: np.ndarray) -> np.ndarray:
     """Values of a user's function of the load, zero outside the mask `wanted` (N,3). ValueError: wrong shape, or values
     that are not finite."""
     values = np.asarray(values, dtype=np.float64)

@@ -31,7 +31,7 @@ def strain(mesh: TetMesh, displacement: np.ndarray, chunk: slice = slice(None), 
 
 def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, cuts: int = CUTS) -> np.ndarray:
     """Deformed volume [m³] (L,) in which the equivalent strain is at least a level (L,), at displacements [m] (N,3)."""
-    at, pieces = subdivided(cuts)
+    at, pieces = subdivide_element(cuts)
     value, _ = shape(at)
     moved, volumes = mesh.points + displacement, np.zeros(len(levels))
     for start in range(0, len(mesh.elements), CHUNK):
@@ -44,7 +44,7 @@ def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, c
     return volumes
 
 
-def subdivided(cuts: int) -> tuple[np.ndarray, np.ndarray]:
+def subdivide_element(cuts: int) -> tuple[np.ndarray, np.ndarray]:
     """A tetrahedron divided into cuts³: natural coordinates of the points (P,3), and the tetrahedra (T,4).
 
     The tetrahedron n >= x >= y >= z >= 0 of a cube is filled by tetrahedra of its unit cubes, six in each (Kuhn).

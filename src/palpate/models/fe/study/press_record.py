@@ -42,7 +42,7 @@ class Record:
         first, second = (float(np.interp(force, self.force, x)) for x in (self.indentation, self.area))
         return first, second, volumes
 
-    def softened(self, divisor: float) -> Record:
+    def soften(self, divisor: float) -> Record:
         """The record for moduli divided by a number, on a rigid plate: the same motion, with divided forces."""
         return replace(self, force=self.force / divisor)
 

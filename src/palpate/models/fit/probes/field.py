@@ -78,7 +78,7 @@ def fit_field(places: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Fie
               (np.log(1e-3 * spread), np.log(10.0 * spread))]  # fmt: skip
 
     def loss(x: np.ndarray) -> float:
-        return restricted(apart, values, errors, *np.exp(x))[0]
+        return restricted_likelihood(apart, values, errors, *np.exp(x))[0]
 
     starts = [[np.log(0.7 * spread), np.log(share), np.log(0.5 * spread)]
               for share in np.geomspace(1.5 * nearest, 0.3 * widest, 3)]  # fmt: skip
@@ -87,7 +87,7 @@ def fit_field(places: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Fie
     if alone.fun < best.fun + PLAIN:
         best.x = np.array([bounds[0][0], best.x[1], alone.x[0]])
     amplitude, length, nugget = map(float, np.exp(best.x))
-    lowest, mean, error = restricted(apart, values, errors, amplitude, length, nugget)
+    lowest, mean, error = restricted_likelihood(apart, values, errors, amplitude, length, nugget)
     return Field(places, values, errors, amplitude, length, nugget, mean, error, lowest)
 
 
@@ -101,7 +101,7 @@ def matern(apart: np.ndarray, amplitude: float, length: float) -> np.ndarray:
     return amplitude**2 * (1.0 + r) * np.exp(-r)
 
 
-def restricted(
+def restricted_likelihood(
     apart: np.ndarray, values: np.ndarray, errors: np.ndarray, amplitude: float, length: float, nugget: float
 ) -> tuple[float, float, float]:
     """-2 ln restricted likelihood, mean and its standard error."""

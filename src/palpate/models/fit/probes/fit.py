@@ -106,7 +106,7 @@ def fit_map(
     report("inclusions", 0.2)
     inclusions, _, scores = find_inclusions(ground, fit.place, fit.error, ratio)
     report("places to probe next", 0.2)
-    candidates = np.array([ground.lifted(uv) for uv in grid(ground, 30)])
+    candidates = np.array([ground.surface_point(uv) for uv in grid(ground, 30)])
     following = candidates[field.next_places(candidates, more)]
     return ProbeMap(probes, fit, ground, field, touch, predicted, mean_curve, inclusions, scores, following)
 

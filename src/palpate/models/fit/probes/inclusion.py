@@ -21,7 +21,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import least_squares, minimize
 from scipy.spatial.distance import cdist
 
-from palpate.models.fit.probes.field import Field, fit_field, matern, restricted
+from palpate.models.fit.probes.field import Field, fit_field, matern, restricted_likelihood
 from palpate.physics.materials.nodule import nodule_centre, stiffness_map
 
 CLEAR = 2.0
@@ -80,7 +80,7 @@ class Ground:
         """Coordinates (N,2) [m] of the places along the two axes."""
         return (self.places - self.middle) @ self.axes.T
 
-    def lifted(self, uv: np.ndarray) -> np.ndarray:
+    def surface_point(self, uv: np.ndarray) -> np.ndarray:
         """The point (3) [m] of the surface at coordinates (2) of the mean plane, from the three nearest places."""
         apart = np.sum((self.plane - uv) ** 2, axis=1)
         near = np.argsort(apart)[:3]
@@ -113,7 +113,7 @@ class _Balls:
     def centre(self, ball: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Position on the surface (3), centre (3), depth of the centre and radius."""
         radius = math.exp(ball[3])
-        depth, position = math.exp(ball[2]) + radius, self.ground.lifted(ball[:2])
+        depth, position = math.exp(ball[2]) + radius, self.ground.surface_point(ball[:2])
         return position, nodule_centre(self.ground.places, self.ground.normals, position, depth), depth, radius
 
     def one(self, ball: np.ndarray) -> np.ndarray:
@@ -218,13 +218,13 @@ def _climb(
 
     def loss(y: np.ndarray) -> float:
         left = values - balls(y[: len(x)] * scale)
-        return restricted(apart, left, field.errors, *np.exp(y[len(x) :]))[0]
+        return restricted_likelihood(apart, left, field.errors, *np.exp(y[len(x) :]))[0]
 
     first = np.concatenate([x / scale, hyper])
     bounds = [*zip(ends[0] / scale, ends[1] / scale, strict=True), *((value - 4.0, value + 4.0) for value in hyper)]
     y = minimize(loss, first, method="L-BFGS-B", bounds=bounds, options={"eps": 1e-4, "maxiter": 40}).x
     x, numbers = y[: len(x)] * scale, np.exp(y[len(x) :])
-    lowest, mean, error = restricted(apart, values - balls(x), field.errors, *numbers)
+    lowest, mean, error = restricted_likelihood(apart, values - balls(x), field.errors, *numbers)
     amplitude, length, nugget = map(float, numbers)
     return x, Field(field.places, values - balls(x), field.errors, amplitude, length, nugget, mean, error, lowest)
 

@@ -118,11 +118,11 @@ class _Model:
         self.rows, self.law = rows, law
         self.modes: np.ndarray | None = None
         self.reach = float((rows.depth * rows.mask).max())
-        self.bounds = [(p.searched(p.low), p.searched(p.high)) for p in law.parameters[1:]]
+        self.bounds = [(p.to_search(p.low), p.to_search(p.high)) for p in law.parameters[1:]]
 
     def start(self) -> _State:
         size = float(np.median(np.where(self.rows.mask, self.rows.force, -np.inf).max(axis=1)))
-        shape = [p.searched(p.guess) for p in self.law.parameters[1:]]
+        shape = [p.to_search(p.guess) for p in self.law.parameters[1:]]
         wide = [0.5, 0.1 + 50.0 * self.reach, 0.02 * size, 0.05 * size]
         return _State(np.array([math.log(size), 0.0]), np.log(wide), np.array(shape))
 
@@ -225,8 +225,8 @@ def fit_pooled(rows: Rows, law: Law) -> PooledFit:
         raise SessionError(f"{len(rows.depth)} probes remain, expected at least {LEAST_PROBES} for a pooled fit")
     fitted = _fit(rows, law)
     for parameter in law.parameters[1:]:
-        value = parameter.searched(fitted.values[parameter.name])
-        low, high = parameter.searched(parameter.low), parameter.searched(parameter.high)
+        value = parameter.to_search(fitted.values[parameter.name])
+        low, high = parameter.to_search(parameter.low), parameter.to_search(parameter.high)
         if min(value - low, high - value) < 1e-3 * (high - low):
             fitted.notes.append(f"{parameter.name} lies at the limit of its range, {fitted.values[parameter.name]:g}: "
                                 "the law does not follow the probes, or they do not determine it")  # fmt: skip

@@ -12,7 +12,7 @@ from palpate.models.fit.probes.pooled import PooledFit
 from palpate.models.fit.probes.read import Probes
 from palpate.models.fit.tissue.report import under_patch
 from palpate.models.fit.tissue.rigs import Rig
-from palpate.physics.contact.under_finger import rounded
+from palpate.physics.contact.under_finger import round_settings
 
 WRITTEN = ("report.json", "report.md", "scene.yaml")
 MAP = ("map.csv", "map.png", "held_out.png")
@@ -103,7 +103,7 @@ def pooled_scene(rig: Rig, fit: PooledFit, extends: str = "kidney", more: dict[s
     """A scene with the tissue of the median place; `more`: entries of the tissue, and of other parts."""
     depth = float((fit.rows.depth * fit.rows.mask).max())
     tissue, why = under_patch(rig, rig.poisson, fit.values, depth)
-    content: dict[str, Any] = {"extends": extends, "tissue": rounded(tissue)}
+    content: dict[str, Any] = {"extends": extends, "tissue": round_settings(tissue)}
     for part, values in (more or {}).items():
         content[part] = content.get(part, {}) | values
     return f"# Fitted to {len(fit.place)} probes: {fit.law.name}, {why}. SI units.\n" + yaml.safe_dump(
@@ -121,7 +121,7 @@ def map_scene(rig: Rig, found: ProbeMap, file: Path) -> str:
 def map_table(found: ProbeMap, count: int = 40) -> str:
     """The map as CSV: place in the plane of the scene, factor on the stiffness, place in the frame of the probes."""
     plane = grid(found.ground, count)
-    places = np.array([found.ground.lifted(uv) for uv in plane])
+    places = np.array([found.ground.surface_point(uv) for uv in plane])
     value, error = log_ratio(found, places)
     rows = np.column_stack([plane, np.full(len(plane), TOP), np.exp(value), error, places])
     head = "x [m],y [m],z [m],factor,deviation of ln factor,probe x [m],probe y [m],probe z [m]"

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue.measured import MeasuredPress, prepared
-from palpate.physics.extras import required
+from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press
+from palpate.physics.extras import require_extra
 
 SUFFIXES = (".jpk-force", ".jpk-force-map", ".jpk-qi-data", ".jpk-qi-series", ".ibw", ".h5", ".zip")
 """Files that `afmformats` reads and that are no tables of numbers."""
@@ -21,7 +21,7 @@ SUFFIXES = (".jpk-force", ".jpk-force-map", ".jpk-qi-data", ".jpk-qi-series", ".
 
 def read_afm(path: Path) -> list[MeasuredPress]:
     """The curves of a file, each a press. SessionError: it cannot be read, with the reason."""
-    with required(path.suffix, "afm", SessionError):
+    with require_extra(path.suffix, "afm", SessionError):
         import afmformats
 
     log = logging.getLogger("afmformats")
@@ -61,4 +61,4 @@ def _press(path: Path, number: int, count: int, curve: Any) -> MeasuredPress:
         if soft
         else "its stiffness is unknown, so the deflection of the cantilever counts as depth"
     )
-    return replace(prepared(name, time, depth, force), remarks=(f"{name}: force and height (measured); {how}",))
+    return replace(prepare_press(name, time, depth, force), remarks=(f"{name}: force and height (measured); {how}",))

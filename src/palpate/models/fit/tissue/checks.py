@@ -99,7 +99,7 @@ def bent(problem: Problem, best: Estimate) -> tuple[dict[str, tuple[float, float
     no test can exclude it. If it is significant, the intervals of `best` are widened to these."""
     if not any(press.air for press in problem.presses):
         return {}, []
-    other = problem.changed([replace(press, bends=press.air) for press in problem.presses])
+    other = problem.with_changes([replace(press, bends=press.air) for press in problem.presses])
     begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
     free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
     found = {name: (each.low, each.high) for name, each in free.intervals.items()}
@@ -141,7 +141,7 @@ def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
     for what, change in others.items():
         if chances.get(what, 1.0) > limit:
             continue
-        other = problem.changed(**change)
+        other = problem.with_changes(**change)
         begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
         free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
         moved = []
@@ -200,7 +200,9 @@ def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
         residual, own = np.concatenate(weighted), _basis(jacobian)
         for what, table in groups.items():
             basis = _basis(table - own @ (own.T @ table))
-            if float(np.sum((basis.T @ residual) ** 2)) < ROUNDED * float(problem.rounded(basis.T, best.fitted).sum()):
+            if float(np.sum((basis.T @ residual) ** 2)) < ROUNDED * float(
+                problem.residual_variance(basis.T, best.fitted).sum()
+            ):
                 chances[what] = 1.0
     return chances
 

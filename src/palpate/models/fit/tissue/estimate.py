@@ -127,7 +127,7 @@ class Problem:
         self.names += [name for name, _, _ in self.baselines]
         self.count = sum(len(p.force) for p in presses)
 
-    def changed(
+    def with_changes(
         self, presses: Sequence[MeasuredPress] | None = None, law: Law | None = None, kind: str | None = None
     ) -> Problem:
         """The problem with other presses, another law or another relaxation."""
@@ -135,8 +135,8 @@ class Problem:
         return Problem(presses, law or self.law, kind or self.kind, self.free_touch, self.relative)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        low = [p.searched(p.low) for p in self.parameters]
-        high = [p.searched(p.high) for p in self.parameters]
+        low = [p.to_search(p.low) for p in self.parameters]
+        high = [p.to_search(p.high) for p in self.parameters]
         if self.free_touch:  # in units of `MeasuredPress.slack`
             low += [-2.0] * len(self.presses)
             high += [2.0] * len(self.presses)
@@ -168,19 +168,19 @@ class Problem:
         out = np.concatenate(parts)
         return np.where(np.isfinite(out), np.clip(out, -1e6, 1e6), 1e6)
 
-    def rounded(self, rows: np.ndarray, forces: Sequence[np.ndarray]) -> np.ndarray:
+    def residual_variance(self, rows: np.ndarray, forces: Sequence[np.ndarray]) -> np.ndarray:
         """Variance (k,) of `rows` (k, n) times the weighted residuals from the steps of the converters."""
         at, out = 0, np.zeros(len(rows))
         for press, force, w in zip(self.presses, forces, self.weight, strict=True):
             if press.step:
                 part = rows[:, at : at + len(force)] * w
-                out += noise.quantised(part, force, press.step, noise.dither(press.force, press.step))
+                out += noise.quantised_variance(part, force, press.step, noise.dither(press.force, press.step))
             at += len(force)
         return out
 
     def start(self) -> np.ndarray:
         """Initial guesses, with the first parameter scaled so that the forces have the norm of the measured ones."""
-        guess = [p.searched(p.guess) for p in self.parameters]
+        guess = [p.to_search(p.guess) for p in self.parameters]
         x = np.array(guess + [0.0] * ((len(self.presses) if self.free_touch else 0) + len(self.baselines)))
         guessed = float(np.linalg.norm(np.concatenate(self.forces(x))))
         measured = float(np.linalg.norm(np.concatenate([p.force for p in self.presses])))
@@ -298,7 +298,7 @@ def _coloured_covariance(
     """
     size = len(bread)
     # steps of the converter: their variance is added, because the residuals before contact may not show them
-    known = problem.rounded(bread @ J.T, forces)
+    known = problem.residual_variance(bread @ J.T, forces)
     grow = np.sqrt(1.0 + known / np.maximum(np.diag(plain), 1e-300))
     cov = plain * np.outer(grow, grow)
     # relative weights: rows before contact have white noise, which hides the correlation of those in contact
@@ -365,7 +365,7 @@ def widen_by_scatter(problem: Problem, pooled: Estimate) -> None:
     """Fit each press separately and widen the pooled intervals to t s/sqrt(n) of these n values."""
     if len(problem.presses) < 2:
         return
-    alone = [estimate(problem.changed([press]), profiles=False) for press in problem.presses]
+    alone = [estimate(problem.with_changes([press]), profiles=False) for press in problem.presses]
     n = len(alone)
     for p in problem.parameters:
         values = np.array([each.values[p.name] for each in alone])
@@ -373,6 +373,6 @@ def widen_by_scatter(problem: Problem, pooled: Estimate) -> None:
         interval.presses = values.tolist()
         scale = np.log(values) if p.log else values
         reach = float(student.ppf(0.5 + LEVEL / 2, n - 1) * scale.std(ddof=1) / math.sqrt(n))
-        middle = p.searched(interval.value)
+        middle = p.to_search(interval.value)
         low, high = p.value(middle - reach), p.value(middle + reach)
         interval.low, interval.high = min(interval.low, low), max(interval.high, high)

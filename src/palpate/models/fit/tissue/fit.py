@@ -14,7 +14,16 @@ from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
 from palpate.models.fit.tissue.measured import LEAST_ROWS, MeasuredPress
 from palpate.models.fit.tissue.relaxing import parameters
-from palpate.models.fit.tissue.rigs import REFERENCE, SHAPES, Law, Rig, check_tabulated, closed_form, curve, tabulated
+from palpate.models.fit.tissue.rigs import (
+    REFERENCE,
+    SHAPES,
+    Law,
+    Rig,
+    check_tabulated,
+    closed_form,
+    curve,
+    tabulate_law,
+)
 from palpate.physics.contact.layer import thickness_factor
 
 MIXED = 2.0
@@ -107,7 +116,7 @@ def fit_tissue(
         notes.append(f"pressed {1e3 * found:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm "
                      f"({law.remark}): the deeper rows are excluded")  # fmt: skip
         loaded = [p.part(p.depth - t <= law.reach) for p, t in zip(whole, best.touches, strict=True)]
-        problem = problem.changed(loaded)
+        problem = problem.with_changes(loaded)
         best = estimate(problem)
     for press, at in zip(loaded, best.touches, strict=True):
         if not press.depth.max() > at:
@@ -141,7 +150,7 @@ def fit_tissue(
         fitted.notes.append(_mesh_error(fitted))
     if compare:
         others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
-        fitted.compared = _compare_laws(fitted, [problem.changed(law=one) for one in others])
+        fitted.compared = _compare_laws(fitted, [problem.with_changes(law=one) for one in others])
     return fitted
 
 
@@ -243,8 +252,8 @@ def _law(
         rough = estimate(Problem(loaded, closed_form(first, name), relaxation, touch, True), profiles=False)
         middle = next((rough.values[p.name] for p in SHAPES[name]), None)
         note = f"with frictionless plates young is {rough.values['young']:.4g} Pa: the true value is between the two"
-        return tabulated(rig, name, reach, middle, report=report), [note]
-    return tabulated(rig, name, reach, count=6, report=report), []
+        return tabulate_law(rig, name, reach, middle, report=report), [note]
+    return tabulate_law(rig, name, reach, count=6, report=report), []
 
 
 def _errors(
@@ -273,9 +282,9 @@ def _predict_press(problem: Problem, best: Estimate, press: MeasuredPress, deepe
     Errors are those within the fitted indentation [m], over the peak of the fitted presses, so that they compare with
     those of the fit; `beyond` has those of deeper rows, which are extrapolated.
     """
-    alone = problem.changed([press])
+    alone = problem.with_changes([press])
     x, count = alone.start(), len(problem.parameters)
-    x[:count] = [p.searched(best.values[p.name]) for p in problem.parameters]
+    x[:count] = [p.to_search(best.values[p.name]) for p in problem.parameters]
     if len(x) > count:
         ends = [side[count:] for side in alone.bounds()]
         x[count:] = least_squares(lambda rest: alone.residuals(np.r_[x[:count], rest]), x[count:], bounds=ends).x
@@ -299,9 +308,9 @@ def _sensitivity(fit: TissueFit, problem: Problem) -> dict[str, float]:
             continue
         now = getattr(fit.rig, key)
         other = replace(fit.rig, **{key: now - 0.01 if key == "poisson" else 1.01 * now})
-        moved = problem.changed(law=closed_form(other, fit.law.name))
+        moved = problem.with_changes(law=closed_form(other, fit.law.name))
         x = moved.start()
-        x[: len(moved.parameters)] = [p.searched(fit.estimate.values[p.name]) for p in moved.parameters]
+        x[: len(moved.parameters)] = [p.to_search(fit.estimate.values[p.name]) for p in moved.parameters]
         solved, _ = moved.solve(x)
         out[key] = 100.0 * (moved.values(solved)[first] / fit.estimate.values[first] - 1.0)
     return out

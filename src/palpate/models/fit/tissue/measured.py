@@ -107,7 +107,7 @@ def read_presses(
             stamps = ", ".join(str(lines[rows[k]]) for k in repeated)
             notes = (*notes, f"{name}: row {stamps} repeats the time of the row before, and is left out")
         depth, force = (np.delete(parts[key], repeated) for key in ("indentation", "force"))
-        presses.append(replace(prepared(name, time, depth, force), remarks=notes))
+        presses.append(replace(prepare_press(name, time, depth, force), remarks=notes))
     return presses
 
 
@@ -129,7 +129,7 @@ def _one_per_stamp(name: str, time: np.ndarray | None, lines: list[int]) -> tupl
     return np.delete(time, repeated), repeated
 
 
-def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray) -> MeasuredPress:
+def prepare_press(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray) -> MeasuredPress:
     """A press with its touch point and its zero of the force.
 
     SessionError: too few rows, time that does not increase, no contact, a force of the wrong sign.

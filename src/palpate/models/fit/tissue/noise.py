@@ -41,7 +41,7 @@ def step_of(force: np.ndarray) -> float:
     return step if float(np.abs(apart / step - np.round(steps)).max()) < ON_GRID else 0.0
 
 
-def quantised(rows: np.ndarray, force: np.ndarray, step: float, noise: float) -> np.ndarray:
+def quantised_variance(rows: np.ndarray, force: np.ndarray, step: float, noise: float) -> np.ndarray:
     """Variance (k,) of the sums of `rows` (k, n) times the errors [N] of a converter at these forces (n,) [N].
 
     A harmonic may alias with the sampling: each takes the largest variance for steps within `BEAT` of this one, because

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
-from palpate.physics.materials.prony import relaxed
+from palpate.physics.materials.prony import relax_response
 
 KINDS = ("none", "kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3")
 
@@ -49,4 +49,4 @@ def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: floa
         shares.append(left * values[f"share_{i}"])
         left -= shares[-1]
     times = [values[f"time_{i}"] for i in range(1, len(shares) + 1)]
-    return relaxed(shares, times, press.time, elastic)
+    return relax_response(shares, times, press.time, elastic)

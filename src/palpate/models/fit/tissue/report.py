@@ -9,7 +9,7 @@ import yaml
 
 from palpate.models.fit.tissue.fit import TissueFit
 from palpate.models.fit.tissue.rigs import Rig
-from palpate.physics.contact.under_finger import BASIS_POISSON, FINGER_RADIUS, rounded, under_finger
+from palpate.physics.contact.under_finger import BASIS_POISSON, FINGER_RADIUS, round_settings, under_finger
 
 WRITTEN = ("scene.yaml", "report.json", "report.md", "fit.png", "profiles.png")  # Files that a fit writes to its folder
 
@@ -136,7 +136,7 @@ def scene(fit: TissueFit) -> str:
         tissue |= {"damping": fit.estimate.values["damping"], "retardation": 0.0}
     elif fit.relaxation == "kelvin-voigt":
         tissue["retardation"] = fit.estimate.values["retardation"]
-    body = yaml.safe_dump({"extends": "kidney", "tissue": rounded(tissue)}, sort_keys=False)
+    body = yaml.safe_dump({"extends": "kidney", "tissue": round_settings(tissue)}, sort_keys=False)
     head = f"# Fitted by `palpate fit tissue` to {', '.join(p.name for p in fit.presses)}: {fit.law.name}. SI units."
     return "\n".join([head, *(f"# {text}." for text in (why, *scene_young(fit))), body])
 

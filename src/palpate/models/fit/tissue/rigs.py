@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator, PchipInterpolator
 
-from palpate.models.fe.axisymmetric import Indenter, cylinder, layer, press
+from palpate.models.fe.axisymmetric import Indenter, cylinder, layer, press_round
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
 from palpate.physics.contact.layer import thickness_factor
@@ -57,12 +57,12 @@ class Parameter:
     high: float
     log: bool = True
 
-    def searched(self, value: float) -> float:
+    def to_search(self, value: float) -> float:
         """A value in search coordinates."""
         return math.log(value) if self.log else value
 
     def value(self, searched: float) -> float:
-        """The inverse of `searched`."""
+        """The inverse of `to_search`."""
         return math.exp(searched) if self.log else float(searched)
 
 
@@ -148,10 +148,10 @@ def closed_form(rig: Rig, law: str) -> Law:
         if law == "linear":
             return Law(law, (YOUNG,), lambda v, s: v["young"] * area * s / height, fixed=known)
 
-        def compressed(v: Values, s: np.ndarray) -> np.ndarray:
+        def press_cylinder(v: Values, s: np.ndarray) -> np.ndarray:
             return -area * uniaxial(material(law, v["young"], v), np.maximum(1.0 - s / height, 0.05))
 
-        return Law(law, (YOUNG, *SHAPES[law]), compressed, fixed=known | {"poisson": (0.5, "1")})
+        return Law(law, (YOUNG, *SHAPES[law]), press_cylinder, fixed=known | {"poisson": (0.5, "1")})
     # ball: Hertz on a half-space, and on a bonded layer
     if rig.kind == "ball" and law == "hertz":
         size = 4.0 / 3.0 / plane * math.sqrt(radius)
@@ -162,7 +162,7 @@ def closed_form(rig: Rig, law: str) -> Law:
         height, size = rig.height, 4.0 / 3.0 / plane * math.sqrt(radius)
         factor = thickness_factor(rig.poisson)
 
-        def bonded(v: Values, s: np.ndarray) -> np.ndarray:
+        def press_layer(v: Values, s: np.ndarray) -> np.ndarray:
             return size * v["young"] * s**1.5 * factor(np.sqrt(radius * s) / height)
 
         known = {**fixed, "height": (height, "m")}
@@ -171,7 +171,7 @@ def closed_form(rig: Rig, law: str) -> Law:
             "bonded to the ground, small strains: beyond 10 % of the ball's radius or the thickness a neo-Hooke layer "
             "is softer, by 5 % at the end of the range"
         )
-        return Law(law, (YOUNG,), bonded, reach, remark, known)
+        return Law(law, (YOUNG,), press_layer, reach, remark, known)
     # flat punch on a half-space
     if rig.kind == "punch" and law == "hertz":
         return Law(law, (YOUNG,), lambda v, s: 2.0 / plane * radius * v["young"] * s, 0.2 * radius,
@@ -222,11 +222,11 @@ def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> 
     assert rig.height is not None  # of these rigs
     if rig.kind == "cylinder":
         body = cylinder(rig.radius, rig.height, count)
-        return press(body, made, Indenter(body.top, rig.plates == "bonded", body.side), depths / 2.0)
+        return press_round(body, made, Indenter(body.top, rig.plates == "bonded", body.side), depths / 2.0)
     contact = min(1.2 * math.sqrt(rig.radius * float(depths[-1])), 1.2 * rig.radius)
     body = layer(rig.height, contact, count)
     under = body.top[: 2 * int(np.searchsorted(body.across[::2], 2.0 * contact)) + 1]
-    return press(body, made, Indenter(np.zeros(0, np.int64), False, under, rig.radius), depths)
+    return press_round(body, made, Indenter(np.zeros(0, np.int64), False, under, rig.radius), depths)
 
 
 def check_tabulated(rig: Rig, law: str) -> None:
@@ -238,7 +238,7 @@ def check_tabulated(rig: Rig, law: str) -> None:
         raise SessionError(f"law {law} in finite elements: expected --height, the thickness of the specimen")
 
 
-def tabulated(
+def tabulate_law(
     rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8, report: Report = unheard
 ) -> Law:
     """A law of `SHAPES` with at most one shape parameter, tabulated around its value `middle` to `deepest` [m].
@@ -275,7 +275,7 @@ def tabulated(
     knots = np.r_[0.0, depths[:reached]]
 
     def force(values: Values, s: np.ndarray) -> np.ndarray:
-        row = ratio[0] if across is None else across(parameter.searched(values[parameter.name]))
+        row = ratio[0] if across is None else across(parameter.to_search(values[parameter.name]))
         along = PchipInterpolator(knots, np.r_[row[0], row])
         return values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
 

@@ -50,7 +50,7 @@ def _constants() -> dict[str, Any]:
     reduced_fe.ready(ReducedFE(**chain.surface_of(touch), **body))
     steps = [
         ([(load.nodes, load.forces, load.foot, load.normal)], [surface.previous_indentation])
-        for _, _, load, surface in chain.sent(touch, ReducedFE, RATE, body)
+        for _, _, load, surface in chain.sent_messages(touch, ReducedFE, RATE, body)
         if len(load.nodes)
     ]
     found, _ = layer_constants(BeamBundle(**surface, **_slab(touch)), steps, 1.0 / RATE)

@@ -9,7 +9,7 @@ from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.output import pareto
 from palpate.studies.accuracy.output.pareto import duration, percent
 from palpate.studies.accuracy.reference import QUANTITIES
-from palpate.studies.accuracy.sites import on_path, stored
+from palpate.studies.accuracy.sites import load_reference, on_path
 
 LEGEND = (
     "Bold: on the Pareto front of the settings that compute the largest number of touches. Unsupported: touches that a "
@@ -94,7 +94,7 @@ def _reference(cells: list[Cell]) -> str:
     if not touch.place:
         return "Reference: a closed form."
     names = on_path(touch.place)
-    about = stored(names[0]).about
+    about = load_reference(names[0]).about
     meshes = "; ".join(
         f"{SOLVER[name]} with {' and '.join(str(n) for n in solved['unknowns'])} unknowns"
         for name, solved in about["solvers"].items()

@@ -24,7 +24,7 @@ def about() -> dict[str, Any]:
     return versions | ({"not installed": "; ".join(out)} if (out := missing()) else {})
 
 
-def written(cells: list[Cell], provenance: dict[str, Any], folder: Path) -> dict[str, Path]:
+def write_report(cells: list[Cell], provenance: dict[str, Any], folder: Path) -> dict[str, Path]:
     """Write all files; their paths by name."""
     table(cells, provenance, folder / "accuracy.csv")
     overview = _draw_cells(cells, folder / "overview.png")

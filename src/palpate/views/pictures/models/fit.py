@@ -22,7 +22,7 @@ STYLES = dict(zip(MODELS, ("k:", "g-", "b--", "m-.", "r-"), strict=True))
 """Colour and dashes of each model; some regressions hardly differ."""
 
 
-def draw(chosen: Sequence[Chosen], model: Path) -> list[Path]:
+def draw_fit(chosen: Sequence[Chosen], model: Path) -> list[Path]:
     """Draw the pictures of each subject into a folder next to the model file."""
     folder = model.with_name(f"{model.name.removesuffix('.yaml')}-pictures")
     folder.mkdir(parents=True, exist_ok=True)

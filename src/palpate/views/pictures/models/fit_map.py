@@ -25,7 +25,7 @@ def stiffness(found: ProbeMap) -> Figure:
     from matplotlib.colors import LinearSegmentedColormap
 
     plane, probed = 1e3 * grid(found.ground, 60), 1e3 * found.ground.plane
-    places = np.array([found.ground.lifted(1e-3 * uv) for uv in plane])
+    places = np.array([found.ground.surface_point(1e-3 * uv) for uv in plane])
     value, error = log_ratio(found, places)
     wide, tall = np.ptp(probed, axis=0)
     out = figure(11.0, float(np.clip(5.0 * tall / wide, 2.6, 9.0)) + 1.6, "Stiffness over the probed surface")

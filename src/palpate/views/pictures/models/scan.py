@@ -20,7 +20,7 @@ COLOURS = {"skin": "#e07a1f", "tissue": "#f2c14e", "bone": "#4aa3df"}
 
 
 @look()
-def draw(tip: FingertipSurfaces, path: Path, stack: Stack, outlines: Outlines) -> None:
+def draw_scan(tip: FingertipSurfaces, path: Path, stack: Stack, outlines: Outlines) -> None:
     """Draw three images with their outlines, the section along the finger, and the beams in contact."""
     x, y, z = (tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in range(3))
     out = figure(13.0, 7.4, "The fingertip in the images, and the beams that fill it")

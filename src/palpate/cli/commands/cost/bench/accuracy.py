@@ -38,13 +38,13 @@ def accuracy(
     from palpate.launch.load.classes import find_class
     from palpate.physics.writable import check_folder
     from palpate.studies.accuracy import methods as known
-    from palpate.studies.accuracy.cases import chosen
+    from palpate.studies.accuracy.cases import choose_cases
     from palpate.studies.accuracy.cells import compute, matrix
     from palpate.studies.accuracy.output.report import about as versions
-    from palpate.studies.accuracy.output.report import written
+    from palpate.studies.accuracy.output.report import write_report
 
-    about, wanted = versions(), chosen(touches)
-    methods = known.chosen(only, {name: find_class(name) for name in body or ()})
+    about, wanted = versions(), choose_cases(touches)
+    methods = known.choose_methods(only, {name: find_class(name) for name in body or ()})
     todo = matrix(wanted, methods, quick)
     check_folder(out)
 
@@ -54,7 +54,7 @@ def accuracy(
     if not any(cell.status == "ok" for cell in cells):
         why = dict.fromkeys(f"{cell.title}, {cell.touch}: {cell.why}" for cell in cells)
         raise RunError(f"none of these methods supports any of these touches ({'; '.join(why)})")
-    files = written(cells, about, out)
+    files = write_report(cells, about, out)
     if as_json:
         print_json({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
                     "cells": [asdict(c) for c in cells]})  # fmt: skip

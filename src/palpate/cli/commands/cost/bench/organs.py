@@ -39,15 +39,15 @@ def organs(
     the worst touches as commands. The exit code is 1 if an invariant is broken.
     """
     from palpate.physics.writable import check_folder
-    from palpate.studies.organs.pairs import compared
-    from palpate.studies.organs.pictures import drawn
-    from palpate.studies.organs.report import plain, text, written
-    from palpate.studies.organs.search import BODIES, Results, search, worsened
-    from palpate.studies.organs.zoo import chosen
+    from palpate.studies.organs.pairs import compare_pairs
+    from palpate.studies.organs.pictures import draw_touches
+    from palpate.studies.organs.report import plain, text, write_report
+    from palpate.studies.organs.search import BODIES, Results, search, worsen_touch
+    from palpate.studies.organs.zoo import choose_specimens
 
     if unknown := [name for name in body or () if name not in BODIES]:
         raise ArgumentError(f"--body: found {', '.join(unknown)}, expected some of {', '.join(BODIES)}")
-    surfaces, bodies = chosen(surface), body or BODIES
+    surfaces, bodies = choose_specimens(surface), body or BODIES
     check_folder(out)
     meshes = (out / "meshes").absolute()
     with StageBars(silent=as_json) as bars:
@@ -61,17 +61,17 @@ def organs(
             leading = results.top(worst)
             done = bars.begin(f"make {len(leading)} touches worse", "")
             for number, found in enumerate(leading):
-                better = worsened(found, worse, seed + number, meshes)
+                better = worsen_touch(found, worse, seed + number, meshes)
                 results.add(better.touch, better.invariant, better.score, counted=False)
                 done((number + 1) / len(leading), f"{found.score.score:.3g} to {better.score.score:.3g} x its bound")
         if pairs:
             done = bars.begin("turn and refine", "", total=None)
-            for pair in compared(surfaces, bodies, pairs, seed, meshes, fine):
+            for pair in compare_pairs(surfaces, bodies, pairs, seed, meshes, fine):
                 results.pairs.append(pair)
                 done(0.0, f"{pair.invariant}: {pair.touch.setting.surface}, {pair.touch.setting.body}")
-    files = written(results, meshes, out, worst)
+    files = write_report(results, meshes, out, worst)
     if not no_pictures:
-        files |= drawn(results.top(worst), meshes, out)
+        files |= draw_touches(results.top(worst), meshes, out)
     report = plain(results, meshes, worst)
     if as_json:
         print_json(report | {"files": {name: str(file) for name, file in files.items()}})

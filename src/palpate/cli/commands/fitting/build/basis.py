@@ -35,7 +35,7 @@ def basis(
     node = ReducedFE(**settings_of(sets or []))
     target = out or cache()
     path = builder.home(node, target)
-    known = None if force else node.stored(SHIPPED, target)
+    known = None if force else node.find_stored(SHIPPED, target)
     if known is not None:
         _print(as_json, known[0], None, {})
         return
@@ -50,7 +50,7 @@ def basis(
     _print(as_json, path, time.perf_counter() - started, errors)
     if errors.get("mean" if "vertices" in errors else "worst", 0.0) > WORST:
         finer = f"--set coarse={min(2 * node.coarse, MOST_COARSE)} (now {node.coarse}, by default {ReducedFE.coarse})"
-        sampled = node.model == "sampled" and node.reduced() is None
+        sampled = node.model == "sampled" and node.reduced_count() is None
         cure = f"more vertices in {node.surface}" if "." in node.surface and sampled else finer
         text = f"stored, but the error is above {WORST:.0%} at some touches. Use a finer surface: {cure}"
         typer.secho(text, fg="red", err=True)

@@ -46,7 +46,7 @@ def fingertip(
     try:
         from palpate.models.scan import read, segment
         from palpate.models.scan.rebuild import measures, of_images, reconstruct
-        from palpate.views.pictures.models.scan import draw
+        from palpate.views.pictures.models.scan import draw_scan
     except ImportError as error:
         raise ArgumentError(missing("images of a finger", error.name, "scan")) from None
     stack = read(scan, known_spacing, axes)
@@ -55,7 +55,7 @@ def fingertip(
     tip.save(out)
     picture = None if no_pictures else out.with_suffix(".png")
     if picture is not None:
-        draw(tip, picture, stack, outlines)
+        draw_scan(tip, picture, stack, outlines)
     files = {"output": str(out), "picture": picture and str(picture)}
     report = {"ok": True, **files, **of_images(stack, frame), **measures(tip)}
     if as_json:

@@ -32,7 +32,7 @@ def body(
     """
     from palpate.studies import fit_body as study
 
-    launch = options.chosen(graph, sets, scene).but(duration=duration)
+    launch = options.choose_launch(graph, sets, scene).but(duration=duration)
     launch.load()
     file = options.launch_file(launch, out, "fitted")
     length = launch.duration or 0.0

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json, NoPictures, out_option
-from palpate.cli.terminal.output import console, drawn, print_json, say
+from palpate.cli.terminal.output import console, draw_if_possible, print_json, say
 
 EXAMPLE = "palpate fit force sessions.csv -o finger.model.yaml"
 
@@ -42,7 +42,7 @@ def force(
     """
     from palpate.models.fit.fit import fit_sessions, write_example
     from palpate.models.fit.sessions import SessionError
-    from palpate.views.pictures.models.fit import draw
+    from palpate.views.pictures.models.fit import draw_fit
 
     if example is not None:
         write_example(example)
@@ -57,7 +57,7 @@ def force(
         sessions, subjects=subject or [], out=out, mean=mean, deviation=deviation, folds=folds,
         depth_limit=depth_limit, protocol=protocol, any_stiffness=any_stiffness,
     )  # fmt: skip
-    pictures = [] if no_pictures else [str(path) for path in drawn(draw, fitted.chosen, fitted.file)]
+    pictures = [] if no_pictures else [str(path) for path in draw_if_possible(draw_fit, fitted.chosen, fitted.file)]
     if as_json:
         print_json(
             {"ok": True, "subjects": fitted.data, "notes": fitted.notes, "file": str(fitted.file), "pictures": pictures}

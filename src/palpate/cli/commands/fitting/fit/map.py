@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Force, Json, check_new, out_option
-from palpate.cli.terminal.output import drawn, print_json, say
+from palpate.cli.terminal.output import draw_if_possible, print_json, say
 from palpate.cli.terminal.pooled import show_pooled
 
 EXAMPLE = "palpate fit map probes.csv --rig ball --radius '4 mm' -o map"
@@ -72,7 +72,7 @@ def map(
     with steps(f"fit map: {len(probes.names)} probes", 1, silent=as_json, timed=False) as done:
         found = fit_map(probes, made, law, deepest=deepest, ratio=ball_ratio, report=done)
     out.mkdir(parents=True, exist_ok=True)
-    pictures = drawn(draw_map, found, out)
+    pictures = draw_if_possible(draw_map, found, out)
     data, texts = report.map_data(found), [*report.lines(found.probes, found.fit), *report.map_lines(found)]
     (out / "map.csv").write_text(report.map_table(found), encoding="utf-8")
     (out / "scene.yaml").write_text(report.map_scene(made, found, (out / "map.csv").resolve()), encoding="utf-8")

@@ -47,7 +47,7 @@ def record(
     file = sessions.with_name(f"{sessions.stem}-{subject}-{session}.mcap")
     launch = find(graph).but(overrides=sets or (), duration=duration, record=file, clock="real")
     outcome = execute(launch, console=None if as_json else console())
-    outcome.signalled()
+    outcome.raise_signal()
     if not outcome.result.ok:
         for death in outcome.result.deaths:
             print_death(death, console(stderr=True, soft_wrap=True))

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Force, Json, check_new, out_option
-from palpate.cli.terminal.output import console, drawn, print_json, say, table
+from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.cli.terminal.pooled import fit_sparse
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
@@ -96,7 +96,7 @@ def tissue(
     # Write the results, then report them.
     result = data(fit)
     out.mkdir(parents=True, exist_ok=True)
-    pictures = drawn(draw_fit, fit, out)
+    pictures = draw_if_possible(draw_fit, fit, out)
     (out / "scene.yaml").write_text(scene(fit), encoding="utf-8")
     (out / "report.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     (out / "report.md").write_text(markdown(fit, pictures), encoding="utf-8")

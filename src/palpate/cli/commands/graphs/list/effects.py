@@ -10,9 +10,9 @@ EXAMPLE = "palpate list effects"
 
 def effects(as_json: Json = False) -> None:
     """List the effects: nodes that compute and fields that show each."""
-    from palpate.launch.load.effects import known
+    from palpate.launch.load.effects import list_effects
 
-    rows = [_row(name, parts) for name, parts in known().items()]
+    rows = [_row(name, parts) for name, parts in list_effects().items()]
     if as_json:
         print_json({"effects": rows})
     else:

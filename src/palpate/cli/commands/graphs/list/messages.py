@@ -44,8 +44,8 @@ def describe(kind: type) -> dict[str, Any]:
     """A message type as plain data; the descriptions of the fields come from the class's docstring."""
     import msgspec
 
-    from palpate.messages.docs import documented, summary
+    from palpate.messages.docs import documented_fields, summary
 
     required = {field.name for field in msgspec.structs.fields(kind) if field.required}
-    listed = [{**field._asdict(), "required": field.name in required} for field in documented(kind)]
+    listed = [{**field._asdict(), "required": field.name in required} for field in documented_fields(kind)]
     return {"name": kind.__name__, "about": summary(kind), "fields": listed}

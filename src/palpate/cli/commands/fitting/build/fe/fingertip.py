@@ -41,7 +41,7 @@ def fingertip(
     place = out / f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}"
     check_folder(place)
     place.mkdir(parents=True, exist_ok=True)
-    record = _press(pressing, 1e-3 * depth, PressRun(place), as_json)
+    record = _press_model(pressing, 1e-3 * depth, PressRun(place), as_json)
     fields = place / "finger.vtu"
     try:
         pressing.write(fields)
@@ -77,7 +77,7 @@ def _pressing(plate: str, material: str, depth: float, cells: int, friction: flo
         raise error if isinstance(error, MeshError) else MeshError(f"--{error}") from None
 
 
-def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
+def _press_model(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
     from palpate.launch.run.progress import StageBars
     from palpate.models.fe.study.press_record import record
 

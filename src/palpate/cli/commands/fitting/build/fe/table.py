@@ -33,7 +33,7 @@ def table(
     ratio = check_pair(runs, scaled=True)
     if out.suffix != ".npz":
         raise ArgumentError(f"--out {out}: expected a name that ends in .npz")
-    records = {"steel": runs["steel"].record().softened(ratio), "silicone": runs["silicone"].record()}
+    records = {"steel": runs["steel"].record().soften(ratio), "silicone": runs["silicone"].record()}
     data = {"levels": LEVELS}
     for plate, record in records.items():
         keep = np.concatenate([[True], np.diff(record.force) > 0])
