@@ -1,7 +1,8 @@
 """Coverage of the 95 % intervals of `palpate fit tissue`, its false alarms, and how often it detects a flaw of a press.
 
 Noise: every law and rig, with white, correlated, quantised, drifting and gain noise; `python benchmarks/fit_coverage.py
-noise [trials]`. `... drift [trials]`: width of the intervals with white noise, with the fitted drift over without it.
+noise [trials] [first seed]`. `... drift [trials]`: width of the intervals with white noise, with the fitted drift over
+without it.
 
 Coverage: a ball of 8 mm on a bonded layer of 20 mm, E = 10 kPa, noise of 1 % of the peak; the indentation in the file
 has an offset of 0.1 mm. Two cases: a press without relaxation, and a press and hold with one Prony term.
@@ -125,6 +126,7 @@ def by_noise(case: str, what: str, trials: int, first: int = 0) -> dict[str, flo
     """Share of the intervals given that contain the true value, of those withheld, and of misses without a note."""
     rig, law, truth, kind, _ = CASES[case]
     held: dict[str, list[bool]] = {"withheld": [], "silent miss": []}
+    curved: dict[str, list[bool]] = {}
     for seed in range(first, first + trials):
         fit = fit_tissue([noisy(case, what, seed)], rig, law, kind)
         inside = {name: i.low <= truth[name] <= i.high for name, i in fit.estimate.intervals.items()}
@@ -132,6 +134,9 @@ def by_noise(case: str, what: str, trials: int, first: int = 0) -> dict[str, flo
         held["silent miss"].append(not all(inside.values()) and not fit.notes)
         for name, each in inside.items() if not fit.estimate.withheld else ():
             held.setdefault(name, []).append(each)
+            low, high = fit.bent[name]
+            curved.setdefault(f"{name} with a bent zero", []).append(low <= truth[name] <= high)
+    held |= curved
     return {name: float(np.mean(each)) for name, each in held.items()}
 
 
@@ -220,9 +225,10 @@ def detected(flaw: str, correlation: float, trials: int, first: int = 0) -> dict
 
 def main() -> None:
     if sys.argv[1:2] == ["noise"]:
+        trials, first = (int(text) for text in (sys.argv[2:] + ["200", "0"][len(sys.argv) - 2 :]))
         for case in CASES:
             for what in NOISES:
-                _print(case, what, by_noise(case, what, int((sys.argv[2:] or ["200"])[0])))
+                _print(case, what, by_noise(case, what, trials, first))
         return
     if sys.argv[1:2] == ["drift"]:
         for case in CASES:

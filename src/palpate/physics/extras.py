@@ -18,6 +18,7 @@ EXTRAS = {
     "mesh": {"fast-simplification": "fast_simplification", "meshio": "meshio", "trimesh": "trimesh"},
     "study": {"matplotlib": "matplotlib"} | {name: name for name in ["SALib", "xarray", "zarr", "pyarrow", "pandas"]},
     "feel": {"sounddevice": "sounddevice", "pynwb": "pynwb"},
+    "afm": {"afmformats": "afmformats"},
     "cluster": {"distributed": "distributed", "cryptography": "cryptography"},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }

@@ -9,6 +9,7 @@ from palpate.launch.load.values.units import UnitError, convert, split
 from palpate.messages import Contact, Pose
 from palpate.models.fit.probes.read import Probes, read_probes
 from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.afm import SUFFIXES, read_afm
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press, read_presses
 from palpate.physics.table_file import DIALECTS
 from palpate.records.reader import Recording
@@ -39,11 +40,17 @@ class PressReader:
         """All presses of a file. SessionError, RecordingError: the file is faulty."""
         if file.suffix == ".mcap":
             return [self._read_press(file)]
+        if file.suffix in SUFFIXES:
+            return read_afm(file)
         return read_presses(file, self.names, self.units, convert, self.dialect)
 
     def probes(self, file: Path) -> Probes | None:
         """The sparse probes of a file; None: few presses, or many rows in each. SessionError: the file is faulty."""
-        return None if file.suffix == ".mcap" else read_probes(file, self.names, self.units, convert, self.dialect)
+        return (
+            None
+            if file.suffix in (".mcap", *SUFFIXES)
+            else read_probes(file, self.names, self.units, convert, self.dialect)
+        )
 
     def _read_press(self, file: Path) -> MeasuredPress:
         recording = Recording(file)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -168,3 +169,10 @@ def deformation_bar(figure: Figure, top: float, label: str, **place: Any) -> Non
 
     bar = figure.colorbar(ScalarMappable(Normalize(0.0, top), deformation_colours()), label=label, **place)
     bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def saved(folder: Path, **pictures: Figure) -> list[Path]:
+    """Write each picture as `name.png` to the folder."""
+    for name, picture in pictures.items():
+        picture.savefig(folder / f"{name}.png")
+    return [folder / f"{name}.png" for name in pictures]

@@ -93,6 +93,25 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
     return notes
 
 
+def bent(problem: Problem, best: Estimate) -> tuple[dict[str, tuple[float, float]], list[str]]:
+    """95 % intervals of the parameters if the baseline of each press with rows before contact may also bend, quadratic
+    in time, and notes. The bend hides below the noise before contact, and its shape is similar to that of a press, so
+    no test can exclude it. If it is significant, the intervals of `best` are widened to these."""
+    if not any(press.air for press in problem.presses):
+        return {}, []
+    other = problem.with_changes([replace(press, bends=press.air) for press in problem.presses])
+    begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
+    free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
+    found = {name: (each.low, each.high) for name, each in free.intervals.items()}
+    sizes = [free.number(f"bend, {press.name}") for press in problem.presses]
+    if not any(abs(size) > SURE * error for size, error in sizes if error > 0.0) or best.withheld:
+        return found, []
+    for name, (low, high) in found.items():
+        now = best.intervals[name]
+        now.low, now.high = min(now.low, low), max(now.high, high)
+    return found, ["the zero of the force seems to drift along a curve; the intervals were widened to include this"]
+
+
 def with_smooth_factor(law: Law, reach: float) -> Law:
     """The law times exp(a sqrt(x) + b x), x = s/reach."""
 

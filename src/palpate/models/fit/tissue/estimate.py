@@ -120,6 +120,8 @@ class Problem:
             self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
             if press.drifts or press.air:  # a drift below the noise before contact may still matter at the peak
                 self.baselines.append((f"drift, {press.name}", i, 0.01 * peak * press.elapsed))
+            if press.bends:
+                self.baselines.append((f"bend, {press.name}", i, 0.01 * peak * press.elapsed**2))
         self.names = [p.name for p in self.parameters]
         self.names += [f"touch, {p.name}" for p in presses] if free_touch else []
         self.names += [name for name, _, _ in self.baselines]

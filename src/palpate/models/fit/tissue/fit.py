@@ -48,6 +48,9 @@ class TissueFit:
     compared: list[dict[str, Any]] = field(default_factory=list)
     given: list[MeasuredPress] = field(default_factory=list)
     """The presses with all rows, including the excluded ones."""
+    bent: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Intervals of the parameters if the zero of the force may drift along a curve; empty without rows before
+    contact."""
 
     @property
     def read(self) -> list[str]:
@@ -115,10 +118,19 @@ def fit_tissue(
         loaded = [p.part(p.depth - t <= law.reach) for p, t in zip(whole, best.touches, strict=True)]
         problem = problem.with_changes(loaded)
         best = estimate(problem)
+    for press, at in zip(loaded, best.touches, strict=True):
+        if not press.depth.max() > at:
+            raise SessionError(
+                f"{press.name}: law {law.name} finds no contact in the {len(press.depth)} rows fitted: the best touch "
+                f"point lies below the deepest of them, {1e3 * float(press.depth.max()):.4g} mm. Try --touch detected, "
+                "another law (power and exponential have no range), or a greater --depth-limit"
+            )
     # widen the intervals by the scatter between presses and by lack of fit
     widen_by_scatter(problem, best)
     misfits, hidden = checks.widen(problem, best)
     notes += checks.baselines(problem, best) + misfits
+    curved, more = checks.bent(problem, best)
+    notes += more
     if rig.kind == "fingertip" and relaxation != "none":
         best.withhold()
         notes.append(
@@ -127,10 +139,13 @@ def fit_tissue(
         )
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
     kept = [_rows_to_fit(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
-    fitted = TissueFit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses))
+    fitted = TissueFit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses), bent=curved)
     fitted.held_out = [_predict_press(problem, best, press, fitted.deepest) for press in kept]
     fitted.sensitivity = _sensitivity(fitted, problem)
     fitted.open_ = hidden + _open(fitted)
+    if curved and not best.withheld:
+        ends = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in curved.items())
+        fitted.open_.append(f"a zero of the force that drifts along a curve: if the sensor may do so, {ends}")
     if "finite elements" in law.remark:
         fitted.notes.append(_mesh_error(fitted))
     if compare:

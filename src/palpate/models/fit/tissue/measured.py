@@ -36,6 +36,7 @@ class MeasuredPress:
     touch   [m]  indentation at first contact, estimated from the force; its uncertainty is `slack` [m]
     zero    [N]  mean force before contact, subtracted from `force`; the fit estimates the remaining offset
     drifts  whether the force changes before contact: the fit then includes the slope of the baseline
+    bends   whether the fit includes a baseline that is quadratic in time
     step    [N]  of the converter of the force; 0: no repeated values show one
     remarks  which columns were read, and which lines were not
     air     whether rows before contact show the zero of the force; else the fit searches zero and touch point widely
@@ -49,6 +50,7 @@ class MeasuredPress:
     slack: float
     zero: float
     drifts: bool = False
+    bends: bool = False
     air: bool = True
     remarks: tuple[str, ...] = ()
     step: float = 0.0
@@ -147,7 +149,7 @@ def prepare_press(name: str, time: np.ndarray | None, depth: np.ndarray, force: 
     noise, step = noise_before(force), step_of(force)
     line = np.full(len(force), float(np.median(force[: max(deepest // 100, 5)])))
     peak = float((force - line).max())
-    if not peak > max(10.0 * noise, 1e-9):
+    if not peak > max(10.0 * noise, 1e-13):
         raise SessionError(f"{name}: never touches: at most {peak:.3g} N with noise of {noise:.2g} N")
     level = max(5.0 * noise, 1e-4 * peak, 1.5 * step)
     when = np.arange(len(force), dtype=float) if time is None else time - time[0]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.models.fit.probes.fit import ProbeMap, grid, log_ratio
-from palpate.views.pictures.style import DEFORMATION, FINGER, INK, NORMAL, TISSUE, figure, legend_above, look
+from palpate.views.pictures.style import DEFORMATION, FINGER, INK, NORMAL, TISSUE, figure, legend_above, look, saved
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 
 @look()
 def draw_map(found: ProbeMap, folder: Path) -> list[Path]:
-    drawn = {folder / "map.png": stiffness(found), folder / "held_out.png": held_out(found)}
-    for path, picture in drawn.items():
-        picture.savefig(path)
-    return list(drawn)
+    return saved(folder, map=stiffness(found), held_out=held_out(found))
 
 
 def stiffness(found: ProbeMap) -> Figure:

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.models.fit.tissue.fit import TissueFit
 from palpate.models.fit.tissue.measured import MeasuredPress
-from palpate.views.pictures.style import figure, log_ticks, look
+from palpate.views.pictures.style import figure, log_ticks, look, saved
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 
 @look()
 def draw_fit(fit: TissueFit, folder: Path) -> list[Path]:
-    drawn = {folder / "fit.png": forces(fit), folder / "profiles.png": profiles(fit)}
-    for path, picture in drawn.items():
-        picture.savefig(path)
-    return list(drawn)
+    return saved(folder, fit=forces(fit), profiles=profiles(fit))
 
 
 def forces(fit: TissueFit) -> Figure:
