@@ -31,7 +31,7 @@ def read_afm(path: Path) -> list[MeasuredPress]:
         curves = afmformats.load_data(path)
         if not curves:
             raise ValueError("it has no curve")
-        return [_press(path, number, len(curves), curve) for number, curve in enumerate(curves, 1)]
+        return [_read_press(path, number, len(curves), curve) for number, curve in enumerate(curves, 1)]
     except (SessionError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # the errors of afmformats are no Exceptions
@@ -41,7 +41,7 @@ def read_afm(path: Path) -> list[MeasuredPress]:
         log.setLevel(before)
 
 
-def _press(path: Path, number: int, count: int, curve: Any) -> MeasuredPress:
+def _read_press(path: Path, number: int, count: int, curve: Any) -> MeasuredPress:
     """One curve: approach, pause and retract as they follow each other."""
     name = path.name if count == 1 else f"{path.name}: curve {number}"
     if missing := [c for c in ("force", "height (measured)") if c not in curve]:
