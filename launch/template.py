@@ -28,8 +28,7 @@ class {title}({parent}):
 {body}'''
 
 _COMPILED = """\
-from palpate.nodes import CompiledNode, Out
-from palpate.compiler.kernel import kernel
+from palpate.nodes import CompiledNode, Out, kernel
 """
 
 _STEP = '''

@@ -32,7 +32,7 @@ def value_of(values: Values, place: int) -> Any:
     return found.tolist() if isinstance(found, np.ndarray | np.generic) else found
 
 
-def hashed(values: Values) -> list[Any]:
+def digest_values(values: Values) -> list[Any]:
     """Plain data that determines the values."""
     if isinstance(values, np.ndarray):
         return [values.dtype.str, values.shape, hashlib.sha256(np.ascontiguousarray(values).data).hexdigest()]

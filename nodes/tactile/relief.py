@@ -147,7 +147,7 @@ class Relief(WithReceptors, WithTexture):
                     total += weights[n, k] * surface[corners[n, k] % len(surface), i]
                 moved_skin[n, i] = total
             place = (own.place + u * at[n, 0] + v * at[n, 1]) / own.spacing
-            zz, xz, xx, down, side = relief.felt(
+            zz, xz, xx, down, side = relief.interpolate_imprint(
                 table, skinned, own.full, layer[n], place, max(pressing, 0.0) * share[n]
             )
             yy = nu * (xx + zz)

@@ -24,8 +24,8 @@ from palpate.launch.run.lane_values import (
     LanePreparation,
     Values,
     describe_values,
+    digest_values,
     extremes,
-    hashed,
     identity,
     value_of,
     with_values,
@@ -262,7 +262,7 @@ class Ensemble:
         """Hash of everything that determines the results."""
         kept = [(field.name, field.dtype.str, field.shape) for field in self._fields]
         lane = identity(self._lane.first)
-        over = {path: hashed(values) for path, values in self.over.items()}
+        over = {path: digest_values(values) for path, values in self.over.items()}
         return digest([kernel_cache.key(), *lane, over, self.count, self._every, kept, self._size])
 
     def _dataset(self, time: np.ndarray, columns: Sequence[np.ndarray], errors: list[str]) -> Any:

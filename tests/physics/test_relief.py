@@ -25,7 +25,7 @@ def test_a_sinusoid_in_full_contact_has_johnsons_pressure():
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.5, 0.9])
 def test_a_sinusoid_in_partial_contact_has_westergaards_pressure(share):
     mean = share * FULL
-    p = relief.pressed(HEIGHT, STEP, MODULUS, mean, FULL + relief.full_contact(HEIGHT, STEP, MODULUS))
+    p = relief.solve_pressure(HEIGHT, STEP, MODULUS, mean, FULL + relief.full_contact(HEIGHT, STEP, MODULUS))
     x = (S + 0.5 * WAVE) % WAVE - 0.5 * WAVE
     half = np.arcsin(np.sqrt(share))  # pi a/L
     inside = np.maximum(np.sin(half) ** 2 - np.sin(np.pi * x / WAVE) ** 2, 0.0)
@@ -46,7 +46,7 @@ def test_a_rough_relief_touches_without_overlap_by_the_sum_of_line_loads(share):
     height = rough()
     full = relief.full_contact(height, STEP, MODULUS)
     mean = -share * full.min()
-    p = relief.pressed(height, STEP, MODULUS, mean, full - full.min())
+    p = relief.solve_pressure(height, STEP, MODULUS, mean, full - full.min())
     apart = np.abs(np.sin(np.pi * (S[:, None] - S[None, :]) / WAVE))
     np.fill_diagonal(apart, np.pi * STEP / WAVE / (2.0 * np.e))  # the mean of the logarithm over a cell
     u = -2.0 / (np.pi * MODULUS) * STEP * np.log(2.0 * apart) @ p
@@ -68,7 +68,7 @@ def test_the_stress_is_that_of_many_point_forces(place, depth):
     for part in np.array_split(np.arange(len(at)), 20):
         found += np.einsum("n,nij->ij", FULL * force.ravel()[part], point_stress(at[part], POISSON)[..., 2])
     table = relief.imprint(HEIGHT, STEP, MODULUS, POISSON, np.array([0.1e-3, depth]))
-    zz, xz, xx, *_ = relief.felt(table.stress, table.surface, table.full, 1, place / STEP, 2.0 * FULL)
+    zz, xz, xx, *_ = relief.interpolate_imprint(table.stress, table.surface, table.full, 1, place / STEP, 2.0 * FULL)
     assert (zz, xz, xx) == approx((found[2, 2], found[0, 2], found[0, 0]), abs=0.006 * FULL)
     assert POISSON * (xx + zz) == approx(found[1, 1], abs=0.006 * FULL)
 
@@ -79,7 +79,7 @@ def test_the_displacement_is_that_of_line_loads():
     table = relief.imprint(HEIGHT, STEP, MODULUS, POISSON, np.array([1e-3]))
     load = FULL * np.cos(2.0 * np.pi * S / WAVE) * STEP
     for i in (0, 40, 100):
-        *_, down, side = relief.felt(table.stress, table.surface, table.full, 0, float(i), 2.0 * FULL)
+        *_, down, side = relief.interpolate_imprint(table.stress, table.surface, table.full, 0, float(i), 2.0 * FULL)
         left, right = load[np.arange(i - COUNT // 2, i)].sum(), load[np.arange(i + 1, i + COUNT // 2) % COUNT].sum()
         assert down == approx(MODULUS * HEIGHT[i], abs=1e-9)
         # half a wavelength on each side has twice the load of the whole side, averaged over its end
@@ -91,24 +91,27 @@ def test_the_table_is_accurate_between_its_pressures():
     table = relief.imprint(HEIGHT, STEP, MODULUS, POISSON, np.array([depth]))
     k = relief.waves(COUNT, STEP)
     for share in (0.013, 0.11, 0.42, 0.83):
-        p = relief.pressed(HEIGHT, STEP, MODULUS, share * FULL, FULL + relief.full_contact(HEIGHT, STEP, MODULUS))
+        p = relief.solve_pressure(
+            HEIGHT, STEP, MODULUS, share * FULL, FULL + relief.full_contact(HEIGHT, STEP, MODULUS)
+        )
         lines = np.fft.rfft(p - p.mean())
         exact = np.fft.irfft(-(1.0 + k * depth) * np.exp(-k * depth) * lines, COUNT)
         found = [
-            relief.felt(table.stress, table.surface, table.full, 0, float(i), share * FULL)[0] for i in range(COUNT)
+            relief.interpolate_imprint(table.stress, table.surface, table.full, 0, float(i), share * FULL)[0]
+            for i in range(COUNT)
         ]
         assert np.array(found) == approx(exact, abs=0.01 * np.abs(exact).max())
-    assert relief.felt(table.stress, table.surface, table.full, 0, 10.0, 0.0) == approx((0.0,) * 5)
+    assert relief.interpolate_imprint(table.stress, table.surface, table.full, 0, 10.0, 0.0) == approx((0.0,) * 5)
 
 
 def test_a_coarse_relief_bears_at_single_points():
     """Two equal points, then one, bear the whole load, without an error of rounding that grows."""
     height = 1e-4 * np.array([0.9, 1.0, 1.0, 0.2, 0.0, 0.1, 0.0, 0.3])
     mean = 1e-6 * MODULUS
-    p = relief.pressed(height, WAVE / 8, MODULUS, mean, np.ones(8))
+    p = relief.solve_pressure(height, WAVE / 8, MODULUS, mean, np.ones(8))
     assert p == approx(mean * np.array([0, 4, 4, 0, 0, 0, 0, 0]), rel=1e-6)
     height[1] *= 1.01
-    assert relief.pressed(height, WAVE / 8, MODULUS, mean, p) == approx(8.0 * mean * np.eye(8)[1], rel=1e-6)
+    assert relief.solve_pressure(height, WAVE / 8, MODULUS, mean, p) == approx(8.0 * mean * np.eye(8)[1], rel=1e-6)
 
 
 def test_heights_are_the_integral_of_the_slope():

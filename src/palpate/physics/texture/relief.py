@@ -84,7 +84,7 @@ def waves(count: int, spacing: float) -> np.ndarray:
     return 2.0 * np.pi * np.arange(count // 2 + 1) / (count * spacing)
 
 
-def pressed(height: np.ndarray, spacing: float, modulus: float, mean: float, guess: np.ndarray) -> np.ndarray:
+def solve_pressure(height: np.ndarray, spacing: float, modulus: float, mean: float, guess: np.ndarray) -> np.ndarray:
     """Pressure (n) [Pa] >= 0 with this mean [Pa] between a rigid profile (n) [m] and a half-space, from a guess (n)."""
     count = len(height)
     k = waves(count, spacing)
@@ -94,7 +94,7 @@ def pressed(height: np.ndarray, spacing: float, modulus: float, mean: float, gue
     stiff[0] = stiff[1]
     p, bears = guess, guess > 0.0
     for _ in range(CHANGES):
-        p, gap = _solved(p, height, bears, soft, stiff, mean)
+        p, gap = _solve_contact(p, height, bears, soft, stiff, mean)
         again = np.where(bears, p > 0.0, gap < 0.0)
         if np.array_equal(again, bears) or not again.any():
             break
@@ -102,7 +102,7 @@ def pressed(height: np.ndarray, spacing: float, modulus: float, mean: float, gue
     return np.maximum(p, 0.0)
 
 
-def _solved(
+def _solve_contact(
     p: np.ndarray, height: np.ndarray, bears: np.ndarray, soft: np.ndarray, stiff: np.ndarray, mean: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pressure (n) with this mean that closes the gap where `bears` (n), and is 0 elsewhere, and the gap (n) [m]."""
@@ -152,7 +152,7 @@ def imprint(height: np.ndarray, spacing: float, modulus: float, poisson: float, 
     for level in range(LEVELS, 0, -1):
         mean = full * (level / LEVELS) ** 4
         if level < LEVELS:
-            p = pressed(height, spacing, modulus, mean, p)
+            p = solve_pressure(height, spacing, modulus, mean, p)
         lines = np.fft.rfft(p)
         lines[0] = 0.0
         turned = -1j * lines  # cos(k s) to sin(k s)
@@ -168,7 +168,7 @@ def imprint(height: np.ndarray, spacing: float, modulus: float, poisson: float, 
 
 
 @ieee_kernel
-def felt(stress: Tensor, surface: Tensor, full: float, layer: int, place: float, mean: float):
+def interpolate_imprint(stress: Tensor, surface: Tensor, full: float, layer: int, place: float, mean: float):
     """Fluctuation of zz, xz, xx [Pa] at a depth, and displacement [N/m] inwards and along s, from the table `Imprint`:
     index of the depth, place in the period [points], mean pressure [Pa]. Linear between places and pressures."""
     n, top = stress.shape[1], surface.shape[0] - 1

@@ -103,7 +103,7 @@ def _run(
     """The results of lanes of one structure by their place, without those that fail."""
     names = _names(keep)
     heads = [(stream, name) for stream in dict.fromkeys(stream for stream, _ in names) for name in HEAD]
-    runner, places, reached, process = _started([*heads, *names], ticks), list(members), 0, os.getpid()
+    runner, places, reached, process = _find_runner([*heads, *names], ticks), list(members), 0, os.getpid()
 
     def done(ran: int) -> None:
         nonlocal reached
@@ -151,8 +151,8 @@ def _names(keep: Sequence[Kept]) -> list[tuple[str, str]]:
     return list(dict.fromkeys((one.stream, one.field) for one in keep))
 
 
-def _started(names: Sequence[tuple[str, str]], ticks: int) -> LaneRunner:
-    """What runs lanes that keep these fields of this number of ticks, with nodes that have started before."""
+def _find_runner(names: Sequence[tuple[str, str]], ticks: int) -> LaneRunner:
+    """The runner of lanes that keep these fields for this number of ticks; a known one has started nodes."""
     key = names, ticks
     for place, (known, runner) in enumerate(_ready):
         if known == key:

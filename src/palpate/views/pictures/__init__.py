@@ -4,9 +4,9 @@ draw_pictures(Path("runs/kidney.mcap"), Path("runs"))
 
 A picture is a file of this folder with three names; no list names it:
 
-draw         (TouchStreams) -> Figure, or None if the recording lacks what the picture shows
-ORDER        [1] position among the pictures
-OF_A_FINGER  whether each finger has its picture; otherwise the first finger, or all together
+draw_picture  (TouchStreams) -> Figure, or None if the recording lacks what the picture shows
+ORDER         [1] position among the pictures
+OF_A_FINGER   whether each finger has its picture; otherwise the first finger, or all together
 """
 
 from __future__ import annotations
