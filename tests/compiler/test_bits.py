@@ -62,11 +62,13 @@ def compiled():
         palpate.run("kidney", tissue=f"deformation.{body}", duration=0.01, record=False)
     found, seen = [], set()
     for path in sorted(kernel_cache.folder().glob("palpate.*.nbc")):
-        _, ((_, kind, (content, more)), *_) = pickle.loads(kernel_files.read(path.parent, path.name))
-        if kind == "object" and path.name.startswith(("palpate.compiler.angles", "palpate.compiler.exponentials")):
-            continue  # the name of the kernel itself
+        try:
+            _, ((_, kind, (content, more)), *_) = pickle.loads(kernel_files.read(path.parent, path.name))
+        except (ImportError, AttributeError):  # of a class of another test
+            continue
         if kind == "object":
-            found.append((path.name, None, {name for name in C_LIBRARY if b"\0%s\0" % name.encode() in content}))
+            names = C_LIBRARY - {path.name.partition("-")[0].split(".")[-1]}  # that of the kernel itself
+            found.append((path.name, None, {name for name in names if b"\0%s\0" % name.encode() in content}))
         for digest, code in more.items() if kind == "parts" else ():
             if digest not in seen:
                 seen.add(digest)

@@ -79,8 +79,8 @@ def test_an_lz4_chunk_unpacks_to_no_more_than_it_claims(tmp_path, store_size):
     path = one_chunk(tmp_path / "a.mcap", "lz4", packed, 1000)
     with pytest.raises(Broken, match="cannot be decompressed"):
         list(read_records(path))
-    setup = "from palpate.records.format.mcap_file import Broken, opened"
-    call = "\n        ".join(["try: list(opened(path))", "except Broken as error: print(error)"])
+    setup = "from palpate.records.format.mcap_file import Broken, read_records"
+    call = "\n        ".join(["try: list(read_records(path))", "except Broken as error: print(error)"])
     output, more = grown(setup, call, path)
     assert "cannot be decompressed" in output and more < 20
 

@@ -12,6 +12,7 @@ from test_export import TOUCH
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
+from palpate.nodes.base.textured import WithTexture
 from palpate.nodes.texture import Spectral
 from palpate.records.export import export, gltf
 from palpate.records.player import plan_of
@@ -102,7 +103,7 @@ def test_a_texture_that_does_not_fit_an_image_is_refused(stroked, tmp_path, monk
     monkeypatch.setattr(gltf, "WIDEST", 100)
     with pytest.raises(RecordingError, match="expected at most 400, with a narrower range"):
         export(stroked, "gltf", tmp_path / "a.gltf")
-    monkeypatch.delattr(Spectral, "period")  # as texture.Autoregressive, which has no place on the surface
+    monkeypatch.delattr(WithTexture, "period")  # as texture.Autoregressive, which has no place on the surface
     with pytest.raises(RecordingError, match=r"no pattern over the surface .* expected texture.Spectral"):
         export(stroked, "gltf", tmp_path / "a.gltf")
     assert not list(tmp_path.iterdir())

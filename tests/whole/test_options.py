@@ -27,6 +27,7 @@ RUNS = {
     ("pinch", None): 0.45,
     ("organs", None): 0.3,
     ("texture", None): 0.35,
+    ("texture", "grating"): 0.35,
     ("remote", None): 0.5,
     ("fingertip-slide", None): 0.05,
     ("softness", None): 0.1,

@@ -123,7 +123,7 @@ def test_the_launcher_does_not_end_a_worker_that_compiles(monkeypatch):
     worker = member.WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
     fake = SimpleNamespace(
         members={"a": worker}, patience=5.0, forkserver=SimpleNamespace(ask=lambda _: None), _tail=[],
-        _listen=lambda: now.__setitem__(0, now[0] + 1.0), _died=lambda member, fault: faults.append(fault.text),
+        _listen=lambda: now.__setitem__(0, now[0] + 1.0), _report_death=lambda member, fault: faults.append(fault.text),
         _ending=SimpleNamespace(closed=False), _next_report=lambda: False,
     )  # fmt: skip
 

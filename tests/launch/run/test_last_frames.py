@@ -86,7 +86,7 @@ def test_an_observer_gets_its_buffered_frames_before_the_end(ends):
             continue
         stream, printed = split(data)
         if stream == END:
-            ends.reader.ended(printed.decode())
+            ends.reader.end_group(printed.decode())
             ended = True
         else:
             seen.append(number(printed))
@@ -111,7 +111,7 @@ def test_an_observer_with_lost_frames_gets_the_end_marker(ends):
         if (data := ends.reader.overheard(wait=True)) is not None:
             stream, printed = split(data)
             if stream == END:
-                ends.reader.ended(printed.decode())
+                ends.reader.end_group(printed.decode())
                 break
             seen += 1
     else:

@@ -70,7 +70,7 @@ def test_an_observer_receives_frames_in_transit_during_a_stall(time):
 def test_after_a_death_and_a_stall_the_others_get_time_for_the_news(time):
     """`Quit` is sent after this running time, not at once, when the report of the death is still unread."""
     printed = []
-    wires = SimpleNamespace(tell=lambda group, order: printed.append(order))
+    wires = SimpleNamespace(send_order=lambda group, order: printed.append(order))
     end = ending.Ending({}, wires, None, True, lambda text: None)
     end.quit_after(0.1)
     for passed in (20, 3000, 20, 40):
@@ -116,7 +116,7 @@ def test_the_launcher_waits_for_a_reported_failure_only(time, status, state):
         member.state = "died"
 
     launcher = SimpleNamespace(
-        members={"a": member}, _next_report=next_report, _is_gone=lambda member: None, _died=died, _tail=[],
+        members={"a": member}, _next_report=next_report, _is_gone=lambda member: None, _report_death=died, _tail=[],
         _listen=lambda: None,
     )  # fmt: skip
     Launcher._answer(launcher, Exited("a", status))

@@ -142,6 +142,47 @@ def test_two_balls_that_overlap_are_refused_and_two_apart_are_not():
                 fill(Mesh(points, both))
 
 
+def cuboid(low, high):
+    """A closed box of triangles."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
+    return np.array(low) + corners * (np.array(high) - low), np.array(triangles, dtype=np.int32)
+
+
+def joined(*surfaces):
+    starts = np.cumsum([0, *(len(points) for points, _ in surfaces)])
+    points = np.concatenate([points for points, _ in surfaces])
+    return points, np.concatenate([triangles + s for (_, triangles), s in zip(surfaces, starts, strict=False)])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_a_mirror_image_crosses_also_where_its_edges_meet_those_of_the_original(turn):
+    """In the plane of symmetry each edge meets its mirror image, so that no edge passes through an interior."""
+    c, s = np.cos(turn), np.sin(turn)
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    for axis in range(3):
+        points, triangles = ball(0.013 * np.eye(3)[axis])
+        mirrored = points * (1.0 - 2.0 * np.eye(3)[axis]), triangles[:, ::-1]
+        both, indices = joined((points, triangles), mirrored)
+        _, _, at = crossing(both @ turned.T, indices)
+        assert abs((turned.T @ at)[axis]) < 2e-3
+        away = points + 0.0075 * np.eye(3)[axis]  # 0.5 mm apart
+        both, indices = joined((away, triangles), (away * (1.0 - 2.0 * np.eye(3)[axis]), triangles[:, ::-1]))
+        assert crossing(both @ turned.T, indices) is None
+    for shift in (0.005, 0.01):  # along an axis of symmetry
+        points, triangles = ball((0, 0, 0))
+        assert crossing(*joined((points, triangles), (points + [0, 0, shift], triangles))) is not None
+
+
+def test_boxes_that_touch_do_not_cross_and_boxes_that_overlap_do():
+    one = cuboid((0, 0, 0), (0.04, 0.04, 0.04))
+    touching = ((0.04, 0, 0), (0.04, 0.02, 0.01), (0.04, 0.04, 0), (0.04, 0.04, 0.04))
+    for low in (*touching, (0.02, 0, 0), (0.02, 0.02, 0.02), (0, 0, 0)):
+        other = cuboid(low, np.array(low) + 0.04)
+        assert (crossing(*joined(one, other)) is None) == (low in touching), low
+
+
 def test_the_shipped_surfaces_do_not_cross_themselves():
     for vertices in (80, 600):
         kidney = surface_mesh("kidney", vertices)

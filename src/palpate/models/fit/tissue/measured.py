@@ -180,7 +180,8 @@ def prepare_press(name: str, time: np.ndarray | None, depth: np.ndarray, force: 
     free = len(air) >= LEAST_AIR
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
-    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts and free, free, step=step)
+    drifts = drifts and free
+    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts=drifts, air=free, step=step)
     return press if len(depth) <= MOST_ROWS else _thin_press(press)
 
 
