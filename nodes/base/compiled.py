@@ -31,7 +31,7 @@ from palpate.compiler.fields import field_list
 from palpate.messages import Message, MessageError
 from palpate.messages.record import KINDS, ROOM, array_handle, blank, layout, reader, writer
 from palpate.nodes.base.effect import Part
-from palpate.nodes.base.node import OUT, Node, Port, inputs, once_per_class, outputs, settings
+from palpate.nodes.base.node import OUT, Node, Port, inputs, once_per_class, outputs, settings, words_of
 
 ARRAY, TABLE = array_handle(1), array_handle(2)
 """Types of fields of a state: an array with one or two axes, set by `CompiledNode.hold`."""
@@ -75,7 +75,8 @@ class CompiledNode(Node):
         self._held: dict[str, np.ndarray] = {}
         for name in self.own.dtype.names or ():
             if name in settings(type(self)):
-                self.own[name] = _number(settings(type(self))[name].type, getattr(self, name))
+                words, value = words_of(settings(type(self))[name].type), getattr(self, name)
+                self.own[name] = words.index(value) if words else value
             elif isinstance(part := getattr(type(self), name, None), Part):
                 self.own[name] = part.is_wanted(self)
         self._records: Records | None = None
@@ -200,12 +201,6 @@ def _setting(hint: Any) -> tuple[Any, ...] | None:
     if typing.get_origin(hint) is tuple and Ellipsis not in given and set(given) <= set(KINDS):
         return KINDS[given[0]], (len(given),)
     return None
-
-
-def _number(hint: Any, value: Any) -> Any:
-    if hasattr(hint, "__metadata__"):
-        hint = typing.get_args(hint)[0]
-    return typing.get_args(hint).index(value) if typing.get_origin(hint) is typing.Literal else value
 
 
 def several(kind: type[Message]) -> np.dtype:

@@ -260,7 +260,7 @@ def in_si(hint: Any, value: Any, unit: str) -> Any:
         if not numeric or any(value in typing.get_args(o) for o in options if typing.get_origin(o) is typing.Literal):
             return value
         return value if str in options and not is_quantity(value) else _whole(convert(value, unit), options)
-    if isinstance(value, float) and numeric:
+    if isinstance(value, float) and int in options:
         return _whole(value, options)
     for option in options:
         origin, inner = typing.get_origin(option), typing.get_args(option)
