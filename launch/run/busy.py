@@ -1,5 +1,4 @@
-"""What other programs leave of the machine: the processor, because measured times are too long if they use it, and the
-memory."""
+"""Reports how much of processor and memory other programs use; measured times are too long if they compute."""
 
 import contextlib
 import math
@@ -22,8 +21,8 @@ def busy(included: float = 0.0) -> str:
 
 
 def free_memory(group: Path = Path("/sys/fs/cgroup"), system: Path = Path("/proc/meminfo")) -> float:
-    """Memory [bytes] that this process can still get: what is available on the machine, and in its group of processes;
-    infinite where the operating system does not say it."""
+    """Memory [bytes] that this process can still allocate: the smaller of what the machine and the control group have
+    free; infinite if the operating system does not report it."""
     room = math.inf
     with contextlib.suppress(OSError, ValueError, StopIteration):
         line = next(line for line in system.read_text().splitlines() if line.startswith("MemAvailable:"))

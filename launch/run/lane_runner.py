@@ -23,7 +23,7 @@ STRUCTURES = 8  # Maximum number of structures that stay started between calls
 
 @dataclass(frozen=True)
 class LaneKeep:
-    """What is kept of lanes.
+    """Selects the fields and ticks of lanes that are kept.
 
     fields  stream and name of each field
     ticks   number of ticks of a lane;  every  divisor of those that are kept, `rows` in number
@@ -55,7 +55,7 @@ class Memory(NamedTuple):
 
 @dataclass
 class Outcome:
-    """What happened to lanes, by their row.
+    """The failures and notes of lanes, by their row.
 
     failures  cause; their values are NaN from the tick of the failure on
     notes     lines for the user, each with the name of its node

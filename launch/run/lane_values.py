@@ -27,13 +27,13 @@ Values = Sequence[Any] | np.ndarray
 
 
 def value_of(values: Values, place: int) -> Any:
-    """One of the values, as plain data."""
+    """Return the value of this lane as plain data."""
     found = values[place]
     return found.tolist() if isinstance(found, np.ndarray | np.generic) else found
 
 
 def digest_values(values: Values) -> list[Any]:
-    """Plain data that determines the values."""
+    """Return plain data that identifies the values."""
     if isinstance(values, np.ndarray):
         return [values.dtype.str, values.shape, hashlib.sha256(np.ascontiguousarray(values).data).hexdigest()]
     seen = hashlib.sha256()
@@ -149,11 +149,11 @@ class LanePreparation:
 
     @cached_property
     def first(self) -> Prepared:
-        """Lane 0. GraphError, ArgumentError: what is wrong with it."""
+        """Prepare lane 0. GraphError, ArgumentError: it is invalid."""
         return self._prepare_lane(0, self._values)
 
     def __call__(self, lane: int) -> Prepared:
-        """A lane. GraphError, ArgumentError: what is wrong with it; names it."""
+        """Prepare a lane. GraphError, ArgumentError: it is invalid; the text names the lane."""
         values = {path: value_of(given, lane - self._begin) for path, given in self._over.items()}
         if not lane:
             return self.first
@@ -166,7 +166,7 @@ class LanePreparation:
         return replace(one, graph=self.first.graph)  # thousands of other graphs would take much memory
 
     def _forms(self, one: Prepared) -> list[Any]:
-        """What the results of all lanes have in common."""
+        """Return the rate and the layout of the kept fields, which must be the same in all lanes."""
         return [one.job.rate, *(layout(one.graph.streams[stream])[name] for stream, name in self._keep)]
 
     def _prepare_lane(self, lane: int, values: Mapping[str, Any]) -> Prepared:

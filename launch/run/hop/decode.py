@@ -145,7 +145,7 @@ def _array(form, step, to, at, end, arena, room):
 
 @kernel
 def _absent(form, step, to):
-    """An array that was omitted because it is empty: whether its shape fits."""
+    """Whether the shape of an array fits that was omitted because it is empty."""
     empty = form.blank + step.at
     set_word(to, 0)
     for i in range(step.count):

@@ -57,7 +57,7 @@ def next_frame(wire, begin):
 
 @kernel
 def fill(wire, flags):
-    """Receive into the buffer; the answer of `recv`, or -1 if there is neither a connection nor room."""
+    """Receive into the buffer; returns the result of `recv`, or -1 without a connection or without room."""
     low, port = wire.end, wire.port
     while port != 0:
         low, port = min(low, port_at(port).begin), port_at(port).next
@@ -172,7 +172,7 @@ def message_arrived(port, tick):
 
 @kernel
 def send(reader, begin, size, scratch):
-    """Send a message; the answer of `sendmsg`."""
+    """Send a message; returns the result of `sendmsg`."""
     length = reader.skip + size
     head = reader.topic
     if length < 256:

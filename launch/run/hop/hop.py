@@ -49,7 +49,7 @@ def suits(parts: Sequence[Slot | CompiledSegment]) -> bool:
 
 
 def load(real: bool) -> Any:
-    """The compiled function, loaded or compiled: before the start barrier, since it would delay the first ticks."""
+    """Load or compile the compiled function. Call it before the start barrier: later it would delay the first ticks."""
     from palpate.compiler.entry_point import entry_point  # the compiler is slow to import
 
     if real:
@@ -256,7 +256,7 @@ class Hop:
         run_tick(self._parts[at:], tick, host)
 
     def _unsent(self, part: CompiledSegment, at: int) -> list[tuple[Sender, ReaderConnection, bytes, int]]:
-        """What is left to send of a tick's messages: frame, reader, and number of bytes sent before."""
+        """Find the unsent messages of a tick: frame, reader, and number of bytes sent before."""
         state, left = self._state[0], []
         block = part.block()
         if block is None:

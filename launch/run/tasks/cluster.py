@@ -24,8 +24,8 @@ CERTIFICATES = (
 def cluster_or_local(
     scheduler: str | None, workers: int | None, log: Path, report: Callable[[str], None]
 ) -> contextlib.AbstractContextManager[Executor]:
-    """The cluster with this scheduler, or without one, processes of this machine. Arguments as for `cluster` and
-    `local`."""
+    """Connect to the cluster of this scheduler; without a scheduler, use processes of this machine. Arguments as for
+    `cluster` and `local`."""
     if scheduler is None:
         return local(workers or cores(), log)
     if workers is not None:

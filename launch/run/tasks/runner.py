@@ -135,7 +135,7 @@ def runner() -> Runner:
 def work(
     about: Mapping[str, str], task: bytes, items: Sequence[bytes], limit: float | None
 ) -> tuple[str, float, list[bytes | Ended | None]]:
-    """Compute a block of items: what an executor runs, in any process on any machine, as often as it likes.
+    """Compute a block of items. An executor calls it in any process on any machine, also repeatedly.
 
     about  versions and hashes that the process that computes must agree in
 

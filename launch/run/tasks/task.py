@@ -23,7 +23,7 @@ class Ended(NamedTuple):
 
 
 class Task(Protocol):
-    """What the items of a task share.
+    """The data that all items of a task share.
 
     limit  timeout of an item [s]; None: no timeout
     """
@@ -44,5 +44,5 @@ def fingerprint() -> dict[str, str]:
 
 
 def about() -> dict[str, str]:
-    """What a process must agree in with the one that makes tasks."""
+    """Return versions and hashes; they must be equal in the process that makes tasks and in those that compute them."""
     return fingerprint() | {"sources of its tasks": kernel_cache.key(FORM)}

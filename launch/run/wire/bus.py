@@ -170,7 +170,8 @@ class Bus:
         self._ordered = True
 
     def order(self, wait: int = 0) -> Order | None:
-        """The launcher's next order; None if none arrives within `wait` [ms], or with 0 if `sweep` has noted none."""
+        """Return the launcher's next order; None if none arrives within `wait` [ms]. With 0: only one that `sweep` has
+        noted."""
         while (wait or self._ordered) and self._control.poll(wait):
             self._ordered = True
             with contextlib.suppress(msgspec.MsgspecError, ValueError, zmq.Again):
@@ -224,7 +225,7 @@ class Bus:
             self._observed.disconnect(self._sources.pop(group))
 
     def overheard(self, wait: bool) -> bytes | None:
-        """The next frame for the observers here; None if none has arrived, with `wait` within `POLL_INTERVAL`."""
+        """Return the next frame for the observers here, or None; `wait`: wait for one, up to `POLL_INTERVAL`."""
         try:
             return self._observed.recv(0 if wait else zmq.NOBLOCK)
         except zmq.Again:
@@ -296,7 +297,7 @@ class Bus:
                 self._far_readers[note[1:]] += 1 if note[:1] == b"\x01" else -1
 
     def sends_blocks(self) -> None:
-        """The messages of all streams will be sent in blocks; call it before `bind`."""
+        """Send the messages of all streams in blocks; call it before `bind`."""
         if self.real:
             self._observers.set(zmq.SNDHWM, min(HIGH_WATER, BLOCKS))
 

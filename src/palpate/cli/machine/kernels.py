@@ -35,13 +35,13 @@ TICKS = 3
 
 
 def usual() -> Iterator[tuple[str, LaunchFile]]:
-    """The graph of the first run, with the two bodies that users start with."""
+    """Return the graph of the first run, with the two bodies that users start with."""
     for body in BODIES[:2]:
         yield f"kidney with {body}", find("kidney").but(overrides=(f"tissue.use=deformation.{body}",))
 
 
 def shipped_launches() -> Iterator[tuple[str, LaunchFile]]:
-    """All graphs, with emulated devices; those of one touch with each body."""
+    """Return all graphs, with emulated devices; graphs of one touch with each body."""
     yield from usual()
     for name in names():
         launch = find(name)
@@ -100,7 +100,7 @@ def compile_all(
 
 
 def _compile_nodes() -> None:
-    """The steps of all shipped nodes, the loops over tables on both clocks, and an ensemble."""
+    """Compile the steps of all shipped nodes, the loops over tables on both clocks, and an ensemble."""
     import palpate
 
     for real in (False, True):

@@ -36,7 +36,7 @@ class Verbs(TyperGroup):
     """
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """The options; those that install shell completion work but stay out of the help."""
+        """Return the options; those that install shell completion work, but the help omits them."""
         params = super().get_params(ctx)
         param: Any
         for param in params:
@@ -45,7 +45,7 @@ class Verbs(TyperGroup):
         return params
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command; a usage error suggests the one with this meaning, or one with a similar name."""
+        """Find the command; a usage error suggests the one with this meaning, or one with a similar name."""
         if not ctx.resilient_parsing and args[0] in SYNONYMS:
             ctx.fail(f"No such command {args[0]!r}. Did you mean {SYNONYMS[args[0]]!r}?")
         return super().resolve_command(ctx, args)

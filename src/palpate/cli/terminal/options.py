@@ -172,8 +172,8 @@ def launch_file(launch: LaunchFile, out: Path | None, what: str) -> Path:
 def with_organ_file(
     launch: LaunchFile, file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
 ) -> LaunchFile:
-    """The run with the organ of a mesh file, or of its launch file or scene, at its place. MeshError, SettingError:
-    unusable organ."""
+    """Put the organ of a mesh file, or of the launch file or scene, in the place of the run's organ. MeshError,
+    SettingError: unusable organ."""
     if file is None:
         for option, given in (("--unit", unit), ("--piece", piece), ("--repair", repair)):
             if given:
@@ -225,7 +225,7 @@ def recorded_to(
 
 
 def reconnecting(launch: LaunchFile) -> LaunchFile:
-    """The run in which all device nodes reconnect. BadParameter: the graph has none."""
+    """Let all device nodes of a run reconnect. BadParameter: the graph has none."""
     from palpate.nodes.base import settings
 
     devices = [name for name, spec in launch.load().nodes.items() if "reconnect" in settings(spec.cls)]

@@ -93,7 +93,7 @@ def line(message: Message) -> Text:
 
 
 def draw_if_possible(draw: Callable[..., list[Path]], *args: Any) -> list[Path]:
-    """The pictures that a function draws. If a package is missing: none, and a hint on standard error."""
+    """Draw with a function, and return the pictures. If a package is missing, return none and print a hint."""
     from palpate.physics.extras import missing
 
     try:

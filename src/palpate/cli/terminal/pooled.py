@@ -1,4 +1,4 @@
-"""The pooled fit of many sparse probes: its command, and what is printed of it."""
+"""Runs the pooled fit of many sparse probes, and prints its result."""
 
 from __future__ import annotations
 

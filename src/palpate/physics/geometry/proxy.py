@@ -30,7 +30,7 @@ within `LANDING` or `ARRIVES`, because the tissue resists a patch at once. The g
 g and n being the last gap and normal (`BENT` in place of `REGAIN` if the foot does not trail). So the force F(e) n
 changes by at most (F' + F/(SUDDEN e)) |dp|, F' = dF/de; the approach is at most that of the target, except on the way
 out of a thin body; and it grows without work of the hand by at most `REGAIN` or `BENT` times |dp|. The rate of the gap
-is continuous, too, because a viscous body responds to it: while the foot trails a target that leapt, the gap changes by
+is also continuous, because a viscous body responds to it: while the foot trails a target that leapt, the gap changes by
 n.dp, as for a foot at rest, and then as that of the target; and it covers the larger share of |dp|/`LANDING` and
 dt/`ARRIVES` of the difference to it. A foot that the nearest point does not outrun is the nearest point exactly.
 """

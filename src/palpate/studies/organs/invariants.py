@@ -21,7 +21,7 @@ hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv 
          f, f_0  1.2 x the force that depth and rate explain, as in `force`, and that of the depth alone, to which it
                  relaxes.
          After a contact a force that still dissipates observed energy may fall to zero by 0.1 N per encoder step of the
-         motion (`device.controller`); at that slope, the greatest that the device renders, a contact would end, too.
+         motion (`device.controller`); at that slope, the greatest that the device renders, a contact would also end.
 contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.

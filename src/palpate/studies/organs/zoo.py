@@ -128,7 +128,7 @@ def _vessel(count: int) -> Mesh:
 
 
 def _two(count: int, sense: int = 1) -> Mesh:
-    """Two balls, the higher one with reversed triangles; with `sense` -1 it has them outwards, too."""
+    """Two balls, the higher one with reversed triangles; with `sense` -1 it also has them outwards."""
     low, high = _ball(20 * MM, count // 2), _move_mesh(_ball(20 * MM, count // 2), 45 * MM, 0, 15 * MM)
     return together(low, Mesh(high.vertices, high.triangles[:, ::-sense]))
 

@@ -118,7 +118,7 @@ def _run(
         given = [members[place] for place in part]
         columns = columns_of(given[0], [*heads, *names], len(part), ticks)
         beat()
-        with compiling(lambda count: beat() if os.getpid() == process else None):  # a child compiles, too
+        with compiling(lambda count: beat() if os.getpid() == process else None):  # a child also compiles
             found = runner.run(given.__getitem__, columns, done)
         for lane, place in enumerate(part):
             if lane in found.failures:

@@ -46,8 +46,8 @@ def tune(
 ) -> None:
     """Find the best tissue model for a time or error budget.
 
-    The most accurate model within a time budget, or the fastest within an error, on this machine. Writes a launch file
-    for `palpate run`, runs it, and prints predicted and measured figures. Exit code 1 if no model qualifies.
+    Finds the most accurate model within a time budget, or the fastest within an error, on this machine. Writes a launch
+    file for `palpate run`, runs it, and prints predicted and measured figures. Exit code 1 if no model qualifies.
     """
     from palpate.studies import tune as study
     from palpate.studies.search import read_error

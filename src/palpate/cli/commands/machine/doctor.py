@@ -22,7 +22,7 @@ def doctor(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Check this machine, with remedies.
+    """Check this machine, and print remedies.
 
     Python, packages, kernels, cores, wake-ups at 1 kHz, pictures and devices. Exit code 1 if palpate cannot run.
     """

@@ -29,7 +29,7 @@ def echo(
 ) -> None:
     """Print the messages of a recorded or running stream, with units.
 
-    `echo FILE STREAM` of a recording, `echo STREAM` of a running graph. Arrays are shortened to their size and largest
+    `echo FILE STREAM` reads a recording, `echo STREAM` a running graph. Arrays are shortened to their size and largest
     magnitude. Ctrl-C ends it.
     """
     from palpate.launch.run.wire.discover import messages_of

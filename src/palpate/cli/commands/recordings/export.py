@@ -41,7 +41,7 @@ def export(
 ) -> None:
     """Write a recording for other tools, or repair a truncated one.
 
-    As MCAP with JSON (Foxglove, PlotJuggler), as Parquet or CSV; the vibration of a texture as sound (WAV) or as MPEG
+    Writes MCAP with JSON (Foxglove, PlotJuggler), Parquet or CSV; the vibration of a texture as sound (WAV) or as MPEG
     haptics (.hjif, ISO/IEC 23090-31); the spikes of afferents as NWB; the organ's surface with its stiffness, friction
     and texture as glTF (MPEG_haptic_material). With --to mcap: a complete recording from the
     readable part of a truncated or damaged one. Exit code 1 if a message that --full computes differs from the

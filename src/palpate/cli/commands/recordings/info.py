@@ -11,7 +11,7 @@ EXAMPLE = "palpate info runs/kidney.mcap"
 def info(file: File, as_json: Json = False) -> None:
     """Show the contents and the origin of a recording.
 
-    Streams, counts, rates, losses, duration, origin, notes of the run, truncation.
+    Prints streams, counts, rates, losses, duration, origin, notes of the run, and whether it is truncated.
     """
     from palpate.records.contents import contents
     from palpate.records.stored import Stored

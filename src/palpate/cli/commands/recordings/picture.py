@@ -34,9 +34,9 @@ def picture(
 ) -> None:
     """Draw a recording: pictures, fields, one instant, a film.
 
-    Without options: the standard pictures of all streams. With FIELD...: these fields over time or --over another
-    field. With --at: the surface under the finger at one instant. With --film: the surface as a film. Exit code 1 if
-    there was nothing to draw.
+    Without options it draws the standard pictures of all streams; with FIELD... these fields over time or --over
+    another field; with --at the surface under the finger at one instant; with --film the surface as a film. Exit code 1
+    if there was nothing to draw.
     """
     if sum((bool(names), at is not None, film)) > 1:
         raise typer.BadParameter("FIELD..., --at and --film are different pictures: use one of them")

@@ -24,7 +24,7 @@ def top(
 ) -> None:
     """Show the health of the nodes of a running graph.
 
-    Rate, step times, late ticks, lost messages and held inputs of each node. Ctrl-C ends it.
+    Prints rate, step times, late ticks, lost messages and held inputs of each node. Ctrl-C ends it.
     """
     from rich.live import Live
 

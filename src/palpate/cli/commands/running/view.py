@@ -20,7 +20,7 @@ def view(
 ) -> None:
     """View a recording in the browser, or two side by side.
 
-    Any instant, playback, slow motion, single steps. Ctrl-C ends it.
+    The page shows any instant, and plays the recording, also in slow motion or in single steps. Ctrl-C ends it.
     """
     from palpate.views.page import check
 

@@ -41,7 +41,7 @@ def experiment(
 ) -> None:
     """Run a psychophysical experiment, or analyse its data.
 
-    Thresholds, JNDs and Weber fractions with 95 % intervals. Ctrl-C ends it with exit code 130; the same command
+    Prints thresholds, JNDs and Weber fractions with 95 % intervals. Ctrl-C ends it with exit code 130; the same command
     resumes at the first unanswered trial.
     """
     if analyse is not None:

@@ -49,7 +49,7 @@ class Field:
         weight = cho_solve(factor, self.values - self.mean)
         across = _covariance(places, self.amplitude, self.length, self.places)
         solved = cho_solve(factor, across.T)
-        rest = 1.0 - across @ cho_solve(factor, ones)  # the mean is estimated, too
+        rest = 1.0 - across @ cho_solve(factor, ones)  # the mean is also estimated
         variance = self.amplitude**2 - np.sum(across * solved.T, axis=1) + rest**2 * self.mean_error**2
         return self.mean + across @ weight, np.sqrt(np.maximum(variance, 0.0))
 

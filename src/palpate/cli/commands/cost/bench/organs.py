@@ -27,7 +27,7 @@ def organs(
     pairs: Annotated[
         int, typer.Option(help="Touches of each smooth surface that are also turned, and put on a finer mesh.", min=0)
     ] = 0,
-    fine: Annotated[bool, typer.Option("--fine", help="Refine to 300 000 vertices, too: minutes per surface.")] = False,
+    fine: Annotated[bool, typer.Option("--fine", help="Also refine to 300 000 vertices: minutes per surface.")] = False,
     worst: Annotated[int, typer.Option(help="Number of the worst touches to print.", min=1)] = 10,
     out: Annotated[Path, out_option("Folder of meshes, report and pictures.")] = Path("organs"),
     no_pictures: NoPictures = False,

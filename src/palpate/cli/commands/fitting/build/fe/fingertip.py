@@ -32,7 +32,7 @@ def fingertip(
     out: Annotated[Path, out_option("Folder; an interrupted run resumes.")] = RUNS,
     as_json: Json = False,
 ) -> None:
-    """Press the layered fingertip on a plate: force, area, volumes."""
+    """Press the layered fingertip on a plate, and write force, area and volumes."""
     from palpate.models.fe.study.press_record import PressRun, numbers
     from palpate.physics.extras import missing
     from palpate.physics.writable import check_folder

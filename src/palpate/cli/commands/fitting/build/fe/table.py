@@ -21,8 +21,8 @@ def table(
 ) -> None:
     """Write the table that tactile.Flow reads.
 
-    Area and isostrain volumes against force for both plates. A steel run with another divisor is scaled: on a rigid
-    plate the force is proportional to the moduli.
+    The table has area and isostrain volumes against force for both plates. A steel run with another divisor is scaled:
+    on a rigid plate the force is proportional to the moduli.
     """
     import numpy as np
 
