@@ -202,13 +202,16 @@ def faster_fused(result: Result) -> list[str]:
 
 
 def _in_this_process(work: Job, screen: Screen | None, patience: float) -> Result:
+    numba = sys.modules.get("numba")  # not imported by nodes in Python
+    interpreted = numba is not None and numba.config.DISABLE_JIT
+    limit = None if interpreted else patience  # kernels in Python are slow, and may stop at a breakpoint
     if screen is None:
-        return run_fused(work, patience=patience)
+        return run_fused(work, patience=limit)
 
     def starting(node: str, kernels: int) -> None:
         screen.show(Result(), "starting", {"": node}, kernels)
 
-    return run_fused(work, screen.show, patience, starting, screen.print)
+    return run_fused(work, screen.show, limit, starting, screen.print)
 
 
 def _in_processes(
