@@ -183,6 +183,16 @@ def test_boxes_that_touch_do_not_cross_and_boxes_that_overlap_do():
         assert (crossing(*joined(one, other)) is None) == (low in touching), low
 
 
+def test_specks_inside_a_ball_are_tested_near_them_only():
+    """Each speck is in the box of the ball; all pairs of their triangles would take minutes."""
+    points, triangles = ball((0, 0, 0), 0.04, 40)
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.02, 0.02, 7)] * 3), axis=-1).reshape(-1, 3)
+    specks = [cuboid(at, at + 1e-3) for at in grid]
+    assert crossing(*joined((points, triangles), *specks)) is None
+    far = cuboid((0.0395, -5e-4, -5e-4), (0.0405, 5e-4, 5e-4))
+    assert crossing(*joined((points, triangles), *specks, far)) is not None
+
+
 def test_the_shipped_surfaces_do_not_cross_themselves():
     for vertices in (80, 600):
         kidney = surface_mesh("kidney", vertices)

@@ -5,8 +5,6 @@ cross if this is found with one of them moved a little in a direction, and also 
 only touch are then apart.
 """
 
-from itertools import combinations
-
 import numpy as np
 
 from palpate.compiler.kernel import kernel
@@ -32,25 +30,42 @@ def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nd
     Triangles that only touch, are coplanar or share a corner do not cross. UncheckedError: more than `MOST` tests.
     """
     found = _search(points, triangles)
-    if found is not None or len(triangles) == 0:
-        return found
+    return _between_pieces(points, triangles) if found is None and len(triangles) else found
+
+
+def _between_pieces(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.ndarray] | None:
+    """As `crossing`, of two pieces whose edges may meet exactly. Only triangles where both pieces are can cross."""
     label = pieces(triangles, len(points))
-    parts = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)]
-    low = np.array([points[triangles[part]].min(axis=(0, 1)) for part in parts])
-    high = np.array([points[triangles[part]].max(axis=(0, 1)) for part in parts])
-    for one, other in combinations(range(len(parts)), 2):
-        if (low[one] > high[other]).any() or (low[other] > high[one]).any():
-            continue
-        both, moved = np.concatenate([parts[one], parts[other]]), np.unique(triangles[parts[other]])
-        step = float((high[[one, other]].max(axis=0) - low[[one, other]].min(axis=0)).max()) * ASIDE
-        for sign in (1.0, -1.0):
-            shifted = np.array(points, dtype=np.float64)
-            shifted[moved] += sign * step
-            found = _search(shifted, triangles[both])
-            if found is None:
-                break
-        if found is not None:
-            return int(both[found[0]]), int(both[found[1]]), found[2]
+    parts = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)] if label.any() else []
+    corner = points[triangles]
+    least, most = corner.min(axis=1), corner.max(axis=1)
+    low = np.array([least[part].min(axis=0) for part in parts])
+    high = np.array([most[part].max(axis=0) for part in parts])
+    tests = 0
+    for one in range(len(parts)):
+        near = (low[one + 1 :] <= high[one]).all(axis=1) & (low[one] <= high[one + 1 :]).all(axis=1)
+        for other in (one + 1 + np.flatnonzero(near)).tolist():
+            tests += 50 * (len(parts[one]) + len(parts[other]))
+            if tests > MOST:
+                raise UncheckedError(f"{len(parts)} pieces, of which too many lie at the same place to test all pairs")
+            begin, end = np.maximum(low[one], low[other]), np.minimum(high[one], high[other])
+            step = float((high[[one, other]].max(axis=0) - low[[one, other]].min(axis=0)).max()) * ASIDE
+            mine, theirs = (
+                part[((least[part] <= end + step) & (most[part] >= begin - step)).all(axis=1)]
+                for part in (parts[one], parts[other])
+            )
+            both = np.concatenate([mine, theirs])
+            used, local = np.unique(triangles[both], return_inverse=True)
+            local, moved = local.reshape(-1, 3), np.unique(local.reshape(-1, 3)[len(mine) :])
+            found = None
+            for sign in (1.0, -1.0) if len(mine) and len(theirs) else ():
+                shifted = np.array(points[used], dtype=np.float64)
+                shifted[moved] += sign * step
+                found = _search(shifted, local)
+                if found is None:
+                    break
+            if found is not None:
+                return int(both[found[0]]), int(both[found[1]]), found[2]
     return None
 
 
