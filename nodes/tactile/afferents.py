@@ -12,7 +12,7 @@ from palpate.nodes.base import ARRAY, TABLE, Out, Part, Wants
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import GAP, sample_of
 from palpate.nodes.base.samples import since as elapsed
-from palpate.nodes.tactile.receptors import NO_STRESS, WithReceptors
+from palpate.nodes.tactile.receptors import WithReceptors, find_receptors
 from palpate.physics.afferents import fibre, population
 from palpate.physics.afferents.published import RATE
 
@@ -81,18 +81,10 @@ class Afferents(WithReceptors):
     @ieee_kernel
     def compute(own, stress: Annotated[Subsurface, Wants("points", "stress", "deflection")], out: Out[Spikes], dt):
         # place the receptors in the grid of the stress at the first message
-        tensor, at = floats(stress.stress), floats(own.at)
-        corners, weights = integers(own.corners), floats(own.weights)
+        tensor, corners, weights = floats(stress.stress), integers(own.corners), floats(own.weights)
         state, since, begins = floats(own.state), longs(own.since), own.points == 0
-        if len(tensor) == 0 or len(tensor) != len(floats(stress.points)):
-            own.fault = NO_STRESS
+        if not find_receptors(own, stress):
             return
-        if own.points != len(tensor):
-            wrong, own.bad = population.place(floats(stress.points), at, corners, weights)
-            if wrong:
-                own.fault = wrong
-                return
-            own.points = len(tensor)
         # samples of this step, at RATE
         moved = elapsed(own, sample_of(stress), dt)
         if moved == 0.0:  # repeated by a network
@@ -113,7 +105,7 @@ class Afferents(WithReceptors):
         for which in range(3):
             own.mean[which] *= fade
         # each afferent: stimulus at its receptor, membrane model, spikes
-        for n in range(len(at)):
+        for n in range(len(corners)):
             if energy:
                 target = gain[n] * population.equivalent(tensor, corners[n], weights[n], own.poisson)
             else:

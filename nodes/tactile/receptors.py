@@ -5,12 +5,33 @@ from typing import Annotated, Any
 
 import msgspec
 
+from palpate.compiler.records import floats, integers
 from palpate.messages import MessageError
 from palpate.nodes.base import CompiledNode, SettingError
+from palpate.nodes.base.kernels import ieee_kernel
 from palpate.physics.afferents import population
 from palpate.physics.afferents.published import DENSITIES, DEPTHS, TYPES
 
 NO_STRESS = 3  # fault, next to those of `population.place`: the stress is empty
+
+
+@ieee_kernel
+def find_receptors(own, stress):
+    """Set `own.corners` and `own.weights`, which interpolate the stress at the receptors, at the first message and when
+    its points change; False, and `own.fault`: the stress does not fit."""
+    count = len(floats(stress.stress))
+    if count == 0 or count != len(floats(stress.points)):
+        own.fault = NO_STRESS
+        return False
+    if own.points != count:
+        wrong, own.bad = population.place(
+            floats(stress.points), floats(own.at), integers(own.corners), floats(own.weights)
+        )
+        if wrong:
+            own.fault = wrong
+            return False
+        own.points = count
+    return True
 
 
 class WithReceptors(CompiledNode):

@@ -12,8 +12,7 @@ from palpate.messages.record import array_handle
 from palpate.nodes.base import ARRAY, TABLE, Out, SettingError, Wants
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.textured import FRICTION, PATH, SLIDES, SLIP, WithTexture, advance, meet, slide
-from palpate.nodes.tactile.receptors import NO_STRESS, WithReceptors
-from palpate.physics.afferents import population
+from palpate.nodes.tactile.receptors import WithReceptors, find_receptors
 from palpate.physics.contact import subsurface
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.texture import relief
@@ -97,15 +96,8 @@ class Relief(WithReceptors, WithTexture):
         contact: Annotated[Contact, Wants("force")], proximity: Annotated[Proximity, SLIP], out: Out[Subsurface], dt,
     ):  # fmt: skip
         tensor, at, corners, weights = floats(stress.stress), floats(own.at), integers(own.corners), floats(own.weights)
-        if len(tensor) == 0 or len(tensor) != len(floats(stress.points)):
-            own.fault = NO_STRESS
+        if not find_receptors(own, stress):
             return
-        if own.points != len(tensor):
-            wrong, own.bad = population.place(floats(stress.points), at, corners, weights)
-            if wrong:
-                own.fault = wrong
-                return
-            own.points = len(tensor)
         # where the relief is under the patch
         sliding, _, d, moved = slide(own, 0.0, friction, contact, proximity, dt)
         table, skinned, x = floats(own.table), floats(own.skinned), own.axis
