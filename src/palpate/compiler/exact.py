@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.compiler.doubles import two_product
+from palpate.compiler.kernel import ieee_kernel
 
 
 def product(a: Any, b: Any) -> np.ndarray:
@@ -45,23 +46,14 @@ def hypot(x, y, z):
     """sqrt(x² + y² + z²) in a kernel, correct to the last bit, as `math.hypot`; valid up to 1e150."""
     total = rest = 0.0
     for each in (x, y, z):
-        square, error = _square(each)
+        square, error = two_product(each, each)
         before, total = total, total + square
         rest += ((before - total) + square if before > square else (square - total) + before) + error
     if not total > 0.0:
         return total
     root = math.sqrt(total)
-    square, error = _square(root)
+    square, error = two_product(root, root)
     return root + ((total - square) - error + rest) / (2.0 * root)
-
-
-@kernel
-def _square(x):
-    """x² and its rounding error (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
-    high = x * 134217729.0
-    high -= high - x
-    low, square = x - high, x * x
-    return square, ((high * high - square) + 2.0 * high * low) + low * low
 
 
 @ieee_kernel

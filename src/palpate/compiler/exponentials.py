@@ -19,7 +19,7 @@ FIRST, LAST = 90, 182  # 128 m of the stored factors
 SPLIT = 0x3FE6A09E667F3BCD  # The bits of sqrt(1/2), the smallest mantissa
 
 with decimal.localcontext() as _digits:
-    _digits.prec = 50
+    _digits.prec = 40
 
     def _parts(x: decimal.Decimal) -> tuple[float, float]:
         high = round(float(x) * GRID) / GRID
@@ -31,7 +31,9 @@ with decimal.localcontext() as _digits:
     FACTORS = np.array([round(128.0 / i * 4096.0) / 4096.0 for i in range(FIRST, LAST + 1)])
     LOGS = np.array([_parts(-decimal.Decimal(c).ln()) for c in FACTORS.tolist()])
     _THIRD = 1 / decimal.Decimal(3)
-    _roots = [[(2**j / decimal.Decimal(c)) ** _THIRD for j in range(3)] for c in FACTORS.tolist()]
+    _of_two = [decimal.Decimal(2**j) ** _THIRD for j in range(3)]
+    _of_factors = [(1 / decimal.Decimal(c)) ** _THIRD for c in FACTORS.tolist()]
+    _roots = [[root * two for two in _of_two] for root in _of_factors]
     ROOTS = np.array([[(float(root), float(root - decimal.Decimal(float(root)))) for root in row] for row in _roots])
     ROOT_SERIES = tuple(math.prod(1.0 / 3.0 - n for n in range(j)) / math.factorial(j) for j in range(8))
 
@@ -50,6 +52,14 @@ def split(x):
 
 
 @ieee_kernel(inline=True)
+def _series(f, square):
+    """(ln(1 + f) - f + f²/2)/f³, from f and f²."""
+    even = fused(square, fused(square, fused(square, 0.1, 1.0 / 8.0), 1.0 / 6.0), 1.0 / 4.0)
+    odd = fused(square, fused(square, fused(square, 1.0 / 9.0, 1.0 / 7.0), 1.0 / 5.0), 1.0 / 3.0)
+    return fused(-f, even, odd)
+
+
+@ieee_kernel(inline=True)
 def log_parts(x, rest):
     """ln(x + rest) as the sum of two doubles, for x > 0 and |rest| < ulp(x)."""
     k, m, i = split(x)
@@ -59,12 +69,10 @@ def log_parts(x, rest):
     if rest != 0.0:
         f_rest += rest * two_to(-k) * c
     square, square_rest = two_product(f, f)
-    even = fused(square, fused(square, fused(square, 0.1, 1.0 / 8.0), 1.0 / 6.0), 1.0 / 4.0)
-    odd = fused(square, fused(square, fused(square, 1.0 / 9.0, 1.0 / 7.0), 1.0 / 5.0), 1.0 / 3.0)
     high, low = fast_two_sum(fused(k, LN2, LOGS[i, 0]), f)
     high, more = fast_two_sum(high, -0.5 * square)
     low += more + f_rest * (1.0 - f) - 0.5 * square_rest + fused(k, LN2_REST, LOGS[i, 1])
-    return fast_two_sum(high, fused(square * f, fused(-f, even, odd), low))
+    return fast_two_sum(high, fused(square * f, _series(f, square), low))
 
 
 @ieee_kernel
@@ -76,11 +84,9 @@ def log(x):
     product, rest = two_product(FACTORS[i], m)
     f = product - 1.0
     square = f * f
-    even = fused(square, fused(square, fused(square, 0.1, 1.0 / 8.0), 1.0 / 6.0), 1.0 / 4.0)
-    odd = fused(square, fused(square, fused(square, 1.0 / 9.0, 1.0 / 7.0), 1.0 / 5.0), 1.0 / 3.0)
     high, low = fast_two_sum(fused(k, LN2, LOGS[i, 0]), f)
     low += rest + fused(k, LN2_REST, LOGS[i, 1])
-    return high + fused(square, fused(f, fused(-f, even, odd), -0.5), low)
+    return high + fused(square, fused(f, _series(f, square), -0.5), low)
 
 
 @ieee_kernel
