@@ -9,9 +9,9 @@ by their stiffness at a force, df/ds = b + m f for an exponential, and by the tr
 from __future__ import annotations
 
 import numpy as np
-from source import FINGERS, parser, table
+from source import parser, presses_of_people
 
-from palpate.models.fit.finger import fit_fingers, read_presses
+from palpate.models.fit.finger import fit_fingers
 from palpate.nodes.contact import Series
 from palpate.physics.contact.people import PEOPLE
 from palpate.views.pictures import style
@@ -21,10 +21,7 @@ FORCES = (0.02, 0.05, 0.1, 0.2)
 
 def main() -> None:
     given = parser(__doc__).parse_args()
-    people = []
-    for number in range(1, 5):
-        table(given.folder, f"finger_F{number}.csv", FINGERS, 3)
-        people.append(read_presses(given.folder / f"finger_F{number}.csv"))
+    people = presses_of_people(given.folder)
     fitted = fit_fingers(people)
     print(
         f"one m for all: {fitted.hardening:.0f} 1/m; b of each person: "

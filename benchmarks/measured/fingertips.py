@@ -14,12 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from source import FINGERS, parser, table
+from source import parser, presses_of_people
 
 import palpate.nodes.tactile.flow as flow
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
-from palpate.models.fit.finger import FingerPress, fit_fingers, read_presses
+from palpate.models.fit.finger import FingerPress, fit_fingers
 from palpate.nodes.fingertip import BundleContact, Slide
 from palpate.views.pictures import style
 
@@ -83,10 +83,7 @@ def scaled(curve: Curve, people: list[list[FingerPress]]) -> tuple[np.ndarray, f
 
 def main() -> None:
     given = parser(__doc__).parse_args()
-    people = []
-    for number in range(1, 5):
-        table(given.folder, f"finger_F{number}.csv", FINGERS, 3)
-        people.append(read_presses(given.folder / f"finger_F{number}.csv"))
+    people = presses_of_people(given.folder)
     fitted = fit_fingers(people)
     print(f"exponential law, one m of {fitted.hardening:.0f} 1/m: RMS {1e3 * fitted.residual:.0f} mN")
     drawn = []

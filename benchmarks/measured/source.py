@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.models.fit.finger import FingerPress, read_presses
+
 
 def parser(text: str | None) -> argparse.ArgumentParser:
     """Options of each script: the folder, and where to draw."""
@@ -47,6 +49,16 @@ def table(folder: Path | None, name: str, source: str, columns: int) -> tuple[li
     except ValueError as error:
         sys.exit(f"{name}: {error}; expected numbers")
     return lines[0], np.array(rows)
+
+
+def presses_of_people(folder: Path | None) -> list[list[FingerPress]]:
+    """The presses of four people's fingers, as `read_presses` of each file. Ends the program as `texts`."""
+    people = []
+    for number in range(1, 5):
+        table(folder, name := f"finger_F{number}.csv", FINGERS, 3)
+        assert folder is not None  # `table` has ended the program
+        people.append(read_presses(folder / name))
+    return people
 
 
 def _is_number(text: str) -> bool:
