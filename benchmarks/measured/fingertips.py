@@ -99,17 +99,23 @@ def main() -> None:
 
 @style.look()
 def draw(path, drawn, people) -> None:
-    """Presses [N over m] moved to the touch points of each model, over its factor."""
+    """Middle and spread of the presses, moved to the touch points of each model, over the factor of each person. No
+    single row is shown, since the measurements have no licence."""
     figure = style.figure(
         13.0, 5.2, "Presses of four people next to two fingertips: one factor of the force per person"
     )
+    edges = np.arange(-1.0, 2.5, 0.1)
     for axes, (name, curve, factor, touch) in zip(figure.subplots(1, 2, sharey=True), drawn, strict=True):
-        k = 0
-        for i, each in enumerate(people):
-            for press in each:
-                axes.plot(1e3 * (press.travel - touch[k]), press.force / factor[i], color=style.FAINT, linewidth=1,
-                          label="presses over their person's factor" if k == 0 else None)  # fmt: skip
-                k += 1
+        presses = [(press, factor[i]) for i, each in enumerate(people) for press in each]
+        depth = 1e3 * np.concatenate([press.travel - at for (press, _), at in zip(presses, touch, strict=True)])
+        force = np.concatenate([press.force / size for press, size in presses])
+        which = np.digitize(depth, edges)
+        bins = [k for k in range(1, len(edges)) if np.count_nonzero(which == k) >= 20]
+        low, middle, high = np.array([np.percentile(force[which == k], (10, 50, 90)) for k in bins]).T
+        centres = edges[np.array(bins) - 1] + 0.05
+        axes.fill_between(centres, low, high, color=style.FAINT, alpha=0.4, linewidth=0,
+                          label="80 % of the rows, over their person's factor")  # fmt: skip
+        axes.plot(centres, middle, color=style.FAINT, linewidth=2, label="their median")
         axes.plot(1e3 * curve.depth, curve.force, color=style.FINGER, linewidth=2, label=f"{name}, on a plate")
         axes.set(title=name, xlabel="depth [mm]", ylabel="force [N]", xlim=(-1.0, 2.4), ylim=(-0.02, None))
         axes.legend()
