@@ -41,9 +41,11 @@ MERGES = 0.125
 """[1] A patch this part of the radius away is indented by 97 % of the indentation under the load. A longer blend
 includes the indentation of another place, so that a finger touches too late and then too deep."""
 SHEAR_LAG = 1.0 / 3.0
-"""[1] Retardation in shear over the mean of the layers: assumed. With 1 a patch that rolls over a rim meets tissue that
-has not yielded in the new direction (1.3 N within 1 ms); with 0 friction indents inclined beams at once. Chosen between
-0.2, 0.35 and 1 on ten touches that broke an invariant with 0 or 1, see docs/your_organ.md."""
+"""[1] Retardation in shear over the mean of the layers: assumed, between two limits that are known. A viscosity of the
+change of shape alone retards shear as it does compression, 1: then a patch that rolls over a rim meets tissue that has
+not yielded in the new direction (up to 1.7 times the force that depth, rate and roll explain). One of the change of
+volume alone, as of a fluid that is pressed out, does not retard shear, 0: then friction indents inclined beams at once.
+See docs/your_organ.md."""
 SHORTEST_STEP = 1e-5  # [s] A shorter step is computed as this long
 
 

@@ -18,12 +18,13 @@ border of a sheet the gap is the distance.
 **The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
 e (tissue thickness minus gap), the foot moves by at most `AHEAD` |dp|, and if that is more than `EASY` times the part
-of dp along the surface, no faster than `FASTEST`. The normal turns by at most |dp|/max(`SUDDEN` e, `SHARPEST`). Both
-cover the same share of the distance to the target, along the chord. A foot that trails its target follows its motion,
-and catches up no faster than `FASTEST`: twice the speed of a fast tool is that of a patch at 83 % of the radius of a
-ball, but in a groove nothing moves that fast. It covers at most the larger share of (its largest motion)/`LANDING` and
-dt/`ARRIVES` of the distance, so that it does not stop abruptly, and a foot that starts to trail reaches these speeds
-within `LANDING` or `ARRIVES`, because the tissue resists a patch at once. The gap is that of the target, but within
+of dp along the surface (the larger one of those at the foot and at its target), no faster than `FASTEST`. The normal
+turns by at most |dp|/max(`SUDDEN` e, `SHARPEST`). Both cover the same share of the distance to the target, along the
+chord. A foot that trails its target follows its motion, and catches up no faster than `FASTEST`: twice the speed of a
+fast tool is that of a patch at 83 % of the radius of a ball, but in a groove nothing moves that fast. It covers at most
+the larger share of (its largest motion)/`LANDING` and dt/`ARRIVES` of the distance, so that it does not stop abruptly,
+and a foot that starts to trail reaches these speeds within `LANDING` or `ARRIVES`, because the tissue resists a patch
+at once. The gap is that of the target, but within
 
     g + n.dp - REGAIN |dp|  <=  gap  <=  g + |dp|,
 
@@ -163,7 +164,7 @@ def _stay(memory: Array, gap: float, foot: Array):
 
 
 @kernel
-def _approach(moved: float, held: float, dt: float, foot: Array, memory: Array):
+def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Array, memory: Array):
     """Move the last foot towards the target `foot`, as far as the motion of the tool allows, into `foot`.
 
     moved [m] of the tool;  held [m] the gap if the foot does not move;  dt [s]
@@ -173,12 +174,13 @@ def _approach(moved: float, held: float, dt: float, foot: Array, memory: Array):
     if off != 0.0:  # the motion of the target
         start = memory[GAP] + min(max(target - (memory[GAP] + off), -moved), moved)
     if deep > 0.0:
-        turn = move = 0.0
+        turn = move = along = 0.0
         for k in range(3):
             turn += (foot[3 + k] - memory[NORMAL + k]) ** 2
             move += (foot[k] - memory[FOOT + k]) ** 2
+            along += (p[k] - memory[TOOL + k]) * foot[3 + k]
         turn, move = np.sqrt(turn), np.sqrt(move)
-        aside = np.sqrt(max(moved * moved - (held - memory[GAP]) ** 2, 0.0))
+        aside = np.sqrt(max(moved * moved - min((held - memory[GAP]) ** 2, along * along), 0.0))
         most, motion = min(AHEAD * moved, max(EASY * aside, FASTEST * dt)) + STILL, max(move - behind, 0.0)
         ramp = max(moved / LANDING, dt / ARRIVES)
         if motion > AHEAD * moved + STILL:  # the target leaps: the foot starts again to this part of the distance
@@ -225,7 +227,7 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
             # leaves a thin body: the gap rises to the true one first
             memory[INSIDE], exists, held = 1.0, False, memory[GAP] + moved
         if exists:
-            _approach(moved, held, dt, foot, memory)
+            _approach(p, moved, held, dt, foot, memory)
         else:
             memory[OFF] = 0.0
             _stay(memory, held, foot)

@@ -7,10 +7,10 @@ force    contact force <= 0.03 N + 1.2 x the force of the series law at the grea
          of the depth. v is a mean over 2 ms along the normal, or that of the finger towards the point of the surface
          that is nearest now: one that slides into a wall, or starts, approaches at its speed. A patch that rolls over a
          rim indents another face, whose tissue has not yielded: its rate e (omega - u/8 mm), omega the turn of the
-         normal, counts for a body with a memory of the place. Under two fingers e and v are those to the surface that
-         the other finger lifts, by at most 1.2 x its force by this law.
-hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv + v w/R + v at the first contact)
-         + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + (f - f_0) W/2 ms + 0.1 N, where
+         normal within 0.5 ms and u the speed along the surface, counts for a body with a memory of the place. Under two
+         fingers e and v are those to the surface that the other finger lifts, by at most 1.2 x its force by this law.
+hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f/R) w + B (dv + v w/R + v at the first
+         contact) + (f - f_0) W/2 ms) + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
                  appear: a foot that moves while the finger does not must not change the force. A second finger that
                  presses moves the surface: of its motion the part counts that the body at rest transmits;
@@ -18,14 +18,16 @@ hand     change of the force on the hand within W = 1 ms <= (k + f/R) w + B (dv 
          f/R     the turn of the normal: a fingertip does not feel curvature below R, an eighth of its patch;
          B = K_body tau, what a change of the rate changes at once; c f on a rigid body;
          sigma   the bristles of LuGre, k_t the spring of Coulomb;
-         f, f_0  1.2 x the force that depth and rate explain, as in `force`, and that of the depth alone, to which it
-                 relaxes.
+         m       the largest friction over the normal force, with which it changes (0 for `contact`);
+         f, f_0  1.2 x the force that depth, rate and roll explain, as in `force`, and that of the depth alone, to
+                 which it relaxes.
          After a contact a force that still dissipates observed energy may fall to zero by 0.1 N per encoder step of the
          motion (`device.controller`); at that slope, the greatest that the device renders, a contact would also end.
 contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
-rubbing  friction <= (mu_s + sigma_2 v + 0.05) f + 0.02 N.
+rubbing  friction <= (max(mu_s, a mu_s + sigma_1 v) + sigma_2 v + 0.05) f + 0.02 N. Bristles that are bent add sigma_1
+         times their rate: v at first, and, where the law has a share `a` in which they are elastic, up to there.
 still    the normal turns within 20 ms by at most w/R + 0.02, w the sum of the extents of the finger's motion in eight
          parts of 2.5 ms: a finger that turns round and goes back has moved. On a rigid body the fingertip, 10 kN/m at
          6 N, and the hand, 0.15 kg, turn round in a quarter of 24 ms.
@@ -35,13 +37,17 @@ side     while the nearest point of the surface has moved continuously since the
          within 0.35 rad of the direction from it, and the approach within 0.3 mm + 5 %. At an edge the interpolated
          normal differs from this direction; the normal is within 0.35 rad of the arc between both, and the approach
          may be smaller, so that the hand gains no energy (`geometry.proxy`), until the finger has moved by five times
-         the difference. Over an edge the nearest point's direction turns by more than w/R, the most that `still` allows
-         the normal: it may be behind by the difference delta, which decreases by the smaller of 1/R and delta/LANDING
-         per motion of the finger, since the foot arrives without stopping abruptly (`geometry.proxy`). A finger that
-         enters along the bisector of an edge is equally near to two faces, 90 degrees apart: the foot stays on its face
-         until another is nearer by the hysteresis h (`nodes.collision`). So a foot that is farther by at most h also
-         counts: with theta between both directions, the nearest point of the finger moved by h/(1 - cos theta) towards
-         the foot is on its face.
+         the difference. The normal may be behind by an angle delta. Over an edge the nearest point's direction turns by
+         more than w/R, the most that `still` allows the normal, and delta grows by all of it; near a centre of
+         curvature the nearest point moves J while the foot moves at most m, `EASY` times as far as the finger along the
+         surface or at `FASTEST` (half of it on the mean, since each leap from triangle to triangle starts it again),
+         and delta grows by the part 1 - m/2J of its turn. While the foot gains on the nearest point, by m - J but no
+         faster than `FASTEST`, delta decreases by the smaller of 1/R and delta/LANDING per distance, since the foot
+         arrives without stopping abruptly (`geometry.proxy`). A finger that enters along the bisector of an edge is
+         equally near to two faces, 90 degrees apart: the foot stays on its face until another is nearer by the
+         hysteresis h (`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both
+         directions, the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its face; from
+         there on delta is the angle between the faces.
 finite   no lane stops, and every value is finite.
 """
 
@@ -49,6 +55,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -81,6 +88,7 @@ BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
 NEAR = 2e-4  # [m] from the surface beyond which an edge is recognized by this direction
 MOVES = EASY  # [1] motion of the nearest point over that of the finger
+PART = 1.5e-4  # [m] of the finger's motion between looks for a leap of the nearest point
 EVERY = 4e-3  # [s] between comparisons with the nearest point
 
 
@@ -129,8 +137,11 @@ def _motion(trace: Trace, ticks: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return path - path[back], extent(v, ticks + 3), greatest(length(v), ticks + 3)
 
 
-def _change(trace: Trace, vector: np.ndarray, more: np.ndarray | float = 0.0) -> Score:
-    """Change of a force (T,3) within `WINDOW` against what the motion of the finger allows, and `more` [N] (T)."""
+def _change(trace: Trace, vector: np.ndarray, rubs: bool, more: np.ndarray | float = 0.0) -> Score:
+    """Change of a force (T,3) within `WINDOW` against what the motion of the finger allows, and `more` [N] (T).
+
+    rubs  whether the force includes friction
+    """
     n, p, f = trace.ticks(WINDOW), trace["finger.position"], trace["contact.force"]
     if len(p) <= n + 2 or not f.max() > LEAST_FORCE:
         return Score(0.0, 0.0, 0.0, 0.0)
@@ -146,13 +157,15 @@ def _change(trace: Trace, vector: np.ndarray, more: np.ndarray | float = 0.0) ->
     usual, rest = trace.explained, trace.rest
     body = trace.place(int(np.argmax(usual))).stiffness(max(float(usual.max()), 0.1))
     one, two = np.interp(usual, rest.forces, rest.tangents) * (1.0 + rest.damping * speed), 1.5 * body
-    law = trace.nodes.get("friction", {})
     viscous = body * rest.retardation if body < STIFFEST else rest.damping * usual
-    bounds = (one * two / (one + two) + usual / LEAST_CURVATURE + law.get("stiffness", 0.0)) * moved
+    bounds = (one * two / (one + two) + usual / LEAST_CURVATURE) * moved
     bounds += viscous * (turned + speed * moved / LEAST_CURVATURE + speed * begins)
-    bounds += usual * law.get("bristle_stiffness", 0.0) * moved
-    bounds += usual * (law.get("bristle_damping", 0.0) + law.get("viscous", 0.0)) * turned
-    return worst(trace, change, bounds + more + np.maximum(usual - trace.static, 0.0) * window / RELAXES + ALLOWED)
+    bounds += np.maximum(usual - trace.static, 0.0) * window / RELAXES
+    if rubs and (law := trace.nodes.get("friction")):
+        bounds *= np.hypot(1.0, _friction(law, speed))
+        bounds += (law.get("stiffness", 0.0) + usual * law.get("bristle_stiffness", 0.0)) * moved
+        bounds += usual * (law.get("bristle_damping", 0.0) + law.get("viscous", 0.0)) * turned
+    return worst(trace, change, bounds + more + ALLOWED)
 
 
 def hand(trace: Trace) -> Score:
@@ -161,11 +174,12 @@ def hand(trace: Trace) -> Score:
     ended = greatest(trace["contact.force"], n + 3) <= 0.0
     step = trace.nodes["controller"].get("resolution", 0.0)
     falls = np.minimum(PASSIVE / step * _motion(trace, n)[0], before) if step > 0.0 else before
-    return _change(trace, felt, ended * falls)
+    return _change(trace, felt, True, ended * falls)
 
 
 def contact(trace: Trace) -> Score:
-    return _change(trace, trace["contact.force"][:, None] * trace["contact.normal"] + trace["contact.lateral_force"])
+    pushed = trace["contact.force"][:, None] * trace["contact.normal"] + trace["contact.lateral_force"]
+    return _change(trace, pushed, False)
 
 
 def lateral(trace: Trace) -> Score:
@@ -176,10 +190,15 @@ def rubbing(trace: Trace) -> Score:
     if "friction.force" not in trace.values:
         return Score(0.0, 0.0, 0.0, 0.0)
     law = trace.nodes["friction"]
-    most = max(law.get("mu_static", 0.0), law.get("mu_slide", 0.0), law.get("mu", 0.0)) + 0.05
-    speed = length(trace["finger.velocity"])
-    bounds = (most + law.get("viscous", 0.0) * speed) * trace["contact.force"] + 0.02
+    bounds = (_friction(law, length(trace["finger.velocity"])) + 0.05) * trace["contact.force"] + 0.02
     return worst(trace, length(trace["friction.force"]), bounds)
+
+
+def _friction(law: dict[str, Any], speed: np.ndarray) -> np.ndarray:
+    """Largest friction [1] (T) over the normal force at a speed [m/s] (T) of the finger; 0 without a law."""
+    most = max(law.get("mu_static", 0.0), law.get("mu_slide", 0.0), law.get("mu", 0.0))
+    bent = law.get("elastic", 0.0) * most + law.get("bristle_damping", 0.0) * speed
+    return np.asarray(np.maximum(most, bent) + law.get("viscous", 0.0) * speed)
 
 
 def still(trace: Trace) -> Score:
@@ -227,10 +246,21 @@ def _on_other_face(trace: Trace, tick: int, away: np.ndarray, gap: float) -> flo
     return _between((place - there[0]) / left[0], trace["contact.normal"][tick])
 
 
-def _behind(angle: float, moved: float) -> float:
-    """Angle [rad] by which the normal may be behind after this motion [m] of the finger."""
-    first = min(max(angle - LANDING / LEAST_CURVATURE, 0.0) * LEAST_CURVATURE, moved)
-    return (angle - first / LEAST_CURVATURE) * float(np.exp((first - moved) / LANDING))
+def _behind(angle: float, gains: float) -> float:
+    """Angle [rad] by which the normal may be behind after the foot has come nearer [m] to the nearest point."""
+    first = min(max(angle - LANDING / LEAST_CURVATURE, 0.0) * LEAST_CURVATURE, gains)
+    return (angle - first / LEAST_CURVATURE) * float(np.exp((first - gains) / LANDING))
+
+
+def _leaps(trace: Trace, start: int, end: int) -> bool:
+    """Whether the nearest point leaps to another face, by more than 60 degrees, between two ticks outside."""
+    p = trace["finger.position"][[start, end]]
+    parts = max(2, int(np.ceil(length(p[1] - p[0]) / PART)) + 1)
+    foot, _, _, gap = trace.closest(np.linspace(p[0], p[1], parts))
+    away = (np.linspace(p[0], p[1], parts) - foot) / np.maximum(gap, ON)[:, None]
+    turned = np.einsum("ti,ti->t", away[:-1], away[1:]) < 0.5
+    far = length(np.diff(foot, axis=0)) > MOVES * PART + 1e-4
+    return bool((turned & far & (np.minimum(gap[:-1], gap[1:]) > ON)).any())
 
 
 def side(trace: Trace) -> Score:
@@ -248,10 +278,14 @@ def side(trace: Trace) -> Score:
             continue
         if i > 0:
             turn = max(_between(each[i - 1], each[i]) for each in ((normal, away) if abs(gap[i]) > ON else (normal,)))
-            behind = _behind(behind + turn, float(length(step[i - 1])))
-            lost = max(lost - REGAIN * float(length(step[i - 1])), 0.0)
+            most, w = max(EASY * motion[i - 1], FASTEST * EVERY), float(length(step[i - 1]))
+            share = 1.0 if turn > w / LEAST_CURVATURE else max(1.0 - 0.5 * most / max(jump[i - 1], ON), 0.0)
+            behind = _behind(behind + share * turn, min(max(most - jump[i - 1], 0.0), FASTEST * EVERY))
+            lost = max(lost - REGAIN * w, 0.0)
         inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
+        if i > 0 and not turned and min(gap[i - 1], gap[i]) > ON and away[i] @ away[i - 1] < 0.5:
+            turned = _leaps(trace, int(ticks[i - 1]), int(k))
         recent = [slice(max(0, i - n), i) for n in (1, round(STILL / EVERY))]
         if turned or any(
             jump[r].sum() > max(MOVES * motion[r].sum(), FASTEST * EVERY * (i - r.start)) + 2e-4 for r in recent
@@ -271,8 +305,8 @@ def side(trace: Trace) -> Score:
             if edge:  # how far it is from the arc between this direction and the interpolated normal
                 angle += _between(normal[i], trace["contact.normal"][k]) - _between(away[i], normal[i])
                 angle *= 0.5
-            if angle > STEEPEST:
-                angle = min(angle, _on_other_face(trace, int(k), away[i], float(gap[i])))
+            if angle > STEEPEST and (other := _on_other_face(trace, int(k), away[i], float(gap[i]))) < angle:
+                angle, behind = other, max(behind, angle)
             most = STEEPEST + behind
             found = max(found, Score(angle / most, k * trace.step, angle, most), key=lambda s: s.score)
     return found

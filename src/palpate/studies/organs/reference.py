@@ -16,7 +16,9 @@ steady slide it indents by s2 times
 
 r(x/R) being the displacement under a patch by the same load at the distance x, over that at 0: its autocorrelation for
 independent beams, that of a half-space for ReducedFE (`physics.bodies.spring_range`); 1 for springs and a rigid body.
-u is the speed of the finger along the surface.
+u is the speed of the finger along the surface. What friction takes away from the indentation of an inclined part is
+counted in full, because the displacement by a force along the surface reaches far beyond the patch: the body indents by
+s2 with friction, less (1 - L) times s2 without.
 
 Under two fingers the force of the other one moves the surface, by the displacement of the loaded body where this finger
 is. A surface that is lifted by w is reached as by an approach e + w. The force that lifts is at most `ABOVE` x the
@@ -106,26 +108,20 @@ class AtRest:
     def place(self, foot: np.ndarray, normal: np.ndarray, rubs: np.ndarray | None = None) -> Place:
         """The body at a point of the surface [m] (3) along its normal [1] (3), under a force with friction of this
         multiple [1] (3) of it, or without, whichever indents less."""
-        found = np.array([self.indentation(foot, normal, f) for f in FORCES.tolist()])
+        free = np.array([self.indentation(foot, normal, f) for f in FORCES.tolist()])
+        rubbed = free
         if rubs is not None and rubs @ rubs > 1e-4:
-            found = np.minimum(found, [self.indentation(foot, normal, f, rubs) for f in FORCES.tolist()])
-        return Place(self, found)
+            rubbed = np.minimum(free, [self.indentation(foot, normal, f, rubs) for f in FORCES.tolist()])
+        return Place(self, rubbed, free)
 
 
 class Place:
-    """Fingertip and body at rest at one place; `indentations` [m] are those under `FORCES`."""
+    """Fingertip and body at rest at one place; indentations [m] under `FORCES`, with friction and `free` of it."""
 
-    def __init__(self, rest: AtRest, indentations: np.ndarray) -> None:
+    def __init__(self, rest: AtRest, indentations: np.ndarray, free: np.ndarray) -> None:
         self.rest = rest
-        ends = np.maximum(np.maximum.accumulate(indentations), 1e-12)
-        logs, deep = np.log(FORCES), np.log(ends)
         self._force = np.maximum(rest.forces, 1e-12)
-        at = np.log(self._force)
-        first = (deep[1] - deep[0]) / (logs[1] - logs[0])
-        last = (deep[-1] - deep[-2]) / (logs[-1] - logs[-2])
-        between = np.interp(at, logs, deep)
-        between = np.where(at < logs[0], deep[0] + first * (at - logs[0]), between)
-        self._body = np.exp(np.where(at > logs[-1], deep[-1] + last * (at - logs[-1]), between))
+        self._body, self._free = (_between_forces(each, np.log(self._force)) for each in (indentations, free))
 
     def force(self, approach: np.ndarray | float, rate: np.ndarray | float = 0.0, slide: float = 0.0) -> np.ndarray:
         """Largest force [N] at approaches [m] (n), a rate of approach and a speed along the surface [m/s]; at none
@@ -133,13 +129,24 @@ class Place:
         faster = 1.0 + self.rest.damping * float(np.max(rate))
         reach = np.asarray(approach) + self.rest.retardation * float(np.max(rate))
         # s1(f/(1 + c v)) + s2(f) at the forces of the table
-        body = self._body * self.rest.yields(slide)
+        lags = 1.0 - self.rest.yields(slide)
+        body = np.maximum.accumulate(np.maximum(self._body - lags * self._free, 0.0)) if lags > 0.0 else self._body
         grown = np.interp(self._force / faster, self._force, self.rest.compressions) + body
         return np.where(reach > 0.0, np.interp(reach, grown, self._force), 0.0)
 
     def stiffness(self, force: float) -> float:
         """Secant stiffness [N/m] of the body under a force [N]."""
         return force / max(float(np.interp(force, self._force, self._body)), 1e-12)
+
+
+def _between_forces(indentations: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Indentations [m] (n) at forces of these logarithms [1] (n), from those under `FORCES`."""
+    logs, deep = np.log(FORCES), np.log(np.maximum(np.maximum.accumulate(indentations), 1e-12))
+    first = (deep[1] - deep[0]) / (logs[1] - logs[0])
+    last = (deep[-1] - deep[-2]) / (logs[-1] - logs[-2])
+    between = np.interp(at, logs, deep)
+    between = np.where(at < logs[0], deep[0] + first * (at - logs[0]), between)
+    return np.asarray(np.exp(np.where(at > logs[-1], deep[-1] + last * (at - logs[-1]), between)))
 
 
 def lag_of_beams() -> np.ndarray:

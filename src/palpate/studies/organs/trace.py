@@ -17,7 +17,7 @@ from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
 
 PAST = 60e-3  # [s] of approach and rate that explain a force
-SMOOTH = 2e-3  # [s] over which the rate of approach is measured
+SMOOTH, SUDDEN = 2e-3, 0.5e-3  # [s] over which the rate of approach, and that of the normal, are measured
 ABOVE = 1.2  # [1] of the quasi-static force
 LEAST_FORCE = 0.1  # [N] below which directions do not matter
 PATCH = 8e-3  # [m]
@@ -147,21 +147,26 @@ class Trace:
         return greatest(np.maximum((e - before) / (n * self.step), 0.0), self.ticks(PAST))
 
     @cached_property
-    def slides(self) -> np.ndarray:
-        """The greatest speed [m/s] along the surface of the last `PAST` (T)."""
+    def slips(self) -> np.ndarray:
+        """Speed [m/s] (T) of a finger in contact along the surface."""
         v, n = self["finger.velocity"], self["contact.normal"]
         aside = length(v - np.einsum("ti,ti->t", v, n)[:, None] * n)
-        return greatest(np.where(self["contact.force"] > 0.0, aside, 0.0), self.ticks(PAST))
+        return np.where(self["contact.force"] > 0.0, aside, 0.0)
+
+    @cached_property
+    def slides(self) -> np.ndarray:
+        """The greatest speed [m/s] along the surface of the last `PAST` (T)."""
+        return greatest(self.slips, self.ticks(PAST))
 
     @cached_property
     def rolls(self) -> np.ndarray:
         """The greatest rate [m/s] (T) of the last `PAST` at which a patch that rolls over a rim indents another face:
         e (omega - u/PATCH), omega being the rate at which the normal turns, at most the speed over LEAST_CURVATURE."""
-        n, normal, speed = self.ticks(SMOOTH), self["contact.normal"], length(self["finger.velocity"])
+        n, normal, speed = self.ticks(SUDDEN), self["contact.normal"], length(self["finger.velocity"])
         before = np.concatenate([np.repeat(normal[:1], n, axis=0), normal])[: len(normal)]
         omega = np.minimum(length(normal - before) / (n * self.step), greatest(speed, n) / LEAST_CURVATURE)
         deep = np.where(self["contact.force"] > 0.0, np.maximum(THICKNESS - self["collision.gap"], 0.0), 0.0)
-        return greatest(deep * np.maximum(omega - self.slides / PATCH, 0.0), self.ticks(PAST))
+        return greatest(deep * np.maximum(omega - self.slips / PATCH, 0.0), self.ticks(PAST))
 
     @cached_property
     def static(self) -> np.ndarray:
@@ -181,9 +186,10 @@ class Trace:
         place, total = self.place(int(np.argmax(self.reach))), self._static(lift)
         rates, slides = (float(each.max()) * np.array([0.0, 0.25, 0.5, 0.75, 1.0]) for each in (self.fast, self.slides))
         bins = 5 * np.searchsorted(rates[:4], self.fast) + np.searchsorted(slides[:4], self.slides)
+        reach = self.reach + lift + self.rest.remembers * self.rolls
         for number in np.unique(bins[bins > 0]).tolist():
             moves, (k, i) = bins == number, divmod(number, 5)
-            total[moves] = ABOVE * place.force((self.reach + lift)[moves], rates[k], float(slides[i]))
+            total[moves] = ABOVE * place.force(reach[moves], rates[k], float(slides[i]))
         return total
 
     def ticks(self, seconds: float) -> int:
