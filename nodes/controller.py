@@ -221,7 +221,8 @@ class Haptic(CompiledNode):
             share *= own.open
         # passive force within the device's limits (physics.device.controller)
         state.withheld = 1.0 - share
-        a, approach = contact.lateral_force, contact.compression + contact.indentation
+        # a surface that another finger lifts is touched above its place at rest
+        a, approach = contact.lateral_force, contact.compression + max(contact.indentation, 0.0)
         rubbing = (p[0] - a[0], p[1] - a[1], p[2] - a[2])
         fx, fy, fz, held, energy = haptic(
             own.gains, state, _past_of(own.past), contact.force, vector(contact.normal), rubbing, approach,

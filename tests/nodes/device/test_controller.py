@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
+import msgspec
 import numpy as np
 import pytest
 from falcon_arrays import grip_step
@@ -396,3 +397,19 @@ def test_an_outage_permits_at_most_half_a_millijoule_of_generated_energy(energy,
     for given in (None, contact(2.0, 1e-3)):
         node.step(given, None, pose(), dt=T)
     assert node.own["least"] == approx(least)
+
+
+@pytest.mark.parametrize("resolution", [0.0, 60e-6])
+def test_the_force_on_a_still_hand_is_at_most_what_contact_and_friction_give(resolution):
+    """Under two fingers the tissue rises to meet the second one, so that its indentation is negative."""
+    rng, b = np.random.default_rng(1), bus(resolution=resolution)
+    for _ in range(300):
+        force, rubbing, aside = rng.uniform(0.0, 3.0) ** 3 / 9.0, rng.normal(size=3), rng.normal(size=3)
+        b.hold("friction", friction(*(force * rubbing)))
+        compression, indentation = rng.uniform(0.0, 1e-3), rng.uniform(-10e-3, 10e-3)
+        lateral = tuple(0.5 * force * aside)
+        given = msgspec.structs.replace(
+            contact(force), compression=compression, indentation=indentation, lateral_force=lateral
+        )
+        most = force * (1.0 + np.linalg.norm(rubbing) + 0.5 * np.linalg.norm(aside))
+        assert np.linalg.norm(b.publish(given)[0].force) <= most + 1e-12

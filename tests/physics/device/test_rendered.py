@@ -24,6 +24,7 @@ def softened(force, way, *, law=1.0, line=0.0, cut=False, sideways=0.0, approach
         (dict(way=-0.3e-4, sideways=0.2e-4), 1.02),
         (dict(way=0.3e-4, approach=1.01e-3), 1.01),  # part of the path was in the air
         (dict(way=0.0), 5.0),  # a force that changes without motion has no slope
+        (dict(way=0.0, approach=-6e-3), 0.0),  # above the surface at rest there is no force, and none below zero
     ],
 )
 def test_a_law_that_is_too_steep_is_replaced_by_a_line(given, shown):

@@ -65,7 +65,8 @@ same. The slow ones run at 10 kHz."""
 def test_touches_that_broke_an_invariant_break_none(touch, folder):
     """A viscous tissue responds to each kink of the gap and of the patch, and to friction: the nearest point on another
     side in the dimple; two fingers on nearly the same beams of the bumpy body; feet that leap over the edges of box,
-    l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball.
+    l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball;
+    a second finger under which the first one lifts the surface.
     """
     results = Results()
     (found,) = run_touches([touch], folder, results)

@@ -303,7 +303,7 @@ def haptic(
     past                 `Past`, changed in place
     normal_force  [N]    f_n along n [1] (3)
     friction      [N]    f_t (3) of the finger on the tissue
-    approach      [m]    s1 + s2
+    approach      [m]    s1 + s2 >= 0; of s2 only what another finger does not lift
     position      [m]    (3)
     velocity      [m/s]  (3) filtered
     dt            [s]    since the last step; nothing changes if it is not positive

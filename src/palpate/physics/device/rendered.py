@@ -66,7 +66,7 @@ def soften(
         wall.line = force
     else:
         wall.line = wall.law + most * (max(way, 0.0) + sideways)
-    wall.line = min(wall.line, most * approach)  # part of the first step into contact was through air
+    wall.line = min(wall.line, most * max(approach, 0.0))  # part of the first step into contact was through air
     wall.law = force
     if force > wall.line:
         wall.cut, wall.below = True, 0.0
