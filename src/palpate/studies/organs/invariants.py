@@ -21,8 +21,9 @@ hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f
          m       the largest friction over the normal force, with which it changes (0 for `contact`);
          f, f_0  1.2 x the force that depth, rate and roll explain, as in `force`, and that of the depth alone, to
                  which it relaxes.
-         After a contact a force that still dissipates observed energy may fall to zero by 0.1 N per encoder step of the
-         motion (`device.controller`); at that slope, the greatest that the device renders, a contact would also end.
+         A force that dissipates the observed energy E < 0 also changes, by at most K = 0.1 N per encoder step of the
+         motion and (-2 K E)^½ (`device.controller`): K is the greatest slope that the device renders, at which a contact
+         would also end. After a contact it may fall to zero at that slope.
 contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
@@ -55,6 +56,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -172,9 +174,25 @@ def hand(trace: Trace) -> Score:
     n, felt, before = trace.ticks(WINDOW), trace["controller.force"], np.zeros(len(trace["contact.force"]))
     before[n:] = length(felt[:-n]) if n < len(before) else 0.0
     ended = greatest(trace["contact.force"], n + 3) <= 0.0
-    step = trace.nodes["controller"].get("resolution", 0.0)
-    falls = np.minimum(PASSIVE / step * _motion(trace, n)[0], before) if step > 0.0 else before
-    return _change(trace, felt, True, ended * falls)
+    step, moved = trace.nodes["controller"].get("resolution", 0.0), _motion(trace, n)[0]
+    if step > 0.0:
+        most = PASSIVE / step * moved
+        damped = np.sqrt(2.0 * PASSIVE / step * np.maximum(greatest(-_observed(trace), n + 3), 0.0))
+        return _change(trace, felt, True, np.where(ended, np.minimum(most, before), np.minimum(most, damped)))
+    return _change(trace, felt, True, ended * before)
+
+
+def _observed(trace: Trace) -> np.ndarray:
+    """Energy [J] (T) that the display has absorbed, as the controller counts it: it forgets what is positive when
+    contact begins and ends."""
+    p, f, touching = trace["finger.position"], trace["controller.force"], trace["contact.force"] > 0.0
+    work = -np.einsum("ti,ti->t", f[:-1], np.diff(p, axis=0))
+    energy, last = np.zeros(len(p)), 0.0
+    changes = [0, *(np.flatnonzero(touching[1:] != touching[:-1]) + 1).tolist(), len(p)]
+    for start, end in pairwise(changes):
+        energy[start:end] = min(last, 0.0) + np.concatenate([[0.0], np.cumsum(work[start : end - 1])])
+        last = float(energy[end - 1] + (work[end - 1] if end < len(p) else 0.0)) if end > start else last
+    return energy
 
 
 def contact(trace: Trace) -> Score:
