@@ -22,8 +22,8 @@ hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f
          f, f_0  1.2 x the force that depth, rate and roll explain, as in `force`, and that of the depth alone, to
                  which it relaxes.
          A force that dissipates the observed energy E < 0 also changes, by at most K = 0.1 N per encoder step of the
-         motion and (-2 K E)^½ (`device.controller`): K is the greatest slope that the device renders, at which a contact
-         would also end. After a contact it may fall to zero at that slope.
+         motion and (-2 K E)^½ (`device.controller`): K is the greatest slope that the device renders, at which a
+         contact would also end. After a contact it may fall to zero at that slope.
 contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
