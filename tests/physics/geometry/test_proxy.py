@@ -50,9 +50,9 @@ def patch_run(surface, path):
     return np.array(feet)
 
 
-def mesh_run(mesh, path):
+def mesh_run(mesh, path, thickness=0.0):
     closest = MeshClosestPoint(mesh)
-    (work, result), kept = closest.scratch(), memory(mesh.vertices)
+    (work, result), kept = closest.scratch(), memory(mesh.vertices, thickness=thickness)
     feet = []
     for p in path:
         follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, work, result, kept, 1e-3)
@@ -126,6 +126,19 @@ def test_a_tool_that_leaves_sideways_is_free(slab):
     assert feet[-1, 8] > 0.01
     assert feet[path[:, 0] > 0.055, 8].max() > 0.02
     assert lipschitz(path, feet) <= 1e-12
+
+
+def test_a_fingertip_that_was_pushed_through_a_plate_and_round_its_rim_is_free_above_it():
+    """The gap to its first side grew to more than its tissue of 4 mm, so that contact ended 5.6 mm above the plate, but
+    it shrank again on the way back, and the plate pulled the finger down."""
+    mesh = box(0.04, 2e-3)
+    path = line((-0.015, 0, -0.008), (-0.015, 0, 0.0016), (-0.0195, 0, 0.0017), (-0.0235, 0, 0.0045),
+                (-0.0215, 0, 0.0045), (-0.022, 0, 0.0056), (0, 0, 0.0056))  # fmt: skip
+    feet = mesh_run(mesh, path, thickness=4e-3)
+    assert (feet[path[:, 2] < 1e-3, 5] < -0.9).all()  # pushed back through the plate
+    after = int(np.flatnonzero(feet[:, 8] < 4e-3)[-1]) + 20  # the gap rises to the true one
+    assert after < len(path) - 150
+    assert feet[after:, 8] == approx(MeshClosestPoint(mesh).find(path[after:])[3], abs=1e-9)
 
 
 @pytest.mark.parametrize("aside", [0.0, 1e-4, 1e-3])

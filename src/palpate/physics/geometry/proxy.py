@@ -10,10 +10,10 @@ The *target* is the nearest point while the tool is outside. After the tool has 
 * else the local minimum of the distance next to the last target, under the same condition;
 * else none: the foot does not move, and the gap is measured along its normal.
 
-This ends when the tool is outside as seen from the side of entry, or far beyond the other side. A tool that starts
-inside, or jumps, has no side of entry: its foot is the nearest point. The other side may be nearer by the hysteresis of
-the search before the foot changes; until then the gap is the distance of the foot, not of the other side. Past the
-border of a sheet the gap is the distance.
+This ends when the tool is outside as seen from the side of entry, or far beyond the other side, or when its tissue
+touches neither the side of entry nor the nearest point. A tool that starts inside, or jumps, has no side of entry: its
+foot is the nearest point. The other side may be nearer by the hysteresis of the search before the foot changes; until
+then the gap is the distance of the foot, not of the other side. Past the border of a sheet the gap is the distance.
 
 **The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
@@ -133,7 +133,8 @@ def _regular(foot: Array, moved: float, p: Vector3, memory: Array):
             memory[INSIDE] = 1.0
             return not turned
         return True
-    if _outside(p, foot, memory):
+    apart = memory[GAP] >= memory[THICKNESS] and foot[8] >= memory[THICKNESS] and foot[8] > 0.0
+    if apart or _outside(p, foot, memory):
         memory[INSIDE] = 0.0
         return True
     return foot[8] <= 0.0 and not _tool_turn(foot, memory)
