@@ -36,7 +36,8 @@ there() {
     env PYTHONPATH="$folder/site:$here/src:$folder/packages" NUMBA_CACHE_DIR="$folder/cache" \
         "$folder/python" -m palpate.cli "$@"
 }
-failed="" equal=0
+failed=""
+: >"$folder/equal"
 for run in "$@"; do
     name=$(echo "$run" | tr -c 'A-Za-z0-9.\n' _)
     x86=$folder/$name-x86.mcap arm=$folder/$name-arm.mcap
@@ -53,8 +54,9 @@ import sys
 from same_bytes import digests
 x86, arm = map(digests, sys.argv[1:])
 other = sorted(name for name in x86 | arm if x86.get(name) != arm.get(name))
+print(len(x86) - len(other), len(x86), file=open(sys.argv[3], 'a'))
 print(len(x86) - len(other), 'streams equal;', 'other bytes:', ', '.join(other) or 'none')
-sys.exit(bool(other))" "$x86" "$arm" || failed="$failed
+sys.exit(bool(other))" "$x86" "$arm" "$folder/equal" || failed="$failed
 $run: other bytes"
     there replay "$x86" --check --tolerance 0 || failed="$failed
 $run: replayed on ARM"
@@ -62,4 +64,6 @@ $run: replayed on ARM"
 $run: replayed from ARM"
     echo "$run: emulated run $((ran - begun)) s, check $(($(date +%s) - ran)) s"
 done
+awk '{ equal += $1; all += $2; runs += $1 == $2 }
+    END { print equal, "of", all, "streams have the same bytes on both processors; all streams in", runs, "of", NR, "runs" }' "$folder/equal"
 [ -z "$failed" ] || { echo "failed:$failed" >&2; exit 1; }
