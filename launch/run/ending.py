@@ -1,13 +1,13 @@
 """Shutdown of a run: orders to the workers, deadlines, and kills after them."""
 
-import signal
 import time
 from collections.abc import Callable, Collection, Mapping
 
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.member import WorkerHandle
-from palpate.launch.run.reports import Close, Kill, Quit, Stop
+from palpate.launch.run.reports import KILL, Close, Kill, Quit, Stop
 from palpate.launch.run.wire.wires import ControlChannel
+from palpate.launch.run.work.spawner import Spawner
 
 STOP_PATIENCE = 10.0  # [s] for the workers to end after the order; a busy machine may delay them by seconds
 STALL = 0.3  # [s] between two checks: a longer gap means that the machine stalled
@@ -24,7 +24,7 @@ class Ending:
         self,
         members: Mapping[str, WorkerHandle],
         wires: ControlChannel,
-        forkserver: ForkServer,
+        forkserver: ForkServer | Spawner,
         real: bool,
         note: Callable[[str], None],
     ) -> None:
@@ -105,7 +105,7 @@ class Ending:
         """Kill these workers, or all."""
         for group, member in self._members.items():
             if member.state != "gone" and (only is None or group in only):
-                self._forkserver.ask(Kill(group, int(signal.SIGKILL)))
+                self._forkserver.ask(Kill(group, KILL))
                 member.state = "killed" if member.state not in ("done", "failed") else member.state
                 if member.pid is None:
                     member.state = "gone"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
 import socket
 import sys
@@ -32,6 +31,7 @@ from palpate.launch.run.notes import RunNote
 from palpate.launch.run.result import Result, Verdict, verdict
 from palpate.launch.run.screen import Screen, print_death
 from palpate.launch.run.wire import keys
+from palpate.launch.run.wire.addresses import LOOPBACK, has_unix_sockets
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
@@ -42,6 +42,7 @@ from palpate.records.format.mcap_file import lacking
 if TYPE_CHECKING:  # these modules need POSIX and are imported only for runs with several processes
     from palpate.launch.run.forkserver import ForkServer
     from palpate.launch.run.launcher import Launcher
+    from palpate.launch.run.work.spawner import Spawner
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
 NOTABLE = 1.0  # [s] of a run from which on a faster placement is worth a note
@@ -105,7 +106,7 @@ def execute(
     graph: Graph | None = None,
     *,
     console: Console | None = None,
-    forkserver: ForkServer | None = None,
+    forkserver: ForkServer | Spawner | None = None,
     patience: float = PATIENCE,
     network: Network = Network(),
     leave_out: Sequence[str] = (),
@@ -119,7 +120,7 @@ def execute(
 
     graph       the graph of the launch file, if already read
     console     for the live view; None: silent
-    forkserver  a fork server that has been started
+    forkserver  what starts the workers, if it was made before
     patience    [s] without a heartbeat after which a node counts as hung
     network     TCP settings
     leave_out, thin  streams not to record, or to record every n-th message of
@@ -154,8 +155,10 @@ def execute(
     work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
     if joined:
         work = _reachable(work, joined, network)
+    elif not (fused or has_unix_sockets()):
+        work = [msgspec.structs.replace(job, host=job.host or LOOPBACK) for job in work]
     # TCP is encrypted with the key of the rig if workers run on other machines, otherwise with a new one.
-    key = None if network.unencrypted else keys.load(network.key_name) if joined else keys.Key.make()
+    key = _key(network, bool(joined))
     # Run in this process or in several.
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
@@ -218,14 +221,13 @@ def _in_processes(
     work: list[Job],
     planned: Plan,
     screen: Screen | None,
-    forkserver: ForkServer | None,
+    forkserver: ForkServer | Spawner | None,
     patience: float,
     watch: Callable[[Launcher], None],
     joined: frozenset[str],
     address: str | None,
     key: keys.Key | None,
 ) -> Result:
-    _check_system()
     from palpate.launch.run.launcher import Launcher, silent
 
     _open_files(len(work))
@@ -251,25 +253,26 @@ def _in_processes(
     return launcher.run()
 
 
-def _check_system() -> None:
-    """RunError: this system cannot start the processes of a run and connect them."""
-    missing = [] if hasattr(os, "fork") else ["fork"]
-    missing += [] if hasattr(socket, "AF_UNIX") else ["Unix sockets"]
-    if missing:
+def _key(network: Network, joined: bool) -> keys.Key | None:
+    """The key that encrypts the TCP connections of a run; None: no encryption. RunError: it is missing or needed."""
+    if not network.unencrypted:
+        return keys.load(network.key_name) if joined else keys.Key.make()
+    if not has_unix_sockets():
         raise RunError(
-            f"found {sys.platform} without {' and '.join(missing)}; nodes in processes and the real clock need Linux or"
-            " macOS. One process on simulated time runs here: --fused --clock simulated"
+            f"--unencrypted: found {sys.platform}, where the processes of a run are connected by TCP, expected Linux; "
+            "a run without --unencrypted makes a key, or uses that of `palpate remote keys`"
         )
+    return None
 
 
 def _reachable(work: list[Job], joined: frozenset[str], network: Network) -> list[Job]:
-    """The jobs with this machine's address, for groups on other machines. GraphError: no address was given."""
+    """The jobs here with this machine's address, for groups on other machines. GraphError: no address was given."""
     if network.address is None:
         name = min(joined)
         cure = f"Give this machine's, --address tcp://HOST:PORT; there: palpate remote join tcp://HOST:PORT {name}"
         raise GraphError([Fault(f"group {name!r} joins from another machine, and the run has no address", cure)])
     here = network.address.removeprefix("tcp://").rpartition(":")[0]
-    return [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
+    return [job if job.host or job.group in joined else msgspec.structs.replace(job, host=here) for job in work]
 
 
 def _clock(launch: LaunchFile, planned: Plan) -> str:
@@ -283,8 +286,11 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
 
 def _open_files(groups: int) -> None:
     """Raise the limit of open files for this process and its children. RunError: the hard limit is too low; ZeroMQ
-    aborts the process without a message if it cannot open more files."""
-    import resource
+    aborts the process without a message if it cannot open more files. Windows has no such limit."""
+    try:
+        import resource
+    except ImportError:
+        return
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = FILES + FILES_EACH * groups

@@ -19,6 +19,7 @@ import sys
 from typing import NoReturn
 
 import msgspec
+import zmq
 
 from palpate.compiler.arithmetic import environment
 from palpate.launch.run.descendants import die_with_parent, set_title
@@ -47,6 +48,15 @@ class ForkServer:
         self.output = self.process.stdout
         os.set_blocking(self.output.fileno(), False)
         self._rest = b""
+
+    @property
+    def alive(self) -> bool:
+        return self.process.poll() is None
+
+    def register(self, poller: zmq.Poller) -> None:
+        """Wake this poller on answers and output."""
+        poller.register(self.socket.fileno(), zmq.POLLIN)
+        poller.register(self.output.fileno(), zmq.POLLIN)
 
     def ask(self, request: Prepare | Start | Kill) -> None:
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-import select
 import signal
 import time
 import uuid
@@ -26,9 +25,12 @@ from palpate.launch.run.interrupts import STOPPING, interrupts
 from palpate.launch.run.member import WorkerHandle, find_loss
 from palpate.launch.run.notes import RunNote
 from palpate.launch.run.result import NodeFault, Result
+from palpate.launch.run.wire.addresses import has_unix_sockets
+from palpate.launch.run.wire.discover import Running
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.wire.wires import ControlChannel, blocked_by, listeners, read_streams
 from palpate.launch.run.work.compiling import LONGEST
+from palpate.launch.run.work.spawner import Spawner, worker_server
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
 
@@ -49,7 +51,7 @@ class Launcher:
     """Runs each job in a process.
 
     jobs        one per worker; those in `joined` are started by hand on another machine (`palpate remote join`)
-    forkserver  the fork server; None: start one
+    forkserver  what starts the workers; None: make one
     address     TCP address of this launcher for other machines: `tcp://host:port`, reports at port + 1
     key         encrypts TCP; None: no encryption
     patience    [s] without a heartbeat after which a worker counts as hung
@@ -63,7 +65,7 @@ class Launcher:
     def __init__(
         self,
         jobs: Sequence[Job],
-        forkserver: ForkServer | None = None,
+        forkserver: ForkServer | Spawner | None = None,
         *,
         joined: frozenset[str] = frozenset(),
         address: str | None = None,
@@ -78,7 +80,7 @@ class Launcher:
         self.begun = time.monotonic()
         self.jobs = {job.group: job for job in jobs}
         self.members = {job.group: WorkerHandle(job, joined=job.group in joined) for job in jobs}
-        self.forkserver = forkserver or ForkServer()
+        self.forkserver = forkserver or worker_server()
         self.address, self.key, self.patience, self.restart, self.spared = address, key, patience, restart, spared
         self.show, self.printed, self.died = show, printed, died
         self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
@@ -104,13 +106,20 @@ class Launcher:
             self.members[group].busy = f"{group} (palpate remote join {address} {group})"
         self._poller = zmq.Poller()
         self._control.register(self._poller)
-        self._poller.register(self.forkserver.socket.fileno(), select.POLLIN)
-        self._poller.register(self.forkserver.output.fileno(), select.POLLIN)
+        self.forkserver.register(self._poller)
 
     @property
     def pids(self) -> dict[str, int]:
         """The processes of the workers here, by group."""
         return {group: member.pid for group, member in self.members.items() if member.pid is not None}
+
+    @property
+    def running(self) -> Running:
+        """What readers in this process need to receive the streams."""
+        senders = [member for member in self.members.values() if member.job.nodes]
+        far = [member for member in senders if member.joined or not has_unix_sockets()]
+        near = [member.job.group for member in senders if member not in far]
+        return Running(self.run_id, near, [member.endpoints["observers"][-1] for member in far], self.key)
 
     @property
     def busy(self) -> dict[str, str]:
@@ -164,18 +173,16 @@ class Launcher:
         )
 
     def _turn(self) -> None:
-        ready = dict(self._poller.poll(100))
+        self._poller.poll(100)
         self._control.deliver()
         self._caught_up = not all(self._next_report() for _ in range(MOST_REPORTS))
-        if self.forkserver.output.fileno() in ready:
-            self._listen()
-        if self.forkserver.socket.fileno() in ready:
-            for answer in self.forkserver.answers():
-                self._answer(answer)
-            if self.forkserver.process.poll() is not None:
-                self.result.deaths.append(NodeFault("all", "process", "the fork server ended", "\n".join(self._tail)))
-                for member in self.members.values():
-                    member.state = "gone"
+        self._listen()
+        for answer in self.forkserver.answers():
+            self._answer(answer)
+        if not self.forkserver.alive:
+            self.result.deaths.append(NodeFault("all", "process", "the fork server ended", "\n".join(self._tail)))
+            for member in self.members.values():
+                member.state = "gone"
         if len(self._interrupts) > self._handled:
             self._interrupt()
         self._check_time()
@@ -271,8 +278,8 @@ class Launcher:
         for group, outlet, streams in read_streams(member.job, others):
             other = self.members[group]
             if other.endpoints:
-                # The local address if both are on one machine, else the TCP address.
-                address = other.endpoints[outlet][0 if member.joined == other.joined else -1]
+                # The local address if both are children of this process, else the TCP address.
+                address = other.endpoints[outlet][-1 if member.joined or other.joined else 0]
                 observed = outlet == "observers"
                 sources.append(reports.OutletAddress(group, address, tuple(streams), observed, other.secured))
         self._control.send_order(member.job.group, reports.Connect(tuple(sources), listeners(member.job, others)))
@@ -346,7 +353,7 @@ class Launcher:
             status = answer.status
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
             self._listen()
-            trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
+            trace = "\n".join(self._tail) if status != -reports.KILL else ""
             self._report_death(member, NodeFault("", "process", f"its process ended: {how}", trace))
         member.pid = None
         if member.state == "restarting":
@@ -406,7 +413,7 @@ class Launcher:
                 limit = max(limit, LONGEST)
             if member.silence() <= limit:
                 continue
-            self.forkserver.ask(reports.Kill(group, int(signal.SIGUSR1)))  # prints its traceback, reports its node
+            self.forkserver.ask(reports.Kill(group, reports.ASK))  # prints its traceback, reports its node
             before, until = len(self._tail), time.monotonic() + 0.5
             while (len(self._tail) == before or not member.busy) and time.monotonic() < until:
                 time.sleep(0.05)
@@ -419,6 +426,6 @@ class Launcher:
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:g} s: it hangs or was suspended"
             self._report_death(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
-            self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
+            self.forkserver.ask(reports.Kill(group, reports.KILL))
             if member.joined:
                 self._is_gone(member)

@@ -4,6 +4,8 @@ Orders go from the launcher to workers, reports from workers to the launcher, re
 server, and answers back. The decoders check types and raise `msgspec.DecodeError` for anything else.
 """
 
+import signal
+
 import msgspec
 
 from palpate.engine.health import Counters
@@ -92,7 +94,7 @@ class Compiling(msgspec.Struct, frozen=True, tag=True):
 
 
 class InCall(msgspec.Struct, frozen=True, tag=True):
-    """Answer to SIGUSR1, by which the launcher asks a silent worker: the node whose call is running."""
+    """Answer to `ASK`, by which the launcher asks a silent worker: the node whose call is running."""
 
     node: str
 
@@ -186,6 +188,9 @@ class Exited(msgspec.Struct, frozen=True, tag=True):
     status: int
 
 
+KILL = int(getattr(signal, "SIGKILL", 9))  # numbers for `Kill`; Windows has no names for them
+ASK = int(getattr(signal, "SIGUSR1", 10))
+"""It prints the traceback of a worker and has it report the node whose call is running."""
 REPORTED = 70  # exit code of a worker that has reported its failure, as EX_SOFTWARE in sysexits.h
 
 ORDERS = msgspec.json.Decoder(Order)

@@ -1,11 +1,6 @@
 """A pointer, of a mouse, a pen or a finger on a touch screen, and a hand that follows it."""
 
-import contextlib
 import math
-import os
-import socket
-import stat
-import sys
 from typing import Annotated
 
 import msgspec
@@ -14,10 +9,9 @@ from palpate.messages import DeviceState, Force, Pointed, Torque, Vector3
 from palpate.nodes.base import Node, Out, SettingError
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.device.follower import Follower, follow
+from palpate.nodes.device.mailbox import Inbox, open_inbox
 from palpate.physics.device.falcon import HOME
 
-LONGEST = 512  # [bytes] of a sample on the socket
-MOST = 64  # largest number of samples read in one step, so that a flood of them does not block the loop
 FARTHEST = 1e3  # [m] largest distance of a sample from the world's origin, along each axis
 
 
@@ -35,7 +29,7 @@ class Pointer(Node):
     A sample is a msgpack array [number, [x, y, z], buttons] in metres of the world. Other datagrams are dropped and
     counted. The messages of this node are recorded, so that the motion of the hand can be recomputed. Settings:
 
-    socket  path of the socket, made at the start; only this user can send to it
+    socket  path of the socket, made at the start; only this user can send to it. On Windows a file (see `mailbox`)
     begin   position of the pointer before its first sample, world frame
     """
 
@@ -50,19 +44,10 @@ class Pointer(Node):
 
     def start(self) -> None:
         self.stop()
-        if not hasattr(socket, "AF_UNIX"):
-            raise SettingError(f"setting 'socket': found {sys.platform} without Unix sockets, expected Linux or macOS")
         self.last = PointerSample(0, self.begin)
         self.foreign = self.reported = 0
         try:
-            with contextlib.suppress(FileNotFoundError):
-                if not stat.S_ISSOCK(os.lstat(self.socket).st_mode):
-                    raise FileExistsError("a file that is not a socket exists there")
-                os.unlink(self.socket)
-            self._inlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-            self._inlet.setblocking(False)
-            self._inlet.bind(self.socket)
-            os.chmod(self.socket, 0o600)
+            self._inbox = open_inbox(self.socket)
         except OSError as error:
             raise SettingError(
                 f"setting 'socket': found {self.socket!r}: {error.strerror or error}; expected the path of a new "
@@ -70,11 +55,7 @@ class Pointer(Node):
             ) from None
 
     def step(self, *, dt: float) -> Pointed:
-        for _ in range(MOST):
-            try:
-                data = self._inlet.recv(LONGEST)
-            except BlockingIOError:
-                break
+        for data in self._inbox.read():
             try:
                 sample = msgspec.msgpack.decode(data, type=PointerSample)
             except msgspec.MsgspecError:
@@ -88,7 +69,7 @@ class Pointer(Node):
 
     def notes(self) -> list[str]:
         """Number of dropped samples: at the first ones, and in total at the end."""
-        going = "_inlet" in self.__dict__
+        going = "_inbox" in self.__dict__
         if self.foreign == self.reported or (going and self.reported):
             return []
         self.reported = self.foreign
@@ -98,11 +79,9 @@ class Pointer(Node):
         ]
 
     def stop(self) -> None:
-        inlet: socket.socket | None = self.__dict__.pop("_inlet", None)
-        if inlet is not None:
-            inlet.close()
-            with contextlib.suppress(FileNotFoundError):
-                os.unlink(self.socket)
+        inbox: Inbox | None = self.__dict__.pop("_inbox", None)
+        if inbox is not None:
+            inbox.close()
 
 
 class Mouse(Follower):

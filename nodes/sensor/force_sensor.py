@@ -58,8 +58,8 @@ class ForceSensor(Node):
 
 def direction(normal: Vector3) -> Vector3:
     """The unit vector of a setting `normal`. SettingError: its length is zero or not finite."""
-    length = math.hypot(*normal)
+    x, y, z = normal
+    length = math.sqrt(x * x + y * y + z * z)
     if not (math.isfinite(length) and length > 0.0):
         raise SettingError(f"setting 'normal' [1]: found {normal}, expected a direction")
-    x, y, z = normal
     return x / length, y / length, z / length

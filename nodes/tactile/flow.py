@@ -1,5 +1,6 @@
 """Growth of the fingertip's contact with the force (docs/equations/tactile-flow.md)."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -69,8 +70,8 @@ class Flow(Node):
             area, rate = float(value[0]), float(slope[0])
             if self.wants("stick_radius"):
                 f = (0.0, 0.0, 0.0) if friction is None else friction.force
-                aside = (f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) ** 0.5
-                stick = stick_radius((area / np.pi) ** 0.5, aside, force, self.friction)
+                aside = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+                stick = stick_radius(math.sqrt(area / math.pi), aside, force, self.friction)
         return Tactile(
             area=area,
             area_rate=rate,

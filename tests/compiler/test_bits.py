@@ -54,6 +54,27 @@ def test_kernels_call_only_functions_that_this_package_replaces():
                         assert AS_MATH.get(node.attr, node.attr) in known, where
 
 
+def test_nodes_in_python_call_no_function_of_the_c_library_after_their_start():
+    """`x ** y` is one as well, except for whole numbers."""
+    for folder in ("sensor", "tactile", "device", "display"):
+        for path in sorted((ROOT / "nodes" / folder).glob("*.py")):
+            for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                emulated = getattr(function, "name", "") == "_press_bone"  # no replay computes it
+                if (
+                    emulated
+                    or not isinstance(function, ast.FunctionDef)
+                    or any(map(is_kernel, function.decorator_list))
+                ):
+                    continue
+                for node in ast.walk(function):
+                    where = f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"
+                    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                        assert node.value.id != "math" or node.attr in EXACT | {"pi", "isfinite"}, where
+                        assert node.value.id != "np" or node.attr not in NUMPY - EXACT, where
+                    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+                        assert isinstance(node.right, ast.Constant) and isinstance(node.right.value, int), where
+
+
 @pytest.fixture(scope="module")
 def compiled():
     """(name, code of LLVM or None, functions of other libraries that it calls) of the cached kernels, at least of those

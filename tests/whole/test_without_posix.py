@@ -1,8 +1,7 @@
-"""palpate as a library needs no module or function that exists only on POSIX."""
+"""palpate needs no module or function that exists only on POSIX, and only for other programs Unix sockets."""
 
 import ast
 import os
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -11,21 +10,18 @@ import pytest
 
 from palpate.cli.machine import diagnostics
 from palpate.launch.load.launchfile import find
-from palpate.launch.run.execute import execute
-from palpate.nodes.base import SettingError
-from palpate.nodes.device import Pointer
+from palpate.launch.run.execute import Network, execute
+from palpate.launch.run.wire import addresses, discover
+from palpate.nodes.device import mailbox
 from palpate.physics.errors import RunError
-from palpate.views.errors import PageError
-from palpate.views.page.steered import Pointers
 
 TESTS = Path(__file__).parents[1]
 ROOT = TESTS.parent
 PROCESSES = ("launch/run/", "src/palpate/models/build/on_demand.py", "src/palpate/studies/sweeps/runner.py")
-"""Nodes in processes, and work in another process: an error names the systems before one of these names is reached, or
-the name is behind `hasattr`, in a `try` or in a file that only Linux reaches."""
+"""The processes of runs, and work in other processes: what needs one of these names runs only where `has_unix_sockets`,
+or an error names the systems before, or the name is behind `hasattr` or in a `try`."""
 GUARDED = {
-    "nodes/device/mouse.py": "start raises on a system without Unix sockets",
-    "src/palpate/views/page/steered.py": "the same",
+    "nodes/device/mailbox.py": "hasattr",
     "src/palpate/cli/machine/diagnostics.py": "only on Linux",
     "src/palpate/compiler/cores.py": "hasattr",
     "src/palpate/compiler/kernel_files.py": "import in a try; the descriptor of a folder is None",
@@ -75,23 +71,70 @@ def test_names_that_exist_only_on_posix_occur_only_where_they_are_guarded():
     assert found.keys() == GUARDED.keys(), found
 
 
-def test_a_run_in_processes_names_the_systems_that_it_needs(monkeypatch, tmp_path):
-    monkeypatch.delattr(os, "fork")
-    monkeypatch.delattr(socket, "AF_UNIX")
-    launch = find("kidney").but(duration=0.01, clock="simulated", place="apart")
-    with pytest.raises(RunError, match=r"without fork and Unix sockets; .* need Linux or macOS.*--fused"):
-        execute(launch)
-    with pytest.raises(SettingError, match="without Unix sockets, expected Linux or macOS"):
-        Pointer(socket=str(tmp_path / "pointer")).start()
-    with pytest.raises(PageError, match="without Unix sockets; `palpate touch` needs Linux or macOS"):
-        Pointers([tmp_path / "pointer"], [(0.0, 0.0, 0.1)])
+def without_posix(folder, *parts):
+    """Run parts of `without_posix` in a process that lacks the names, as do the processes that it starts."""
+    path = [TESTS / "support" / "hidden", TESTS / "support", TESTS / "views"]
+    command = [sys.executable, TESTS / "support" / "without_posix.py", TESTS / "golden" / "kidney.yaml", *parts]
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, path))}
+    done = subprocess.run(command, env=env, capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
 
 
 def test_one_process_on_simulated_time_runs_without_posix(tmp_path):
-    command = [sys.executable, TESTS / "support" / "without_posix.py", TESTS / "golden" / "kidney.yaml"]
-    done = subprocess.run(command, env=dict(os.environ), capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout) > 0.05
+    without_posix(tmp_path, "runs", "many", "shown")
+
+
+def test_processes_are_connected_by_encrypted_tcp_without_unix_sockets(tmp_path):
+    without_posix(tmp_path, "apart")
+
+
+@pytest.mark.long
+def test_a_page_moves_the_finger_without_unix_sockets(tmp_path):
+    without_posix(tmp_path, "touched")
+
+
+def test_what_needs_unix_sockets_says_so(monkeypatch):
+    monkeypatch.setattr(addresses.sys, "platform", "win32")
+    assert not list(addresses.runs())
+    with pytest.raises(RunError, match=r"found win32: another program reads a run through Unix sockets.*record"):
+        discover.find()
+    launch = find("kidney").but(duration=0.01, clock="simulated", place="apart")
+    with pytest.raises(RunError, match=r"--unencrypted: found win32, .* connected by TCP, expected Linux"):
+        execute(launch, network=Network(unencrypted=True))
+
+
+@pytest.mark.parametrize("kind", [mailbox._SocketInbox, mailbox._FileInbox])
+def test_a_mailbox_passes_datagrams_of_this_user(kind, tmp_path, monkeypatch):
+    if kind is mailbox._FileInbox:
+        monkeypatch.delattr(mailbox.socket, "AF_UNIX")
+    path, outbox = tmp_path / "Ü pointer", mailbox.Outbox()
+    outbox.send(path, b"lost")
+    inbox = mailbox.open_inbox(str(path))
+    assert isinstance(inbox, kind) and path.stat().st_mode & 0o077 == 0
+    assert inbox.read() == []
+    for sample in (b"a", b"bc" * 250, b"d"):
+        outbox.send(path, sample)
+        assert inbox.read() == [sample] and inbox.read() == []
+    again = mailbox.open_inbox(str(path))  # of a run after one that was killed
+    outbox.send(path, b"e")
+    assert again.read() == [b"e"]
+    again.close()
+    assert not path.exists()
+    path.write_text("a text")
+    with pytest.raises(FileExistsError):
+        mailbox.open_inbox(str(path))
+    assert path.read_text() == "a text"
+
+
+def test_a_datagram_that_is_being_written_is_read_later(tmp_path, monkeypatch):
+    monkeypatch.delattr(mailbox.socket, "AF_UNIX")
+    inbox, outbox = mailbox.open_inbox(str(tmp_path / "pointer")), mailbox.Outbox()
+    outbox.send(tmp_path / "pointer", b"whole")
+    whole = (tmp_path / "pointer").read_bytes()
+    (tmp_path / "pointer").write_bytes(whole[:-2])
+    assert inbox.read() == []
+    (tmp_path / "pointer").write_bytes(whole)
+    assert inbox.read() == [b"whole"]
 
 
 def test_doctor_names_the_tested_system(monkeypatch):

@@ -12,14 +12,24 @@ import contextlib
 import hashlib
 import os
 import shutil
+import socket
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote, unquote
 
 LONGEST = 100  # [bytes] path of a socket; the kernel's limit is 107
+LOOPBACK = "127.0.0.1"
 _LOCK = "lock"
+
+
+def has_unix_sockets() -> bool:
+    """Whether the processes of a run on this machine are forked from a server and connected by Unix sockets. Otherwise
+    each is started separately, and they are connected by encrypted TCP on loopback: on Windows, and on macOS, whose
+    `fork`, polls and credentials of sockets differ from those of Linux."""
+    return sys.platform == "linux" and hasattr(os, "fork") and hasattr(socket, "AF_UNIX")
 
 
 def folder() -> Path:
@@ -72,7 +82,9 @@ class RunFolder:
 
 
 def runs() -> Iterator[tuple[str, list[str]]]:
-    """Active runs, the newest last, and their groups with an outlet for observers."""
+    """Active runs, the newest last, and their groups with an outlet for observers; none without Unix sockets."""
+    if not has_unix_sockets():
+        return
     with contextlib.suppress(FileNotFoundError):
         for path in sorted(folder().iterdir(), key=lambda file: file.stat().st_ctime):
             if _in_use(path):

@@ -65,6 +65,7 @@ class Bus:
     external    streams that other groups read, and those groups
     key         encrypts outlets on TCP; None: no encryption
     guarded     whether the launcher's sockets are encrypted with the key
+    local       whether other workers and programs on this machine connect by Unix sockets, otherwise by TCP
     """
 
     def __init__(
@@ -77,9 +78,10 @@ class Bus:
         external: Mapping[str, Collection[str]] | None = None,
         key: Key | None = None,
         guarded: bool = False,
+        local: bool = True,
     ) -> None:
         self.context = zmq.Context()
-        self.run, self.group, self.real, self.key = run, group, real, key
+        self.run, self.group, self.real, self.key, self.local = run, group, real, key, local
         self._external = external or {}
         self._watch = SocketPoller()
         self._keeper: Authenticator | None = None
@@ -131,20 +133,22 @@ class Bus:
     def bind(self, host: str | None) -> dict[str, list[str]]:
         """Bind all outlets locally and, with a host (`address` or `address:port`), those of the run on TCP.
 
-        Returns the endpoints by outlet. RunError: the port is in use.
+        Returns the endpoints by outlet, the local ones first. RunError: the port is in use.
         """
         self._blocks = not host
         if host and self.key is not None:
             self._keeper = Authenticator(self.context, self.key)
             self.key.secure(self._observers, server=True)
-        local = {name: endpoint(self.run, self.group, name) for name in ("force", "observers", "members")}
-        for name, outlet in (("force", self._outlet), ("observers", self._public)):
-            try:
-                outlet.bind(local[name].removeprefix("ipc://"))
-            except OSError as error:
-                raise RunError(f"cannot bind {local[name]}: {error.strerror}") from None
-        self._bind(self._observers, local["members"])
-        endpoints = {"force": [local["force"]], "observers": [local["members"]]}
+        endpoints: dict[str, list[str]] = {"force": [], "observers": []}
+        if self.local:
+            local = {name: endpoint(self.run, self.group, name) for name in ("force", "observers", "members")}
+            for name, outlet in (("force", self._outlet), ("observers", self._public)):
+                try:
+                    outlet.bind(local[name].removeprefix("ipc://"))
+                except OSError as error:
+                    raise RunError(f"cannot bind {local[name]}: {error.strerror}") from None
+            self._bind(self._observers, local["members"])
+            endpoints = {"force": [local["force"]], "observers": [local["members"]]}
         if host:
             self._far = self._publisher()
             if self.key is not None:
@@ -283,7 +287,7 @@ class Bus:
             poll()
         for number in wakes:
             self._watch.remove(number)
-        if not self.real:
+        if self.local and not self.real:
             os.unlink(endpoint(self.run, self.group, "members").removeprefix("ipc://"))
 
     def _subscriptions(self, socket: zmq.Socket) -> Iterable[bytes]:

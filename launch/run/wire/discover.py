@@ -1,5 +1,6 @@
 """Reads the streams of an active run from another process."""
 
+import sys
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -7,19 +8,23 @@ import msgspec
 import zmq
 
 from palpate.engine.faults import choices
-from palpate.launch.run.wire.addresses import endpoint, runs
+from palpate.launch.run.wire.addresses import endpoint, has_unix_sockets, runs
 from palpate.launch.run.wire.bus import HEALTH, split
 from palpate.launch.run.wire.inlet import HIGH_WATER
+from palpate.launch.run.wire.keys import Key, connect
 from palpate.messages import Health, Message, unpack
 from palpate.messages.docs import message_types
 from palpate.physics.errors import PalpateError, RunError
 
 
 class Running(NamedTuple):
-    """An active run: its name and the groups of its workers."""
+    """An active run: its name, the groups of its workers that have Unix sockets, the TCP addresses of the others, and
+    the key of these."""
 
     name: str
     groups: Sequence[str] = ()
+    addresses: Sequence[str] = ()
+    key: Key | None = None
 
 
 def running() -> list[Running]:
@@ -31,7 +36,11 @@ def running() -> list[Running]:
 
 
 def find(name: str | None = None) -> Running:
-    """The run of this name, or the only one. RunError: it is not active, or several are active and no name is given."""
+    """The run of this name, or the only one. RunError: it is not active, or several are active and no name is given,
+    or this system has no Unix sockets."""
+    if not has_unix_sockets():
+        raise RunError(f"found {sys.platform}: another program reads a run through Unix sockets, which needs Linux; "
+                       "record the run, or show it with palpate touch or palpate run --view")  # fmt: skip
     live_runs = running()
     if name is not None:
         live_runs = [run for run in live_runs if run.name.startswith(name)]
@@ -54,6 +63,8 @@ def subscriber(context: zmq.Context, run: Running, streams: list[str], limit: in
         socket.subscribe(stream.encode() + b"\0")
     for group in run.groups:
         socket.connect(endpoint(run.name, group, "observers"))
+    for address in run.addresses:
+        connect(socket, address, run.key)
     return socket
 
 

@@ -30,7 +30,7 @@ QUEUE = 4 << 20  # [bytes] queue of an external program
 LONGEST_COMMAND = 1024  # [bytes] longest command of a reader
 FAREWELL = 200_000_000  # [ns] timeout for delivering queued frames at the end
 MOST_BUFFERS = 1000  # in one call; the kernel's limit is 1024
-_NOW = socket.MSG_DONTWAIT
+_NOW = getattr(socket, "MSG_DONTWAIT", 0)  # Windows has no such flag, and no outlets
 _SHORT = tuple(bytes((0, size)) for size in range(256))  # headers of short frames, by size
 
 
@@ -152,16 +152,17 @@ class Outlet:
         self._group, self._external, self._real, self._outer = group, external, real, watch
         self._watch = SocketPoller()
         self.served_readers = False  # whether requests or commands of readers have been handled
-        watch.add(self._watch.fileno(), self._serve_some)
         self._workers = {name for groups in external.values() for name in groups}
         self._senders: list[Sender] = []
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener: socket.socket | None = None
         self._readers: dict[ReaderConnection, None] = {}
         self._unfinished: set[ReaderConnection] = set()
         self._notes: Counter[str] = Counter()
 
     def bind(self, path: str) -> None:
-        """Listen at a path. OSError: not possible."""
+        """Listen at a path; without it, no reader can connect here. OSError: not possible."""
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._outer.add(self._watch.fileno(), self._serve_some)
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path)  # of a previous worker
         self._listener.bind(path)
@@ -202,6 +203,7 @@ class Outlet:
     # -- readers -------------------------------------------------------------------------------------------------
 
     def _accept(self) -> None:
+        assert self._listener is not None
         try:
             end = self._listener.accept()[0]
         except OSError:  # the client has disconnected, or there are no file descriptors left
@@ -330,5 +332,6 @@ class Outlet:
             self.tend()
         for reader in tuple(self._readers):
             self.drop(reader)
-        self._outer.remove(self._watch.fileno())
-        self._listener.close()
+        if self._listener is not None:
+            self._outer.remove(self._watch.fileno())
+            self._listener.close()

@@ -11,7 +11,7 @@ import zmq
 
 from palpate.engine.job import Job
 from palpate.launch.run.reports import REPORTS, Addressed, Order
-from palpate.launch.run.wire.addresses import RunFolder, endpoint
+from palpate.launch.run.wire.addresses import LOOPBACK, RunFolder, endpoint, has_unix_sockets
 from palpate.launch.run.wire.bus import END, HEALTH, frame
 from palpate.launch.run.wire.keys import Authenticator, Key
 
@@ -19,9 +19,9 @@ LONGEST_REPORT = 1 << 26  # [bytes]
 
 
 class ControlChannel:
-    """Sockets of the launcher of a run, and the folder of all sockets of the run.
+    """Sockets of the launcher of a run, and the folder of all Unix sockets of the run.
 
-    control, reports  local addresses that workers connect to
+    control, reports  addresses that workers on this machine connect to: Unix sockets, or without them TCP on loopback
     address           TCP address for workers on other machines: `tcp://host:port`, reports at port + 1
     key               encrypts TCP; None: no encryption
 
@@ -30,9 +30,9 @@ class ControlChannel:
 
     def __init__(self, run: str, jobs: Mapping[str, Job], address: str | None, key: Key | None) -> None:
         self.foreign = 0  # dropped frames that are not reports of this run's workers
-        self._folder = RunFolder(run)
-        self.control, self.reports = endpoint(run, "control"), endpoint(run, "reports")
-        guard = key if address else None
+        unix = has_unix_sockets()
+        self._folder = RunFolder(run) if unix else None
+        guard = key if address or not unix else None
         self.guarded = guard is not None
         self._context = zmq.Context()
         self._keeper = Authenticator(self._context, guard) if guard is not None else None
@@ -44,8 +44,12 @@ class ControlChannel:
             socket.set(zmq.LINGER, 500)
             if guard is not None:
                 guard.secure(socket, server=True)
-        self._orders.bind(self.control)
-        self._told.bind(self.reports)
+        ends = [endpoint(run, name) for name in ("control", "reports")] if unix else [f"tcp://{LOOPBACK}:*"] * 2
+        self._orders.bind(ends[0])
+        self._told.bind(ends[1])
+        self.control, self.reports = (
+            each.get_string(zmq.LAST_ENDPOINT).rstrip("\0") for each in (self._orders, self._told)
+        )
         if address:
             host, _, port = address.removeprefix("tcp://").rpartition(":")
             try:
@@ -108,7 +112,8 @@ class ControlChannel:
         if self._keeper is not None:
             self._keeper.close()
         self._context.destroy(linger=linger)
-        self._folder.close()
+        if self._folder is not None:
+            self._folder.close()
 
 
 def read_streams(job: Job, others: Mapping[str, Job]) -> Iterator[tuple[str, str, list[str]]]:

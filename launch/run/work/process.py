@@ -4,6 +4,7 @@ import contextlib
 import faulthandler
 import os
 import signal
+import socket
 import sys
 import traceback
 from types import FrameType
@@ -17,6 +18,7 @@ from palpate.engine.slot import NodeError
 from palpate.launch.run import reports
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.result import NodeFault
+from palpate.launch.run.wire.addresses import has_unix_sockets
 from palpate.launch.run.wire.bus import Bus, split
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.compiling import compiler_watched
@@ -37,10 +39,12 @@ def serve(start: reports.Start, alone: bool = False) -> int:
     if not alone:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
     faulthandler.enable(file=2, all_threads=False)  # prints a traceback if compiled code crashes
-    os.register_at_fork(after_in_child=die_with_parent)  # children of a node end with it
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=die_with_parent)  # children of a node end with it
     job = start.job
     real = job.clock == "real"
-    bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded)
+    local = has_unix_sockets() and not alone
+    bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded, local)
     _answer_when_silent(bus)
     worker, begun, clean_exit, stack = None, None, False, contextlib.ExitStack()
     try:
@@ -79,7 +83,10 @@ def serve(start: reports.Start, alone: bool = False) -> int:
 
 
 def _answer_when_silent(bus: Bus) -> None:
-    """At SIGUSR1 print the traceback, also from compiled code, and report the node whose call is running."""
+    """At SIGUSR1, which Windows lacks, print the traceback, also from compiled code, and report the node whose call is
+    running."""
+    if not hasattr(signal, "SIGUSR1"):
+        return
 
     def answer(_: int, frame: FrameType | None) -> None:
         if node := running_node(frame):
@@ -130,10 +137,10 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
     orders_at, reports_at = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
     take: reports.Take | None = None
     with zmq.Context() as context, context.socket(zmq.SUB) as incoming, context.socket(zmq.PUSH) as outgoing:
-        for socket in (incoming, outgoing):
-            socket.set(zmq.LINGER, 0)
+        for end in (incoming, outgoing):
+            end.set(zmq.LINGER, 0)
             if key is not None:
-                key.secure(socket, server=False)
+                key.secure(end, server=False)
         faults = outgoing.get_monitor_socket(REFUSED)
         refusals = 0
         incoming.subscribe(f"~join-{group}".encode() + b"\0")
@@ -155,4 +162,15 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             what = "" if key is None else " and has the same key"
             raise RunError(f"no launcher at {address} that waits for group {group!r}{what}")
     assert take is not None
-    return serve(reports.Start(take.job, take.run, orders_at, reports_at, key, key is not None), alone=True)
+    job = msgspec.structs.replace(take.job, host=take.job.host or _address_towards(host))
+    return serve(reports.Start(job, take.run, orders_at, reports_at, key, key is not None), alone=True)
+
+
+def _address_towards(host: str) -> str:
+    """The address of this machine from which it reaches another one. RunError: it does not."""
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect((host, 9))  # connecting a UDP socket sends nothing
+            return str(probe.getsockname()[0])
+    except OSError as error:
+        raise RunError(f"found no way to {host}: {error.strerror or error}") from None

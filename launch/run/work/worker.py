@@ -128,7 +128,7 @@ class Worker:
             self.parts = segments(
                 self.slots, lambda own: CompiledSegment(own, job.rate, self._real, ages, self._deliver_block)
             )
-            if self.bus is not None and suits(self.parts):
+            if self.bus is not None and self.bus.local and suits(self.parts):
                 load(self._real)
                 picker()
                 self.bus.sends_blocks()
@@ -182,7 +182,7 @@ class Worker:
                 feed.inlet = self.bus.inlet(feed.stream)
             for stream in self.job.external:
                 self.outputs[stream].send = self.bus.sender(stream, self.poll).send
-            if suits(self.parts):
+            if self.bus.local and suits(self.parts):
                 hop = Hop(self)
                 self.hop = hop if hop.usable else None
         self._mark_heard()

@@ -2,8 +2,8 @@
 
 BLAS and LAPACK (`@`, `np.dot`, `np.linalg` except `norm` over an axis) choose the order of their sums by the processor
 and the number of threads. numpy's `exp`, `log`, `tan`, `arctan2`, `sinh`, `power` ... choose their approximation by the
-processor; its `sin`, `cos` and `hypot`, Python's `math` and powers of numbers are those of the C library. numpy's sums,
-`einsum` without `optimize` and `sqrt` are reproducible.
+processor; its `sin`, `cos` and `hypot`, Python's `math` and powers of numbers are those of the C library. numpy's sums
+and `sqrt` are reproducible; `einsum` without `optimize` is on x86-64, but fuses products and sums on ARM.
 """
 
 import math

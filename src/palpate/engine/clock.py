@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import os
+import sys
 import threading
 import time
 
@@ -60,6 +61,9 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
               priority; without pinning it does more harm than good. None: the batch scheduler, where a process that
               receives a message does not interrupt its sender: a tick needs 9 switches of nine processes, not 11
     """
+    if sys.platform != "linux":
+        wanted = [core and f"core {','.join(map(str, core))}", priority is not None and "SCHED_RR and locked memory"]
+        return [f"{what}: only on Linux" for what in wanted if what]
     refused: list[str] = []
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_TIMERSLACK, 1)

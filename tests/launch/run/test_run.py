@@ -12,11 +12,13 @@ from pathlib import Path
 import pytest
 from graphs_for_runs import GRAPH, NODES, until_it_is_back, write_graph, write_place
 
+from palpate.engine.job import Job
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run import ending, launcher
-from palpate.launch.run.execute import Network, RunOutcome, execute
+from palpate.launch.run.execute import Network, RunOutcome, _reachable, execute
 from palpate.launch.run.wire import keys
 from palpate.launch.run.wire.addresses import runs
+from palpate.launch.run.work.process import _address_towards
 from palpate.messages import Torque
 from palpate.records.reader import Recording
 
@@ -106,17 +108,20 @@ def test_groups_over_tcp_send_the_same_bytes(tmp_path, reference):
 
 
 def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda running, far: None):
-    """The outcome of the run, and the exit code of the group's process; `watch` also gets this process."""
+    """The outcome of the run, and the exit code of the group's process, which has no folder in common with the run, as
+    on another machine; `watch` also gets this process."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     keys.make()
     place = tmp_path / "joined.yaml"
-    place.write_text("a: {nodes: [source, sum]}\nfar: {nodes: [spring, drag, spread], host: 127.0.0.1, join: true}\n")
+    place.write_text("a: {nodes: [source, sum]}\nfar: {nodes: [spring, drag, spread], join: true}\n")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     command = [sys.executable, "-m", "palpate.cli", "remote", "join", address, "far"]
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
-    with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, start_new_session=True) as far:
+    (tmp_path / "there").mkdir(mode=0o700)
+    there = {"PYTHONPATH": path, "XDG_RUNTIME_DIR": str(tmp_path / "there")}
+    with subprocess.Popen(command, env=os.environ | there, start_new_session=True) as far:
         launch = LaunchFile(graph=write_graph(tmp_path), place=place, duration=duration, record=tmp_path / "run.mcap")
         outcome = execute(launch, network=Network(address), watch=lambda running: watch(running, far))
         return outcome, far.wait(60)
@@ -126,6 +131,14 @@ def test_a_group_started_by_hand_sends_the_same_bytes(tmp_path, reference, monke
     outcome, code = with_a_group_joined_by_hand(tmp_path, monkeypatch, TICKS / 1000)
     assert outcome.result.ok and code == 0, outcome.result.deaths
     assert streams(tmp_path / "run.mcap") == reference
+
+
+def test_a_group_on_another_machine_binds_the_address_of_this_machine():
+    """The launcher passed its address, which no other machine has."""
+    work = [Job("here", ()), Job("far", ()), Job("there", (), host="10.0.0.3")]
+    hosts = [job.host for job in _reachable(work, frozenset({"far", "there"}), Network("tcp://192.0.2.1:5600"))]
+    assert hosts == ["192.0.2.1", None, "10.0.0.3"]
+    assert _address_towards("127.0.0.1") == "127.0.0.1"
 
 
 def test_ctrl_c_in_a_group_started_by_hand_ends_the_run_with_its_name(tmp_path, monkeypatch):

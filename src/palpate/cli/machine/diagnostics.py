@@ -72,8 +72,8 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Diagnost
 def _system() -> Diagnostic:
     if sys.platform == "linux":
         return Diagnostic("system", "ok", "Linux, on which palpate is tested")
-    found = f"{platform.system()}: runs of one process on simulated time should work, and are untested"
-    return Diagnostic("system", "note", found, "Separate processes, the real clock and devices need Linux.")
+    found = f"{platform.system()}, on which palpate is untested; processes of a run are connected by TCP on loopback"
+    return Diagnostic("system", "note", found, "palpate echo and palpate top, priority and pinned cores need Linux.")
 
 
 def _packages() -> Iterator[Diagnostic]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from palpate.compiler.exact import power
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Matrix
 
@@ -91,4 +92,4 @@ def stick_radius(radius: float, tangential: float, normal: float, friction: floa
     Q >= 0 [N], normal P >= 0 [N], friction mu > 0 [1]. R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268."""
     if not normal > 0.0:
         return 0.0
-    return radius * max(0.0, 1.0 - tangential / (friction * normal)) ** (1.0 / 3.0)
+    return radius * float(power(max(0.0, 1.0 - tangential / (friction * normal)), 1.0 / 3.0))

@@ -18,6 +18,7 @@ from palpate.launch.load.plan import plan
 from palpate.launch.run.execute import RunOutcome, execute
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.reports import Prepare
+from palpate.launch.run.work.spawner import Spawner, worker_server
 from palpate.physics.errors import RunError
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Answer, DisturbedError, Presenter
@@ -72,7 +73,7 @@ class ExperimentPage(Live):
         self.panel = {"title": "starting", "text": ""}
         self._pointers = Pointers(sockets, self.touched.begins)
         self._modules = sorted({spec.cls.__module__ for spec in graph.nodes.values()})
-        self._servers: list[ForkServer] = []
+        self._servers: list[ForkServer | Spawner] = []
         self._done: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self._closed, self._ended = threading.Event(), threading.Event()
         self._pages: set[object] = set()
@@ -202,7 +203,7 @@ class ExperimentPage(Live):
             self._ended.set()
 
     def _run(self, launch: LaunchFile, graph: Any) -> RunOutcome:
-        server = self._servers.pop(0) if self._servers else ForkServer()
+        server = self._servers.pop(0) if self._servers else worker_server()
         try:
             return execute(launch, graph, watch=self.on_update, forkserver=server)
         finally:
@@ -216,7 +217,7 @@ class ExperimentPage(Live):
     def _warm(self) -> None:
         """Import the modules of the next intervals while the participant reads, so that each starts without delay."""
         while len(self._servers) < self.experiment.intervals:
-            self._servers.append(ForkServer())
+            self._servers.append(worker_server())
             self._servers[-1].ask(Prepare(self._modules))
 
     def _cover(self, **panel: Any) -> None:

@@ -37,9 +37,8 @@ class Live(FrameSource):
             launcher.stop()
         elif self._thread is None and launcher.phase == "running":
             self.show_begin()
-            run = Running(launcher.run_id, [group for group, job in launcher.jobs.items() if job.nodes])
             self._over.clear()
-            self._thread = threading.Thread(target=self._follow, args=(run,), name="frames", daemon=True)
+            self._thread = threading.Thread(target=self._follow, args=(launcher.running,), name="frames", daemon=True)
             self._thread.start()
             self.say("running")
 

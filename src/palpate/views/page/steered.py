@@ -1,8 +1,5 @@
 """Replaces the devices of a graph by hands that follow the page's pointers, and selects what the page shows."""
 
-import contextlib
-import socket
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +31,7 @@ from palpate.messages import (
     Vector3,
 )
 from palpate.nodes.base import SettingError
+from palpate.nodes.device.mailbox import Outbox
 from palpate.nodes.device.mouse import FARTHEST
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.errors import PageError
@@ -196,11 +194,8 @@ class Pointers:
     """
 
     def __init__(self, sockets: Sequence[Path], begins: Sequence[Vector3]) -> None:
-        if not hasattr(socket, "AF_UNIX"):
-            raise PageError(f"found {sys.platform} without Unix sockets; `palpate touch` needs Linux or macOS")
         self.sockets, self.begins = sockets, begins
-        self._outlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._outlet.setblocking(False)
+        self._outlet = Outbox()
         self._steering: object = None
 
     def steer(self, page: object, finger: int, sample: Sample) -> None:
@@ -222,5 +217,4 @@ class Pointers:
 
     def _send(self, finger: int, sample: Sample) -> None:
         """Send a sample; it is lost while no run is active."""
-        with contextlib.suppress(OSError):
-            self._outlet.sendto(msgspec.msgpack.encode(sample), str(self.sockets[finger]))
+        self._outlet.send(self.sockets[finger], msgspec.msgpack.encode(sample))

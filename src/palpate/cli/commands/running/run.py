@@ -58,10 +58,10 @@ def run(
     Ctrl-C or SIGTERM ends the run cleanly. Exit code 1 if a node failed or the recording is incomplete; with
     --strict also if a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM.
     """
-    from palpate.launch.run.forkserver import ForkServer
+    from palpate.launch.run.work.spawner import worker_server
 
     with contextlib.ExitStack() as ending:
-        forkserver = None if fused and clock != "real" else ForkServer()  # imports while the graph is loaded
+        forkserver = None if fused and clock != "real" else worker_server()  # imports while the graph is loaded
         if forkserver is not None:
             ending.callback(forkserver.close)
         # The run that the options describe.
