@@ -1,8 +1,9 @@
 """Lines for the user about a run, and warnings about them in Python."""
 
 import re
+import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from palpate.physics.errors import PalpateWarning
@@ -60,6 +61,21 @@ def lines(notes: Iterable[RunNote], what: str = "lane") -> list[str]:
         head = ", ".join(part for part in (where, note.node) if part)
         found.append(f"{head}: {note}" if head else note.text)
     return found
+
+
+def write_notes(notes: Iterable[tuple[int, str, str]]) -> dict[int, str]:
+    """Text of the notes (lane, node, text) of each lane that has some: a line each, "node: text"."""
+    found: dict[int, list[str]] = {}
+    for lane, node, text in notes:
+        found.setdefault(lane, []).append(f"{node}: {' '.join(text.split())}")
+    return {lane: "\n".join(texts) for lane, texts in found.items()}
+
+
+def read_notes(written: Iterable[tuple[int, str]], time: float) -> Iterator[RunNote]:
+    """The notes in such texts, each with its lane. `time` [s]: of the end of the run."""
+    for lane, text in written:
+        for node, _, line in (each.partition(": ") for each in text.split("\n")):
+            yield RunNote(sys.intern(line), node, time, lane)
 
 
 def warn(notes: Iterable[RunNote], level: int = 3, what: str = "lane") -> None:

@@ -31,7 +31,7 @@ from palpate.launch.run.lane_values import (
     with_values,
 )
 from palpate.launch.run.lanes import Prepared
-from palpate.launch.run.notes import RunNote, warn
+from palpate.launch.run.notes import RunNote, read_notes, warn, write_notes
 from palpate.launch.run.progress import StageBars
 from palpate.launch.run.tasks.spread import Executor, Finished, spread
 from palpate.launch.run.tasks.task import Ended, about
@@ -39,7 +39,7 @@ from palpate.messages import Field, fields
 from palpate.messages.record import layout
 from palpate.nodes.base import settings
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.records.lane_store import KeptField, LaneStore, as_coordinate
+from palpate.records.lane_store import NOTES, KeptField, LaneStore, as_coordinate
 from palpate.records.samples import Samples
 
 SHOWN = 3  # number of failed lanes that a warning lists
@@ -133,7 +133,8 @@ class Ensemble:
         at a tick keeps its last value.
 
         A lane that fails is NaN from that tick on; `error` has its message, and a warning lists the failed lanes. Lines
-        that `palpate run` would print about a lane are in `notes`; the first of each kind is also a PalpateWarning.
+        that `palpate run` would print about a lane are in `notes`, also of the Dataset, there with the name of the
+        node; the first of each kind is also a PalpateWarning.
 
         out    folder of a zarr store to write, in bounded memory for any number of lanes. Ctrl-C keeps whole blocks of
                lanes; the same call continues an unfinished store. The Dataset reads from it
@@ -147,16 +148,19 @@ class Ensemble:
         time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
         self._check_room(out is None)
         if out is None:
-            columns, errors = self._in_memory(quiet, executor)
+            columns, errors, notes = self._in_memory(quiet, executor)
             self._report()
             warn(self.notes)
-            return self._dataset(time, columns, errors)
+            return self._dataset(time, columns, {"error": errors, NOTES: notes})
         coordinates = {path: (values, self._units.get(path, "")) for path, values in self.over.items()}
         store = LaneStore(
             Path(out), self._identity(), self.count, self._size, time, self._fields, coordinates, self.name
         )
         try:
+            before = list(store.notes)
             self._run(store.write, quiet, executor, store.missing, self._size)
+            end = nanoseconds(self.ticks, self.rate) * 1e-9
+            self.notes = sorted([*read_notes(before, end), *self.notes], key=lambda note: note.lane or 0)
         finally:
             store.close()
         self._report()
@@ -165,27 +169,28 @@ class Ensemble:
 
         return xarray.open_zarr(out, consolidated=False, chunks=None)
 
-    def _in_memory(self, quiet: bool, executor: Executor | None) -> tuple[list[np.ndarray], list[str]]:
-        """The kept fields of all lanes, and their errors."""
+    def _in_memory(self, quiet: bool, executor: Executor | None) -> tuple[list[np.ndarray], list[str], list[str]]:
+        """The kept fields of all lanes, their errors and their notes."""
         columns: list[np.ndarray] = []
-        errors, whole = [""] * self.count, executor is None
+        errors, notes, whole = [""] * self.count, [""] * self.count, executor is None
 
-        def take(first: int, found: Sequence[np.ndarray], failed: Mapping[int, str]) -> None:
+        def take(first: int, found: Sequence[np.ndarray], failed: Mapping[int, str], noted: Mapping[int, str]) -> None:
             if not columns:
                 columns.extend(found if whole else [np.empty((self.count, *c.shape[1:]), c.dtype) for c in found])
             for column, part in zip(columns, found, strict=True):
                 if column is not part:
                     column[first : first + len(part)] = part
-            for lane, text in failed.items():
-                errors[lane] = text
+            for texts, given in ((errors, failed), (notes, noted)):
+                for lane, text in given.items():
+                    texts[lane] = text
 
         size = self.count if whole else self._size
         self._run(take, quiet, executor, range(0, self.count, size), size)
-        return columns, errors
+        return columns, errors, notes
 
     def _run(
         self,
-        take: Callable[[int, Sequence[np.ndarray], Mapping[int, str]], None],
+        take: Callable[[int, Sequence[np.ndarray], Mapping[int, str], Mapping[int, str]], None],
         quiet: bool,
         executor: Executor | None,
         firsts: Sequence[int],
@@ -206,7 +211,7 @@ class Ensemble:
                 bar((before + lanes) / self.count, f"{rate:.3g} touch-steps/s")
 
             def add(block: Block) -> None:
-                take(block.first, block.columns, block.errors)
+                take(block.first, block.columns, block.errors, write_notes(block.notes))
                 self.memory = max(self.memory, block.memory, key=sum)
                 self.notes += [RunNote(sys.intern(text), node, end, lane) for lane, node, text in block.notes]
                 self._failed |= block.errors
@@ -265,7 +270,7 @@ class Ensemble:
         over = {path: digest_values(values) for path, values in self.over.items()}
         return digest([kernel_cache.key(), *lane, over, self.count, self._every, kept, self._size])
 
-    def _dataset(self, time: np.ndarray, columns: Sequence[np.ndarray], errors: list[str]) -> Any:
+    def _dataset(self, time: np.ndarray, columns: Sequence[np.ndarray], texts: Mapping[str, list[str]]) -> Any:
         """The results as a Dataset, or as a dictionary without xarray."""
         found = [field.decode_words(column) for field, column in zip(self._fields, columns, strict=True)]
         try:
@@ -275,12 +280,12 @@ class Ensemble:
                 field.name: Samples(values, field.name, field.unit, np.empty(0))
                 for field, values in zip(self._fields, found, strict=True)
             }
-            return {**plain, "time": time, "error": np.array(errors)}
+            return {**plain, "time": time, **{name: np.array(lines) for name, lines in texts.items()}}
         data: dict[str, Any] = {
             field.name: (field.dimensions, values, {"units": field.unit})
             for field, values in zip(self._fields, found, strict=True)
         }
-        data["error"] = ("lane", np.array(errors, dtype=object), {})
+        data |= {name: ("lane", np.array(lines, dtype=object), {}) for name, lines in texts.items()}
         coordinates: dict[str, Any] = {"lane": np.arange(self.count), "time": ("time", time, {"units": "s"})}
         for path, values in self.over.items():
             coordinate, unit = as_coordinate(values), self._units.get(path)

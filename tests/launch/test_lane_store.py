@@ -1,8 +1,11 @@
 """Ensembles in blocks of lanes, and their results in a zarr store."""
 
+import json
+import os
 import subprocess
 import sys
 import time
+import traceback
 import warnings
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 import palpate
 from palpate.launch.run import lane_blocks
 from palpate.physics.errors import ArgumentError
+from palpate.records.lane_store import KeptField, LaneStore
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -69,8 +73,11 @@ def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blo
     part = xarray.open_zarr(tmp_path / "t.zarr", consolidated=False, chunks=None)
     assert part.attrs["lanes_done"] == [[0, 4]]
     assert np.isnan(part["contact.force"].values[4:]).all() and not np.isnan(part["contact.force"].values[:4]).any()
-    ended = touches().run(out=tmp_path / "t.zarr", quiet=True)
+    asked = touches()
+    ended = asked.run(out=tmp_path / "t.zarr", quiet=True)
     assert len(ran) == 4  # one whole block, the interrupted one, two more
+    assert {note.lane for note in asked.notes} == set(range(11))  # also of the block that ran before
+    assert ended["notes"].values.tolist() == whole["notes"].values.tolist()
     assert np.array_equal(ended["contact.force"].values, whole["contact.force"].values)
     ran.clear()
     touches().run(out=tmp_path / "t.zarr", quiet=True)
@@ -103,6 +110,76 @@ lane_blocks.LANES = size
 palpate.Ensemble("kidney", lanes, {"tissue.stiffness": np.linspace(150.0, 350.0, lanes)}, every=5, duration=0.05,
                  sets=["scene.hand.begin=[0, 0, 0.1085]"]).run(out=sys.argv[1], quiet=True)
 """
+
+
+COLUMNS = [np.arange(55.0).reshape(11, 5), np.arange(55).reshape(11, 5) % 3]
+FIELDS = [
+    KeptField("contact.force", np.dtype(float), (5,), "N"),
+    KeptField("controller.state", np.dtype("i8"), (5,), "", ("free", "contact", "limit")),
+]
+SYSTEM_CALLS = ("replace", "mkdir", "unlink", "link")
+
+
+def store_blocks(path, ended=None):
+    """Write all missing blocks of a store; without palpate's code or a system call after the one numbered `ended`."""
+    count = 0
+
+    def counted(call):
+        def wrapper(*args, **given):
+            nonlocal count
+            if count == ended:
+                os._exit(9)
+            count += 1
+            return call(*args, **given)
+
+        return wrapper
+
+    for name in SYSTEM_CALLS:
+        setattr(os, name, counted(getattr(os, name)))
+    settings = {"tissue.stiffness": (STIFFNESS, "N/m"), "tissue.use": (["MassSpring"] * 11, "")}
+    store, written = LaneStore(path, "same", 11, 4, np.arange(5) * 1e-3, FIELDS, settings, "kidney"), []
+    for first in store.missing:
+        part = slice(first, first + 4)
+        errors, notes = {first + 1: "it failed"}, {first: "contact: a note", first + 2: "contact: another one"}
+        store.write(first, [column[part] for column in COLUMNS], errors, notes)
+        written.append(first)
+    store.close()
+    return count, written
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.parametrize("each", [4, pytest.param(1, marks=pytest.mark.long)])
+def test_a_store_whose_run_was_killed_at_any_write_is_continued_to_the_same_bytes(tmp_path, each):
+    """Each run is a process that ends without cleaning up before the nth change of the file system."""
+
+    def run(path, ended):
+        read, write = os.pipe()
+        child = os.fork()
+        if not child:
+            try:
+                os.write(write, json.dumps(store_blocks(path, ended)).encode())
+                os._exit(0)
+            finally:
+                traceback.print_exc()
+                os._exit(1)
+        os.close(write)
+        _, status = os.waitpid(child, 0)
+        with os.fdopen(read, "rb") as pipe:
+            return os.waitstatus_to_exitcode(status), pipe.read()
+
+    def content(path):
+        return {str(f.relative_to(path)): f.read_bytes() for f in path.rglob("*") if f.is_file()}
+
+    code, answer = run(tmp_path / "whole", None)
+    changes, written = json.loads(answer)
+    assert code == 0 and changes > 40 and written == [0, 4, 8]
+    whole, again = content(tmp_path / "whole"), []
+    for ended in range(1, changes, each):
+        assert run(tmp_path / str(ended), ended)[0] == 9
+        code, answer = run(tmp_path / str(ended), None)
+        assert code == 0 and content(tmp_path / str(ended)) == whole, ended
+        again.append(len(json.loads(answer)[1]))
+    assert again == sorted(again, reverse=True) and set(again) >= {1, 2, 3}  # only missing blocks are written
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGKILL")

@@ -1,7 +1,7 @@
 """Results of an ensemble in a zarr store that grows block by block, so that an interrupted run can be continued."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +13,8 @@ from palpate.physics.extras import require_extra
 from palpate.physics.writable import opened_alone
 
 LOCK, STORE = "palpate.lock", "zarr.json"  # files in the folder: that of the lock, and the head of a store
+PARTIAL = ".partial"  # ending of files that zarr writes, and renames when they are complete
+NOTES = "notes"  # variable with the notes of each lane
 CHUNK = 1 << 16  # values of a coordinate in a file
 EXPECTED = "expected an empty or missing folder, or the unfinished results of the same ensemble"
 
@@ -53,6 +55,11 @@ def as_coordinate(values: Any) -> np.ndarray:
     return np.asarray(values) if is_numeric(values) else as_texts(values)
 
 
+def _is_of_store(file: Path) -> bool:
+    """Whether the creation of a store leaves this file if a kill ends it."""
+    return file.name == LOCK or file.suffix == PARTIAL
+
+
 class LaneStore:
     """A zarr store (format 3) that xarray reads without palpate: `xarray.open_zarr(path, consolidated=False)`.
 
@@ -72,7 +79,7 @@ class LaneStore:
             import zarr
         self.path, self._fields, self._lanes, self._size = path, fields, lanes, size
         try:
-            if path.exists() and any(path.iterdir()) and not (path / STORE).exists():
+            if path.exists() and not (path / STORE).exists() and not all(map(_is_of_store, path.iterdir())):
                 raise ArgumentError(f"out: found other files in {path}, {EXPECTED}")
             path.mkdir(parents=True, exist_ok=True)
             lock = opened_alone(path / LOCK)
@@ -90,7 +97,7 @@ class LaneStore:
             if "lanes_done" not in self._group.attrs:  # new, or a kill ended the creation
                 self._create(lanes, time, settings)
                 self._group.attrs["lanes_done"] = []
-            for left in path.rglob("*.partial"):  # by a kill
+            for left in path.rglob(f"*{PARTIAL}"):  # by a kill
                 left.unlink()
         except BaseException:
             self.close()
@@ -113,7 +120,8 @@ class LaneStore:
             empty = "" if field.words else np.nan if field.dtype.kind == "f" else 0
             make(field.name, shape=(lanes, *field.shape), chunks=(self._size, *field.shape), dtype=kind,
                  fill_value=empty, dimension_names=field.dimensions, attributes={"units": field.unit})  # fmt: skip
-        make("error", shape=(lanes,), chunks=(self._size,), dtype=str, fill_value="", dimension_names=("lane",))
+        for name in ("error", NOTES):
+            make(name, shape=(lanes,), chunks=(self._size,), dtype=str, fill_value="", dimension_names=("lane",))
         known: dict[str, tuple[Any, str, tuple[str, ...]]] = {
             "lane": (np.arange(lanes), "", ("lane",)), "time": (time, "s", ("time",)),
         }  # fmt: skip
@@ -134,13 +142,24 @@ class LaneStore:
             first for first in range(0, self._lanes, self._size) if not any(begin <= first < end for begin, end in done)
         ]
 
-    def write(self, first: int, columns: Sequence[np.ndarray], errors: Mapping[int, str]) -> None:
+    @property
+    def notes(self) -> Iterator[tuple[int, str]]:
+        """Lane and text of the stored notes."""
+        for first, end in self._group.attrs["lanes_done"]:
+            for begin in range(first, end, self._size):
+                texts = self._group[NOTES][begin : min(end, begin + self._size)]
+                yield from ((begin + place, text) for place, text in enumerate(texts.tolist()) if text)
+
+    def write(
+        self, first: int, columns: Sequence[np.ndarray], errors: Mapping[int, str], notes: Mapping[int, str]
+    ) -> None:
         """Write the results of a block, then count its lanes as done: `lanes_done` has the ranges, each from a lane up
         to another one."""
         end = first + len(columns[0])
         for field, column in zip(self._fields, columns, strict=True):
             self._group[field.name][first:end] = field.decode_words(column)
-        self._group["error"][first:end] = np.array([errors.get(lane, "") for lane in range(first, end)], object)
+        for name, texts in (("error", errors), (NOTES, notes)):
+            self._group[name][first:end] = np.array([texts.get(lane, "") for lane in range(first, end)], object)
         joined: list[list[int]] = []
         for begin, stop in sorted([*self._group.attrs["lanes_done"], [first, end]]):
             if joined and begin == joined[-1][1]:
