@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from palpate.models.fit.tissue.estimate import Estimate, Problem, estimate
+from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
 from palpate.models.fit.tissue.measured import RARE, SUSPECT, MeasuredPress
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
@@ -81,7 +81,7 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
             notes.append(
                 f"{press.name}: the force drifts before contact, by {drift:.3g} N over the rows fitted "
                 f"({100 * drift / peak:.2g} % of the peak); a linear baseline was fitted with the parameters, which "
-                "widens the intervals. A nonlinear drift is not corrected"
+                "widens the intervals"
             )
         uncertain = best.number(f"touch, {press.name}")[1] * press.slack
         if not press.air and touch - 2.0 * uncertain < first - 0.02 * reach:
@@ -93,23 +93,40 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
     return notes
 
 
-def bent(problem: Problem, best: Estimate) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """95 % intervals of the parameters if the baseline of each press with rows before contact may also bend, quadratic
-    in time, and notes. The bend hides below the noise before contact, and its shape is similar to that of a press, so
-    no test can exclude it. If it is significant, the intervals of `best` are widened to these."""
-    if not any(press.air for press in problem.presses):
+def allow_for_drift(
+    problem: Problem, best: Estimate, drift: str, keep: bool
+) -> tuple[dict[str, tuple[float, float]], list[str]]:
+    """Replace the intervals of `best` by those of a fit in which the zero of the force of each press drifts, linearly
+    or also quadratically in time (`drift`: linear, curved; none changes nothing).
+
+    A bend hides below the noise before contact, and its shape is similar to that of a press, so no test can exclude it:
+    the fit with it shows what the rows determine.
+
+    keep  whether the intervals were widened, and may only become wider
+
+    Returns the 95 % intervals before, none if nothing was changed, and notes.
+    """
+    if drift == "none" or best.withheld:
         return {}, []
-    other = problem.with_changes([replace(press, bends=press.air) for press in problem.presses])
+    bends = drift == "curved"
+    other = problem.with_changes([replace(press, drifts=True, bends=bends) for press in problem.presses])
+    if other.names == problem.names:
+        return {}, []
+    if other.count < LEAST_PER_UNKNOWN * len(other.names):
+        return {}, [
+            f"{other.count} rows are too few to fit a zero of the force that drifts: the intervals are valid only if "
+            "it does not"
+        ]
     begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
-    free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
-    found = {name: (each.low, each.high) for name, each in free.intervals.items()}
+    free = estimate(other, begin=np.array([begin[name] for name in other.names]))
+    before = {name: (each.low, each.high) for name, each in best.intervals.items()}
+    for name, now in best.intervals.items():
+        its = free.intervals[name]
+        ends = [now.value, its.low, its.high, *((now.low, now.high) if keep else ())]
+        best.intervals[name] = replace(now, low=min(ends), high=max(ends), profile=its.profile, curve=its.curve)
     sizes = [free.number(f"bend, {press.name}") for press in problem.presses]
-    if not any(abs(size) > SURE * error for size, error in sizes if error > 0.0) or best.withheld:
-        return found, []
-    for name, (low, high) in found.items():
-        now = best.intervals[name]
-        now.low, now.high = min(now.low, low), max(now.high, high)
-    return found, ["the zero of the force seems to drift along a curve; the intervals were widened to include this"]
+    sure = bends and any(abs(size) > SURE * error for size, error in sizes if error > 0.0)
+    return before, ["the zero of the force seems to drift along a curve; the intervals include this"] * sure
 
 
 def with_smooth_factor(law: Law, reach: float) -> Law:
