@@ -131,6 +131,21 @@ def test_the_interval_of_a_press_without_rows_before_contact_allows_for_drift(po
         assert found.low <= YOUNG <= found.high
 
 
+def test_no_interval_is_given_if_the_force_may_be_a_drift():
+    """A force that rises linearly in time without rows before contact cannot be distinguished from a drift."""
+    time = np.linspace(0.0, 2.0, 200)
+    depth = (time / closed_form(BALL, "hertz").force({"young": YOUNG}, np.ones(1))[0]) ** (2.0 / 3.0) / 2.0
+    force = closed_form(BALL, "hertz").force({"young": YOUNG}, depth)
+    force = force + 0.001 * force.max() * np.random.default_rng(0).standard_normal(200)
+    press = prepare_press("press.csv", time, depth, force)
+    fit = fit_tissue([press], BALL, "hertz")
+    assert fit.estimate.withheld
+    assert any("do not distinguish the force from a zero that drifts" in note for note in fit.notes)
+    assert not any("--drift" in text for text in fit.open_)
+    found = fit_tissue([press], BALL, "hertz", drift="none").estimate.intervals["young"]
+    assert found.low <= YOUNG <= found.high and found.high < 1.1 * found.low
+
+
 def test_an_assumption_about_the_drift_narrows_the_interval():
     press = drifting(PUNCH, 0, size=0.0)
     widths = []
@@ -148,3 +163,22 @@ def test_an_assumption_about_the_drift_narrows_the_interval():
 def test_a_press_with_too_few_rows_to_fit_a_drift_is_reported():
     fit = fit_tissue([drifting(BALL, 0, air=False, rows=20)], BALL, "hertz")
     assert any("too few to fit a zero of the force that drifts" in note for note in fit.notes)
+
+
+def test_a_hold_at_constant_force_is_excluded_from_the_loading():
+    """A force-controlled instrument ramps and holds the force, and the tissue creeps by 10 %."""
+    time = np.linspace(-1.0, 8.0, 450)
+    force = 0.2 * np.clip(time, 0.0, 2.0)
+    depth = (force / closed_form(BALL, "hertz").force({"young": YOUNG}, np.ones(1))[0]) ** (2.0 / 3.0)
+    depth = depth * (1.0 + 0.1 * (1.0 - np.exp(-np.maximum(time - 2.0, 0.0)))) + 1e-3 * np.minimum(time, 0.0)
+    force = force + 0.001 * np.random.default_rng(0).standard_normal(len(time))
+    fit = fit_tissue([prepare_press("press.csv", time, depth, force)], BALL, "hertz")
+    found = fit.estimate.intervals["young"]
+    assert found.low <= YOUNG <= found.high and found.value == pytest.approx(YOUNG, rel=0.03)
+    assert not fit.estimate.withheld
+    assert any("the force is held while the indenter creeps" in note for note in fit.notes)
+    assert fit.presses[0].time[-1] == approx(2.0, abs=0.1)
+    # a press at constant speed has no hold, for any noise
+    for seed in range(5):
+        press = drifting(BALL, seed, size=0.0)
+        assert len(fit_tissue([press], BALL, "hertz").presses[0].depth) == len(press.depth)

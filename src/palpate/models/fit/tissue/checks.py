@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
 from palpate.models.fit.tissue.measured import RARE, SUSPECT, MeasuredPress
+from palpate.models.fit.tissue.noise import noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
@@ -22,6 +23,8 @@ SHARES = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
 FLAT = 0.3  # [1] slope at the end of the loading, over the mean slope, below which the force is constant
 TIES = 4  # number of rows with exactly the peak force at which the sensor counts as saturated
 WIDE = 0.005  # [1] smallest range of indentation of these rows, over the largest indentation
+HELD = 0.01  # [1] Deviation from the peak force, over it, within which the force is held
+LEAST_HELD, CREEP = 5, 0.25  # Least rows of a hold, and its largest speed over the mean speed of the loading [1]
 SURE = 3.3  # standard errors above which a drift is significant
 HARMLESS = 0.02  # [1] largest relative shift of an interval's end by a misfit that is not reported
 EXACT = 3e-4  # [1] RMS over the peak below which a misfit is ignored, since no law and no sensor is more accurate
@@ -33,6 +36,7 @@ UNLIKELY = 0.02  # p-value below which another shape of the force is also fitted
 SMOOTH = 0.3
 """[1] Share of independent residuals below which noise may hide a misfit; the p-value limit is then `SUSPECT`."""
 WITHHELD = 3.0  # [1] Ratio of the ends of an interval above which no interval is given
+LOST = 30.0  # [1] The same ratio if the zero may drift
 BEND = (Parameter("bend_1", "1", 0.0, -5.0, 5.0, False), Parameter("bend_2", "1", 0.0, -5.0, 5.0, False))
 
 
@@ -67,6 +71,21 @@ def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
         if max(slope, 0.0) + 2.0 * error < FLAT * peak / reach:
             return int(np.argmax(force >= level - 2.0 * noise))
     return None
+
+
+def end_of_loading(press: MeasuredPress, top: int) -> int:
+    """Last row of the loading up to row `top`, the deepest: the row at which an indenter reaches the force that it then
+    holds while it creeps on; `top` if it does not."""
+    if press.time is None or top == 0:
+        return top
+    peak = float(press.force[: top + 1].max())
+    reached = int(np.argmax(press.force >= peak - max(3.0 * noise_before(press.force), HELD * peak)))
+    begin = int(np.argmax(press.depth > press.touch))
+    if top - reached < LEAST_HELD or reached <= begin:
+        return top
+    loading = float(press.depth[reached] - press.depth[begin]) / float(press.time[reached] - press.time[begin])
+    creep = float(press.depth[top] - press.depth[reached]) / float(press.time[top] - press.time[reached])
+    return reached if creep < CREEP * loading else top
 
 
 def baselines(problem: Problem, best: Estimate) -> list[str]:
@@ -120,6 +139,15 @@ def allow_for_drift(
     begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
     free = estimate(other, begin=np.array([begin[name] for name in other.names]))
     before = {name: (each.low, each.high) for name, each in best.intervals.items()}
+    first = free.intervals[problem.parameters[0].name]
+    if first.low <= 0.0 or first.high / first.low > LOST:
+        best.withhold()
+        known = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in before.items())
+        option = "linear" if bends and all(press.drifts for press in problem.presses) else "none"
+        return before, [
+            "the rows do not distinguish the force from a zero that drifts: no interval is given. Record rows before "
+            f"contact. If you know how the zero drifts, --drift {option} gives {known}"
+        ]
     for name, now in best.intervals.items():
         its = free.intervals[name]
         ends = [now.value, its.low, its.high, *((now.low, now.high) if keep else ())]

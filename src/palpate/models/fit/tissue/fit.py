@@ -199,10 +199,18 @@ def _rows_to_fit(press: MeasuredPress, relaxation: str, deepest: float) -> tuple
             "indentation on are excluded"
         )
         keep &= np.arange(len(keep)) < limit
-    top = int(np.argmax(np.where(keep, press.depth, -np.inf)))
+    top = last = int(np.argmax(np.where(keep, press.depth, -np.inf)))
+    loaded = checks.end_of_loading(press, top) if relaxation == "none" else top
+    if loaded < top:
+        begin, end = 1e3 * press.depth[loaded], 1e3 * press.depth[top]
+        notes.append(
+            f"{press.name}: the force is held while the indenter creeps from {begin:.3g} to {end:.3g} mm: these rows "
+            "are excluded; --relaxation fits them"
+        )
+        top = loaded
     if relaxation == "none" and top < len(press.depth) - 1:
         after = np.arange(len(press.depth)) > top
-        lost = int((keep & after).sum())
+        lost = int(keep[last + 1 :].sum())
         if lost > 2:
             notes.append(
                 f"{press.name}: {lost} rows after the deepest are excluded; {_hysteresis(press, top)}; --relaxation "
@@ -222,6 +230,8 @@ def _hysteresis(press: MeasuredPress, top: int) -> str:
     if float(back.min()) - press.touch > UNLOADED * reach or work <= 0.0:
         return "they do not unload to the touch point, so the hysteresis is unknown"
     loop = work + float(np.trapezoid(press.force[top:], back))
+    if loop > work:
+        return "the force is negative while they unload (adhesion, or a zero that drifts), so the hysteresis is unknown"
     return (f"hysteresis dissipates {100 * loop / work:.0f} % of the work, so the parameters are valid at this rate "
             "only")  # fmt: skip
 
@@ -378,10 +388,11 @@ def _drift(fit: TissueFit, drift: str) -> list[str]:
         for now in [fit.estimate.intervals[name]]
         if now.high - now.low > WIDER * (high - low)
     ]
-    if not wider:
+    if not wider or fit.estimate.withheld:
         return []
-    what, less = ("along a curve", "at most linearly") if drift == "curved" else ("linearly", "not at all")
-    option = "linear" if drift == "curved" else "none"
+    what = "along a curve" if drift == "curved" else "linearly"
+    lines = drift == "curved" and all(press.drifts for press in fit.presses)
+    less, option = ("at most linearly", "linear") if lines else ("not at all", "none")
     return [f"the zero of the force: it may drift {what}, unseen below the press, and the intervals allow for it. If "
             f"you know that it drifts {less} (--drift {option}), they are {', '.join(wider)}"]  # fmt: skip
 
