@@ -92,7 +92,12 @@ def test_a_flaw_is_reported_and_the_interval_contains_the_true_value_or_is_missi
     margin = own.high / own.low - 1.0  # 95 % hold it: nearly all hold it within twice their width
     assert own.low / (1.0 + margin) <= truth <= own.high * (1.0 + margin)
     if word in ("drifts", "saturated", "no rows before contact"):
-        assert own.value == approx(truth, rel=0.05) and not fit.estimate.withheld
+        assert own.value == approx(truth, rel=0.05)
+    if word in ("drifts", "saturated"):
+        assert not fit.estimate.withheld
+    if word == "no rows before contact" and fit.estimate.withheld:  # because the zero may drift
+        low, high = fit.steady["young"]
+        assert low * 0.9 <= truth <= high * 1.1 and any("--drift none gives young" in note for note in fit.notes)
     printed = data(fit)
     assert json.loads(json.dumps(printed))["withheld"] == fit.estimate.withheld
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.estimate import Problem, estimate
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import prepare_press
@@ -97,16 +98,87 @@ def test_noise_that_grows_with_the_force_is_distinguished_from_uniform_noise():
     assert found[0][-1, -1] > 100.0 * found[0][0, 0]
 
 
+def drifting(rig, seed, power=2, air=True, rows=300, size=0.02):
+    """A press whose zero drifts by 2 % of the peak, along a line or a curve, with white noise."""
+    force, rng = ideal(rig), np.random.default_rng(seed)
+    force = force + force.max() * rng.choice((-1.0, 1.0)) * size * ((TIME + 1.0) / 3.0) ** power
+    force = force + 0.005 * force.max() * rng.standard_normal(len(TIME))
+    kept = np.arange(0 if air else 100, 300, 300 // rows)
+    return prepare_press("press.csv", TIME[kept], DEPTH[kept] + 1e-4, force[kept])
+
+
 @pytest.mark.parametrize("rig", [PUNCH, BALL])
-def test_a_drift_along_a_curve_widens_the_interval_or_is_listed(rig):
-    """2 % of the peak, quadratic in time: with a linear drift alone 22 of 24 intervals miss the true value."""
-    for seed in range(3):
-        force, rng = ideal(rig), np.random.default_rng(seed)
-        bend = 0.02 * ((TIME + 1.0) / 3.0) ** 2
-        force = force + force.max() * (0.005 * rng.standard_normal(len(TIME)) + rng.choice((-1.0, 1.0)) * bend)
-        fit = fit_tissue([prepare_press("press.csv", TIME, DEPTH + 1e-4, force)], rig, "hertz")
-        given, curved = fit.estimate.intervals["young"], fit.bent["young"]
-        assert curved[0] <= YOUNG <= curved[1]
-        noted = any("drift along a curve" in note for note in fit.notes)
-        assert given.low <= YOUNG <= given.high if noted else True
-        assert any("drifts along a curve" in text for text in fit.open_)
+def test_the_interval_contains_the_true_value_if_the_zero_drifts_along_a_curve(rig):
+    """With a linear drift alone 22 of 24 intervals miss it, without a note. More: benchmarks/fit_coverage.py."""
+    held, narrow, listed = 0, 0, 0
+    for seed in range(6):
+        fit = fit_tissue([drifting(rig, seed)], rig, "hertz")
+        found, (low, high) = fit.estimate.intervals["young"], fit.steady["young"]
+        held += found.low <= YOUNG <= found.high
+        narrow += low <= YOUNG <= high
+        assert found.high / found.low < 1.5
+        listed += any("--drift linear" in text for text in fit.open_)
+    assert held >= 5
+    assert listed >= 5  # not where the misfit of the law has widened it already
+    assert narrow <= 3
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_the_interval_of_a_press_without_rows_before_contact_allows_for_drift(power):
+    for seed in range(4):
+        fit = fit_tissue([drifting(BALL, seed, power, air=False)], BALL, "hertz")
+        found = fit.estimate.intervals["young"]
+        assert found.low <= YOUNG <= found.high
+
+
+def test_no_interval_is_given_if_the_force_may_be_a_drift():
+    """A force that rises linearly in time without rows before contact cannot be distinguished from a drift."""
+    time = np.linspace(0.0, 2.0, 200)
+    depth = (time / closed_form(BALL, "hertz").force({"young": YOUNG}, np.ones(1))[0]) ** (2.0 / 3.0) / 2.0
+    force = closed_form(BALL, "hertz").force({"young": YOUNG}, depth)
+    force = force + 0.001 * force.max() * np.random.default_rng(0).standard_normal(200)
+    press = prepare_press("press.csv", time, depth, force)
+    fit = fit_tissue([press], BALL, "hertz")
+    assert fit.estimate.withheld
+    assert any("do not distinguish the force from a zero that drifts" in note for note in fit.notes)
+    assert not any("--drift" in text for text in fit.open_)
+    found = fit_tissue([press], BALL, "hertz", drift="none").estimate.intervals["young"]
+    assert found.low <= YOUNG <= found.high and found.high < 1.1 * found.low
+
+
+def test_an_assumption_about_the_drift_narrows_the_interval():
+    press = drifting(PUNCH, 0, size=0.0)
+    widths = []
+    for drift in ("none", "linear", "curved"):
+        found = fit_tissue([press], PUNCH, "hertz", drift=drift).estimate.intervals["young"]
+        widths.append(found.high - found.low)
+    assert widths[0] < widths[1] / 2.0 < widths[2] / 3.0
+    # a zero that drifts although the user excludes it counts as a misfit of the law
+    found = fit_tissue([drifting(PUNCH, 0, power=1)], PUNCH, "hertz", drift="none").estimate.intervals["young"]
+    assert found.low <= YOUNG <= found.high
+    with pytest.raises(SessionError, match="--drift: found 'no', expected curved, linear, none"):
+        fit_tissue([press], PUNCH, "hertz", drift="no")
+
+
+def test_a_press_with_too_few_rows_to_fit_a_drift_is_reported():
+    fit = fit_tissue([drifting(BALL, 0, air=False, rows=20)], BALL, "hertz")
+    assert any("too few to fit a zero of the force that drifts" in note for note in fit.notes)
+
+
+def test_a_hold_at_constant_force_is_excluded_from_the_loading():
+    """A force-controlled instrument ramps and holds the force, and the tissue creeps by 10 %."""
+    time = np.linspace(-1.0, 8.0, 450)
+    force = 0.2 * np.clip(time, 0.0, 2.0)
+    depth = (force / closed_form(BALL, "hertz").force({"young": YOUNG}, np.ones(1))[0]) ** (2.0 / 3.0)
+    depth = depth * (1.0 + 0.1 * (1.0 - np.exp(-np.maximum(time - 2.0, 0.0)))) + 1e-3 * np.minimum(time, 0.0)
+    force = force + 0.001 * np.random.default_rng(0).standard_normal(len(time))
+    fit = fit_tissue([prepare_press("press.csv", time, depth, force)], BALL, "hertz")
+    found = fit.estimate.intervals["young"]
+    assert found.low <= YOUNG <= found.high and found.value == pytest.approx(YOUNG, rel=0.03)
+    assert not fit.estimate.withheld
+    assert any("the force is held while the indenter creeps" in note for note in fit.notes)
+    assert fit.presses[0].time[-1] == approx(2.0, abs=0.1)
+    # a press at constant speed has no hold, for any noise
+    for seed in range(5):
+        press = drifting(BALL, seed, size=0.0)
+        assert len(fit_tissue([press], BALL, "hertz").presses[0].depth) == len(press.depth)

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from palpate.models.fit.tissue.estimate import Estimate, Problem, estimate
+from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
 from palpate.models.fit.tissue.measured import RARE, SUSPECT, MeasuredPress
+from palpate.models.fit.tissue.noise import noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
@@ -22,6 +23,8 @@ SHARES = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
 FLAT = 0.3  # [1] slope at the end of the loading, over the mean slope, below which the force is constant
 TIES = 4  # number of rows with exactly the peak force at which the sensor counts as saturated
 WIDE = 0.005  # [1] smallest range of indentation of these rows, over the largest indentation
+HELD = 0.01  # [1] Deviation from the peak force, over it, within which the force is held
+LEAST_HELD, CREEP = 5, 0.25  # Least rows of a hold, and its largest speed over the mean speed of the loading [1]
 SURE = 3.3  # standard errors above which a drift is significant
 HARMLESS = 0.02  # [1] largest relative shift of an interval's end by a misfit that is not reported
 EXACT = 3e-4  # [1] RMS over the peak below which a misfit is ignored, since no law and no sensor is more accurate
@@ -33,6 +36,7 @@ UNLIKELY = 0.02  # p-value below which another shape of the force is also fitted
 SMOOTH = 0.3
 """[1] Share of independent residuals below which noise may hide a misfit; the p-value limit is then `SUSPECT`."""
 WITHHELD = 3.0  # [1] Ratio of the ends of an interval above which no interval is given
+LOST = 30.0  # [1] The same ratio if the zero may drift
 BEND = (Parameter("bend_1", "1", 0.0, -5.0, 5.0, False), Parameter("bend_2", "1", 0.0, -5.0, 5.0, False))
 
 
@@ -69,6 +73,21 @@ def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
     return None
 
 
+def end_of_loading(press: MeasuredPress, top: int) -> int:
+    """Last row of the loading up to row `top`, the deepest: the row at which an indenter reaches the force that it then
+    holds while it creeps on; `top` if it does not."""
+    if press.time is None or top == 0:
+        return top
+    peak = float(press.force[: top + 1].max())
+    reached = int(np.argmax(press.force >= peak - max(3.0 * noise_before(press.force), HELD * peak)))
+    begin = int(np.argmax(press.depth > press.touch))
+    if top - reached < LEAST_HELD or reached <= begin:
+        return top
+    loading = float(press.depth[reached] - press.depth[begin]) / float(press.time[reached] - press.time[begin])
+    creep = float(press.depth[top] - press.depth[reached]) / float(press.time[top] - press.time[reached])
+    return reached if creep < CREEP * loading else top
+
+
 def baselines(problem: Problem, best: Estimate) -> list[str]:
     """A warning for each press whose baseline drifts, or that may begin in contact."""
     notes = []
@@ -81,7 +100,7 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
             notes.append(
                 f"{press.name}: the force drifts before contact, by {drift:.3g} N over the rows fitted "
                 f"({100 * drift / peak:.2g} % of the peak); a linear baseline was fitted with the parameters, which "
-                "widens the intervals. A nonlinear drift is not corrected"
+                "widens the intervals"
             )
         uncertain = best.number(f"touch, {press.name}")[1] * press.slack
         if not press.air and touch - 2.0 * uncertain < first - 0.02 * reach:
@@ -93,23 +112,49 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
     return notes
 
 
-def bent(problem: Problem, best: Estimate) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """95 % intervals of the parameters if the baseline of each press with rows before contact may also bend, quadratic
-    in time, and notes. The bend hides below the noise before contact, and its shape is similar to that of a press, so
-    no test can exclude it. If it is significant, the intervals of `best` are widened to these."""
-    if not any(press.air for press in problem.presses):
+def allow_for_drift(
+    problem: Problem, best: Estimate, drift: str, keep: bool
+) -> tuple[dict[str, tuple[float, float]], list[str]]:
+    """Replace the intervals of `best` by those of a fit in which the zero of the force of each press drifts, linearly
+    or also quadratically in time (`drift`: linear, curved; none changes nothing).
+
+    A bend hides below the noise before contact, and its shape is similar to that of a press, so no test can exclude it:
+    the fit with it shows what the rows determine.
+
+    keep  whether the intervals were widened, and may only become wider
+
+    Returns the 95 % intervals before, none if nothing was changed, and notes.
+    """
+    if drift == "none" or best.withheld:
         return {}, []
-    other = problem.with_changes([replace(press, bends=press.air) for press in problem.presses])
+    bends = drift == "curved"
+    other = problem.with_changes([replace(press, drifts=True, bends=bends) for press in problem.presses])
+    if other.names == problem.names:
+        return {}, []
+    if other.count < LEAST_PER_UNKNOWN * len(other.names):
+        return {}, [
+            f"{other.count} rows are too few to fit a zero of the force that drifts: the intervals are valid only if "
+            "it does not"
+        ]
     begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
-    free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
-    found = {name: (each.low, each.high) for name, each in free.intervals.items()}
+    free = estimate(other, begin=np.array([begin[name] for name in other.names]))
+    before = {name: (each.low, each.high) for name, each in best.intervals.items()}
+    first = free.intervals[problem.parameters[0].name]
+    if first.low <= 0.0 or first.high / first.low > LOST:
+        best.withhold()
+        known = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in before.items())
+        option = "linear" if bends and all(press.drifts for press in problem.presses) else "none"
+        return before, [
+            "the rows do not distinguish the force from a zero that drifts: no interval is given. Record rows before "
+            f"contact. If you know how the zero drifts, --drift {option} gives {known}"
+        ]
+    for name, now in best.intervals.items():
+        its = free.intervals[name]
+        ends = [now.value, its.low, its.high, *((now.low, now.high) if keep else ())]
+        best.intervals[name] = replace(now, low=min(ends), high=max(ends), profile=its.profile, curve=its.curve)
     sizes = [free.number(f"bend, {press.name}") for press in problem.presses]
-    if not any(abs(size) > SURE * error for size, error in sizes if error > 0.0) or best.withheld:
-        return found, []
-    for name, (low, high) in found.items():
-        now = best.intervals[name]
-        now.low, now.high = min(now.low, low), max(now.high, high)
-    return found, ["the zero of the force seems to drift along a curve; the intervals were widened to include this"]
+    sure = bends and any(abs(size) > SURE * error for size, error in sizes if error > 0.0)
+    return before, ["the zero of the force seems to drift along a curve; the intervals include this"] * sure
 
 
 def with_smooth_factor(law: Law, reach: float) -> Law:

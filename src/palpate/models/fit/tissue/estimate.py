@@ -29,6 +29,7 @@ from palpate.models.fit.tissue.rigs import Law, Parameter
 STARTS = 10
 INDISTINGUISHABLE = 0.97  # [1] Correlation above which two parameters cannot be distinguished
 LEVEL = 0.95
+LEAST_PER_UNKNOWN = 3  # Rows per unknown that a fit needs
 STEP = 1e-6  # finite-difference step of a Jacobian, in search coordinates
 LEAST_EFFECTIVE = 3.0
 """Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
@@ -118,7 +119,7 @@ class Problem:
         self.baselines = []
         for i, (press, peak) in enumerate(zip(self.presses, peaks, strict=True)):
             self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
-            if press.drifts or press.air:  # a drift below the noise before contact may still matter at the peak
+            if press.drifts:
                 self.baselines.append((f"drift, {press.name}", i, 0.01 * peak * press.elapsed))
             if press.bends:
                 self.baselines.append((f"bend, {press.name}", i, 0.01 * peak * press.elapsed**2))
@@ -228,13 +229,13 @@ class Problem:
 def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None = None) -> Estimate:
     """Fit from `STARTS` random starts, or from `begin` alone, with intervals.
 
-    SessionError: fewer than 3 rows per unknown.
+    SessionError: fewer than `LEAST_PER_UNKNOWN` rows per unknown.
     """
     count, size = problem.count, len(problem.start())
-    if count < 3 * size:
+    if count < LEAST_PER_UNKNOWN * size:
         raise SessionError(
-            f"{count} rows remain for {size} unknowns; expected at least {3 * size}. Rows deeper than --depth-limit "
-            "are excluded and, without --relaxation, rows after the deepest one"
+            f"{count} rows remain for {size} unknowns; expected at least {LEAST_PER_UNKNOWN * size}. Rows deeper "
+            "than --depth-limit are excluded and, without --relaxation, rows after the deepest one"
         )
     # multistart least squares; the starts are drawn around the initial guess
     rng = np.random.default_rng(0)

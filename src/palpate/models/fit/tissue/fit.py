@@ -29,6 +29,8 @@ from palpate.physics.contact.layer import thickness_factor
 MIXED = 2.0
 """Ratio of the highest to the lowest stiffness of presses above which two indenters or specimens may be mixed."""
 UNLOADED = 0.1  # [1] Indentation after unloading, over the largest one, up to which a press counts as unloaded
+DRIFTS = ("curved", "linear", "none")
+WIDER = 1.2  # [1] Ratio of the widths with and without a drifting zero above which the report lists both
 FINE = 14  # Elements across the contact in the finer mesh that checks the table
 
 
@@ -48,9 +50,9 @@ class TissueFit:
     compared: list[dict[str, Any]] = field(default_factory=list)
     given: list[MeasuredPress] = field(default_factory=list)
     """The presses with all rows, including the excluded ones."""
-    bent: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Intervals of the parameters if the zero of the force may drift along a curve; empty without rows before
-    contact."""
+    steady: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Intervals of the parameters if the zero of the force does not drift along a curve; empty if that makes no
+    difference."""
 
     @property
     def read(self) -> list[str]:
@@ -83,6 +85,7 @@ def fit_tissue(
     compare: Sequence[str] = (),
     touch: bool = True,
     deepest: float = math.inf,
+    drift: str = "curved",
     report: Report = unheard,
 ) -> TissueFit:
     """Fit a law to presses of one rig.
@@ -90,17 +93,20 @@ def fit_tissue(
     compare   other laws, fitted to the same rows and ranked
     touch     whether to fit the touch point with the parameters; else it stays at its estimate from the force
     deepest   [m] deeper rows are excluded
+    drift     how the zero of the force may drift in time: curved (quadratic), linear or none
 
     SessionError: a fault in the data, or an unknown law.
     """
     if name == "hunt-crossley":
         name, relaxation = "power", name
+    if drift not in DRIFTS:
+        raise SessionError(f"--drift: found {drift!r}, expected {', '.join(DRIFTS)}")
     # select the rows: loading only without relaxation, no saturation
     loaded: list[MeasuredPress] = []
     notes: list[str] = []
     for press in presses:
         part, note = _rows_to_fit(press, relaxation, deepest)
-        loaded.append(part)
+        loaded.append(replace(part, drifts=part.drifts and drift != "none"))
         notes += note
     reach = max(float(p.depth.max()) - p.touch for p in loaded)
     law, more = _law(rig, name, relaxation, loaded, touch, reach, report)
@@ -129,7 +135,7 @@ def fit_tissue(
     widen_by_scatter(problem, best)
     misfits, hidden = checks.widen(problem, best)
     notes += checks.baselines(problem, best) + misfits
-    curved, more = checks.bent(problem, best)
+    steady, more = checks.allow_for_drift(problem, best, drift, bool(misfits or hidden or len(loaded) > 1))
     notes += more
     if rig.kind == "fingertip" and relaxation != "none":
         best.withhold()
@@ -139,13 +145,11 @@ def fit_tissue(
         )
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
     kept = [_rows_to_fit(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
-    fitted = TissueFit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses), bent=curved)
+    fitted = TissueFit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses), steady=steady)
     fitted.held_out = [_predict_press(problem, best, press, fitted.deepest) for press in kept]
     fitted.sensitivity = _sensitivity(fitted, problem)
     fitted.open_ = hidden + _open(fitted)
-    if curved and not best.withheld:
-        ends = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in curved.items())
-        fitted.open_.append(f"a zero of the force that drifts along a curve: if the sensor may do so, {ends}")
+    fitted.open_ += _drift(fitted, drift)
     if "finite elements" in law.remark:
         fitted.notes.append(_mesh_error(fitted))
     if compare:
@@ -195,10 +199,18 @@ def _rows_to_fit(press: MeasuredPress, relaxation: str, deepest: float) -> tuple
             "indentation on are excluded"
         )
         keep &= np.arange(len(keep)) < limit
-    top = int(np.argmax(np.where(keep, press.depth, -np.inf)))
+    top = last = int(np.argmax(np.where(keep, press.depth, -np.inf)))
+    loaded = checks.end_of_loading(press, top) if relaxation == "none" else top
+    if loaded < top:
+        begin, end = 1e3 * press.depth[loaded], 1e3 * press.depth[top]
+        notes.append(
+            f"{press.name}: the force is held while the indenter creeps from {begin:.3g} to {end:.3g} mm: these rows "
+            "are excluded; --relaxation fits them"
+        )
+        top = loaded
     if relaxation == "none" and top < len(press.depth) - 1:
         after = np.arange(len(press.depth)) > top
-        lost = int((keep & after).sum())
+        lost = int(keep[last + 1 :].sum())
         if lost > 2:
             notes.append(
                 f"{press.name}: {lost} rows after the deepest are excluded; {_hysteresis(press, top)}; --relaxation "
@@ -218,6 +230,8 @@ def _hysteresis(press: MeasuredPress, top: int) -> str:
     if float(back.min()) - press.touch > UNLOADED * reach or work <= 0.0:
         return "they do not unload to the touch point, so the hysteresis is unknown"
     loop = work + float(np.trapezoid(press.force[top:], back))
+    if loop > work:
+        return "the force is negative while they unload (adhesion, or a zero that drifts), so the hysteresis is unknown"
     return (f"hysteresis dissipates {100 * loop / work:.0f} % of the work, so the parameters are valid at this rate "
             "only")  # fmt: skip
 
@@ -364,6 +378,23 @@ def _open(fit: TissueFit) -> list[str]:
             f"only {100 * best.starts:.0f} % of the starts converged to this minimum: others are nearly as good"
         )
     return notes
+
+
+def _drift(fit: TissueFit, drift: str) -> list[str]:
+    """How much narrower the intervals are without the drift of the zero that they allow for, if that matters."""
+    wider = [
+        f"{name} {low:.4g} to {high:.4g}"
+        for name, (low, high) in fit.steady.items()
+        for now in [fit.estimate.intervals[name]]
+        if now.high - now.low > WIDER * (high - low)
+    ]
+    if not wider or fit.estimate.withheld:
+        return []
+    what = "along a curve" if drift == "curved" else "linearly"
+    lines = drift == "curved" and all(press.drifts for press in fit.presses)
+    less, option = ("at most linearly", "linear") if lines else ("not at all", "none")
+    return [f"the zero of the force: it may drift {what}, unseen below the press, and the intervals allow for it. If "
+            f"you know that it drifts {less} (--drift {option}), they are {', '.join(wider)}"]  # fmt: skip
 
 
 def _thickness(rig: Rig, deepest: float) -> str:

@@ -35,8 +35,7 @@ class MeasuredPress:
 
     touch   [m]  indentation at first contact, estimated from the force; its uncertainty is `slack` [m]
     zero    [N]  mean force before contact, subtracted from `force`; the fit estimates the remaining offset
-    drifts  whether the force changes before contact: the fit then includes the slope of the baseline
-    bends   whether the fit includes a baseline that is quadratic in time
+    drifts, bends  whether the fit includes a baseline that is linear, and one that is quadratic in time
     step    [N]  of the converter of the force; 0: no repeated values show one
     remarks  which columns were read, and which lines were not
     air     whether rows before contact show the zero of the force; else the fit searches zero and touch point widely
@@ -180,8 +179,8 @@ def prepare_press(name: str, time: np.ndarray | None, depth: np.ndarray, force: 
     free = len(air) >= LEAST_AIR
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
-    drifts = drifts and free
-    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts=drifts, air=free, step=step)
+    # a drift below the noise before contact may still matter at the peak: fit one in each press that has these rows
+    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts=free, air=free, step=step)
     return press if len(depth) <= MOST_ROWS else _thin_press(press)
 
 

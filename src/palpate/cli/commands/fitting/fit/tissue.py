@@ -45,6 +45,9 @@ def tissue(
         list[str] | None, typer.Option(help="Another law, fitted to the same rows and ranked by AICc.")
     ] = None,
     touch: Annotated[str, typer.Option(help="Contact point: fit, or detected (from the force alone).")] = "fit",
+    drift: Annotated[
+        str, typer.Option(help="How the sensor's zero may drift: curved (default), linear, none. Widens the intervals.")
+    ] = "curved",
     depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
     out: Annotated[Path, out_option("Folder for scene, report and pictures.")] = Path("fit"),
     force: Force = False,
@@ -68,6 +71,7 @@ def tissue(
     # Check the options before any file is read.
     for option, found, known in (
         ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
+        ("--drift", drift, fits.DRIFTS),
     ):  # fmt: skip
         if found not in known:
             raise SessionError(f"{option}: found {found!r}, expected {', '.join(known)}")
@@ -91,7 +95,7 @@ def tissue(
     with steps(f"fit tissue: {law}", 1, silent=as_json, timed=False) as done:
         fit = fits.fit_tissue(
             presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
-            deepest=limit, report=lambda share: done("presses in finite elements", share),
+            deepest=limit, drift=drift, report=lambda share: done("presses in finite elements", share),
         )  # fmt: skip
     # Write the results, then report them.
     result = data(fit)
