@@ -4,31 +4,30 @@ import math
 from functools import lru_cache
 from hashlib import file_digest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # imports its slow submodules at their first use
 
 from palpate.nodes.base import SettingError
-from palpate.nodes.base.stl_file import read_stl
-from palpate.physics.extras import missing
+from palpate.nodes.base.mesh_formats import AGAIN, LARGEST_FILE, read_file
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pieces import pieces
-from palpate.physics.geometry.topology import FLAT, edge_counts, outward
+from palpate.physics.geometry.topology import FLAT, edge_counts, one_sided, outward
 
 LEAST_AREA = 1e-9  # [1] least total area over the square of the longest side
-FORMATS = (".stl", ".ply", ".obj")
 NEAR = 1e-6
 """[1] Distance over the longest side within which vertices at open edges are merged; STL rounds numbers to 6e-8."""
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SMALLEST, LARGEST = 2e-3, 1.0
 """[m] Limits of the longest side of a touched object; outside them the unit is assumed to be wrong."""
-LARGEST_FILE = 1 << 28  # [bytes] 5 million triangles of a binary STL; reading takes ten times as much memory
 ISLAND = 0.01
 """[1] Area of a separate piece over that of the largest one below which it is an island, such as a speck of a
 segmentation, and left out; a vessel of 6 mm next to a liver has 5 %."""
+NOTED_ROUNDING = 1e-4
+"""[1] Steps of the coordinates over the longest side above which a note reports them: 0.02 mm of 200 mm."""
 COINCIDE = 1e-3  # [1] Difference of the bounds of two pieces, over the size, up to which they lie at the same place
 SHOWN = 8  # number of pieces that a message lists
 REPAIR = "`palpate run kidney --organ {} --repair`"
@@ -52,7 +51,7 @@ def read_mesh(path: str, scale: float, piece: int = 0) -> Mesh:
     piece  0: all separate pieces but islands (`ISLAND`); -1: all; k: the k-th largest, from 1
 
     SettingError: the file is missing or not a mesh, no triangles, no area, an implausible size, edges of more than two
-    triangles, no such piece, two pieces at the same place.
+    triangles, a one-sided surface, no such piece, two pieces at the same place.
     """
     vertices, triangles = read_triangles(path, piece)
     _plausible(path, vertices, scale)
@@ -68,7 +67,13 @@ def read_mesh(path: str, scale: float, piece: int = 0) -> Mesh:
             f"setting 'surface': {path} has {shared} edges that more than two triangles share{_shared_in(triangles)}: "
             f"it has no inside. {REPAIR.format(path)} rebuilds its surface."
         )
-    return Mesh(vertices, outward(vertices, triangles))
+    right = outward(vertices, triangles)
+    if one_sided(right):
+        raise SettingError(
+            f"setting 'surface': {path} is one-sided, like a Möbius strip: its triangles cannot all face outwards, so "
+            "it has no inside. Close or cut it in a mesh editor"
+        )
+    return Mesh(vertices, right)
 
 
 def read_triangles(path: str, piece: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -102,23 +107,29 @@ def _stamp(path: str) -> tuple[object, ...]:
 @lru_cache(maxsize=2)
 def _read_once(path: str, piece: int, *stamp: object) -> Triangles:
     """`_read` of the file with this stamp."""
-    vertices, triangles, notes = _load(path)
-    if not len(triangles):
-        raise SettingError(f"setting 'surface': {path} contains no triangles")
+    vertices, triangles, notes = read_file(path)
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices)).any(axis=1).argmax())
         raise SettingError(
             f"setting 'surface': {path} contains a vertex that is not a finite number: vertex {bad + 1} is "
-            f"({', '.join(f'{x:g}' for x in vertices[bad])}). Export it again"
+            f"({', '.join(f'{x:g}' for x in vertices[bad])}). {AGAIN}"
         )
     if not 0 <= triangles.min() <= triangles.max() < len(vertices):
         raise SettingError(
             f"setting 'surface': {path}: a triangle has the corner {triangles.max()}, the file has {len(vertices)} "
-            "vertices: it is damaged"
+            f"vertices: it is damaged. {AGAIN}"
         )
-    triangles = _distinct(weld(vertices)[triangles])
-    if not len(triangles):
-        raise SettingError(f"setting 'surface': {path}: every triangle is a point or a line")
+    whole = _whole(weld(vertices)[triangles])
+    if not len(whole):
+        raise SettingError(f"setting 'surface': {path}: every triangle is a point or a line. {AGAIN}")
+    triangles = _distinct(whole)
+    if repeated := len(whole) - len(triangles):
+        notes.append(f"{repeated} of its {len(whole)} triangles repeat another one and are left out")
+    if (step := _rounding(vertices)) > NOTED_ROUNDING * float(np.ptp(vertices[np.unique(triangles)], axis=0).max()):
+        notes.append(
+            f"it lies up to {np.abs(vertices).max():.2g} from its origin, where its 32-bit numbers are rounded to steps"
+            f" of {step:.2g}, in its unit. Move it to its origin before it is exported"
+        )
     same = _near(vertices, triangles)
     merged = int((same != np.arange(len(vertices))).sum())
     if merged:
@@ -243,51 +254,31 @@ def _flaws(path: str, piece: int, *stamp: object) -> list[str]:
     return lines
 
 
-def _load(path: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Vertices and triangles as in the file, and deviations of the file from its format."""
-    file = Path(path).expanduser()
-    if file.suffix.lower() not in FORMATS:
-        raise SettingError(f"setting 'surface': {path}: format {file.suffix!r}, expected one of {', '.join(FORMATS)}")
-    if not file.is_file():
-        raise SettingError(f"setting 'surface': no file {path} (looked in {Path.cwd()})")
-    if (size := file.stat().st_size) > LARGEST_FILE:
-        raise SettingError(
-            f"setting 'surface': {path} has {size / 1e6:.0f} MB, expected at most {LARGEST_FILE / 1e6:.0f} MB. Give it"
-            " fewer triangles."
-        )
-    try:
-        import trimesh
-    except ImportError as error:
-        raise SettingError(missing(f"setting 'surface': {path}", error.name, "mesh")) from None
-    fault = ""
-    try:
-        mesh: Any = trimesh.load(file, force="mesh", process=False)
-        if len(triangles := np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)):
-            return np.array(mesh.vertices, dtype=float).reshape(-1, 3), triangles, []
-    except Exception as error:  # the reader may raise any exception for a damaged file
-        fault = str(error).splitlines()[0] if str(error) else type(error).__name__
-    if file.suffix.lower() == ".stl" and file.stat().st_size:
-        try:
-            corners, notes = read_stl(file)  # which trimesh refuses
-            return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), notes
-        except ValueError as error:
-            fault = str(error)
-    if not fault:
-        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), []
-    raise SettingError(f"setting 'surface': {path} is not a {file.suffix[1:]} mesh: {fault}")
-
-
 def _least_first(triangles: np.ndarray) -> np.ndarray:
     """The triangles, rotated so that each begins with its least corner; the orientation is kept."""
     start = triangles.argmin(axis=1)[:, None]
     return np.take_along_axis(triangles, (start + np.arange(3)) % 3, axis=1)
 
 
-def _distinct(triangles: np.ndarray) -> np.ndarray:
+def _whole(triangles: np.ndarray) -> np.ndarray:
+    """The triangles with three different corners."""
     a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    return triangles[(a != b) & (b != c) & (c != a)]
+
+
+def _distinct(triangles: np.ndarray) -> np.ndarray:
+    """The triangles with three different corners, those with the same corners once."""
+    triangles = _whole(triangles)
     _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
     return triangles[np.sort(first)]
+
+
+def _rounding(vertices: np.ndarray) -> float:
+    """Largest step between neighbouring numbers, if all are 32-bit numbers; else 0."""
+    largest = float(np.abs(vertices).max())
+    if largest > float(np.finfo(np.float32).max) or (vertices != vertices.astype(np.float32)).any():
+        return 0.0
+    return float(np.spacing(np.float32(largest)))
 
 
 def plausible_units(across: float) -> list[str]:

@@ -120,7 +120,7 @@ def surface_mesh(
 
 def _content(surface: str) -> bytes:
     """Digest of the surface's file; b"" for a built-in surface, and for a file too large for `read_mesh`."""
-    from palpate.nodes.base.mesh_file import LARGEST_FILE  # imports this package
+    from palpate.nodes.base.mesh_formats import LARGEST_FILE  # imports this package
 
     file = Path(surface).expanduser()
     if surface in SURFACES or not file.is_file() or file.stat().st_size > LARGEST_FILE:

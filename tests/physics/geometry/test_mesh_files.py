@@ -122,6 +122,62 @@ def test_an_unusable_file_is_an_error_of_one_line(tmp_path, name, content, text)
     assert name in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "given", "text"),
+    [
+        ("k.stl", "ply", "content is that of a .ply file. Rename it to k.ply"),
+        ("k.ply", "stl", "content is that of a .stl file. Rename it to k.stl"),
+        ("k.obj", "stl", "content is that of a .stl file. Rename it to k.stl"),
+        ("k.stl", "glb", "content is that of a .glb file. Export it again, as a binary STL"),
+        ("k.off", "off", "format '.off', expected one of .stl, .ply, .obj. Export it again"),
+    ],
+)
+def test_a_file_with_another_format_than_its_name_says_is_refused_with_that_format(tmp_path, name, given, text):
+    (tmp_path / name).write_bytes(save_as(given))
+    with pytest.raises(SettingError, match=text) as caught:
+        surface_mesh(str(tmp_path / name), 0)
+    assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def save_as(ending):
+    made = trimesh.Trimesh(KIDNEY.vertices, KIDNEY.triangles, process=False).export(file_type=ending)
+    return made.encode() if isinstance(made, str) else made
+
+
+def test_a_folder_is_not_reported_as_a_missing_file(tmp_path):
+    (tmp_path / "k.stl").mkdir()
+    with pytest.raises(SettingError, match=r"k\.stl is a folder, expected a mesh file"):
+        surface_mesh(str(tmp_path / "k.stl"), 0)
+
+
+@pytest.mark.parametrize("reverse", [1, -1])
+def test_two_copies_of_a_surface_are_one_and_are_reported(tmp_path, reverse):
+    t = np.concatenate([KIDNEY.triangles, KIDNEY.triangles[:, ::reverse] + len(KIDNEY.vertices)])
+    file = save(tmp_path / "k.stl", Mesh(np.concatenate([KIDNEY.vertices] * 2), t))
+    assert volume(surface_mesh(file, 0)) == pytest.approx(volume(KIDNEY), rel=1e-5)
+    (line,) = flaws(file)
+    assert f"{len(KIDNEY.triangles)} of its {2 * len(KIDNEY.triangles)} triangles repeat another one" in line
+
+
+def test_coordinates_that_are_rounded_far_from_the_origin_are_reported(tmp_path):
+    far = Mesh(KIDNEY.vertices * 1e3 + (1e6, 0, 0), KIDNEY.triangles)  # mm; a step of 1/16 mm
+    (line,) = flaws(save(tmp_path / "k.stl", far))
+    assert "rounded to steps of 0.062, in its unit" in line
+    assert flaws(save(tmp_path / "near.stl", Mesh(far.vertices - (1e6 - 1e4, 0, 0), far.triangles))) == []
+
+
+def test_a_one_sided_surface_is_refused(tmp_path):
+    turn = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
+    sides = [50 + s * np.cos(turn / 2) for s in (-10, 10)]
+    rims = [np.stack([r * np.cos(turn), r * np.sin(turn), s * np.sin(turn / 2)], 1)
+            for r, s in zip(sides, (-10, 10), strict=True)]  # fmt: skip
+    i = np.arange(60)
+    one, two = np.append(i[1:], 60), np.append(i[1:] + 60, 0)  # the strip is joined with half a turn
+    triangles = np.concatenate([np.stack([i, one, two], 1), np.stack([i, two, i + 60], 1)])
+    with pytest.raises(SettingError, match="is one-sided, like a Möbius strip"):
+        surface_mesh(save(tmp_path / "k.stl", Mesh(np.concatenate(rims), triangles)), 0, file_unit="mm")
+
+
 def test_unknown_units_and_surfaces_are_errors(tmp_path):
     with pytest.raises(SettingError, match=r"'inch'.*m, cm, mm"):
         surface_mesh(save(tmp_path / "k.stl"), 0, file_unit="inch")

@@ -120,7 +120,8 @@ def test_dialects_of_stl_are_read(tmp_path, content, note):
         (TEXT[: len(TEXT) // 2], "cut off or damaged|expected `vertex` and three numbers"),
         (TEXT.replace(b".", b","), "not three numbers with a decimal point"),
         (BINARY[:100], "the shortest STL file"),
-        (b"", "contains no triangles"),
+        (TEXT.replace(b"\n", b"\r")[:-4000], "cut off"),
+        (b"", "contains no triangles: it has 0 bytes. Export it again"),
         (BINARY[:96] + struct.pack("<f", float("nan")) + BINARY[100:], "not a finite number: vertex 1 is"),
     ],
 )

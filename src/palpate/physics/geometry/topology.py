@@ -61,6 +61,13 @@ def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.where(turn[piece][:, None], oriented[:, ::-1], oriented))
 
 
+def one_sided(triangles: np.ndarray) -> bool:
+    """Whether two of the triangles, oriented by `outward`, go along an edge in the same direction: then no orientation
+    exists in which none do."""
+    begin, end = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel()
+    return len(np.unique(begin * (int(triangles.max()) + 1) + end)) < len(begin)
+
+
 def _one_way(count: int, one: np.ndarray, other: np.ndarray, against: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Connected piece of each of `count` triangles, and whether it must be reversed to have the orientation of the
     first triangle of its piece.
