@@ -167,7 +167,7 @@ def _creases(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     bend = np.einsum("ij,ij->i", facing[two[:, 0]], facing[two[:, 1]])
     border = np.bincount(of.ravel(), minlength=len(ends)) == 1
     off = np.asarray(np.einsum("ikj,ij->ik", mesh.normals[triangles], facing)) < CREASE
-    return np.asarray(ends[border | (bend < CREASE)]), np.unique(triangles[off & facing.any(axis=1)[:, None]])
+    return np.asarray(ends[border | (bend < CREASE)]), np.unique(triangles[off & facing.any(axis=1, keepdims=True)])
 
 
 def _halfway(
