@@ -2,7 +2,7 @@
 
     python benchmarks/texture_coverage.py [trials]
 
-A recording has 8, 16, 40 or 100 windows of 0.1 s of a resonance at 60 Hz (bandwidth 32 or 3 Hz), and a gain that
+A recording has 60, 100 or 200 windows of 0.1 s of a resonance at 60 Hz (bandwidth 32 or 3 Hz), and a gain that
 wanders by 0 or 20 %, with a time constant of 0.3 or 1 s and a mean square of 1.
 """
 
@@ -46,7 +46,7 @@ def coverage(windows: int, case: tuple[float, float, float], trials: int, seed: 
 def main() -> None:
     trials = int(sys.argv[1]) if len(sys.argv) > 1 else 400
     print("windows  " + "  ".join(f"{name:>16}" for name in CASES))
-    for windows in (8, 16, 40, 100):
+    for windows in (60, 100, 200):
         print(f"{windows:7d}  " + "  ".join(f"{coverage(windows, case, trials):16.3f}" for case in CASES.values()))
 
 

@@ -26,7 +26,8 @@ RATIO = 1.25  # [1] largest ratio of the speeds, and of the forces, of one model
 LEAST = 8  # smallest number of windows of a model
 ORDERS = range(4, 41)
 LOWEST = 20.0  # [Hz] high-pass limit; the motion of the hand is below
-SLOWEST = 4  # fluctuations from which the interval follows
+SLOWEST = 2  # fluctuations from which the interval follows
+ENOUGH = 60  # smallest number of windows for which an interval is given
 FORCES = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
 UNITS = {
     "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
@@ -172,11 +173,12 @@ def _models(cells: list[RecordedCell], sampling: float) -> list[Model]:
     return models
 
 
-def rms_interval(power: np.ndarray) -> tuple[float, float]:
-    """95 % interval of the rms from the powers (n) > 0 of n >= 8 successive windows.
+def rms_interval(power: np.ndarray) -> tuple[float, float] | None:
+    """95 % interval of the rms from the powers (n) > 0 of n successive windows; None below `ENOUGH` windows, where a
+    gain that wanders within 0.3 s or more is not seen.
 
     Neighbouring windows are not independent: the gain of a stroke wanders, and a narrow band rings over a window. The
-    variance of the mean is therefore that of the slowest fluctuations, the first B = 4 cosines of the n logarithms,
+    variance of the mean is therefore that of the slowest fluctuations, the first B = 2 cosines of the n logarithms,
 
         c_j = sqrt(2/n) sum_k ln(power_k) cos(pi j (k - 1/2)/n),    s^2 = mean(c_j^2)/n,    ln power = ln mean +- t_B s
 
@@ -184,6 +186,8 @@ def rms_interval(power: np.ndarray) -> tuple[float, float]:
     the windows forget within n/B; a wander that outlasts the stroke cannot be seen in it.
     """
     n, level = len(power), np.log(power)
+    if n < ENOUGH:
+        return None
     order = np.arange(1, SLOWEST + 1)[:, None]
     cosines = np.sqrt(2.0 / n) * np.cos(np.pi * order * (np.arange(n) + 0.5) / n) @ level
     half = float(scipy.stats.t.ppf(0.975, SLOWEST) * np.sqrt(np.mean(cosines**2) / n))

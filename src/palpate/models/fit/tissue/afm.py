@@ -36,7 +36,8 @@ def read_afm(path: Path) -> list[MeasuredPress]:
         raise
     except BaseException as error:  # the errors of afmformats are no Exceptions
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        raise SessionError(f"{path}: afmformats cannot read it: {reason}") from None
+        unzip = "; if it contains a table of numbers, unzip it and give the table" * (path.suffix == ".zip")
+        raise SessionError(f"{path}: afmformats cannot read it: {reason}{unzip}") from None
     finally:
         log.setLevel(before)
 

@@ -80,9 +80,9 @@ def _result(fit: TissueFit) -> str:
     """The law, its error and its first parameter with the interval."""
     first = fit.estimate.parameters[0]
     found = fit.estimate.intervals[first.name]
-    ends = "interval withheld" if fit.estimate.withheld else f"{found.low:.3g} to {found.high:.3g}"
+    ends = "interval withheld" if fit.estimate.withheld else f"{found.low:.4g} to {found.high:.4g}"
     rms = 100.0 * fit.errors()["rms_of_peak"]
-    return f"{fit.law.name}: RMS {rms:.2g} % of the peak, {first.name} {found.value:.3g} {first.unit} ({ends})"
+    return f"{fit.law.name}: RMS {rms:.2g} % of the peak, {first.name} {found.value:.4g} {first.unit} ({ends})"
 
 
 def _points(press: MeasuredPress, touch: float) -> np.ndarray:

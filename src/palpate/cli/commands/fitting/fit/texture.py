@@ -25,7 +25,7 @@ def texture(
     """
     import msgspec
 
-    from palpate.models.fit.texture import fit_texture
+    from palpate.models.fit.texture import ENOUGH, WINDOW, fit_texture
 
     target = out or file.with_suffix(".json")
     check_new([target], force)
@@ -35,9 +35,13 @@ def texture(
         print_json({"ok": True, "file": str(target), **msgspec.to_builtins(fitted)})
         return
     unit = "N" if fitted.quantity == "force" else "m/s^2"
-    rows = [(f"{1e3 * m.speed:.4g}", f"{m.force:.3g}", f"{m.rms:.4g}", "{:.4g} to {:.4g}".format(*m.interval or (0, 0)))
+    rows = [(f"{1e3 * m.speed:.4g}", f"{m.force:.3g}", f"{m.rms:.4g}",
+             "{:.4g} to {:.4g}".format(*m.interval) if m.interval else "withheld")
             for m in fitted.models]  # fmt: skip
     console().print(table((">speed [mm/s]", ">force [N]", f">rms [{unit}]", ">95 % interval"), rows))
+    if any(m.interval is None for m in fitted.models):
+        say(f"interval withheld: fewer than {ENOUGH} steady windows of {WINDOW:g} s do not show how the gain wanders; "
+            "record longer at each speed and force", "yellow", wrap=True)  # fmt: skip
     say(f"order {len(fitted.models[0].lsf)}, {fitted.sampling:g} Hz: written {target}", wrap=True)
     if fitted.held_out is None:
         say("no speed was held out: models at three speeds and more are needed", "yellow")
