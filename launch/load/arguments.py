@@ -27,8 +27,9 @@ def describe_run(
     MeshError: they are invalid."""
     if isinstance(sets, Mapping):
         sets = [f"{path}={value}" for path, value in sets.items()]
-    if isinstance(sets, str):
-        raise ArgumentError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
+    check_texts("sets", sets, "tissue.stiffness=2e3")
+    if scene is not None:
+        scene = str(check_path("scene", scene))
     return (
         find(str(graph))
         .but(
@@ -39,6 +40,25 @@ def describe_run(
         )
         .settle_organ()
     )
+
+
+def check_path(name: str, given: Any) -> Path:
+    """An argument that names a file or folder. ArgumentError: it is no text and no path."""
+    if not isinstance(given, str | Path) or "\0" in str(given):
+        raise ArgumentError(f"{name}: found {given!r}, expected the name of a file or folder")
+    return Path(given)
+
+
+def check_texts(name: str, given: Any, example: str) -> None:
+    """ArgumentError: an argument is not a list of texts."""
+    if isinstance(given, str) or not isinstance(given, Sequence) or not all(isinstance(one, str) for one in given):
+        raise ArgumentError(f"{name}: found {given!r}, expected a list of texts, such as [{example!r}]")
+
+
+def check_over(given: Any) -> None:
+    """ArgumentError: an argument is not a mapping."""
+    if not isinstance(given, Mapping):
+        raise ArgumentError(f"over: found {given!r}, expected what varies, such as {{'tissue.stiffness': [200, 400]}}")
 
 
 def _seconds(duration: float | str) -> float:

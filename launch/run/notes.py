@@ -72,7 +72,7 @@ def write_notes(notes: Iterable[tuple[int, str, str]]) -> dict[int, str]:
 
 
 def read_notes(written: Iterable[tuple[int, str]], time: float) -> Iterator[RunNote]:
-    """The notes in such texts, each with its lane. `time` [s]: of the end of the run."""
+    """The notes in texts of `write_notes`, each with its lane. `time` [s]: of the end of the run."""
     for lane, text in written:
         for node, _, line in (each.partition(": ") for each in text.split("\n")):
             yield RunNote(sys.intern(line), node, time, lane)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.bases import build_missing
-from palpate.launch.load.arguments import Organ, describe_run
+from palpate.launch.load.arguments import Organ, check_path, describe_run
 from palpate.launch.load.placement import FUSED, find_place
 from palpate.launch.load.recording import new_folder, recording_name
 from palpate.launch.run.execute import execute
@@ -72,7 +72,7 @@ def run(
             temporary = tempfile.TemporaryDirectory(prefix="palpate-")
             file = Path(temporary.name) / f"{name}.mcap"
         else:
-            file = recording_name(Path(record), "record")
+            file = recording_name(check_path("record", record), "record")
         outcome = execute(launch.but(record=file), loaded, force=force)
     outcome.raise_signal()
     if not outcome.result.ok:

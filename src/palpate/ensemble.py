@@ -15,7 +15,7 @@ from palpate.compiler import kernel_cache
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
-from palpate.launch.load.arguments import Organ, describe_run
+from palpate.launch.load.arguments import Organ, check_over, check_path, check_texts, describe_run
 from palpate.launch.load.dependencies import digest
 from palpate.launch.run.busy import free_memory
 from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneTask, block_size
@@ -81,17 +81,21 @@ class Ensemble:
         for name, value in (("lanes", lanes), ("every", every), ("threads", threads)):
             if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
                 raise ArgumentError(f"{name}: found {value!r}, expected a whole number from 1")
+        check_over(over or {})
+        keep = [keep] if isinstance(keep, str) else keep
+        check_texts("keep", keep, "contact.force")
         launch = describe_run(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
         if launch.duration is None:
             raise ArgumentError(f"{graph}: the graph has no duration; pass duration=2.0 [s]")
         base = launch.load()
+        self.notes: list[RunNote] = []
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
         self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
         several = range(lanes) if any(map(depends, self.over)) else range(1)
         points = (self._values(lane) for lane in several)
         build_for_each(lambda values: with_values(launch, values, 0), points, not sys.stderr.isatty())
         self._units = {path: unit for path in self.over if (unit := _unit(path, base))}
-        self._keep = [_kept_field(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
+        self._keep = [_kept_field(text, base) for text in keep]
         if not self._keep:
             raise ArgumentError("keep: found nothing, expected a list such as ['contact.force']")
         self.rate = base.rate
@@ -154,13 +158,14 @@ class Ensemble:
             return self._dataset(time, columns, {"error": errors, NOTES: notes})
         coordinates = {path: (values, self._units.get(path, "")) for path, values in self.over.items()}
         store = LaneStore(
-            Path(out), self._identity(), self.count, self._size, time, self._fields, coordinates, self.name
+            check_path("out", out), self._identity(), self.count, self._size, time, self._fields, coordinates, self.name
         )
         try:
             before = list(store.notes)
             self._run(store.write, quiet, executor, store.missing, self._size)
             end = nanoseconds(self.ticks, self.rate) * 1e-9
-            self.notes = sorted([*read_notes(before, end), *self.notes], key=lambda note: note.lane or 0)
+            self.notes += read_notes(before, end)
+            self.notes.sort(key=lambda note: note.lane or 0)
         finally:
             store.close()
         self._report()
@@ -197,8 +202,7 @@ class Ensemble:
         size: int,
     ) -> None:
         """Run the blocks of this size that begin with these lanes, and give the results of each away."""
-        self.memory = Memory()
-        self.notes: list[RunNote] = []
+        self.memory, self.notes = Memory(), []
         self._failed: dict[int, str] = {}
         self._ran = sum(min(size, self.count - first) for first in firsts)
         end, before = nanoseconds(self.ticks, self.rate) * 1e-9, self.count - self._ran
@@ -289,8 +293,8 @@ class Ensemble:
         coordinates: dict[str, Any] = {"lane": np.arange(self.count), "time": ("time", time, {"units": "s"})}
         for path, values in self.over.items():
             coordinate, unit = as_coordinate(values), self._units.get(path)
-            texts = coordinate.astype(str) if coordinate.dtype == object else coordinate
-            coordinates[path] = "lane", texts, {"units": unit} if unit else {}
+            shown = coordinate.astype(str) if coordinate.dtype == object else coordinate
+            coordinates[path] = "lane", shown, {"units": unit} if unit else {}
         return xarray.Dataset(data, coordinates, {"graph": self.name})
 
     def _report(self) -> None:

@@ -12,6 +12,7 @@ import palpate
 from palpate import calling
 from palpate.cli.__main__ import app
 from palpate.launch.run.execute import execute
+from palpate.physics.errors import ArgumentError
 from palpate.records.reader import Recording
 
 
@@ -307,3 +308,26 @@ for aside in (False, True):
 """
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False", "True", "True", "True", "True"]
+
+
+@pytest.mark.parametrize("wrong", [5, b"x", ["x", 1], "a\0b"])
+def test_arguments_of_a_wrong_type_are_errors_that_name_them(tmp_path, wrong):
+    pytest.importorskip("pyarrow")
+    ensemble = palpate.Ensemble("kidney", 1, duration=0.01)
+    study = palpate.Study("kidney", {"tissue.stiffness": [200.0]}, duration=0.01)
+    calls = {
+        "record": lambda: palpate.run("kidney", record=wrong),
+        "scene": lambda: palpate.run("kidney", record=tmp_path / "a.mcap", scene=wrong),
+        "sets": lambda: palpate.run("kidney", record=tmp_path / "a.mcap", sets=wrong),
+        "keep": lambda: palpate.Ensemble("kidney", 1, keep=wrong),
+        "over": lambda: palpate.Ensemble("kidney", 1, wrong),
+        "out": lambda: ensemble.run(out=wrong, quiet=True),
+        "executor": lambda: ensemble.run(executor=wrong, quiet=True),
+        "over ": lambda: palpate.Study("kidney", wrong),
+        "keep ": lambda: palpate.Study("kidney", {"tissue.stiffness": [200.0]}, wrong),
+        "folder": lambda: study.run(wrong),
+        "executor ": lambda: study.run(tmp_path / "study", wrong),
+    }
+    for name, call in calls.items():
+        with pytest.raises(ArgumentError, match=f"^{name.strip()}"):
+            call()

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from palpate.launch.run.tasks.runner import work
 from palpate.launch.run.tasks.task import Ended, Task
-from palpate.physics.errors import PalpateError, RunError
+from palpate.physics.errors import ArgumentError, PalpateError, RunError
 
 BLOCK = 2.0  # [s] of a block of items
 FIRST, AHEAD = 32, 3
@@ -36,8 +36,10 @@ def spread(
     about  versions and hashes that the workers must agree in
 
     RunError: a worker has other versions or files, or the executor lost a block, as when its scheduler ended. `add`
-    then has all that was finished before, as after Ctrl-C.
+    then has all that was finished before, as after Ctrl-C. ArgumentError: the executor has no `submit`.
     """
+    if not callable(getattr(executor, "submit", None)):
+        raise ArgumentError(f"executor: found {executor!r}, expected one with `submit`, as of concurrent.futures")
     shared, at, number = pickle.dumps(task), 0, 0
     done: queue.SimpleQueue[int] = queue.SimpleQueue()
     flight: dict[int, tuple[Any, Sequence[Any]]] = {}

@@ -16,6 +16,7 @@ from palpate.messages import Contact, Force, Message, Surface
 from palpate.records.changed import change_plan, no_idle, sources
 from palpate.records.player import Player
 from palpate.records.reader import Recording
+from palpate.records.segment_player import live_player
 from palpate.records.stored import RecordingError, last_tick
 
 RECORDED = "recorded"
@@ -108,13 +109,13 @@ def compare(
     original = change_plan(recording)
     computed = [_variant(recording, given, original) for given in wanted]
     drivers = set(sources(recording, original))
+    present = recording.ticks()
     players = []
     for variant in computed:
         running = [name for name in variant.plan.order if name not in drivers]
         no_idle(variant.overrides, variant.plan, running)
-        players.append(Player(recording, variant.plan, running, live=True))
+        players.append(live_player(recording, variant.plan, running, present, encode=False))
     # Step all variants tick by tick and compare their messages with those of the first.
-    present = recording.ticks()
     last = last_tick(present)
     # The first output of each message type.
     outputs = [{out.kind: out for part in reversed(each.parts) for out in reversed(part.outputs)} for each in players]
@@ -126,11 +127,10 @@ def compare(
         gc.disable()  # collections would add milliseconds to a step
         for tick, payloads in recording.instants(present):
             for variant, player in zip(computed, players, strict=True):
-                wall, cpu = _totals(player)
-                if player.step(tick, payloads):
-                    wall_after, cpu_after = _totals(player)
-                    variant.whole.add(wall_after - wall)
-                    variant.cpu.add(cpu_after - cpu)
+                taken = player.time_step(tick, payloads)
+                if taken is not None:
+                    variant.whole.add(taken[0])
+                    variant.cpu.add(taken[1])
             sent = [[_sent_message(each, kind, tick) for kind in (Force, Contact, Surface)] for each in outputs]
             for variant, messages in zip(computed, sent, strict=True):
                 _add_differences(variant, messages, sent[0], tick % every == 0)
@@ -159,11 +159,6 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
         or nodes[name].every != plan.graph.nodes[name].every
     )
     return Variant(" ".join(overrides) or RECORDED, overrides, plan, swapped)
-
-
-def _totals(player: Player) -> tuple[int, int]:
-    """Duration and processor time of all steps so far [ns]."""
-    return sum(part.health.step.total for part in player.parts), sum(part.cpu.total for part in player.parts)
 
 
 def _sent_message(outputs: dict[type[Message], Output], kind: type[Message], tick: int) -> Any:

@@ -23,7 +23,8 @@ from palpate.records.differences import ELSEWHERE, Comparer, Difference, NodeRep
 from palpate.records.format.head import PROFILE, head_of, is_head
 from palpate.records.format.mcap_append import NOTES
 from palpate.records.format.mcap_writer import McapWriter
-from palpate.records.player import Player, plan_of
+from palpate.records.player import plan_of
+from palpate.records.segment_player import live_player
 from palpate.records.stored import RecordingError, Stored
 
 LAG = 0.5  # [s] limit of the delay between messages of the same tick in the file
@@ -63,7 +64,9 @@ class _Filling:
         usual = ELSEWHERE if rounding(stored.about) else 0.0
         self.comparer = Comparer(usual if tolerance is None else tolerance)
         nodes = self.plan.graph.nodes
-        self.player = Player(stored, self.plan, [n for n in self.plan.order if not nodes[n].cls.paced], live=True)
+        self._present = stored.ticks()
+        running = [name for name in self.plan.order if not nodes[name].cls.paced]
+        self.player = live_player(stored, self.plan, running, self._present)
         self.report = Report({part.name: NodeReport() for part in self.player.parts if part.streams})
         self._simulated = stored.about.get("clock") == "simulated"
         checked = stored.about.get("checked", {})
@@ -77,7 +80,7 @@ class _Filling:
     def rows(self) -> Iterator[Row]:
         """All messages up to the last check that agrees. RecordingError: damaged, or a node raised."""
         pending: list[Row] = []
-        present = self.stored.ticks()
+        present = self._present
         last, end = self._end(present)
         self.player.start()
         try:

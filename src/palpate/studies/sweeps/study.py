@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.bases import build_for_each
+from palpate.launch.load.arguments import check_over, check_path, check_texts
 from palpate.launch.load.dependencies import content, digest
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
@@ -78,8 +79,10 @@ class Study:
     ) -> None:
         if not over:
             raise ArgumentError("over: found nothing, expected what varies, such as {'tissue.stiffness': [200, 400]}")
-        if isinstance(keep, str) or not keep:
-            raise ArgumentError(f"keep: found {keep!r}, expected a list such as ['peak contact.force']")
+        check_over(over)
+        check_texts("keep", keep, "peak contact.force")
+        if not keep:
+            raise ArgumentError("keep: found nothing, expected a list such as ['peak contact.force']")
         given = scene if isinstance(scene, Mapping) or scene is None else find_file(str(scene), SCENES, what="scene")
         launch = find(str(graph)).but(overrides=sets, scene=given, duration=seconds("duration", duration))
         launch = launch.but(organ=None if organ is None else organ_of(organ)).settle_organ()
@@ -148,10 +151,11 @@ class Study:
                 f"over: {len(self):,} points, {' x '.join(map(str, self.space.shape))}; at 1 s each this takes "
                 f"{len(self) / 86400.0:,.1f} days of one core. Expected up to {MANY:,}; to continue: --yes, or yes=True"
             )
-        store = Store(Path(folder))
+        folder = check_path("folder", folder)
+        store = Store(folder)
         try:
             missing = self._missing(store, retry, report)
-            self.folder = Path(folder)
+            self.folder = folder
             left = len(missing)
 
             def add(finished: Finished) -> None:
