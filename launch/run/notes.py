@@ -3,8 +3,12 @@
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
-from typing import Any
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
+from typing import Any, overload
+
+import numpy as np
 
 from palpate.physics.errors import PalpateWarning
 
@@ -39,7 +43,50 @@ class RunNote(str):
     @property
     def kind(self) -> tuple[str, str]:
         """Node and text without its numbers: equal for notes of one kind."""
-        return self.node, _NUMBER.sub("#", self)
+        return self.node, _without_numbers(self.text)
+
+
+@lru_cache(maxsize=256)
+def _without_numbers(text: str) -> str:
+    return _NUMBER.sub("#", text)
+
+
+class LaneNotes(Sequence[RunNote]):
+    """Notes of the lanes of an ensemble, in the order of the lanes. Equal lines are kept once, and 12 bytes for each
+    lane that has one.
+
+    time  [s] of all of them: when they are collected
+    """
+
+    def __init__(self, time: float = 0.0) -> None:
+        self._time, self._numbers = time, dict[tuple[str, str], int]()
+        self._places, self._lanes = array("i"), array("q")
+        self._order: np.ndarray | None = None
+
+    def add(self, lane: int, node: str, text: str) -> None:
+        self._places.append(self._numbers.setdefault((node, text), len(self._numbers)))
+        self._lanes.append(lane)
+        self._order = None
+
+    def __len__(self) -> int:
+        return len(self._lanes)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and list(self) == list(other)
+
+    @overload
+    def __getitem__(self, place: int) -> RunNote: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[RunNote]: ...
+    def __getitem__(self, place: int | slice) -> RunNote | list[RunNote]:
+        if self._order is None:
+            self._order = np.argsort(np.array(self._lanes), kind="stable")
+            self._texts = list(self._numbers)
+        if isinstance(place, slice):
+            return [self[k] for k in range(*place.indices(len(self)))]
+        k = self._order[place]
+        node, text = self._texts[self._places[k]]
+        return RunNote(text, node, self._time, self._lanes[k])
 
 
 def first_of_each_kind(notes: Iterable[RunNote]) -> dict[RunNote, int]:
@@ -68,14 +115,14 @@ def write_notes(notes: Iterable[tuple[int, str, str]]) -> dict[int, str]:
     found: dict[int, list[str]] = {}
     for lane, node, text in notes:
         found.setdefault(lane, []).append(f"{node}: {' '.join(text.split())}")
-    return {lane: "\n".join(texts) for lane, texts in found.items()}
+    return {lane: sys.intern("\n".join(texts)) for lane, texts in found.items()}
 
 
-def read_notes(written: Iterable[tuple[int, str]], time: float) -> Iterator[RunNote]:
-    """The notes in texts of `write_notes`, each with its lane. `time` [s]: of the end of the run."""
+def read_notes(written: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
+    """The notes (lane, node, text) in texts of `write_notes`."""
     for lane, text in written:
         for node, _, line in (each.partition(": ") for each in text.split("\n")):
-            yield RunNote(sys.intern(line), node, time, lane)
+            yield lane, node, line
 
 
 def warn(notes: Iterable[RunNote], level: int = 3, what: str = "lane") -> None:

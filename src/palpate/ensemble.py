@@ -3,7 +3,7 @@
 import math
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -31,7 +31,7 @@ from palpate.launch.run.lane_values import (
     with_values,
 )
 from palpate.launch.run.lanes import Prepared
-from palpate.launch.run.notes import RunNote, read_notes, warn, write_notes
+from palpate.launch.run.notes import LaneNotes, read_notes, warn, write_notes
 from palpate.launch.run.progress import StageBars
 from palpate.launch.run.tasks.spread import Executor, Finished, spread
 from palpate.launch.run.tasks.task import Ended, about
@@ -88,7 +88,7 @@ class Ensemble:
         if launch.duration is None:
             raise ArgumentError(f"{graph}: the graph has no duration; pass duration=2.0 [s]")
         base = launch.load()
-        self.notes: list[RunNote] = []
+        self.notes = LaneNotes()
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
         self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
         several = range(lanes) if any(map(depends, self.over)) else range(1)
@@ -161,11 +161,7 @@ class Ensemble:
             check_path("out", out), self._identity(), self.count, self._size, time, self._fields, coordinates, self.name
         )
         try:
-            before = list(store.notes)
-            self._run(store.write, quiet, executor, store.missing, self._size)
-            end = nanoseconds(self.ticks, self.rate) * 1e-9
-            self.notes += read_notes(before, end)
-            self.notes.sort(key=lambda note: note.lane or 0)
+            self._run(store.write, quiet, executor, store.missing, self._size, read_notes(store.notes))
         finally:
             store.close()
         self._report()
@@ -200,12 +196,18 @@ class Ensemble:
         executor: Executor | None,
         firsts: Sequence[int],
         size: int,
+        noted: Iterable[tuple[int, str, str]] = (),
     ) -> None:
-        """Run the blocks of this size that begin with these lanes, and give the results of each away."""
-        self.memory, self.notes = Memory(), []
+        """Run the blocks of this size that begin with these lanes, and give the results of each away.
+
+        noted  lane, node and text of the notes of lanes that have run before
+        """
+        self.memory, self.notes = Memory(), LaneNotes(nanoseconds(self.ticks, self.rate) * 1e-9)
+        for note in noted:
+            self.notes.add(*note)
         self._failed: dict[int, str] = {}
         self._ran = sum(min(size, self.count - first) for first in firsts)
-        end, before = nanoseconds(self.ticks, self.rate) * 1e-9, self.count - self._ran
+        before = self.count - self._ran
         with StageBars(quiet or not sys.stderr.isatty()) as bars:
             bar = bars.begin(f"{self.count} lanes of {self.name}")
             begun = perf_counter()
@@ -217,7 +219,8 @@ class Ensemble:
             def add(block: Block) -> None:
                 take(block.first, block.columns, block.errors, write_notes(block.notes))
                 self.memory = max(self.memory, block.memory, key=sum)
-                self.notes += [RunNote(sys.intern(text), node, end, lane) for lane, node, text in block.notes]
+                for note in block.notes:
+                    self.notes.add(*note)
                 self._failed |= block.errors
 
             if executor is None:
@@ -226,7 +229,6 @@ class Ensemble:
                     add(block)
             else:
                 self._spread(executor, firsts, add, done)
-        self.notes.sort(key=lambda note: note.lane or 0)
         self._failed = dict(sorted(self._failed.items()))
 
     def _spread(

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 
 import palpate
 from palpate.cli.__main__ import app
-from palpate.launch.run.notes import RunNote, first_of_each_kind
+from palpate.launch.run.notes import LaneNotes, RunNote, first_of_each_kind, lines
 
 GIVEN = {"duration": 0.1, "sets": QUICK, "tissue": "deformation.Rigid"}
 
@@ -51,6 +52,20 @@ def test_an_ensemble_has_the_notes_of_its_lanes():
         assert of_lane == {note.text for note in run.notes if note.node}
     xarray = pytest.importorskip("xarray")
     assert isinstance(found, xarray.Dataset) and found["controller.limit"].attrs["units"] == "N"
+
+
+def test_notes_of_many_lanes_are_listed_by_lane_in_little_memory():
+    notes, texts = LaneNotes(0.2), {"tissue": "a long line " * 20, "contact": "another line"}
+    tracemalloc.start()
+    for lane in reversed(range(20_000)):
+        for node, text in texts.items():
+            notes.add(lane, node, "".join(text))  # each block brings its own copies
+    assert tracemalloc.get_traced_memory()[0] < 20 * len(notes)
+    tracemalloc.stop()
+    assert len(notes) == 40_000 and notes == list(notes) and notes != LaneNotes()
+    assert [(n.lane, n.node) for n in notes[:3]] == [(0, "tissue"), (0, "contact"), (1, "tissue")]
+    assert notes[-1] == texts["contact"] and notes[-1].lane == 19_999
+    assert [line[:24] for line in lines(notes)] == ["lane 0 and 19999 more, t", "lane 0 and 19999 more, c"]
 
 
 def test_a_study_has_the_notes_of_its_points(tmp_path):
