@@ -45,9 +45,7 @@ def tissue(
         list[str] | None, typer.Option(help="Another law, fitted to the same rows and ranked by AICc.")
     ] = None,
     touch: Annotated[str, typer.Option(help="Contact point: fit, or detected (from the force alone).")] = "fit",
-    drift: Annotated[
-        str, typer.Option(help="How the sensor's zero may drift: curved (default), linear, none. Widens the intervals.")
-    ] = "curved",
+    drift: Annotated[str, typer.Option(help="How the sensor's zero may drift: curved, linear or none.")] = "curved",
     depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
     out: Annotated[Path, out_option("Folder for scene, report and pictures.")] = Path("fit"),
     force: Force = False,
