@@ -6,11 +6,12 @@ import warnings
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
-from typing import Any, overload
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, overload
 
 from palpate.physics.errors import PalpateWarning
+
+if TYPE_CHECKING:
+    import numpy as np
 
 _NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")
 
@@ -80,6 +81,8 @@ class LaneNotes(Sequence[RunNote]):
     def __getitem__(self, place: slice) -> list[RunNote]: ...
     def __getitem__(self, place: int | slice) -> RunNote | list[RunNote]:
         if self._order is None:
+            import numpy as np  # `palpate doctor` runs without it
+
             self._order = np.argsort(np.array(self._lanes), kind="stable")
             self._texts = list(self._numbers)
         if isinstance(place, slice):

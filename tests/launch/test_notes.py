@@ -59,7 +59,7 @@ def test_notes_of_many_lanes_are_listed_by_lane_in_little_memory():
     tracemalloc.start()
     for lane in reversed(range(20_000)):
         for node, text in texts.items():
-            notes.add(lane, node, "".join(text))  # each block brings its own copies
+            notes.add(lane, node, "".join(text))  # each block brings separate copies
     assert tracemalloc.get_traced_memory()[0] < 20 * len(notes)
     tracemalloc.stop()
     assert len(notes) == 40_000 and notes == list(notes) and notes != LaneNotes()
