@@ -144,7 +144,7 @@ class Mesh(_Nearest, OnSurface):
         return [
             f"{self.surface}: triangles coarser than {1e3 * self.refine:.3g} mm are divided on a smooth surface: "
             f"{before} vertices become {len(mesh.vertices)}, up to {1e3 * moved:.2g} mm from the triangles of the file."
-            " This costs memory and start-up time, no time per tick. scene.surface.refine=0 keeps the triangles."
+            " This costs memory, start-up time and some time per tick. scene.surface.refine=0 keeps the triangles."
         ]
 
     @kernel
