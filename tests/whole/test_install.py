@@ -194,8 +194,8 @@ def compiled(tmp_path_factory):
 
 EVERY = """
 from pathlib import Path
-from palpate.cli.machine.kernels import compile_all, shipped
-print(compile_all(lambda name, count: None, shipped(), Path("."), nodes=True))
+from palpate.cli.machine.kernels import compile_all, shipped_launches
+print(compile_all(lambda name, count: None, shipped_launches(), Path("."), nodes=True))
 """
 
 

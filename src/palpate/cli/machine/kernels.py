@@ -23,6 +23,8 @@ from palpate.engine.segment import kernels, table_runner
 from palpate.launch.load.launchfile import LaunchFile, find, names
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import execute
+from palpate.launch.run.hop.blocks import picker
+from palpate.launch.run.hop.hop import load
 from palpate.launch.run.work.compiling import compiling
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes.base import CompiledNode
@@ -72,8 +74,8 @@ def start(launch: LaunchFile, folder: Path) -> None:
 def compile_all(
     report: Callable[[str, int], None], runs: Iterator[tuple[str, LaunchFile]], folder: Path, nodes: bool = False
 ) -> int:
-    """Compile or load the kernels of these runs, and with `nodes` of all compiled nodes. Returns the number that was
-    compiled.
+    """Compile or load the kernels of these runs, also in processes, and with `nodes` of all compiled nodes and of the
+    real clock. Returns the number that was compiled.
 
     report  called with the name of a run before it, and the number so far before each compilation
     folder  for recordings
@@ -92,9 +94,13 @@ def compile_all(
                 start(launch, folder)
         except PalpateError:  # a body that does not fit, or a package that is not installed
             continue
-    if nodes:
-        now = "all nodes"
-        with compiling(count_kernel):
+    with compiling(count_kernel):
+        now = "processes of a run"
+        load(real=False)
+        picker()
+        if nodes:
+            now = "all nodes"
+            load(real=True)
             _compile_nodes()
     return count
 
