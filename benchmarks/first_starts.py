@@ -32,7 +32,9 @@ class Installation:
         """Run a command, and print what it took."""
         used, begun, before = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter(), self._compiled()
         environment = os.environ | {"NUMBA_CACHE_DIR": str(self.cache)}
-        subprocess.run(list(map(str, command)), cwd=cwd, env=environment, check=True, stdout=subprocess.DEVNULL)
+        done = subprocess.run(list(map(str, command)), cwd=cwd, env=environment, capture_output=True, text=True)
+        if done.returncode:
+            sys.exit(f"{what}: exit code {done.returncode}\n{done.stderr[-2000:]}")
         now, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - begun
         busy = now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime
         count = self._compiled() - before
