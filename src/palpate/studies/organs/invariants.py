@@ -191,7 +191,7 @@ def _observed(trace: Trace) -> np.ndarray:
     changes = [0, *(np.flatnonzero(touching[1:] != touching[:-1]) + 1).tolist(), len(p)]
     for start, end in pairwise(changes):
         energy[start:end] = min(last, 0.0) + np.concatenate([[0.0], np.cumsum(work[start : end - 1])])
-        last = float(energy[end - 1] + (work[end - 1] if end < len(p) else 0.0)) if end > start else last
+        last = float(energy[end - 1] + (work[end - 1] if end < len(p) else 0.0))
     return energy
 
 
