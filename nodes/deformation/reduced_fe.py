@@ -330,7 +330,7 @@ class ReducedFE(CompiledNode, WithNodule):
             )
         path, basis = stored
         self._path = path
-        away = basis_store.off(basis.vertices, self.coarse_mesh())
+        away = basis_store.off(basis.vertices, self.coarse_mesh(), self.reduced_count() is not None)
         if away > basis_store.NEAR:
             raise SettingError(
                 f"{path}: its vertices are up to {away:.2g} of the surface's extent off surface {self.surface!r}; "
