@@ -31,7 +31,7 @@ from palpate.launch.load.launchfile import LaunchFile, find
 WAYS = {
     "study": "lanes, in blocks of 2 s in child processes",
     "gym": "lanes, one call of compiled code for each step",
-    "experiment": "one run for each stimulus, which it records",
+    "experiment": "a lane for each stimulus, and a run that records it",
     "fit": "one call of compiled code for each tick of a recorded touch",
     "tune": "the same",
     "rates": "the same, and a run for each motion",

@@ -38,7 +38,7 @@ from palpate.launch.run.tasks.task import Ended, about
 from palpate.messages import Field, fields
 from palpate.messages.record import layout
 from palpate.nodes.base import settings
-from palpate.physics.errors import ArgumentError, RunError
+from palpate.physics.errors import ArgumentError, PalpateWarning, RunError
 from palpate.records.lane_store import NOTES, KeptField, LaneStore, as_coordinate
 from palpate.records.samples import Samples
 
@@ -250,7 +250,7 @@ class Ensemble:
 
         slices = [slice(first, min(first + self._size, self.count)) for first in firsts]
         items = [(part.start, {path: values[part] for path, values in self.over.items()}) for part in slices]
-        spread(executor, about(), self._task, items, add_blocks)
+        spread(executor, about(), self._task, items, add_blocks, lambda text: warnings.warn(text, PalpateWarning, 2))
         if ended:
             raise RunError(f"{ended}; the other lanes have run")
 

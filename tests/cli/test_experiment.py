@@ -18,6 +18,7 @@ from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import EXPERIMENTS, load
 from palpate.studies.psychophysics.opening import open_sitting
 from palpate.studies.psychophysics.stimuli import Stimuli
+from palpate.studies.sweeps.keep import kept_results
 
 TEXT = """\
 graph: kidney
@@ -74,6 +75,33 @@ def test_an_observer_without_noise_finds_the_stiffer_kidney_and_replay_reproduce
         is_comparison = name == f"recording_{found[0]['interval']}"
         stiffness = plan.graph.nodes["tissue"].settings["stiffness"]
         assert stiffness == (float(found[0]["level"]) if is_comparison else 3e3)
+
+
+@pytest.mark.parametrize(
+    ("feels", "band", "reads"),
+    [
+        ("peak contact.force", "off", 0),
+        ("at 0.55 s contact.force / mean controller.force[2]", "off", 0),
+        ("last band.mean / peak contact.force", "on", 3),  # a node in Python: read from the recording
+    ],
+)
+def test_an_observer_feels_exactly_what_is_in_the_recordings(mine, tmp_path, monkeypatch, feels, band, reads):
+    text = TEXT.replace("600}", f"600, scene.finger.band: {band}}}")
+    read, counted = [], simulated.Run
+    monkeypatch.setattr(simulated, "Run", lambda file: read.append(file) or counted(file))
+    with open_sitting(str(mine(text)), tmp_path / "out", None, None, [], False, lambda text: None) as sitting:
+        settings = simulated.ObserverSettings(feels=feels)
+        observer = simulated.SimulatedObserver(sitting.stimuli, settings, "01", 1, 0)
+        felt, ask = [], observer.ask
+        monkeypatch.setattr(observer, "ask", lambda trial: felt.append(list(observer._felt)) or ask(trial))
+        sitting.run(observer)
+        quantities = kept_results(feels.split(" / "), sitting.stimuli.launch.load())
+    assert len(read) == reads
+    for row, numbers in zip(rows(tmp_path / "out"), felt, strict=True):
+        for name, number in zip(("recording_1", "recording_2"), numbers, strict=True):
+            first, *others = (one.number(counted(tmp_path / "out" / row[name])) for one in quantities)
+            assert number == (first / others[0] if others else first) > 0.0
+    assert len({number for numbers in felt for number in numbers}) == 3
 
 
 def test_an_interrupted_experiment_resumes_with_the_same_trials(mine, tmp_path, monkeypatch):

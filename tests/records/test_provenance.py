@@ -42,6 +42,7 @@ def test_in_another_repository_the_commit_is_that_of_palpate(repository, monkeyp
     if hook:  # what git sets for the commands that it calls
         monkeypatch.setenv("GIT_DIR", str(folder / ".git"))
         monkeypatch.setenv("GIT_WORK_TREE", str(folder))
+    provenance._commit.cache_clear()
     assert provenance.commit() == expected != other
 
 

@@ -3,17 +3,22 @@
 import contextlib
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from test_executors import stored
 from typer.testing import CliRunner
 
+import palpate
+from palpate import ensemble as ensembles
 from palpate.cli.__main__ import app
+from palpate.launch.run.tasks import spread
 from palpate.studies.sweeps.store import Store
 
 distributed = pytest.importorskip("distributed")
@@ -142,6 +147,47 @@ def test_a_lost_worker_costs_nothing_and_the_bytes_are_those_of_this_machine(stu
     code, printed = while_it_runs(words, cluster.tls, tmp_path / "there", 8, lambda _: lost.kill())
     assert code == 0 and "40 points, 0 stored, 40 to compute" in printed, printed
     assert stored(tmp_path / "there") == stored(tmp_path / "here") and "Traceback" not in printed
+
+
+@pytest.mark.parametrize("kind", ["study", "ensemble"])
+def test_a_cluster_without_workers_is_reported_once_and_waited_for(write, tmp_path, monkeypatch, kind):
+    """It said nothing, as when all jobs of a batch system wait in its queue or have reached their time limit."""
+    monkeypatch.setattr(spread, "SILENT", 0.3)
+    given = {"n_workers": 0, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**given) as there, distributed.Client(there, set_as_default=False) as client:
+        lines = []
+
+        def report(text):
+            lines.append(text)
+            if "waits for one" in text:
+                there.loop.call_later(0.7, there.scale, 1)  # the message must not come a second time
+
+        if kind == "study":
+            study = palpate.Study(write("ball.yaml", BALL), {"ball.young": [1e4, 2e4]}, ["peak ball.force"])
+            study.run(tmp_path / "out", client, report=report)
+            assert not any(row["error"] for row in study.rows())
+        else:
+            monkeypatch.setattr(ensembles.warnings, "warn", lambda text, *more: report(str(text)))
+            touches = palpate.Ensemble("kidney", 2, keep=["contact.force"], duration=0.01)
+            assert not any(touches.run(quiet=True, executor=client)["error"].values)
+    assert sum("the cluster has no workers now; this waits for one" in line for line in lines) == 1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("system", ["local", "slurm"])
+def test_the_script_for_batch_systems_gives_the_bytes_of_this_machine(study, tmp_path, system):
+    """Jobs are processes of this machine, or of a SLURM that runs here."""
+    pytest.importorskip("dask_jobqueue")
+    if system == "slurm" and (shutil.which("sinfo") is None or subprocess.run(["sinfo"], check=False).returncode):
+        pytest.skip("no SLURM runs on this machine")
+    assert call(study, "-o", tmp_path / "here").exit_code == 0
+    script = Path(__file__).parents[2] / "docs/examples/cluster.py"
+    path = os.pathsep.join(path for path in sys.path if path)
+    command = [sys.executable, str(script), str(study), "-o", str(tmp_path / "there"), "--jobs", "2"]
+    done = subprocess.run([*command, "--system", system], env={**os.environ, "PYTHONPATH": path}, capture_output=True,
+                          text=True, timeout=200, cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 0 and "39  20000.00000" in done.stdout and "Traceback" not in done.stderr, done.stderr
+    assert stored(tmp_path / "there") == stored(tmp_path / "here")
 
 
 @pytest.mark.long

@@ -16,6 +16,8 @@ FIRST, AHEAD = 32, 3
 """Number of blocks that are submitted before the first worker has answered, and for each worker that has. An executor
 does not say how many workers it has, and a cluster may change their number."""
 
+SILENT = 10.0  # [s] without a finished block, after which a cluster without workers is reported
+
 LOST = (Exception, asyncio.CancelledError)  # what the result of a lost block raises
 Finished = list[tuple[Any, Any | Ended]]
 """Items of a finished block, each with its result."""
@@ -29,11 +31,17 @@ class Executor(Protocol):
 
 
 def spread(
-    executor: Executor, about: dict[str, str], task: Task, items: Sequence[Any], add: Callable[[Finished], None]
+    executor: Executor,
+    about: dict[str, str],
+    task: Task,
+    items: Sequence[Any],
+    add: Callable[[Finished], None],
+    report: Callable[[str], None] = lambda text: None,
 ) -> None:
     """Compute items on an executor, and call `add` with those that are finished, in any order.
 
-    about  versions and hashes that the workers must agree in
+    about   versions and hashes that the workers must agree in
+    report  called with a line if a Dask cluster has no workers
 
     RunError: a worker has other versions or files, or the executor lost a block, as when its scheduler ended. `add`
     then has all that was finished before, as after Ctrl-C. ArgumentError: the executor has no `submit`.
@@ -56,6 +64,15 @@ def spread(
         found = [one if isinstance(one, Ended) else pickle.loads(one) for one in results]
         return list(zip(block, found, strict=True))
 
+    def wait_for_block() -> int:
+        silent = False
+        while True:
+            try:
+                return done.get(timeout=SILENT)
+            except queue.Empty:
+                if not silent and (silent := _has_no_workers(executor)):
+                    report("the cluster has no workers now; this waits for one. Ctrl-C keeps what is finished")
+
     lost: BaseException | None = None
     try:
         while flight or (at < len(items) and lost is None):
@@ -68,7 +85,7 @@ def spread(
                     flight[number] = future, block
                     future.add_done_callback(lambda _, one=number: done.put(one))
                     at, number = at + len(block), number + 1
-                finished = take_block(done.get())
+                finished = take_block(wait_for_block())
             except LOST as error:
                 lost = lost or error
                 for future, _ in flight.values():  # blocks that are computed now still count
@@ -83,3 +100,8 @@ def spread(
     if lost is not None:
         text = " ".join(f"{type(lost).__name__}: {lost}".split())
         raise RunError(f"the executor lost a block ({text[:300]}); what was computed before is stored") from lost
+
+
+def _has_no_workers(executor: Any) -> bool:
+    """Whether this is a Dask client whose scheduler has no workers. Unknown for other executors."""
+    return callable(getattr(executor, "scheduler_info", None)) and not executor.scheduler_info().get("workers")

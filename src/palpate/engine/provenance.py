@@ -1,6 +1,7 @@
 """Provenance of a run in its recording: resolved graph, versions, machine, commit."""
 
 import datetime
+import functools
 import os
 import platform
 import sys
@@ -81,7 +82,11 @@ def _processor() -> str:
 def commit() -> str | None:
     """The commit of palpate's source; None if git does not track this file, as in an installed package inside another
     repository."""
-    source = Path(__file__).resolve()
+    return _commit(Path(__file__).resolve())
+
+
+@functools.cache  # a process keeps the sources that it has imported; git takes 5 ms
+def _commit(source: Path) -> str | None:
     if not _git("ls-files", source.name, folder=source.parent):
         return None
     return _git("rev-parse", "HEAD", folder=source.parent) or None

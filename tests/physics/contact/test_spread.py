@@ -236,6 +236,22 @@ def test_the_weights_change_at_a_continuous_rate_while_the_foot_passes_between_t
     assert np.abs(np.diff(rates)).max() < 0.05 and np.ptp(rates) > 0.1
 
 
+@pytest.mark.parametrize("half", [20e-3, 30e-3])  # to the rim, which alone faces a contact along the plate
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (-6e-3, 0.0, -2e-3)])
+def test_the_load_passes_to_the_other_side_of_a_plate_while_the_contact_turns(half, place):
+    """A foot inside a plate of 12 mm: all of the load passed to the underside while the contact turned by 0.001 rad,
+    and the force of a viscous body and fingertip rose from 0.2 to 2.8 N within 2.5 ms."""
+    mesh = boxes((-half, half), (-half, half), (-6e-3, 6e-3), np.ones((1, 1, 1), bool), 10_000)
+    spreader, angles, rows = Spreader(mesh, 8e-3), np.linspace(1.2, -1.2, 1201), []
+    for angle in angles:
+        nodes, weights, _ = spread(spreader, place, normal=(-math.cos(angle), 0.0, math.sin(angle)))
+        rows.append(np.bincount(nodes, weights, len(mesh.vertices)))
+    passed = 0.5 * np.abs(np.diff(rows, axis=0)).sum(axis=1) / -np.diff(angles)
+    assert passed.max() < 45.0  # shares of the load per radian
+    top, under = (np.array(rows) @ (mesh.normals[:, 2] * sign > 0.9) for sign in (1.0, -1.0))
+    assert top[0] > 0.9 and under[-1] > 0.9
+
+
 def test_the_weights_change_continuously_while_the_foot_crosses_a_ball():
     mesh = bumpy(3000, 2)
     spreader, before, change = Spreader(mesh, 8e-3), None, []

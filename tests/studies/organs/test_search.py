@@ -51,18 +51,6 @@ def test_on_the_whole_zoo_no_invariant_is_broken(touched, folder):
         assert not broken(results, set(NAMES), folder)
 
 
-OPEN = {
-    (15, 33, 6): "contact 1.6 x: the patch of a foot off the surface passes to the underside of the plate at 10 kHz"
-}
-
-
-def _marks(touch):
-    marks = [pytest.mark.long] if touch.setting.rate > 5000.0 else []
-    if touch.seed in OPEN:
-        marks.append(pytest.mark.xfail(reason=OPEN[touch.seed], strict=True))
-    return marks
-
-
 KNOWN = msgspec.json.decode((Path(__file__).parent / "touches.json").read_bytes(), type=list[Touch])
 """Touches that broke an invariant. Their seeds (search, batch, touch) give the same ones as long as the zoo is the
 same. The slow ones run at 10 kHz."""
@@ -70,13 +58,16 @@ same. The slow ones run at 10 kHz."""
 
 @pytest.mark.parametrize(
     "touch",
-    [pytest.param(one, marks=_marks(one), id="-".join(map(str, one.seed))) for one in KNOWN],
+    [
+        pytest.param(one, marks=[pytest.mark.long] * (one.setting.rate > 5000.0), id="-".join(map(str, one.seed)))
+        for one in KNOWN
+    ],
 )
 def test_touches_that_broke_an_invariant_break_none(touch, folder):
     """A viscous tissue responds to each kink of the gap and of the patch, and to friction: the nearest point on another
     side in the dimple; two fingers on nearly the same beams of the bumpy body; feet that leap over the edges of box,
     l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball;
-    a second finger under which the first one lifts the surface.
+    a second finger under which the first one lifts the surface; a foot inside a plate that turns to its underside.
     """
     results = Results()
     (found,) = run_touches([touch], folder, results)

@@ -5,18 +5,20 @@
 A_j [m²] nodal area, d_j [m] distance of node j to the foot point, R [m] radius of influence, k a kernel that is zero at
 R, so that the weights change continuously while the foot point moves. The weights sum to one, so the force is conserved
 on any mesh. Nodes whose normal points away from the contact's normal, as on the back of a thin or folded body, are
-excluded: w_j is multiplied by x² (3 - 2x), where x = n_j.n / `FACES` < 1, so that a contact that turns at an edge adds
-and removes the side of the body continuously.
+excluded: where x = n_j.n / `FACES` < 1, w_j is multiplied by g_j = x² (3 - 2x) and d_j² is divided by x, so that a
+contact that turns at an edge adds and removes the side of the body continuously.
 
 A foot point that follows the finger to another part of the surface may lie off the surface (`geometry.proxy`), where
-few nodes are within R, or none. If the nearest node is at d_0 > a = `OFF` R, d_j² is reduced by d_0² - a²: the patch
-keeps (1 - `OFF`²)^½ = 87 % of its radius. d_0² is a smooth minimum, exact for a plane,
+few nodes are within R, or none, or only some that hardly face the contact. There d_j² is reduced by the least d_0² with
+which the patch has the area of one whose foot is a = `OFF` R above a plane,
 
-    d_0² = -tau log(sum_j A_j exp(-d_j²/tau - `_averted`)/(pi tau)),    tau = `SMOOTH` R²,
+    sum_j A_j g_j k((d_j² - d_0²)^½/R) >= integral_a^R k(h/R) 2 pi h dh,
 
-since between two faces the rate of the nearest distance changes its sign, and a viscous body and fingertip respond to
-that at once. A point of the surface may be as far from all nodes
-as the radius of the circle round a triangle, so that a is at least that of the longest edge L, L/3^½.
+so that a patch above a plane keeps (1 - `OFF`²)^½ = 87 % of its radius, and nodes that hardly face the contact are far
+and take no more than their share of it: the load passes from one side of a body to the other while the contact turns.
+(With the nearest node in place of the area, it passed at once where a nearer side began to face the contact.) On a
+coarse mesh a point of the surface may be as far from all nodes as the radius of the circle round a triangle, so that a
+is at least that of the longest edge L, L/3^½.
 """
 
 import math
@@ -25,15 +27,18 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Vector3
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 
 KERNELS = ("biweight", "wendland", "cosine", "hertz")
 FACES = 0.5  # [1] cosine to the contact's normal below which a node bears less
-OFF = 0.5  # [1] of R, distance of the nearest node beyond which the foot counts as off the surface
-SMOOTH = 1.0 / 12.0  # [1] of R²; tau of the smooth minimum
+TINY = 1e-9  # [1] x that cannot be divided by
+OFF = 0.5  # [1] of R, height above a plane from which the foot counts as off the surface
+WIDER = 1.5  # [1] factor from one range in which nodes are looked for to the next
+RINGS = 16
+CLOSE = 1e-12  # [1] by which the area of a patch may differ from the least one
 
 
 @ieee_kernel
@@ -156,85 +161,110 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
 
 
 @ieee_kernel
-def _facing(faces: float):
-    """Factor [1] on the weight of a node whose normal has this cosine, in (0, `FACES`), to the contact's."""
-    share = faces / FACES
-    return share * share * (3.0 - 2.0 * share)
-
-
-@ieee_kernel
-def _averted(faces: float):
-    """Part of d_j² over tau [1] of a node whose normal has this cosine > 0 to the contact's: from 0 to inf at 0."""
-    return FACES / faces - 1.0 if faces < FACES else 0.0
-
-
-@ieee_kernel
-def _weigh(s: Spreader, foot: Vector3, normal: Vector3, r: float, shift: float):
-    """Fill `nodes` and `weights` [m²] with the nodes that face `normal` and have d² - shift < R². Returns their number,
-    and the least d² [m²] of them, `_averted` included; inf: none exists."""
-    kind, shape, first, order, near = int(s.scalars[1]), s.shape, s.first, s.order, s.near
-    reach = r * r + shift
-    wide = r if shift == 0.0 else math.sqrt(reach)
-    lo, hi = _cells(foot, -wide, s.scalars, shape), _cells(foot, wide, s.scalars, shape)
-    count, least = 0, np.inf
+def _gather(s: Spreader, foot: Vector3, normal: Vector3, reach: float):
+    """Fill `nodes`, `weights` with A_j g_j [m²] and `forces[:, 0]` with d_j²/x [m²] of the nodes that face `normal` and
+    for which this is within `reach`² [m²]. Returns their number."""
+    shape, first, order, near, count = s.shape, s.first, s.order, s.near, 0
+    lo, hi = _cells(foot, -reach, s.scalars, shape), _cells(foot, reach, s.scalars, shape)
     for i in range(lo[0], hi[0] + 1):
         for j in range(lo[1], hi[1] + 1):
             row = (i * shape[1] + j) * shape[2]
             for at in range(first[row + lo[2]], first[row + hi[2] + 1]):
                 x, y, z = near[at, 0] - foot[0], near[at, 1] - foot[1], near[at, 2] - foot[2]
                 square = x * x + y * y + z * z
-                if square >= reach:
+                if square >= reach * reach:
                     continue
-                faces = near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]
-                if faces <= 0.0:
+                share = (near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]) / FACES
+                if share <= 0.0:
                     continue
-                weight = near[at, 6] * kernel_value(kind, math.sqrt(max(square - shift, 0.0)) / r)
-                if faces < FACES:
-                    weight *= _facing(faces)
-                    square += SMOOTH * r * r * _averted(faces)
-                least = min(least, square)
-                if weight > 0.0:
-                    s.nodes[count], s.weights[count] = order[at], weight
+                area = near[at, 6]
+                if share < 1.0:
+                    area *= share * share * (3.0 - 2.0 * share)
+                    square /= max(share, TINY)
+                if square < reach * reach:
+                    s.nodes[count], s.weights[count], s.forces[count, 0] = order[at], area, square
                     count += 1
-    return count, least
-
-
-@kernel
-def _on_surface(s: Spreader, r: float):
-    """Largest d_0² [m²] of a foot that counts as on the surface."""
-    return max((OFF * r) ** 2, s.scalars[6] ** 2 / 3.0)
+    return count
 
 
 @ieee_kernel
-def _clearance(s: Spreader, foot: Vector3, normal: Vector3, r: float, least: float):
-    """d_0² - a² [m²] as a smooth minimum, 0 at the exact `least` d_0² = a²; nodes that hardly count are left out."""
-    near, off, tau = s.near, least - _on_surface(s, r), SMOOTH * r * r
-    reach = math.sqrt(least + 20.0 * tau)
-    lo, hi = _cells(foot, -reach, s.scalars, s.shape), _cells(foot, reach, s.scalars, s.shape)
-    total = 0.0
-    for i in range(lo[0], hi[0] + 1):
-        for j in range(lo[1], hi[1] + 1):
-            row = (i * s.shape[1] + j) * s.shape[2]
-            for at in range(s.first[row + lo[2]], s.first[row + hi[2] + 1]):
-                x, y, z = near[at, 0] - foot[0], near[at, 1] - foot[1], near[at, 2] - foot[2]
-                faces = near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]
-                if faces > 0.0:
-                    total += near[at, 6] * math.exp((least - (x * x + y * y + z * z)) / tau - _averted(faces))
-    return max(off - tau * math.log(max(total / (math.pi * tau), 1e-3)), 0.0) * min(off / tau, 1.0)
+def _area(s: Spreader, count: int, r: float, shift: float):
+    """Sum of A_j g_j k [m²] of the gathered nodes, with d² less `shift` [m²]."""
+    kind, total = int(s.scalars[1]), 0.0
+    for at in range(count):
+        square = s.forces[at, 0] - shift
+        if square < r * r:
+            total += s.weights[at] * kernel_value(kind, math.sqrt(max(square, 0.0)) / r)
+    return total
 
 
 @ieee_kernel
-def _off_surface(s: Spreader, foot: Vector3, normal: Vector3, r: float, least: float):
-    """Fill `nodes` and `weights` for a foot without a node within OFF R, `least` [m²] being d_0² if one is within R,
-    else inf; returns their number, 0 if the foot lies on a triangle that is larger than R, or no node faces
-    `normal`."""
-    most, wide = 4.0 * (s.box[1, 0] - s.box[0, 0] + s.box[1, 1] - s.box[0, 1] + s.box[1, 2] - s.box[0, 2]), 2.0 * r
-    while least == np.inf and wide < most:
-        least = _weigh(s, foot, normal, r, wide * wide - r * r)[1]
-        wide *= 2.0
-    if not _on_surface(s, r) < least < np.inf:
-        return 0
-    return _weigh(s, foot, normal, r, _clearance(s, foot, normal, r, least))[0]
+def _least_area(s: Spreader, r: float):
+    """Least area [m²] of a patch (a sum over rings, within 1 %); 0: a triangle is larger than R."""
+    kind, low, total = int(s.scalars[1]), max(OFF, s.scalars[6] / (math.sqrt(3.0) * r)), 0.0
+    width = max(1.0 - low, 0.0) / RINGS
+    for ring in range(RINGS):
+        q = low + (ring + 0.5) * width
+        total += kernel_value(kind, q) * q
+    return 2.0 * math.pi * r * r * width * total
+
+
+@ieee_kernel
+def _shift(s: Spreader, count: int, r: float, least: float, high: float):
+    """The shift d_0² [m²] in [0, `high`] with which the patch has the area `least`: regula falsi (Illinois)."""
+    low, below, above = 0.0, _area(s, count, r, 0.0) - least, _area(s, count, r, high) - least
+    if above <= 0.0:
+        return high
+    if below >= 0.0:
+        return 0.0
+    side = 0
+    for _ in range(100):
+        middle = (low * above - high * below) / (above - below)
+        value = _area(s, count, r, middle) - least
+        if abs(value) <= CLOSE * least or not low < middle < high:
+            return middle
+        if value < 0.0:
+            low, below, above, side = middle, value, 0.5 * above if side < 0 else above, -1
+        else:
+            high, above, below, side = middle, value, 0.5 * below if side > 0 else below, 1
+    return high
+
+
+@ieee_kernel
+def _weigh(s: Spreader, gathered: int, r: float, shift: float):
+    """Turn the gathered nodes into those of the patch, with their weights [m²]; their number and the sum of these."""
+    kind, count, total = int(s.scalars[1]), 0, 0.0
+    for at in range(gathered):
+        square = s.forces[at, 0] - shift
+        weight = s.weights[at] * kernel_value(kind, math.sqrt(max(square, 0.0)) / r) if square < r * r else 0.0
+        if weight > 0.0:
+            s.nodes[count], s.weights[count] = s.nodes[at], weight
+            count, total = count + 1, total + weight
+    return count, total
+
+
+@ieee_kernel
+def _farthest(s: Spreader, foot: Vector3):
+    """Distance [m] of the farthest corner of the grid; 0 for a foot beyond its box."""
+    square = 0.0
+    for k in range(3):
+        if not s.box[0, k] <= foot[k] <= s.box[1, k]:
+            return 0.0
+        near = foot[k] - s.scalars[2 + k]
+        square += max(abs(near), abs(near - s.shape[k] * s.scalars[5])) ** 2
+    return math.sqrt(square)
+
+
+@ieee_kernel
+def _widen(s: Spreader, foot: Vector3, normal: Vector3, r: float, least: float):
+    """The nodes of a patch that is widened to the area `least` [m²], as in `_weigh`."""
+    reach, most, gathered, high = r, _farthest(s, foot), 0, 0.0
+    while reach < most:
+        reach *= WIDER
+        gathered, high = _gather(s, foot, normal, reach), reach * reach - r * r
+        if _area(s, gathered, r, high) >= least:
+            break
+    return _weigh(s, gathered, r, _shift(s, gathered, r, least, high))
 
 
 @ieee_kernel
@@ -249,14 +279,10 @@ def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, r
     """
     s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
     r = radius if radius > 0.0 else s.scalars[0]
-    count, least = _weigh(s, foot, normal, r, 0.0)
-    if count == 0:
-        count = _off_surface(s, foot, normal, r, np.inf)
-    elif least > _on_surface(s, r):
-        count = _off_surface(s, foot, normal, r, least)
-    total = 0.0
-    for at in range(count):
-        total += weights[at]
+    count, total = _weigh(s, _gather(s, foot, normal, r), r, 0.0)
+    least = _least_area(s, r)
+    if total < least:
+        count, total = _widen(s, foot, normal, r, least)
     for at in range(count):
         weights[at] /= total
         for k in range(3):

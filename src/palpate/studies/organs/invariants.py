@@ -39,7 +39,8 @@ side     while the nearest point of the surface has moved continuously since the
          normal differs from this direction; the normal is within 0.35 rad of the arc between both, and the approach
          may be smaller, so that the hand gains no energy (`geometry.proxy`), until the finger has moved by five times
          the difference. The normal may be behind by an angle delta. Over an edge the nearest point's direction turns by
-         more than w/R, the most that `still` allows the normal, and delta grows by all of it; near a centre of
+         more than w/R, the most that `still` allows the normal, and delta grows by all of it; deep inside, at an
+         approach e, the normal turns by at most w/(e/6) (`SUDDEN`), and delta grows by the rest; near a centre of
          curvature the nearest point moves J while the foot moves at most m, `EASY` times as far as the finger along the
          surface or at `FASTEST` (half of it on the mean, since each leap from triangle to triangle starts it again),
          and delta grows by the part 1 - m/2J of its turn. While the foot gains on the nearest point, by m - J but no
@@ -61,7 +62,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.physics.geometry.proxy import EASY, FASTEST, LANDING, REGAIN
+from palpate.physics.geometry.proxy import EASY, FASTEST, LANDING, REGAIN, SUDDEN
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
 from palpate.studies.organs.trace import (
@@ -297,8 +298,10 @@ def side(trace: Trace) -> Score:
         if i > 0:
             turn = max(_between(each[i - 1], each[i]) for each in ((normal, away) if abs(gap[i]) > ON else (normal,)))
             most, w = max(EASY * motion[i - 1], FASTEST * EVERY), float(length(step[i - 1]))
-            share = 1.0 if turn > w / LEAST_CURVATURE else max(1.0 - 0.5 * most / max(jump[i - 1], ON), 0.0)
-            behind = _behind(behind + share * turn, min(max(most - jump[i - 1], 0.0), FASTEST * EVERY))
+            if turn <= w / LEAST_CURVATURE:
+                excess = turn - w / max(SUDDEN * float(trace["collision.approach"][k]), LEAST_CURVATURE)
+                turn = max(turn * (1.0 - 0.5 * most / max(jump[i - 1], ON)), excess, 0.0)
+            behind = _behind(behind + turn, min(max(most - jump[i - 1], 0.0), FASTEST * EVERY))
             lost = max(lost - REGAIN * w, 0.0)
         inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))

@@ -14,9 +14,9 @@ function: normal
 import os
 import shutil
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -32,7 +32,9 @@ from palpate.studies.psychophysics.functions import proportion
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Answer
 from palpate.studies.psychophysics.stimuli import Stimuli
+from palpate.studies.sweeps import lane
 from palpate.studies.sweeps.keep import Kept, kept_results
+from palpate.studies.sweeps.point import Point
 from palpate.views.run import Run
 
 _Number = Annotated[float, msgspec.Meta(description="a number")]
@@ -91,6 +93,7 @@ class SimulatedObserver:
         self._feels: tuple[Kept, ...] = kept_results(settings.feels.split(" / "), base) if settings.feels else ()
         if any(one.how == "curve" for one in self._feels):
             raise ArgumentError(f"feels: found {settings.feels!r}, expected a number, such as peak contact.force")
+        self._prepare = lane.preparation(self._launch, self._feels, {})
         # A separate random stream: the schedule draws from the same participant and session.
         entropy = [zlib.crc32(b"observer"), settings.seed, zlib.crc32(participant.encode()), session, begun]
         self._random = np.random.default_rng(entropy)
@@ -103,24 +106,35 @@ class SimulatedObserver:
     def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
         if interval == 1:
             self._felt = []
-        key = f"{trial.block} {trial.levels(self.stimuli.experiment.intervals)[interval - 1]}"
+        level = trial.levels(self.stimuli.experiment.intervals)[interval - 1]
+        key = f"{trial.block} {level}"
         assert launch.record is not None
         if key not in self._known:
-            duration = self.settings.duration
-            outcome = execute(launch.but(place=FUSED, clock="simulated", duration=duration))
+            outcome = execute(self._simulated(launch))
             outcome.raise_signal()
             if not outcome.ok:
                 raise RunError("; ".join(map(str, outcome.result.deaths)) or f"{launch.record} is not whole")
-            self._known[key] = launch.record, self._feel(launch.record)
+            self._known[key] = launch.record, self._feel({"block": trial.block, "level": level}, launch.record)
         else:
             _same_file(self._known[key][0], launch.record)
         self._felt.append(self._known[key][1])
 
-    def _feel(self, file: Path) -> float:
+    def _simulated(self, launch: LaunchFile) -> LaunchFile:
+        duration = self.settings.duration or self.stimuli.experiment.duration
+        return launch.but(place=FUSED, clock="simulated", duration=duration)
+
+    def _launch(self, stimulus: Mapping[str, Any]) -> LaunchFile:
+        return self._simulated(self.stimuli.run(**stimulus))
+
+    def _feel(self, stimulus: dict[str, Any], file: Path) -> float:
+        """The measured number of a stimulus: of a lane, as a point of a study. A recording of sources would have to be
+        computed again to read it, so it is read only if the graph cannot run as a lane, or the lane fails."""
         if not self._feels:
             return 0.0
-        run = Run(file)
-        first, *others = (one.number(run) for one in self._feels)
+        point = Point(0, "", stimulus, {})
+        found = [done for _, done in lane.compute(self._launch, self._prepare, self._feels, [point], lambda: None)]
+        run = Run(file) if not found or found[0].error else None
+        first, *others = (found[0].numbers[one.text] if run is None else one.number(run) for one in self._feels)
         for other in others:
             first /= other
         return first

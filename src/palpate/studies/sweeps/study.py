@@ -138,7 +138,7 @@ class Study:
                  default one per core. The results are the same
         retry    compute failed points again
         yes      allow more than 100 000 points
-        report   called with lines about changes since the last run
+        report   called with lines about changes since the last run, and if a cluster has no workers
         done     called after each point, with the number of remaining points
 
         RunError: the disk is full, for example. All points computed before are stored, also after Ctrl-C.
@@ -178,7 +178,7 @@ class Study:
                 opened = nullcontext(executor) if executor else local(workers, store.folder / "workers.log")
                 try:
                     with opened as them:
-                        spread(them, about() | self._about["versions"], task, missing, add)
+                        spread(them, about() | self._about["versions"], task, missing, add, report)
                 finally:
                     store.flush()
         finally:
