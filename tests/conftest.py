@@ -14,18 +14,22 @@ import textwrap
 import hypothesis
 import pytest
 import typer.testing
-import warm_fork_server
 from whole_touch import WHOLE
+
+from palpate.launch.run.wire.addresses import has_unix_sockets
 
 gc.disable()  # until all tests are collected
 
 # Tests that a shell starts in the background may inherit these signals as ignored: Ctrl-C would reach no process.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-warm_fork_server.use()
+if has_unix_sockets():
+    import warm_fork_server
+
+    warm_fork_server.use()
 os.environ["PALPATE_TESTS"] = str(os.getpid())  # by which a node knows this process from those below it
 
 # Commands are called by the hundred, and typer builds the tree of all of them for each.

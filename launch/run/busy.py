@@ -10,10 +10,13 @@ SPARE = 0.5  # cores of tolerance, since the load average covers the last minute
 
 
 def busy(included: float = 0.0) -> str:
-    """A sentence on the machine's load if it leaves no free core for this program; otherwise "".
+    """A sentence on the machine's load if it leaves no free core for this program; otherwise "", also on Windows, which
+    has no load average.
 
     included  processes of this program that the load average includes
     """
+    if not hasattr(os, "getloadavg"):
+        return ""
     load, cores = os.getloadavg()[0], os.cpu_count() or 1
     if load - included <= cores - SPARE:
         return ""

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-import scipy  # loads its subpackages on first use
 
 from palpate.nodes.base.node import SettingError
+from palpate.physics.geometry.nearest import nearest, tree_of
 from palpate.physics.table_file import read_table
 
 COLUMNS = ("x", "y", "z", "factor")
@@ -34,11 +34,11 @@ def measured_factor(file: str, vertices: np.ndarray) -> np.ndarray:
     if len(wrong):
         raise SettingError(f"setting 'measured_map': {file}, row {lines[wrong[0]]}: found the factor "
                            f"{rows[wrong[0], 3]:g}, expected {LOWEST:g} to {HIGHEST:g}")  # fmt: skip
-    tree = scipy.spatial.cKDTree(rows[:, :3])
-    spacing = float(np.median(tree.query(rows[:, :3], 2)[0][:, 1]))
-    apart, nearest = tree.query(vertices)
-    near = apart < 2.0 * max(spacing, float(np.median(scipy.spatial.cKDTree(vertices).query(vertices, 2)[0][:, 1])))
+    tree = tree_of(rows[:, :3])
+    spacing, edge = (float(np.median(nearest(t, t.data, 2)[0][:, 1])) for t in (tree, tree_of(vertices)))
+    apart, closest = (each[:, 0] for each in nearest(tree, vertices))
+    near = apart < 2.0 * max(spacing, edge)
     if not near.any():
         raise SettingError(f"setting 'measured_map': {file}: its places lie {1e3 * apart.min():.3g} mm and more from "
                            "the surface; expected the frame of the surface")  # fmt: skip
-    return np.where(near, rows[nearest, 3], 1.0)
+    return np.where(near, rows[closest, 3], 1.0)

@@ -12,6 +12,7 @@ Falcon's workspace, (0, 0, 110 mm). A finger at the centre is free; with 4 mm of
 1 mm further down.
 """
 
+import math
 from functools import lru_cache
 from hashlib import file_digest
 from pathlib import Path
@@ -19,9 +20,8 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-import scipy  # imports its slow submodules at their first use
 
-from palpate.compiler.exact import product
+from palpate.compiler.exact import cos, einsum, sin
 from palpate.messages import Surface, Vector3
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.graded import fill_field, spread_over
@@ -155,7 +155,7 @@ def _placed_mesh(
         mesh = refine_mesh(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
     turn = rotation_matrix(rotation)
     _finite("position", position)
-    return Mesh(np.ascontiguousarray(product(mesh.vertices, turn.T) + np.asarray(position)), mesh.triangles)
+    return Mesh(np.ascontiguousarray(einsum("ik,jk->ij", mesh.vertices, turn) + np.asarray(position)), mesh.triangles)
 
 
 surface_mesh.cache_clear = _placed_mesh.cache_clear  # type: ignore[attr-defined]
@@ -250,4 +250,15 @@ def rotation_matrix(rotation: Vector3) -> np.ndarray:
     _finite("rotation", rotation)
     if tuple(rotation) == LEVEL:
         return np.eye(3)
-    return scipy.spatial.transform.Rotation.from_rotvec(rotation).as_matrix()
+    # by a unit quaternion: (x, y, z) = a sin(|a|/2)/|a|, w = cos(|a|/2)
+    square = sum(each * each for each in rotation)
+    angle = math.sqrt(square)
+    scale = 0.5 - square / 48.0 + square * square / 3840.0 if angle <= 1e-3 else float(sin(0.5 * angle)) / angle
+    (x, y, z), w = (each * scale for each in rotation), float(cos(0.5 * angle))
+    return np.array(
+        [
+            [x * x - y * y - z * z + w * w, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), y * y - x * x - z * z + w * w, 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), z * z - x * x - y * y + w * w],
+        ]
+    )

@@ -7,7 +7,10 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
+import scipy  # loads its submodules when they are used
 
+from palpate.compiler.exact import einsum
+from palpate.physics.geometry.nearest import nearest, tree_of
 from palpate.physics.readable import check_readable
 from palpate.physics.texture.autoregressive import coefficients, innovation
 
@@ -15,6 +18,8 @@ GRID = 24
 """Nodes of the table along speed and along force."""
 LARGEST = 32 << 20
 """[B] of a file."""
+ROUNDING = 1e-12
+"""[1] Of a barycentric coordinate, so that no place is between two triangles."""
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 
@@ -92,8 +97,6 @@ def _penn(data: bytes) -> Texture:
 def tabulate_texture(texture: Texture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(speeds (n), forces (m), table (n, m, p + 1)) of LSF and rms: linear on the triangles of the models' speeds and
     forces, with the nearest node outside of them. Each row is a weighted mean of models, so it is stable."""
-    from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator  # slow to import
-
     at = np.array([(model.speed, model.force) for model in texture.models])
     values = np.array([(*model.lsf, model.rms) for model in texture.models])
     speeds, forces = (np.unique([at[:, i].min(), *np.linspace(at[:, i].min(), at[:, i].max(), GRID)]) for i in (0, 1))
@@ -107,9 +110,28 @@ def tabulate_texture(texture: Texture) -> tuple[np.ndarray, np.ndarray, np.ndarr
     size = at.max(axis=0)
     nodes = np.column_stack([x.ravel(), y.ravel()]) / size
     known = at / size
-    flat = np.linalg.matrix_rank(known - known[0], tol=1e-6) < 2  # all on one slanted line
-    table = (NearestNDInterpolator if flat else LinearNDInterpolator)(known, values)(nodes)
-    gaps = np.isnan(table[:, 0])
-    if gaps.any():
-        table[gaps] = NearestNDInterpolator(nodes[~gaps], table[~gaps])(nodes[gaps])
+    (a, b), (_, c) = einsum("ki,kj->ij", known - known[0], known - known[0])
+    if a * c - b * b <= 1e-12 * (a + c):  # all on one slanted line
+        table = values[nearest(tree_of(known), nodes)[1][:, 0]]
+    else:
+        table, inside = _on_triangles(known, values, nodes)
+        table[~inside] = table[inside][nearest(tree_of(nodes[inside]), nodes[~inside])[1][:, 0]]
     return speeds, forces, table.reshape(len(speeds), len(forces), -1)
+
+
+def _on_triangles(known: np.ndarray, values: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n,p) at places (n,2), linear on Delaunay's triangles of the points `known` (m,2) with `values` (m,p), and
+    whether a triangle contains the place (n)."""
+    corners = np.unique(np.sort(scipy.spatial.Delaunay(known).simplices, axis=1), axis=0)
+    table, inside = np.zeros((len(places), values.shape[1])), np.zeros(len(places), bool)
+    for a, b, c in corners:
+        (x1, y1), (x2, y2), (x, y) = known[b] - known[a], known[c] - known[a], (places - known[a]).T
+        area = x1 * y2 - x2 * y1
+        if area == 0.0:
+            continue
+        second, third = (x * y2 - x2 * y) / area, (x1 * y - x * y1) / area
+        here = ~inside & (np.minimum(np.minimum(second, third), 1.0 - second - third) >= -ROUNDING)
+        weights = np.stack([1.0 - second - third, second, third], axis=1)[here]
+        table[here] = einsum("nk,kp->np", weights, values[[a, b, c]])
+        inside |= here
+    return table, inside

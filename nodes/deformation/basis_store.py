@@ -132,10 +132,11 @@ def start(path: Path, wanted: str) -> Start | None:
     return Start(stored["corners"], stored["weights"], table, stored["softness"])
 
 
-def off(vertices: np.ndarray, surface: Mesh) -> float:
-    """Largest distance of the vertices [m] (V,3) of a basis from a surface, over the extent of the surface [1]."""
+def off(vertices: np.ndarray, surface: Mesh, reduced: bool = False) -> float:
+    """Largest distance of the vertices [m] (V,3) of a basis from a surface, over the extent of the surface [1]: of each
+    from that of the same index, unless the basis has a reduced surface, whose vertices may be as many by chance."""
     across = float(np.ptp(surface.vertices, axis=0).max())
-    if vertices.shape == surface.vertices.shape:
+    if vertices.shape == surface.vertices.shape and not reduced:
         return float(np.linalg.norm(vertices - surface.vertices, axis=1).max()) / across
     foot, *_ = MeshClosestPoint(surface).find(vertices)
     return float(np.linalg.norm(vertices - foot, axis=1).max()) / across

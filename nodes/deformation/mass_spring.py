@@ -5,7 +5,6 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-import scipy  # imports its slow submodules at their first use
 
 from palpate.compiler.exact import exp, log, row_times
 from palpate.compiler.fields import blank_record, element_type
@@ -24,6 +23,7 @@ from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
+from palpate.physics.geometry.nearest import nearest, tree_of
 
 NotNegative = msgspec.Meta(ge=0)
 
@@ -125,8 +125,8 @@ class MassSpring(CompiledNode, WithNodule):
         half-space; 1 without a map. SettingError: no basis is stored."""
         if self.stiffness_map == "uniform":
             return 1.0
-        nearest = scipy.spatial.cKDTree(self.mesh().vertices).query(feet)[1]
-        return self._field()[0][nearest]
+        closest = nearest(tree_of(self.mesh().vertices), np.asarray(feet, float))[1][:, 0]
+        return self._field()[0][closest]
 
     def _field(self) -> tuple[np.ndarray, np.ndarray]:
         """The stiffness field of the reference, computed once."""

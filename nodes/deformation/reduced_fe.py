@@ -1,5 +1,6 @@
 """The reduced finite-element body (docs/equations/reduced-fe.md)."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -7,7 +8,7 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.entry_point import NO_FLOATS
-from palpate.compiler.exact import exp, product
+from palpate.compiler.exact import einsum, exp
 from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import CompiledNode, Out, Part, SettingError, Switch
@@ -230,7 +231,7 @@ class ReducedFE(CompiledNode, WithNodule):
     def in_its_frame(self, place: np.ndarray) -> Vector3:
         """A place in the world [m] (3) in the frame of the surface, rounded to `GRID`."""
         turn, origin = self._placing()
-        x, y, z = (GRID * np.rint((place - origin) @ turn / GRID) + 0.0).tolist()  # no -0, another key
+        x, y, z = (GRID * np.rint(einsum("k,kj->j", place - origin, turn) / GRID) + 0.0).tolist()  # no -0, another key
         return x, y, z
 
     def _placing(self) -> tuple[np.ndarray, np.ndarray]:
@@ -242,17 +243,17 @@ class ReducedFE(CompiledNode, WithNodule):
         """The stored basis, or the given one, at its position in the world, and the other arguments of its body."""
         basis = basis or self.basis()
         turn, origin = self._placing()
-        vertices, count = product(basis.vertices, turn.T) + origin, len(basis.vertices)
+        vertices, count = einsum("ik,jk->ij", basis.vertices, turn) + origin, len(basis.vertices)
 
         def turn_matrix(matrix: np.ndarray) -> np.ndarray:
             blocks = matrix.reshape(count, 3, count, 3)
             if self.rotation != LEVEL:
-                blocks = np.einsum("aibk,lk->aibl", np.einsum("ij,ajbk->aibk", turn, blocks), turn)
+                blocks = einsum("aibk,lk->aibl", einsum("ij,ajbk->aibk", turn, blocks), turn)
             return np.ascontiguousarray(blocks.reshape(3 * count, -1), np.float32)
 
         given = (self.mesh(), self.young, self.retardation, self.radius, max(self.reach, 1.25 * self.radius))
         if isinstance(basis, SampledBasis):
-            modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
+            modes = einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
             residual = turn_matrix(basis.residual_compliance)
             return SampledBasis(vertices, basis.triangles, residual, modes, basis.points, basis.bend), given
         return Basis(vertices, basis.triangles, turn_matrix(basis.compliance)), given
@@ -266,7 +267,7 @@ class ReducedFE(CompiledNode, WithNodule):
         soft, sideways = softness(Mesh(model.vertices, triangles), model, body.fine.spreader)
         compliance = exp((model.weights * soft[model.corners]).sum(axis=1))
         stiff = (1.0 - true.held) * true.normal * MEAN / self.radius / compliance
-        return stiff, np.einsum("wa,wai->wi", model.weights, sideways[model.corners])
+        return stiff, einsum("wa,wai->wi", model.weights, sideways[model.corners])
 
     def coarse_mesh(self) -> Mesh:
         """The surface to which the organ is condensed, in its frame; of a file before `reduced_count` applies."""
@@ -312,7 +313,11 @@ class ReducedFE(CompiledNode, WithNodule):
     def command(self) -> str:
         """The command that builds the basis."""
         usual, read = ReducedFE(), BUILT_FROM + (NODULE if self.nodule_radius > 0 else ())
-        given = [f"--set {n}={_text(getattr(self, n))}" for n in read if getattr(self, n) != getattr(usual, n)]
+        given = [
+            f"--set {shlex.quote(f'{n}={_text(value)}')}"
+            for n in read
+            if (value := getattr(self, n)) != getattr(usual, n)
+        ]
         return " ".join(["palpate build basis", *given])
 
     def basis(self) -> Basis | SampledBasis:
@@ -325,7 +330,7 @@ class ReducedFE(CompiledNode, WithNodule):
             )
         path, basis = stored
         self._path = path
-        away = basis_store.off(basis.vertices, self.coarse_mesh())
+        away = basis_store.off(basis.vertices, self.coarse_mesh(), self.reduced_count() is not None)
         if away > basis_store.NEAR:
             raise SettingError(
                 f"{path}: its vertices are up to {away:.2g} of the surface's extent off surface {self.surface!r}; "
@@ -411,7 +416,7 @@ def _sampled_class(kind: type[ReducedFE]) -> type[ReducedFE]:
 
 
 def _text(value: object) -> str:
-    return "'[" + ", ".join(map(str, value)) + "]'" if isinstance(value, tuple) else str(value)
+    return "[" + ", ".join(map(str, value)) + "]" if isinstance(value, tuple) else str(value)
 
 
 def _name(surface: str) -> str:

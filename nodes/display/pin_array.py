@@ -4,9 +4,8 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-import scipy  # loads its subpackages on first use, because they are slow to import
 
-from palpate.compiler.exact import length, product
+from palpate.compiler.exact import einsum, length, product
 from palpate.messages import Contact, Pins, Surface, Vector3
 from palpate.nodes.base import SettingError, Wants
 from palpate.nodes.base.surface import OnThinnedSurface
@@ -14,6 +13,7 @@ from palpate.physics.contact.subsurface import next_axis
 from palpate.physics.display import shape_display as pads
 from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.display.pins import Drives, drive, pin_grid
+from palpate.physics.geometry.nearest import nearest, tree_of
 
 NEIGHBOURS = 9  # number of surface vertices that determine the height of a pin: one and its neighbours on a square mesh
 
@@ -81,7 +81,7 @@ class PinArray(OnThinnedSurface):
             self.points, self.areas = mesh.vertices, mesh.areas
             self.spacing = float(np.sqrt(np.median(mesh.areas)))
             self.moved = np.zeros_like(self.points)
-            self.tree = scipy.spatial.cKDTree(self.points)
+            self.tree = tree_of(self.points)
 
     def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> pads.PadContact:
         """States of the fingerpad under forces [N] on tissue of this modulus [Pa]; default: the setting `modulus`."""
@@ -132,10 +132,9 @@ class PinArray(OnThinnedSurface):
         self._check(surface)
         foot, frame = np.array(contact.foot), self.frame
         assert frame is not None
-        _, near = self.tree.query(foot + product(self.grid, frame[:2]), k=min(NEIGHBOURS, len(self.points)))
-        near = near.reshape(len(self.grid), -1)
+        _, near = nearest(self.tree, foot + product(self.grid, frame[:2]), NEIGHBOURS)
         self.moved[surface.nodes] = surface.displacement
-        tissue = np.einsum("nqi,ji->nqj", self.points[near] + self.moved[near] - foot, frame)
+        tissue = einsum("nqi,ji->nqj", self.points[near] + self.moved[near] - foot, frame)
         self.moved[surface.nodes] = 0.0
         self.shape[:] = heights_from_surface(self.grid, tissue, approach, self.finger.radius, self.spacing)
 
@@ -145,7 +144,7 @@ class PinArray(OnThinnedSurface):
         self._check(surface)
         assert self.frame is not None
         area = self.areas[surface.nodes]
-        places = product(self.points[surface.nodes] - np.array(contact.foot), self.frame[:2].T)
+        places = einsum("ik,jk->ij", self.points[surface.nodes] - np.array(contact.foot), self.frame[:2])
         radii = 1.2 * np.sqrt(area)
         heights_from_pressure(
             self.grid, places, surface.pressure * area, radii, self.finger.b, self.finger.m, self.shape

@@ -15,6 +15,7 @@ from palpate.nodes.base.textured import FRICTION, PATH, SLIDES, SLIP, WithTextur
 from palpate.nodes.tactile.receptors import WithReceptors, find_receptors
 from palpate.physics.contact import subsurface
 from palpate.physics.contact.spread import kernel_values
+from palpate.physics.special import gauss_legendre
 from palpate.physics.texture import relief
 
 COARSE = 0.25  # [1] Share of the shortest wavelength that a step may pass
@@ -74,7 +75,7 @@ class Relief(WithReceptors, WithTexture):
         except ValueError as error:
             raise SettingError(f"settings of the relief: {error}") from None
         table = relief.imprint(height, spacing, self.skin_young / (1.0 - self.poisson**2), self.poisson, depths)
-        node, weight = np.polynomial.legendre.leggauss(64)
+        node, weight = gauss_legendre(64)
         q = 0.5 * (node + 1.0)
         total = np.pi * float(np.sum(weight * q * kernel_values(self.kernel, q))) * self.radius**2
         away = np.sqrt(made.at[:, 0] ** 2 + made.at[:, 1] ** 2) / self.radius

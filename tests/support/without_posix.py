@@ -3,6 +3,7 @@
 python without_posix.py GRAPH PART...
 """
 
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -118,6 +119,47 @@ def apart(graph, folder):
     assert not heard, heard
 
 
+def computed(graph, folder):
+    """Work in other processes: the points of a study with a time limit, and a missing basis."""
+    from palpate.launch.load.organ_file import OrganFile
+
+    over = {"tissue.stiffness": [2e3, 4e3]}
+    study = palpate.Study(graph, over, ["peak contact.force"], duration=0.1, limit=60.0)
+    study.run(folder / "Studie", workers=1)
+    soft, hard = study.table()["peak contact.force"]
+    assert 0.05 < soft < hard
+    trimesh = __import__("pytest").importorskip("trimesh")
+    trimesh.creation.icosphere(2, 60.0).export(folder / "Kügelchen 1.stl")
+    body = {"use": "deformation.ReducedFE", "coarse": 60}
+    given = {"organ": OrganFile(folder / "Kügelchen 1.stl", "mm"), "tissue": body, "duration": 0.6}
+    assert palpate.run("kidney", record=folder / "ball.mcap", **given).contact.force.max() > 0.05
+
+
+def commands(graph, folder):
+    """Commands that draw, compare, export and fit."""
+    from typer.testing import CliRunner
+
+    from palpate.cli.__main__ import app
+
+    os.chdir(folder)
+    file = "Niere 1 ü.mcap"
+    for words in (
+        ["run", str(graph), "--fused", "--duration", "0.12", "--record", file, "-q"],
+        ["info", file],
+        ["echo", file, "contact"],
+        ["picture", file, "--out", "Bilder ü"],
+        ["replay", file, "--check"],
+        ["compare", file, "--set", "tissue.stiffness=4e3", "--out", "Vergleich.png"],
+        ["export", file, "--to", "csv"],
+        ["rates", str(graph), "--error", "5 %", "--duration", "0.1", "--out", "Raten.yaml"],
+        ["plan", str(graph)],
+        ["doctor", "--json"],
+    ):
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, (words, done.output, done.exception)
+    assert Path("Vergleich.png").stat().st_size > 10_000
+
+
 def touched(graph, folder):
     """`palpate touch`: the page moves the finger of a run on the real clock."""
     from test_page import PRESSED, Server, until
@@ -130,7 +172,7 @@ def touched(graph, folder):
     server.close()
 
 
-PARTS = {part.__name__: part for part in (runs, many, shown, apart, touched)}
+PARTS = {part.__name__: part for part in (runs, many, shown, apart, computed, commands, touched)}
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")

@@ -10,11 +10,11 @@ import contextlib
 import pickle
 import signal
 import sys
-from multiprocessing.connection import Connection
 from typing import Any
 
 from palpate.launch.load.classes import catalogue
 from palpate.launch.run.descendants import die_with_parent
+from palpate.launch.run.tasks.link import join_link
 from palpate.launch.run.tasks.task import about
 from palpate.physics.errors import PalpateError
 
@@ -22,10 +22,10 @@ IDLE = 600.0  # [s] The process ends after this time without a request
 
 
 def main() -> None:
-    """Serve requests on the connection whose file descriptor is in `argv`, until it closes or is idle for `IDLE`."""
+    """Serve requests on the connection to the parent (`link`), until it closes or is idle for `IDLE`."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with Connection(int(sys.argv[1])) as link:
+    with join_link(sys.argv[1]) as link:
         with contextlib.suppress(Exception):
             catalogue()  # imports all shipped nodes while the study is still being loaded
         link.send(about())

@@ -1,7 +1,7 @@
 """The executor of this machine: threads of this process, each with a child process that computes.
 
-They communicate through unnamed pipes, without ports or names in the file system. Other users of the machine or the
-network therefore cannot send work to them.
+They communicate through unnamed pipes, without ports or names in the file system, on Windows through TCP on loopback
+with a secret (`link`). Other users of the machine or the network therefore cannot send work to them.
 """
 
 import contextlib
@@ -37,7 +37,7 @@ def local(workers: int, log: Path) -> Iterator[ThreadPoolExecutor]:
 
         def start() -> Runner:
             # A killed process leaves its files in `scratch`, which is removed.
-            runners.append(Runner({"TMPDIR": scratch}, printed, ended))
+            runners.append(Runner(dict.fromkeys(("TMPDIR", "TEMP", "TMP"), scratch), printed, ended))
             return runners[-1]
 
         executor = ThreadPoolExecutor(workers, "palpate study", starts_with, (start,))
@@ -51,6 +51,7 @@ def local(workers: int, log: Path) -> Iterator[ThreadPoolExecutor]:
             executor.shutdown()
             for each in runners:
                 each.close()
+            printed.close()  # Windows removes no open file
             if not log.stat().st_size:
                 log.unlink()
                 with contextlib.suppress(OSError):

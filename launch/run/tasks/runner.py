@@ -10,22 +10,21 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import IO
 
 from palpate.compiler.arithmetic import environment
+from palpate.launch.run.tasks.link import STARTS, open_link
 from palpate.launch.run.tasks.task import Ended
 from palpate.physics.errors import RunError
 
 SERVE = "from palpate.launch.run.tasks.child import main; main()"
-STARTS = 120.0  # [s] Timeout of the start of the process
 
 _here = threading.local()
 
 
 class Runner:
-    """A process that computes items, and the connection to it, an unnamed pipe.
+    """A process that computes items, and the connection to it.
 
     env      additional environment variables
     printed  file for its output; None: the output of this process
@@ -36,25 +35,16 @@ class Runner:
     def __init__(
         self, env: Mapping[str, str] | None = None, printed: IO[bytes] | None = None, ended: Connection | None = None
     ) -> None:
-        if sys.platform == "win32":
-            raise RunError("found Windows, expected Linux or macOS: a study computes its points in processes")
-        self.link, theirs = Pipe()
         self._task = b""  # the last task that the process received
+        self.process, self.link = open_link(
+            [sys.executable, "-c", SERVE],
+            stdout=printed,
+            stderr=printed and subprocess.STDOUT,
+            env={**environment(), "PYTHONPATH": os.pathsep.join(path for path in sys.path if path), **(env or {})},
+            process_group=0,  # Ctrl-C reaches only the study
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+        )
         self._awaited = [self.link] if ended is None else [self.link, ended]
-        with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", SERVE, str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=printed,
-                stderr=printed and subprocess.STDOUT,
-                env={
-                    **environment(),
-                    "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-                    **(env or {}),
-                },
-                process_group=0,  # Ctrl-C reaches only the study
-            )
         if not self._answers(STARTS):
             self.close()
             raise RunError(f"the process that computes points did not start within {STARTS:g} s")
@@ -115,7 +105,10 @@ class Runner:
     def close(self) -> None:
         if self.process.poll() is None:
             with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(self.process.pid, signal.SIGKILL)
+                if hasattr(os, "killpg"):
+                    os.killpg(self.process.pid, signal.SIGKILL)
+                else:
+                    self.process.kill()
         self._ending()
 
 

@@ -2,11 +2,14 @@
 
 BLAS and LAPACK (`@`, `np.dot`, `np.linalg` except `norm` over an axis) choose the order of their sums by the processor
 and the number of threads. numpy's `exp`, `log`, `tan`, `arctan2`, `sinh`, `power` ... choose their approximation by the
-processor; its `sin`, `cos` and `hypot`, Python's `math` and powers of numbers are those of the C library. numpy's sums
-and `sqrt` are reproducible; `einsum` without `optimize` is on x86-64, but fuses products and sums on ARM.
+processor; its `sin`, `cos` and `hypot`, Python's `math` and powers of numbers are those of the C library. `np.einsum`
+and scipy fuse products and sums on ARM. numpy's sums, products of elements and `sqrt` are reproducible.
+`tests/compiler/test_reproducible.py` lists what code between settings and messages must not call.
 """
 
 import math
+from functools import lru_cache
+from itertools import product as tuples
 from typing import Any
 
 import numpy as np
@@ -17,7 +20,54 @@ from palpate.compiler.kernel import ieee_kernel
 
 def product(a: Any, b: Any) -> np.ndarray:
     """a b, of a (n,k) and b (k,m) or (k,)."""
-    return np.einsum("ik,k...->i...", a, b)
+    return einsum("ik,kj->ij" if np.ndim(b) == 2 else "ik,k->i", a, b)
+
+
+def einsum(pattern: str, *operands: Any) -> np.ndarray:
+    """Sum of products of elements, as `np.einsum` with a result such as "nij,nj->ni", in an order that the pattern
+    determines: with two operands that both end with the only summed index that of `row_times`, else one index after
+    another. On x86-64 `np.einsum` has the same order for contiguous arrays."""
+    summed, layouts, rows = _parse(pattern)
+    arrays = [
+        np.asarray(each, float).transpose(axes)[places] for each, (axes, places) in zip(operands, layouts, strict=True)
+    ]
+    size = np.broadcast_shapes(*(array.shape for array in arrays))
+    even, odd = np.zeros(size[summed:]), np.zeros(size[summed:])
+    for step in _in_pairs(size[0]) if rows else tuples(*map(range, size[:summed])):
+        term = 1.0
+        for array in arrays:
+            term = term * array[tuple(k if n > 1 else 0 for k, n in zip(step, array.shape, strict=False))]
+        if rows and step[0] % 2:
+            odd += term
+        else:
+            even += term
+    return even + odd if rows else even
+
+
+@lru_cache(maxsize=128)
+def _parse(pattern: str) -> tuple[int, tuple[tuple[Any, Any], ...], bool]:
+    """Number of summed indices; for each operand the order of its axes, summed ones first, and the index that adds the
+    missing axes; whether the sum is that of `row_times`."""
+    left, kept = pattern.split("->")
+    terms = left.split(",")
+    summed = "".join(dict.fromkeys(name for name in left if name not in kept + ","))
+    names = summed + kept
+    layouts = tuple(
+        (
+            sorted(range(len(term)), key=lambda axis, term=term: names.index(term[axis])),  # type: ignore[misc]
+            tuple(slice(None) if name in term else None for name in names),
+        )
+        for term in terms
+    )
+    rows = len(terms) == 2 and len(summed) == 1 and all(term.endswith(summed) for term in terms)
+    return len(summed), layouts, rows
+
+
+def _in_pairs(count: int) -> list[tuple[int]]:
+    """The order of `row_times`: backwards within each whole block of eight."""
+    whole = count // 8 * 8
+    blocks = [(start + k,) for start in range(0, whole, 8) for k in range(7, -1, -1)]
+    return blocks + [(k,) for k in range(whole, count)]
 
 
 @ieee_kernel

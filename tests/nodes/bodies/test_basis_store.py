@@ -88,6 +88,13 @@ def test_the_last_bits_of_a_vertex_do_not_change_the_key():
     assert basis_store.digest(shaken) == basis_store.digest(mesh)
 
 
+def test_a_reduced_basis_may_have_as_many_vertices_as_the_file():
+    mesh = surface_mesh("kidney", 200)
+    other = mesh.vertices[::-1]
+    assert basis_store.off(other, mesh) > 0.5 and basis_store.off(other, mesh, reduced=True) < 1e-9
+    assert basis_store.off(other + (0.0, 0.0, 0.05), mesh, reduced=True) > 0.1
+
+
 def test_a_basis_at_another_path_is_an_error_with_the_command_to_rebuild_it(cache):
     node, one = ReducedFE(**SMALL), small()
     one.save(cache / node.filename())

@@ -6,7 +6,8 @@ import pytest
 from palpate.messages import Load
 from palpate.nodes.deformation import MassSpring
 from palpate.physics.bodies.spring_range import DEEP_NOTE, FAST, FAST_NOTE, LAG, too_deep
-from palpate.physics.bodies.true_patch import MEAN, half_space_depth
+from palpate.physics.bodies.true_patch import MEAN
+from palpate.physics.special import patch_depth
 
 RADIUS = 8e-3
 
@@ -16,7 +17,7 @@ def test_the_lag_in_a_slide_is_that_of_a_viscous_half_space():
     x, y = np.meshgrid(*2 * (np.linspace(-1.0, 1.0, 41),))
     weights = np.maximum(1.0 - x**2 - y**2, 0.0) ** 2
     apart = np.concatenate([np.linspace(0.0, 4.0, 41), np.geomspace(4.2, 60.0, 20)])
-    means = [(weights * half_space_depth(np.hypot(x + at, y))).sum() / weights.sum() / MEAN for at in apart]
+    means = [(weights * patch_depth(np.hypot(x + at, y))).sum() / weights.sum() / MEAN for at in apart]
     assert means[0] == pytest.approx(1.0, abs=1e-3)
     ages = np.linspace(0.0, 25.0, 5001)
     for q, error in LAG:

@@ -13,6 +13,8 @@ import sys
 PACKAGES = ["asyncio", "multiprocessing.connection", "numba", "scipy.linalg", "tempfile", "zmq.auth.thread"]
 if "palpate.launch.run.work.spawner" not in sys.orig_argv:  # a worker needs no others
     PACKAGES += ["gymnasium", "matplotlib.pyplot", "psutil", "rich.console", "typer", "websockets.asyncio.server"]
+if "palpate.models.build.on_demand" in sys.orig_argv:
+    PACKAGES += ["pyvista"]  # of the meshing library
 MODULES = "fcntl resource termios pwd grp pty tty readline syslog crypt"
 NAMES = {
     os: """fork forkpty register_at_fork getuid geteuid getgid getegid getpgid setpgid setsid killpg uname pipe2 waitid
@@ -32,7 +34,7 @@ def hide():
         importlib.import_module(name)
     for name in MODULES.split():
         sys.modules[name] = None
-    pair, unix = socket.socketpair, socket.AF_UNIX
+    pair, unix = socket.socketpair, getattr(socket, "AF_UNIX", socket.AF_INET)
     socket.socketpair = lambda family=None, *given: pair(family or unix, *given)  # Windows emulates it by TCP
     for module, names in NAMES.items():
         for name in names.split():

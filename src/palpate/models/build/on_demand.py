@@ -2,15 +2,15 @@
 does, also if the calling program is not pinned. The meshing library changes the working directory of its process, which
 must not be that of the caller.
 
-The process `python -m palpate.models.build.on_demand FD` reads the settings of a ReducedFE as JSON from standard input
-and writes one JSON list per line to FD: ["begin", name, note, total], ["done", fraction], ["error", text], ["built"].
+The process `python -m palpate.models.build.on_demand` reads the settings of a ReducedFE as JSON from standard input and
+writes one JSON list per line to standard output: ["begin", name, note, total], ["done", fraction], ["error", text],
+["built"]. What the libraries print is discarded.
 """
 
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
 from typing import Any
 
 from palpate.compiler.arithmetic import environment
@@ -22,33 +22,29 @@ from palpate.nodes.deformation.reduced_fe import BUILT_FROM, NODULE, ReducedFE
 
 def build(node: ReducedFE, begin: Begin) -> None:
     """Build a basis and store it in the cache. SettingError: it cannot be built."""
-    if sys.platform == "win32":
-        raise SettingError("found Windows, expected Linux or macOS: a missing basis is built in a process")
-    reading, writing = os.pipe()
-    path = os.pathsep.join(p for p in sys.path if p)
-    try:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "palpate.models.build.on_demand", str(writing)],
-            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, pass_fds=[writing],
-            env={**environment(), "PYTHONPATH": path},
-            start_new_session=True,  # Ctrl-C reaches the caller, which ends the build
-        )  # fmt: skip
-    finally:
-        os.close(writing)
-    with process, open(reading, encoding="utf-8") as lines:
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "palpate.models.build.on_demand"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**environment(), "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+        start_new_session=True,  # Ctrl-C reaches the caller, which ends the build
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+    )
+    with process:
         try:
-            _relay(process, node, lines, begin)
+            _relay(process, node, begin)
         finally:
             process.kill()
 
 
-def _relay(process: subprocess.Popen[bytes], node: ReducedFE, lines: Iterable[str], begin: Begin) -> None:
+def _relay(process: subprocess.Popen[bytes], node: ReducedFE, begin: Begin) -> None:
     """Send the settings, and report the progress until the basis is built."""
-    assert process.stdin is not None and process.stderr is not None
+    assert process.stdin is not None and process.stdout is not None and process.stderr is not None
     process.stdin.write(json.dumps({name: getattr(node, name) for name in (*BUILT_FROM, *NODULE)}).encode())
     process.stdin.close()
     report = None
-    for line in lines:
+    for line in process.stdout:
         what, *values = json.loads(line)
         if what == "begin":
             report = begin(*values)
@@ -65,12 +61,13 @@ def _relay(process: subprocess.Popen[bytes], node: ReducedFE, lines: Iterable[st
     )
 
 
-def _main(descriptor: int) -> None:
+def _main() -> None:
     """The build process."""
     from palpate.models.build import basis as builder
     from palpate.physics.errors import PalpateError
 
-    with open(descriptor, "w", encoding="utf-8") as out:
+    with os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8") as out, open(os.devnull, "wb") as nothing:
+        os.dup2(nothing.fileno(), sys.stdout.fileno())
 
         def send(*values: Any) -> None:
             out.write(json.dumps(values) + "\n")
@@ -91,4 +88,4 @@ def _main(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    _main(int(sys.argv[1]))
+    _main()

@@ -35,8 +35,9 @@ from palpate.compiler.exact import cos, product
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor
 from palpate.physics.bodies import condensed_step as step
-from palpate.physics.bodies.true_patch import half_space_depth, sideways
+from palpate.physics.bodies.true_patch import sideways
 from palpate.physics.kept import keep_results
+from palpate.physics.special import gauss_legendre, patch_depth
 
 STEP, FARTHEST = 1.0 / 32.0, 6.0  # [1] Step and end of the table of Y over d/R
 
@@ -46,12 +47,12 @@ def joint_profile() -> np.ndarray:
     """Y at rho = 0, STEP ... FARTHEST: the mean of W (`true_patch.depth_profile`) over a patch at the distance rho, by
     the Gauss-Legendre rule over its radius and the trapezoidal rule over the angle."""
     rho = np.arange(0.0, FARTHEST + 0.5 * STEP, STEP)
-    node, weight = np.polynomial.legendre.leggauss(32)
+    node, weight = gauss_legendre(32)
     r = 0.5 * (node + 1.0)
     weight = 0.5 * weight * 6.0 * r * (1.0 - r * r) ** 2
     turn = (np.arange(64) + 0.5) * np.pi / 64
     away = np.sqrt(rho[:, None, None] ** 2 + r[:, None] ** 2 + 2.0 * rho[:, None, None] * r[:, None] * cos(turn))
-    return product(half_space_depth(away).mean(axis=2), weight)
+    return product(patch_depth(away).mean(axis=2), weight)
 
 
 @kernel

@@ -11,7 +11,7 @@ curved organ, for R_w up to 2 R, this leaves the relative error of the indentati
 
 import numpy as np
 
-from palpate.compiler.exact import solve
+from palpate.compiler.exact import einsum, solve
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Indices, Matrix
 from palpate.physics.geometry.mesh import Mesh
@@ -39,12 +39,12 @@ def inverse_thickness(mesh: Mesh) -> np.ndarray:
     for begin in range(0, len(out), ROWS):
         origin, ray = mesh.vertices[begin : begin + ROWS, None], -mesh.normals[begin : begin + ROWS, None]
         p = np.cross(ray, e2)
-        det = np.einsum("tj,rtj->rt", e1, p)
+        det = einsum("tj,rtj->rt", e1, p)
         to = origin - a
         q = np.cross(to, e1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            u, v = np.einsum("rtj,rtj->rt", to, p) / det, np.einsum("rxj,rtj->rt", ray, q) / det
-            away = np.einsum("tj,rtj->rt", e2, q) / det
+            u, v = einsum("rtj,rtj->rt", to, p) / det, einsum("rj,rtj->rt", ray[:, 0], q) / det
+            away = einsum("tj,rtj->rt", e2, q) / det
             hit = (u > -EDGE) & (v > -EDGE) & (u + v < 1.0 + EDGE) & (away > least)
         out[begin : begin + ROWS] = 1.0 / np.where(hit, away, np.inf).min(axis=1)
     return out
@@ -60,13 +60,13 @@ def curvature(mesh: Mesh) -> np.ndarray:
     first = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1)[:, None]
     second = np.cross(n, first)
-    (x1, x2), (t1, t2) = ([np.einsum("ej,ej->e", along, axis[here]) for axis in (first, second)] for along in (x, turn))
+    (x1, x2), (t1, t2) = ([einsum("ej,ej->e", along, axis[here]) for axis in (first, second)] for along in (x, turn))
     # least squares for the symmetric matrix (p, q; q, r): t1 = p x1 + q x2, t2 = q x1 + r x2
     zero = np.zeros_like(x1)
     rows = np.stack([np.stack([x1, x2, zero], 1), np.stack([zero, x1, x2], 1)], 1)
     normal, right = np.zeros((len(n), 3, 3)), np.zeros((len(n), 3))
-    np.add.at(normal, here, np.einsum("eki,ekj->eij", rows, rows))
-    np.add.at(right, here, np.einsum("eki,ek->ei", rows, np.stack([t1, t2], 1)))
+    np.add.at(normal, here, einsum("eki,ekj->eij", rows, rows))
+    np.add.at(right, here, einsum("eki,ek->ei", rows, np.stack([t1, t2], 1)))
     normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
     p, q, r = solve(normal, right[..., None])[..., 0].T
     return np.abs(0.5 * (p + r)) + np.sqrt(0.25 * (p - r) ** 2 + q * q)

@@ -4,6 +4,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.exact import einsum
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Vector3
 from palpate.physics.contact.spread import Spreader, spread, spreader
@@ -17,9 +18,9 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
     corners = mesh.triangles[triangle].astype(np.int64)
     a, b, c = (mesh.vertices[corners[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
-    square = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-300)
-    w1 = np.einsum("ij,ij->i", np.cross(foot - a, c - a), normal) / square
-    w2 = np.einsum("ij,ij->i", np.cross(b - a, foot - a), normal) / square
+    square = np.maximum(einsum("ij,ij->i", normal, normal), 1e-300)
+    w1 = einsum("ij,ij->i", np.cross(foot - a, c - a), normal) / square
+    w2 = einsum("ij,ij->i", np.cross(b - a, foot - a), normal) / square
     weights = np.clip(np.stack([1.0 - w1 - w2, w1, w2], axis=1), 0.0, 1.0)
     return corners, weights / weights.sum(axis=1, keepdims=True)
 

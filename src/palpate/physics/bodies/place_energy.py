@@ -24,7 +24,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from palpate.compiler.exact import log, row_times
+from palpate.compiler.exact import einsum, log, row_times
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.memory import stack_zeros
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector, Vector3
@@ -110,7 +110,7 @@ def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
     """Gradients [1/m] (k,3,3) along the triangle of the barycentric weights of these corners (k,3)."""
     point = mesh.vertices[corners]
     normal = np.cross(point[:, 1] - point[:, 0], point[:, 2] - point[:, 0])
-    square = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-300)[:, None]
+    square = np.maximum(einsum("ij,ij->i", normal, normal), 1e-300)[:, None]
     across = (np.cross(normal, point[:, (a + 2) % 3] - point[:, (a + 1) % 3]) / square for a in range(3))
     return np.ascontiguousarray(np.stack(list(across), axis=1))
 
@@ -120,7 +120,7 @@ def surface_gradient(mesh: Mesh, values: np.ndarray) -> np.ndarray:
     mean over its triangles, weighted with their areas."""
     triangles = mesh.triangles
     area = np.linalg.norm(mesh.face_vectors, axis=1)
-    slopes = np.einsum("t,tai,tak->tki", area, weight_slopes(mesh, triangles), values[triangles])
+    slopes = einsum("t,tai,tak->tki", area, weight_slopes(mesh, triangles), values[triangles])
     total, weight = np.zeros((*values.shape, 3)), np.zeros(len(values))
     for a in range(3):
         np.add.at(total, triangles[:, a], slopes)

@@ -10,7 +10,7 @@ a tau ago lies v tau a behind, by
     s = c f integral_0^inf exp(-a) r(q a) da,    q = v tau/R
 
 r(x/R) [1] is the mean of the displacement over the patch by a load on an equal patch at the distance x, over that at 0
-(`true_patch.half_space_depth`). At a given indentation springs therefore send a force that is too small by 1 - s/(c f):
+(`true_patch.depth_profile`). At a given indentation springs therefore send a force that is too small by 1 - s/(c f):
 8 % at q = 0.25, 20 % at 0.5, 30 % at 0.75, 37 % at 1. In series with a fingertip the error is smaller.
 """
 

@@ -36,7 +36,7 @@ def neighbours(mesh: Mesh) -> Neighbours:
     size = len(mesh.vertices)
     edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]].astype(np.int64)
-    owner, others = np.divmod(np.unique(np.concatenate([edges @ (size, 1), edges @ (1, size)])), size)
+    owner, others = np.divmod(np.unique(np.concatenate([edges[:, k] * size + edges[:, 1 - k] for k in (0, 1)])), size)
     first = np.searchsorted(owner, np.arange(size + 1))
     spans = np.linalg.norm(mesh.vertices[owner] - mesh.vertices[others], axis=1)
     return Neighbours(first, others.astype(np.int32), np.maximum(spans, 1e-9))

@@ -36,7 +36,6 @@ Range: R above the spacing of the fine mesh, thickness and radius of curvature a
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import scipy  # loads its submodules when they are used
 
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.memory import stack_zeros
@@ -46,6 +45,7 @@ from palpate.physics.bodies.hat_distances import mean_inverse_distance
 from palpate.physics.bodies.patch import patch_radius, share_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import keep_results
+from palpate.physics.special import patch_depth
 
 MEAN = 2.40816816  # I: mean of W over the patch, weighted with the pressure
 HELD = 0.1764960  # S_0, reduction of c_R by sticking of each point, over (1 - 2nu)²/(1 - nu)²
@@ -112,18 +112,12 @@ def without_correction(fine: Mesh) -> TruePatch:
 
 
 def depth_profile() -> np.ndarray:
-    """W sqrt(1 + rho²), rho = r/R, at q = 1/(1 + rho²) = 0, 1/`KNOTS` ... 1: finite and smooth to infinity."""
+    """W sqrt(1 + rho²), rho = r/R, at q = 1/(1 + rho²) = 0, 1/`KNOTS` ... 1: finite and smooth to infinity.
+
+    W is the displacement of the half-space under the patch, over (1 - nu²) f/(pi E R): integrals of J3(x) J0(x rho)/x³
+    after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4), see `patch_depth`."""
     q = np.arange(1, KNOTS + 1) / KNOTS
-    return np.append(1.0, half_space_depth(np.sqrt(1.0 / q - 1.0)) / np.sqrt(q))
-
-
-def half_space_depth(rho: np.ndarray) -> np.ndarray:
-    """W at these r/R: displacement of the half-space under the patch, over (1 - nu²) f/(pi E R).
-
-    Integrals of J3(x) J0(x rho)/x³ after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4)."""
-    out = np.maximum(rho, 1.0)
-    inside = 3.2 * scipy.special.hyp2f1(0.5, -2.5, 1.0, np.minimum(rho, 1.0) ** 2)
-    return np.where(rho < 1.0, inside, scipy.special.hyp2f1(0.5, 0.5, 4.0, 1.0 / (out * out)) / out)
+    return np.append(1.0, patch_depth(np.sqrt(1.0 / q - 1.0)) / np.sqrt(q))
 
 
 @kernel

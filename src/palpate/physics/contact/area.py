@@ -19,6 +19,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.exact import power
 from palpate.compiler.exponentials import cbrt
 from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Array, Matrix
@@ -78,7 +79,7 @@ def of_table(forces: object, radii: object) -> AreaLaw:
             f"found {f.tolist()} N and {a.tolist()} m, expected forces that rise from above 0, radii above 0"
         )
     for k in range(len(f) - 1):
-        if not 1.0 <= a[k + 1] / a[k] <= (f[k + 1] / f[k]) ** STEEPEST:
+        if not 1.0 <= a[k + 1] / a[k] <= power(f[k + 1] / f[k], STEEPEST):
             raise ValueError(
                 f"the radius goes from {1e3 * a[k]:g} mm at {f[k]:g} N to {1e3 * a[k + 1]:g} mm at {f[k + 1]:g} N, "
                 f"expected one that does not fall, and grows at most as f^{STEEPEST}: the indentation must rise with f"

@@ -14,8 +14,9 @@ import math
 
 import numpy as np
 
-from palpate.compiler.exact import arcsin, arctan2, cos, sin
+from palpate.compiler.exact import arcsin, arctan2, cos, einsum, product, sin
 from palpate.physics.contact.spread import kernel_values
+from palpate.physics.special import gauss_legendre
 
 ANGLES, ALONG = 128, 24  # quadrature points of theta (trapezoidal rule) and of s (Gauss)
 
@@ -26,7 +27,7 @@ def surface_under_patch(points: np.ndarray, radius: float, kernel: str, poisson:
     points = np.asarray(points, float)
     away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2)
     places, which = np.unique(np.round(away, 12), return_inverse=True)
-    node, weight = np.polynomial.legendre.leggauss(400)
+    node, weight = gauss_legendre(400)
     q = 0.5 * (node + 1.0)
     total = math.pi * radius**2 * float(np.sum(weight * q * kernel_values(kernel, q)))  # of the kernel over the patch
     at_x = np.stack([_on_axis(r, radius, kernel, poisson) for r in places]) / total
@@ -36,8 +37,8 @@ def surface_under_patch(points: np.ndarray, radius: float, kernel: str, poisson:
     turned[:, 0, 0] = turned[:, 1, 1] = cos(angle)
     turned[:, 1, 0], turned[:, 0, 1] = sin(angle), -sin(angle)
     turned[:, 2, 2] = 1.0
-    half = np.einsum("pia,pab->pib", turned, at_x[which.ravel()])
-    return np.einsum("pjb,pib->pij", turned, half)
+    half = einsum("pia,pab->pib", turned, at_x[which.ravel()])
+    return einsum("pjb,pib->pij", turned, half)
 
 
 def _on_axis(r: float, radius: float, kernel: str, poisson: float) -> np.ndarray:
@@ -48,16 +49,16 @@ def _on_axis(r: float, radius: float, kernel: str, poisson: float) -> np.ndarray
         theta = 2.0 * math.pi * (np.arange(ANGLES) + 0.5) / ANGLES
         share = np.full(ANGLES, 2.0 * math.pi / ANGLES)
     else:
-        node, weight = np.polynomial.legendre.leggauss(ANGLES)
+        node, weight = gauss_legendre(ANGLES)
         widest = float(arcsin(min(radius / r, 1.0)))
         theta, share = math.pi + widest * node, widest * weight
     c, s = cos(theta), sin(theta)
     root = np.sqrt(np.maximum(radius**2 - (r * s) ** 2, 0.0))
     near, far = np.maximum(-r * c - root, 0.0), np.maximum(-r * c + root, 0.0)
-    node, weight = np.polynomial.legendre.leggauss(ALONG)
+    node, weight = gauss_legendre(ALONG)
     along = near[:, None] + np.outer(far - near, 0.5 * (node + 1.0))
     apart = np.sqrt((r + along * c[:, None]) ** 2 + (along * s[:, None]) ** 2) / radius
-    length = 0.5 * (far - near) * (kernel_values(kernel, np.minimum(apart, 1.0)) @ weight) * share
+    length = 0.5 * (far - near) * product(kernel_values(kernel, np.minimum(apart, 1.0)), weight) * share
     # From a source in the direction theta, the point lies in the direction (-c, -s).
     k, ratio = (1.0 - 2.0 * poisson) / (2.0 * math.pi * (1.0 - poisson)), poisson / (1.0 - poisson) / math.pi
     out = np.zeros((3, 3))

@@ -12,10 +12,10 @@ Because laws fitted to few sessions are uncertain, a new force is distributed as
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # loads its submodules when they are used
 
 from palpate.physics.arrays import Numbers
 from palpate.physics.contact.force_models import MODELS
+from palpate.physics.contact.quantile import fill_truncated
 
 
 class Band(NamedTuple):
@@ -57,16 +57,12 @@ def truncated_quantile(level: Numbers, mean: Numbers, deviation: Numbers, freedo
     level      [1]  (...)  in (0, 1)        mean  [N]  (...)        deviation  [N]  (...)  >= 0; at 0 it is <mean>
     freedom    [1]  ()     of t; 0: the normal law
 
-    The normal law is computed in logarithms, which is accurate for means far below zero.
+    S is computed in logarithms, which is accurate for means far below zero.
     """
-    level, mean, deviation = np.broadcast_arrays(*(np.asarray(v, float) for v in (level, mean, deviation)))
-    sure = deviation <= 0.0
-    sigma = np.where(sure, 1.0, deviation)
-    if freedom > 0:
-        z = -scipy.special.stdtrit(freedom, (1.0 - level) * scipy.special.stdtr(freedom, mean / sigma))
-    else:
-        z = -scipy.special.ndtri_exp(scipy.special.log1p(-level) + scipy.special.log_ndtr(mean / sigma))
-    return np.where(sure, np.maximum(mean, 0.0), np.maximum(mean + z * sigma, 0.0))
+    arrays = np.broadcast_arrays(*(np.asarray(v, float) for v in (level, mean, deviation)))
+    out = np.empty(arrays[0].shape)
+    fill_truncated(*(each.ravel() for each in arrays), float(freedom), out.reshape(-1))
+    return out
 
 
 def uniform(seed: int, tick: int) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.compiler.exact import cos, exp, sin
+from palpate.compiler.exact import cos, exp, power, sin
 from palpate.physics.arrays import Numbers, Vector
 
 
@@ -45,7 +45,7 @@ class ForceModel:
     def jacobian(self, x: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """dy/d(parameters) (n, number of parameters)."""
         p, q = np.split(parameters, [len(self.linear)])
-        bent = [np.stack(columns, axis=-1) @ p for columns in self.slopes(x, *q)]
+        bent = [np.sum(np.stack(columns, axis=-1) * p, axis=-1) for columns in self.slopes(x, *q)]
         return np.stack([*self.basis(x, *q), *bent], axis=-1)
 
 
@@ -69,20 +69,22 @@ MODELS = {model.name: model for model in (
         "fourier", "a0 + a1 cos(omega d) + b1 sin(omega d)", {"a0": "N", "a1": "N", "b1": "N"},
         lambda x, w: [np.ones_like(w * x), cos(w * x), sin(w * x)],
         {"omega": "1/m"},
-        lambda x, w: [[np.zeros(len(x)), -x * np.sin(w * x), x * np.cos(w * x)]],
+        lambda x, w: [[np.zeros(len(x)), -x * sin(w * x), x * cos(w * x)]],
         lambda x: [np.linspace(50.0, 1200.0, 231)],
     ),
     ForceModel(
         "gaussian", "p exp(-((d - q)/w)²)", {"p": "N"}, lambda x, q, w: [_gauss(x, q, w)], {"q": "m", "w": "m"},
         lambda x, q, w: [
             [_gauss(x, q, w) * 2.0 * (x - q) / w**2],
-            [_gauss(x, q, w) * 2.0 * (x - q) ** 2 / w**3],
+            [_gauss(x, q, w) * 2.0 * (x - q) ** 2 / (w * w * w)],
         ],
-        lambda x: [x.min() + _span(x) * np.linspace(-10.0, 10.0, 81), _span(x) * np.geomspace(0.1, 10.0, 25)],
+        lambda x: [
+            x.min() + _span(x) * np.linspace(-10.0, 10.0, 81), _span(x) * power(10.0, np.linspace(-1.0, 1.0, 25))
+        ],
     ),
     ForceModel(
         "exponential", "a exp(b d)", {"a": "N"}, lambda x, b: [exp(b * x)], {"b": "1/m"},
-        lambda x, b: [[x * np.exp(b * x)]],
+        lambda x, b: [[x * exp(b * x)]],
         lambda x: [np.linspace(-20.0, 20.0, 321) / _span(x)],
     ),
 )}  # fmt: skip

@@ -18,7 +18,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from palpate.compiler.exact import cos, expm1, product, solve
+from palpate.compiler.exact import cos, einsum, expm1, solve
+from palpate.physics.special import gauss_legendre
 
 MOST = 2.0  # [1] Largest contact radius over the thickness
 POINTS, WAVES, END = 60, 300, 50.0  # Gauss points over the contact, and over xi h from 0 to `END`, where 1 - M is 1e-18
@@ -32,7 +33,7 @@ def solve_layer(wide: float, poisson: float) -> tuple[float, float]:
     sinh, cosh = 0.5 * (grown + grown / (1.0 + grown)), 0.5 * (1.0 + grown + 1.0 / (1.0 + grown))
     less = 1.0 - ((3 - 4 * poisson) * sinh * cosh - y) / (y**2 + 4 * (1 - poisson) ** 2 + (3 - 4 * poisson) * sinh**2)
     waves = cos(np.multiply.outer(np.append(x, wide), y))
-    K = 2.0 / np.pi * product(waves * (less * dy), waves[:-1].T) * w
+    K = 2.0 / np.pi * einsum("ik,jk->ij", waves * (less * dy), waves[:-1]) * w
     flat, bent = np.full(POINTS + 1, 2.0 / np.pi), 2.0 / np.pi * np.append(x, wide) ** 2
     phi = solve(np.eye(POINTS) - K[:-1], np.stack([flat, bent], 1)[:-1])
     ends = np.array([flat[-1], bent[-1]]) + np.sum(K[-1][:, None] * phi, axis=0)
@@ -49,5 +50,5 @@ def thickness_factor(poisson: float) -> CubicSpline:
 
 
 def _gauss(count: int, end: float) -> tuple[np.ndarray, np.ndarray]:
-    at, weight = np.polynomial.legendre.leggauss(count)
+    at, weight = gauss_legendre(count)
     return 0.5 * end * (at + 1.0), 0.5 * end * weight

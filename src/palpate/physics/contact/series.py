@@ -14,9 +14,10 @@ import numpy as np
 from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Array
 from palpate.physics.contact.terminal import free_recovery, indentation, power_of, terminal_force
+from palpate.physics.special import gauss_legendre
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
-GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(64)
+GAUSS_POINTS, GAUSS_WEIGHTS = gauss_legendre(64)
 MOST_FORCE = 1e300  # [N] Replaces a force that overflows
 
 

@@ -20,11 +20,12 @@ import math
 
 import numpy as np
 
-from palpate.compiler.exact import arctan2, cos, sin
+from palpate.compiler.exact import arctan2, cos, einsum, sin
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Vector3
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.friction.bristle import turn
+from palpate.physics.special import gauss_legendre
 
 SHALLOWEST = 0.01  # [1] Minimum depth over the patch's radius; at shallower points the stress is the surface load
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # Components in Voigt order: xx, yy, zz, yz, xz, xy
@@ -36,7 +37,8 @@ def point_stress(points: np.ndarray, poisson: float) -> np.ndarray:
     rho = np.sqrt(x * x + y * y + z * z)
     s, rho3 = rho + z, rho * rho * rho
     r = np.stack([x, y, z], axis=-1)
-    out = -3.0 * np.einsum("...i,...j,...k->...ijk", r, r, r) / (rho * rho * rho3)[..., None, None, None]
+    cubes = r[..., :, None, None] * r[..., None, :, None] * r[..., None, None, :]
+    out = -3.0 * cubes / (rho * rho * rho3)[..., None, None, None]
     bend, pull = 1.0 / (rho3 * s**2) + 2.0 / (rho**2 * s * s * s), (2.0 * rho + z) / (rho3 * s**2)
     near, far = 1.0 / (rho * s**2), 1.0 / rho3
     more = 1.0 - 2.0 * poisson
@@ -63,7 +65,7 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
     least = points[:, 2].min() / radius
     if not least >= SHALLOWEST:
         raise ValueError(f"depth {points[:, 2].min()} m: expected at least {SHALLOWEST * radius} m")
-    node, weight = np.polynomial.legendre.leggauss(16 + math.ceil(1.6 / least))
+    node, weight = gauss_legendre(16 + math.ceil(1.6 / least))
     q = 0.5 * (node + 1.0)
     share = weight * q * kernel_values(kernel, q)
     round_ = 16 + math.ceil(12.0 / least)
@@ -76,7 +78,7 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
     there = np.empty((len(places), 3, 3, 3))
     for k, (r, z) in enumerate(places):
         apart = np.column_stack([r - source[:, 0], -source[:, 1], np.full(len(source), z)])
-        there[k] = np.einsum("s,sijk->ijk", share, point_stress(apart, poisson))
+        there[k] = np.sum(share[:, None, None, None] * point_stress(apart, poisson), axis=0)
     angle = arctan2(points[:, 1], points[:, 0])
     turned = np.zeros((len(points), 3, 3))
     turned[:, 0, 0] = turned[:, 1, 1] = cos(angle)
@@ -84,7 +86,7 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
     turned[:, 2, 2] = 1.0
     found = there[which.ravel()]
     for place in ("pia,pabc->pibc", "pjb,pabc->pajc", "pkc,pabc->pabk"):
-        found = np.einsum(place, turned, found)
+        found = einsum(place, turned, found)
     return found
 
 

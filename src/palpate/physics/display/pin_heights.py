@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from palpate.compiler.exact import exp
+from palpate.compiler.exact import einsum, exp
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Matrix, Numbers, Points
 from palpate.physics.display.shape_display import bulge, deflection_under, press_pad
@@ -60,20 +60,20 @@ def local_plane(points: Points, places: Points, values: np.ndarray, width: float
     square = np.sum(((places - points[:, None, :]) / width) ** 2, axis=-1)
     weight = exp(-(square - square.min(axis=1, keepdims=True)))
     weight /= weight.sum(axis=1, keepdims=True)
-    centre = np.einsum("nq,nqi->ni", weight, places)
-    level = np.einsum("nq,nq->n", weight, values)
+    centre = einsum("nq,nqi->ni", weight, places)
+    level = einsum("nq,nq->n", weight, values)
     away = (places - centre[:, None, :]) / width
-    spread = np.einsum("nq,nqi,nqj->nij", weight, away, away)
-    along = np.einsum("nq,nqi,nq->ni", weight, away, values - level[:, None])
+    spread = einsum("nq,nqi,nqj->nij", weight, away, away)
+    along = einsum("nq,nqi,nq->ni", weight, away, values - level[:, None])
     # pseudo-inverse of the symmetric matrices (a, b; b, c), whose eigenvalues are middle +- half
     a, b, c = spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
     middle, half = 0.5 * (a + c), np.sqrt((0.5 * (a - c)) ** 2 + b * b)
     flat = middle - half <= 1e-10 * (middle + half)
     turned = np.stack([c * along[:, 0] - b * along[:, 1], a * along[:, 1] - b * along[:, 0]], axis=1)
-    line = np.einsum("nij,nj->ni", spread, along)
+    line = einsum("nij,nj->ni", spread, along)
     most, area = np.square(middle + half), a * c - b * b
     slope = np.where(flat[:, None], line, turned) / np.where(flat, np.where(most > 0.0, most, 1.0), area)[:, None]
-    return level + np.einsum("ni,ni->n", slope, (points - centre) / width)
+    return level + einsum("ni,ni->n", slope, (points - centre) / width)
 
 
 @kernel

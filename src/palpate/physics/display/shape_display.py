@@ -27,7 +27,7 @@ from palpate.physics.arrays import Numbers
 VALID_RATIO = 0.5  # [1] Limit of a/R_f: Hertz theory requires a << R_f
 
 # 4 c_k / (2k + 3), c_k the coefficients of asin(q) = sum c_k q^(2k+1).
-_TAIL = np.array([4.0 * math.comb(2 * k, k) / (4.0**k * (2 * k + 1) * (2 * k + 3)) for k in range(12)])
+_TAIL = np.array([4.0 * math.comb(2 * k, k) / (4**k * (2 * k + 1) * (2 * k + 3)) for k in range(12)])
 
 
 class Fingerpad(NamedTuple):

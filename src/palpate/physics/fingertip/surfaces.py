@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import scipy  # loads its submodules when they are used
 
-from palpate.compiler.exact import cos, power, product, sin
+from palpate.compiler.exact import cos, einsum, power, product, sin
 from palpate.physics.archive import read_arrays
 from palpate.physics.arrays import Numbers
 from palpate.physics.errors import MISUSE, PalpateError
@@ -196,7 +196,7 @@ def fill(
 def lowest(tip: FingertipSurfaces, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """The lowest point [m] (3) of the skin over the plate, within 10 % of the grid's spacing, and a box [m] (2,2) in
     the plate's plane round all points less than `depth` above it, by successive grid refinement."""
-    plane = product(tip.corners, plate_axes(angle)[:2].T)
+    plane = einsum("ik,jk->ij", tip.corners, plate_axes(angle)[:2])
     low, high = plane.min(axis=0), plane.max(axis=0)
     step = float(tip.spacing.max())
     box = np.zeros((0, 2))

@@ -67,7 +67,7 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
     points = np.zeros((len(vertices), 6))
     points[:, :3] = vertices
     _topology(points, cells, star_at, star)
-    leaves = 1 << max(0, int(np.ceil(np.log2(len(triangles) / LEAF))))
+    leaves = 1 << (-(-len(triangles) // LEAF) - 1).bit_length()
     discs = np.zeros((2 * leaves, 8))
     _discs(vertices, triangles, leaves, discs)
     return MeshTables(points, cells, discs, star_at, star)

@@ -80,7 +80,7 @@ def _search(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nda
     centre = 0.5 * (low + high)
     order = np.argsort(morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
     boxes = np.ascontiguousarray(np.concatenate([low, -high], axis=1)[order])
-    leaves = 1 << max(0, int(np.ceil(np.log2(len(triangles) / LEAF))))
+    leaves = 1 << (-(-len(triangles) // LEAF) - 1).bit_length()
     at = np.zeros(3)
     first, other = _crossing(points, triangles[order], boxes, _tree(boxes, leaves), MOST, at)
     if first == UNFINISHED:

@@ -9,9 +9,9 @@ all vertices are sent. The receiver interpolates (`fill_field`).
 """
 
 import numpy as np
-import scipy  # loads its submodules when they are used
 
-from palpate.compiler.exact import solve
+from palpate.compiler.exact import einsum, solve
+from palpate.physics.geometry.nearest import nearest, tree_of
 from palpate.physics.kept import keep_results
 
 GRADE = 0.35  # [1] Spacing of the sent vertices over their distance from the region in which all are sent
@@ -71,18 +71,18 @@ def fill_field(points: np.ndarray, nodes: np.ndarray, moved: np.ndarray) -> np.n
     between = np.setdiff1d(np.arange(len(points)), nodes)
     if len(nodes) < NEIGHBOURS or not len(between):
         return field
-    away, near = scipy.spatial.cKDTree(points[nodes]).query(points[between], k=NEIGHBOURS)
+    away, near = nearest(tree_of(points[nodes]), points[between], NEIGHBOURS)
     far = np.maximum(away[:, -1:], 1e-12)
     q = np.minimum(away / far, 1.0) ** 2
     weight = (1.0 - q) ** 2 / (q + 1e-2)
     terms = np.concatenate(
         [np.ones_like(q)[..., None], (points[nodes[near]] - points[between][:, None]) / far[..., None]], 2
     )
-    normal = np.einsum("nk,nki,nkj->nij", weight, terms, terms)
+    normal = einsum("nk,nki,nkj->nij", weight, terms, terms)
     total = weight.sum(axis=1)
     normal[:, [1, 2, 3], [1, 2, 3]] += STIFF * total[:, None]
     first = np.zeros((len(between), 4, 1))
     first[:, 0] = 1.0
-    shares = weight * np.einsum("nki,ni->nk", terms, solve(normal, first)[..., 0])
-    field[between] = np.einsum("nk,nkc->nc", shares, moved[near])
+    shares = weight * einsum("nki,ni->nk", terms, solve(normal, first)[..., 0])
+    field[between] = einsum("nk,nkc->nc", shares, moved[near])
     return field

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.compiler.exact import arctan2, cos, sin
+from palpate.compiler.exact import arctan2, cos, einsum, sin
 from palpate.physics.geometry.pieces import pieces
 
 
@@ -53,7 +53,7 @@ class Mesh:
             p = corners[:, (i + 1) % 3] - corners[:, i]
             q = corners[:, (i + 2) % 3] - corners[:, i]
             across = np.linalg.norm(np.cross(p, q), axis=1)
-            angle = arctan2(across, np.einsum("ij,ij->i", p, q))
+            angle = arctan2(across, einsum("ij,ij->i", p, q))
             for c in range(3):
                 total[:, c] += np.bincount(self.triangles[:, i], angle * unit[:, c], minlength=len(total))
         length = np.linalg.norm(total, axis=1)
@@ -68,7 +68,7 @@ class Mesh:
         label = pieces(self.triangles, len(self.vertices))
         area = np.bincount(label, 0.5 * np.linalg.norm(self.face_vectors, axis=1))
         middle = self.vertices - self.vertices.mean(axis=0)
-        volume = np.bincount(label, np.einsum("ij,ij->i", self.face_vectors, middle[self.triangles[:, 0]])) / 6.0
+        volume = np.bincount(label, einsum("ij,ij->i", self.face_vectors, middle[self.triangles[:, 0]])) / 6.0
         holder = np.full(len(self.vertices), -1)
         holder[self.triangles] = label[:, None]
         ends, count = self.edges

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.compiler.exact import einsum
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Tensor
 from palpate.physics.kept import keep_results
@@ -96,7 +97,7 @@ class NurbsPatch:
 
     def move(self, rotation: np.ndarray, position: np.ndarray) -> NurbsPatch:
         """The patch rotated by the matrix (3,3), then shifted by `position` [m] (3)."""
-        points = np.einsum("nmk,ik->nmi", self.points, rotation) + np.asarray(position)
+        points = einsum("nmk,ik->nmi", self.points, rotation) + np.asarray(position)
         rest = (self.weights, self.knots_u, self.knots_v, self.degree_u, self.degree_v, self.closed_u, self.closed_v)
         return NurbsPatch(points, *rest)
 

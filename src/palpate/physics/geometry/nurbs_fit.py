@@ -5,7 +5,7 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, ch. 7 (circles, rev
 
 import numpy as np
 
-from palpate.compiler.exact import cos, sin, solve
+from palpate.compiler.exact import cos, einsum, sin, solve
 from palpate.physics.geometry.nurbs import NurbsPatch, basis_matrices
 
 
@@ -63,7 +63,7 @@ def collocation(knots: np.ndarray, degree: int, t: np.ndarray, derivative: int =
         powers = m * powers[:, np.maximum(m - 1, 0)] / width[:, None]
     design = np.zeros((len(t), len(knots) - degree - 1))
     columns = first[span][:, None] + m
-    np.put_along_axis(design, columns, np.einsum("tkm,tm->tk", matrix[span], powers), axis=1)
+    np.put_along_axis(design, columns, einsum("tkm,tm->tk", matrix[span], powers), axis=1)
     return design
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import scipy  # loads its submodules when they are used
 
-from palpate.compiler.exact import arctan2
+from palpate.compiler.exact import arctan2, einsum
 
 
 def pieces(triangles: np.ndarray, vertices: int) -> np.ndarray:
@@ -27,9 +27,9 @@ def winding(points: np.ndarray, triangles: np.ndarray, at: np.ndarray) -> float:
     """
     a, b, c = (points[triangles[:, i]] - at for i in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    dots = (np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
+    dots = (einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
     ab, bc, ca = dots
-    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    triple = einsum("ij,ij->i", a, np.cross(b, c))
     return float(arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2.0 * np.pi))
 
 

@@ -24,6 +24,7 @@ by up to 88 degrees to the surface.
 import numpy as np
 import scipy  # loads its submodules when they are used
 
+from palpate.compiler.exact import cos, einsum
 from palpate.physics.geometry.mesh import Mesh
 
 CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
@@ -83,14 +84,14 @@ class _Divided:
         self.ends, self.of, two = _edges(self.triangles, len(points))
         low, high = self.ends.T
         self.lengths = np.linalg.norm(points[low] - points[high], axis=1)
-        self.straight = np.isin(self.ends @ (len(points), 1), sharp @ (len(points), 1))
+        self.straight = np.isin(*(each[:, 0] * len(points) + each[:, 1] for each in (self.ends, sharp)))
         bent = np.zeros(len(points), bool)
         bent[sharp] = bent[self.corner] = True
         # the normal at each end: of the vertex, or of the two triangles where the vertex is on a crease
         facing = _facing(points, self.triangles)
         between = _unit(facing[two[:, 0]] + facing[two[:, 1]])
         self.at_low, self.at_high = (np.where(bent[end][:, None], between, self.normals[end]) for end in (low, high))
-        self.turns = (np.einsum("ij,ij->i", self.at_low, self.at_high) < np.cos(TURN)) & ~self.straight
+        self.turns = (einsum("ij,ij->i", self.at_low, self.at_high) < cos(TURN)) & ~self.straight
 
     def halve(self, long: np.ndarray) -> None:
         """Divide these edges (E,) at the middles of their cubics."""
@@ -164,9 +165,9 @@ def _creases(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     triangles = mesh.triangles.astype(np.int64)
     ends, of, two = _edges(triangles, len(mesh.vertices))
     facing = _facing(mesh.vertices, triangles)
-    bend = np.einsum("ij,ij->i", facing[two[:, 0]], facing[two[:, 1]])
+    bend = einsum("ij,ij->i", facing[two[:, 0]], facing[two[:, 1]])
     border = np.bincount(of.ravel(), minlength=len(ends)) == 1
-    off = np.asarray(np.einsum("ikj,ij->ik", mesh.normals[triangles], facing)) < CREASE
+    off = np.asarray(einsum("ikj,ij->ik", mesh.normals[triangles], facing)) < CREASE
     return np.asarray(ends[border | (bend < CREASE)]), np.unique(triangles[off & facing.any(axis=1, keepdims=True)])
 
 
@@ -175,10 +176,10 @@ def _halfway(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Middles and normals (k,3) of the cubics between points (k,3) with these normals (k,3) at their ends."""
     along = high - low
-    from_low, from_high = (np.einsum("ij,ij->i", along, n)[:, None] for n in (at_low, at_high))
+    from_low, from_high = (einsum("ij,ij->i", along, n)[:, None] for n in (at_low, at_high))
     lift = np.where(straight[:, None], 0.0, (from_high * at_high - from_low * at_low) / 8.0)
     both = at_low + at_high
-    slope = 2.0 * np.einsum("ij,ij->i", along, both) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-300)
+    slope = 2.0 * einsum("ij,ij->i", along, both) / np.maximum(einsum("ij,ij->i", along, along), 1e-300)
     return 0.5 * (low + high) + lift, _unit(both + _unit(both - slope[:, None] * along))
 
 

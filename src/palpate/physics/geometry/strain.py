@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from palpate.compiler.exact import einsum
+
 
 def largest_stretch(vertices: np.ndarray, triangles: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     """Largest principal engineering strain of each triangle against its rest shape [1] (T,).
@@ -25,7 +27,7 @@ def largest_stretch(vertices: np.ndarray, triangles: np.ndarray, displacement: n
     x = one / length  # the columns of F
     y = (other - along[:, None] * x) / height
     xx, xy, yy = _product(x, x), _product(x, y), _product(y, y)
-    largest = (xx + yy) / 2.0 + np.hypot((xx - yy) / 2.0, xy)
+    largest = (xx + yy) / 2.0 + np.sqrt(((xx - yy) / 2.0) ** 2 + xy * xy)
     return np.where(flat, 0.0, np.sqrt(largest) - 1.0)
 
 
@@ -44,4 +46,4 @@ def _edges(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    return np.einsum("ij,ij->i", p, q)
+    return einsum("ij,ij->i", p, q)

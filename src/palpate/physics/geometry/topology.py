@@ -3,6 +3,7 @@
 import numpy as np
 import scipy  # loads its submodules when they are used
 
+from palpate.compiler.exact import einsum
 from palpate.physics.geometry.pieces import parents
 
 
@@ -46,7 +47,7 @@ def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     middle = np.stack([np.bincount(piece[border // 3], middles[:, i], len(size)) for i in range(3)], axis=1)
     a, b, c = np.moveaxis(corners - (middle / np.maximum(count, 1)[:, None])[piece][:, None], 1, 0)
     area = np.cross(b - a, c - a)
-    volume = np.bincount(piece, np.einsum("ij,ij->i", a, area))
+    volume = np.bincount(piece, einsum("ij,ij->i", a, area))
     total = np.linalg.norm([np.bincount(piece, area[:, i]) for i in range(3)], axis=0)
     sheet = (count > 0) & (total > FLAT * np.bincount(piece, np.linalg.norm(area, axis=1)))
     closed = count == 0

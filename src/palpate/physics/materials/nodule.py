@@ -16,6 +16,7 @@ nodule. The position and the trend with depth, size and ratio are reliable; for 
 
 import numpy as np
 
+from palpate.compiler.exact import einsum
 from palpate.physics.arrays import Points, Vector
 
 
@@ -47,8 +48,8 @@ def stiffness_map(
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name}: found {value}, expected a finite number > 0")
     to_centre = np.asarray(centre, float) - np.asarray(vertices, float)
-    along = -np.einsum("vi,vi->v", to_centre, np.asarray(normals, float))
-    lateral = np.maximum(np.einsum("vi,vi->v", to_centre, to_centre) - along**2, 0.0)
+    along = -einsum("vi,vi->v", to_centre, np.asarray(normals, float))
+    lateral = np.maximum(einsum("vi,vi->v", to_centre, to_centre) - along**2, 0.0)
     half = np.sqrt(np.maximum(radius**2 - lateral, 0.0))
     top, bottom = np.maximum(along - half, 0.0), np.maximum(along + half, 0.0)
     share = 1.0 / np.sqrt(1.0 + (top / reach) ** 2) - 1.0 / np.sqrt(1.0 + (bottom / reach) ** 2)

@@ -31,6 +31,7 @@ import numpy as np
 from palpate.compiler.exact import exp
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Tensor
+from palpate.physics.texture.fourier import irfft, rfft
 
 LEVELS = 24
 """Mean pressures of the table: those of full contact times (j/LEVELS)⁴."""
@@ -66,17 +67,17 @@ def heights(slope: np.ndarray, spacing: float, finest: float) -> tuple[np.ndarra
             f"{MOST // POINTS} of the shortest wavelengths in a period"
         )
     k = 2.0 * np.pi * np.arange(count // 2 + 1) / length
-    lines = np.fft.rfft(slope)[: len(k)]
+    lines = rfft(slope)[: len(k)]
     lines[0] = 0.0
     lines[1:] /= 1j * k[1:]
     if count % 2 == 0 and count < len(slope):
         lines[-1] = 0.0
-    return np.fft.irfft(lines, count) * (count / len(slope)), length / count
+    return irfft(lines, count) * (count / len(slope)), length / count
 
 
 def full_contact(height: np.ndarray, spacing: float, modulus: float) -> np.ndarray:
     """The fluctuation of the pressure (n) [Pa] in full contact; modulus E* [Pa]."""
-    return np.fft.irfft(0.5 * modulus * waves(len(height), spacing) * np.fft.rfft(height), len(height))
+    return irfft(0.5 * modulus * waves(len(height), spacing) * rfft(height), len(height))
 
 
 def waves(count: int, spacing: float) -> np.ndarray:
@@ -111,12 +112,12 @@ def _solve_contact(
     p = np.where(bears, p + (mean * count - _total(p, bears)) / inside, 0.0)
     step, before, first, least = np.zeros(count), 0.0, 0.0, ROUNDING * float(height.max() - height.min())
     for _ in range(ROUNDS):
-        gap = np.fft.irfft(soft * np.fft.rfft(p), count) - height
+        gap = irfft(soft * rfft(p), count) - height
         gap -= _total(gap, bears) / inside
         residual = np.where(bears, gap, 0.0)
         if float(np.abs(residual).max()) <= least:
             break
-        better = np.fft.irfft(stiff * np.fft.rfft(residual), count)
+        better = irfft(stiff * rfft(residual), count)
         better = np.where(bears, better - _total(better, bears) / inside, 0.0)
         square = _total(better * residual, bears)
         first = first or square
@@ -124,7 +125,7 @@ def _solve_contact(
             break
         step = better + square / before * step if before else better
         before = square
-        curve = _total(step * np.fft.irfft(soft * np.fft.rfft(step), count), bears)
+        curve = _total(step * irfft(soft * rfft(step), count), bears)
         if not curve > 0.0:
             break
         p = p - square / curve * step
@@ -150,20 +151,21 @@ def imprint(height: np.ndarray, spacing: float, modulus: float, poisson: float, 
     stress, surface = np.zeros((len(depths), LEVELS + 1, count, 3)), np.zeros((LEVELS + 1, count, 2))
     p = full + fluctuation
     for level in range(LEVELS, 0, -1):
-        mean = full * (level / LEVELS) ** 4
+        share = level / LEVELS
+        mean = full * (share * share * share * share)
         if level < LEVELS:
             p = solve_pressure(height, spacing, modulus, mean, p)
-        lines = np.fft.rfft(p)
+        lines = rfft(p)
         lines[0] = 0.0
         turned = -1j * lines  # cos(k s) to sin(k s)
         for row, depth in zip(stress, depths, strict=True):
             fade = exp(-k * depth)
-            row[level, :, 0] = np.fft.irfft(-(1.0 + k * depth) * fade * lines, count)
-            row[level, :, 1] = np.fft.irfft(-k * depth * fade * turned, count)
-            row[level, :, 2] = np.fft.irfft(-(1.0 - k * depth) * fade * lines, count)
+            row[level, :, 0] = irfft(-(1.0 + k * depth) * fade * lines, count)
+            row[level, :, 1] = irfft(-k * depth * fade * turned, count)
+            row[level, :, 2] = irfft(-(1.0 - k * depth) * fade * lines, count)
         lines[1:] /= k[1:]
-        surface[level, :, 0] = np.fft.irfft(2.0 * lines, count)
-        surface[level, :, 1] = np.fft.irfft(1j * (1.0 - 2.0 * poisson) / (1.0 - poisson) * lines, count)
+        surface[level, :, 0] = irfft(2.0 * lines, count)
+        surface[level, :, 1] = irfft(1j * (1.0 - 2.0 * poisson) / (1.0 - poisson) * lines, count)
     return Imprint(stress.reshape(-1, count, 3), surface, full)
 
 

@@ -12,12 +12,14 @@ a surface: G. Robles-De-La-Torre, V. Hayward, Nature 412 (2001) 445-448.
 """
 
 import csv
+import math
 from pathlib import Path
 
 import numpy as np
 
 from palpate.compiler import exact
 from palpate.physics.readable import MOST_TEXT, check_readable
+from palpate.physics.texture.fourier import irfft, rfft
 
 POINTS = 16  # Points of a table per shortest wavelength, at which linear interpolation attenuates by 0.11 dB
 LINES = 70  # Longest wavelengths per period: 16 spectral lines in the lowest third-octave band
@@ -39,7 +41,7 @@ def random_surface(points: np.ndarray, rms: float, seed: int) -> tuple[np.ndarra
     points  (m,2)  spatial frequency [1/m], increasing, and relative density > 0
     """
     spacing = 1.0 / (POINTS * points[-1, 0])
-    count = 1 << int(np.ceil(np.log2(LINES / points[0, 0] / spacing)))
+    count = 1 << (math.ceil(LINES / points[0, 0] / spacing) - 1).bit_length()
     if count > MOST:
         most = MOST / (2 * POINTS * LINES)
         raise ValueError(f"its highest frequency is {points[-1, 0] / points[0, 0]:.3g} times its lowest; expected at "
@@ -47,8 +49,7 @@ def random_surface(points: np.ndarray, rms: float, seed: int) -> tuple[np.ndarra
     power = density(points, np.arange(count // 2 + 1) / (count * spacing))
     phase = 2.0 * np.pi * np.random.Generator(np.random.PCG64(seed)).random(len(power))
     lines = np.sqrt(power / np.sum(power)) * (exact.cos(phase) + 1j * exact.sin(phase))
-    # reproducible: pocketfft uses no vector instructions for a single row
-    return np.fft.irfft(lines, count) * (count * rms / np.sqrt(2.0)), spacing
+    return irfft(lines, count) * (count * rms / np.sqrt(2.0)), spacing
 
 
 def grating(wavelength: float, rms: float) -> tuple[np.ndarray, float]:
@@ -75,9 +76,9 @@ def profile(path: Path, rms: float, shortest: float) -> tuple[np.ndarray, float]
     """
     heights = has_heights(path)
     even, spacing = _evenly_spaced(path, "height" if heights else "friction", shortest)
-    k = np.fft.rfftfreq(len(even), spacing)
-    lines = np.fft.rfft(even) * (k <= 1.0 / shortest) * (k > 0.0)
-    found = np.fft.irfft(2j * np.pi * k * lines if heights else lines, len(even))
+    k = np.arange(len(even) // 2 + 1) / (len(even) * spacing)
+    lines = rfft(even) * (k <= 1.0 / shortest) * (k > 0.0)
+    found = irfft(2j * np.pi * k * lines if heights else lines, len(even))
     size = np.sqrt(np.mean(found * found))
     if not size > 1e-9:
         raise ValueError("it is flat")
