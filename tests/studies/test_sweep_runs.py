@@ -339,6 +339,28 @@ def test_a_full_disk_ends_the_study_and_loses_nothing(ball, pool, tmp_path):
     assert not more.table()["error"].any()
 
 
+def test_a_point_counts_as_stored_only_with_its_curves(ball, pool, tmp_path):
+    """The row was kept when the disk was full while the curves were written, so the study never computed them again."""
+    over = {"ball.young": list(np.linspace(1e4, 4e4, 40))}
+    study = palpate.Study(ball, over, ("peak ball.force", "curve ball.force"), duration=0.5,
+                          sets=["ball.steps=500"])  # fmt: skip
+    study.run(tmp_path / "whole", pool)
+    sizes = [file.stat().st_size for file in (tmp_path / "whole" / "curves.zarr").rglob("*") if file.is_file()]
+    limit = max(sizes) // 2
+    assert (tmp_path / "whole" / "points.parquet").stat().st_size < limit
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with pytest.raises(RunError, match=r"File too large\. All points in points.parquet stay\. Run it again"):
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+            study.run(tmp_path / "full", pool)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    study.run(tmp_path / "full", pool)
+    whole, full = (Store(tmp_path / name, write=False) for name in ("whole", "full"))
+    for name in ("curve ball.force", "curve ball.force time"):
+        assert np.array_equal(full.curves(name, range(40)), whole.curves(name, range(40)))
+
+
 def test_a_full_disk_is_not_an_error_of_the_point(ball, tmp_path):
     study = palpate.Study(ball, OVER, KEEP)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
