@@ -230,14 +230,14 @@ def test_the_compilation_of_kernels_is_not_counted(ball, tmp_path, monkeypatch):
 
 def test_points_that_fail_are_rows_with_their_error(ball, pool, tmp_path):
     over = {"ball.young": [1e4, 2e4], "ball.what": ["", "fail", "kill", "hang"]}
-    study = palpate.Study(ball, over, ["peak ball.force"], limit="700 ms")
+    study = palpate.Study(ball, over, ["peak ball.force"], limit="2 s")
     assert computed(study, tmp_path, pool) == list(range(8))
     errors = list(study.table()["error"])
     assert errors == 2 * [
         "",
         "node 'ball', start: ValueError: the mesh is inside out",
         "its process ended: SIGKILL",
-        "took longer than 0.7 s",
+        "took longer than 2 s",
     ]
     assert study.table()["peak ball.force"].isna().tolist() == [False, True, True, True] * 2
     assert computed(study, tmp_path, pool) == [], "they are not computed again"
