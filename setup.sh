@@ -51,7 +51,7 @@ install() {
     .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$@"
 }
 
-# The kernels of the usual graphs are compiled while pip installs the packages for pictures.
+# The kernels of the usual graphs are compiled, on two cores, while pip installs the packages for pictures.
 install -e .
 .venv/bin/python -m palpate.cli.machine.kernels &
 kernels=$!

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from palpate.cli.machine.kernels import BODIES, MISSING, TOUCHES, shipped_launches
+from palpate.cli.machine.kernels import BODIES, MISSING, TOUCHES, USUAL, shipped_launches
 from palpate.launch.load.launchfile import names
 
 
@@ -30,7 +30,7 @@ def test_compiled_kernels_suffice_for_the_usual_graphs_in_one_and_several_proces
     assert call(tmp_path, "check").returncode == 0
     made = {file.name for file in (tmp_path / "cache").rglob("*.nbc")}
     command = [sys.executable, "-m", "palpate.cli", "run", "kidney", "--no-pictures", "-q", "--no-record"]
-    for body in BODIES[:2]:
+    for body in USUAL:
         words = [*command, "--duration", "0.02", "--set", f"tissue.use=deformation.{body}"]
         run = subprocess.run(words, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path)
         assert run.returncode == 0

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import subprocess
 import sys
 import time
@@ -13,7 +14,7 @@ import pytest
 
 import palpate
 from palpate.launch.run import lane_blocks
-from palpate.physics.errors import ArgumentError
+from palpate.physics.errors import ArgumentError, RunError
 from palpate.records.lane_store import KeptField, LaneStore
 
 xarray = pytest.importorskip("xarray")
@@ -82,6 +83,24 @@ def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blo
     ran.clear()
     touches().run(out=tmp_path / "t.zarr", quiet=True)
     assert not ran
+
+
+def test_a_full_disk_is_one_line_and_loses_no_block(tmp_path, small_blocks):
+    """It was a traceback of zarr without the path of the store."""
+    touches().run(out=tmp_path / "whole.zarr", quiet=True)
+    whole = [file for file in sorted((tmp_path / "whole.zarr").rglob("*")) if file.is_file()]
+    sizes = sorted({file.stat().st_size for file in whole}, reverse=True)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for limit in (10, 400, sizes[0] - 1, sizes[1] - 1):  # at the creation of the store, and of a block
+        with pytest.raises(RunError, match=r"t\.zarr: File too large\. Whole blocks of lanes stay\. Run it again"):
+            try:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+                touches().run(out=tmp_path / "t.zarr", quiet=True)
+            finally:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    touches().run(out=tmp_path / "t.zarr", quiet=True)
+    for file in whole:
+        assert (tmp_path / "t.zarr" / file.relative_to(tmp_path / "whole.zarr")).read_bytes() == file.read_bytes()
 
 
 def test_a_store_whose_creation_was_killed_is_created_again(tmp_path, monkeypatch):

@@ -230,14 +230,14 @@ def test_the_compilation_of_kernels_is_not_counted(ball, tmp_path, monkeypatch):
 
 def test_points_that_fail_are_rows_with_their_error(ball, pool, tmp_path):
     over = {"ball.young": [1e4, 2e4], "ball.what": ["", "fail", "kill", "hang"]}
-    study = palpate.Study(ball, over, ["peak ball.force"], limit="700 ms")
+    study = palpate.Study(ball, over, ["peak ball.force"], limit="2 s")
     assert computed(study, tmp_path, pool) == list(range(8))
     errors = list(study.table()["error"])
     assert errors == 2 * [
         "",
         "node 'ball', start: ValueError: the mesh is inside out",
         "its process ended: SIGKILL",
-        "took longer than 0.7 s",
+        "took longer than 2 s",
     ]
     assert study.table()["peak ball.force"].isna().tolist() == [False, True, True, True] * 2
     assert computed(study, tmp_path, pool) == [], "they are not computed again"
@@ -337,6 +337,28 @@ def test_a_full_disk_ends_the_study_and_loses_nothing(ball, pool, tmp_path):
     assert not study.table()["error"].any()
     more.run(tmp_path, pool)
     assert not more.table()["error"].any()
+
+
+def test_a_point_counts_as_stored_only_with_its_curves(ball, pool, tmp_path):
+    """The row was kept when the disk was full while the curves were written, so the study never computed them again."""
+    over = {"ball.young": list(np.linspace(1e4, 4e4, 40))}
+    study = palpate.Study(ball, over, ("peak ball.force", "curve ball.force"), duration=0.5,
+                          sets=["ball.steps=500"])  # fmt: skip
+    study.run(tmp_path / "whole", pool)
+    sizes = [file.stat().st_size for file in (tmp_path / "whole" / "curves.zarr").rglob("*") if file.is_file()]
+    limit = max(sizes) // 2
+    assert (tmp_path / "whole" / "points.parquet").stat().st_size < limit
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with pytest.raises(RunError, match=r"File too large\. All points in points.parquet stay\. Run it again"):
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+            study.run(tmp_path / "full", pool)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    study.run(tmp_path / "full", pool)
+    whole, full = (Store(tmp_path / name, write=False) for name in ("whole", "full"))
+    for name in ("curve ball.force", "curve ball.force time"):
+        assert np.array_equal(full.curves(name, range(40)), whole.curves(name, range(40)))
 
 
 def test_a_full_disk_is_not_an_error_of_the_point(ball, tmp_path):

@@ -11,6 +11,7 @@ import numpy as np
 from palpate.physics.errors import ArgumentError
 from palpate.physics.extras import require_extra
 from palpate.physics.writable import opened_alone
+from palpate.records.disk import disk_errors
 
 LOCK, STORE = "palpate.lock", "zarr.json"  # files in the folder: that of the lock, and the head of a store
 PARTIAL = ".partial"  # ending of files that zarr writes, and renames when they are complete
@@ -68,7 +69,8 @@ class LaneStore:
     lanes, size, time  number of lanes, of lanes in a block; times [s] of the rows
     settings  varied settings by path: a value for each lane, and units
 
-    ArgumentError: the folder has something else, or another process writes to it; zarr is missing.
+    ArgumentError: the folder has something else, or another process writes to it; zarr is missing. RunError: the disk
+    is full or unavailable, also in `write`.
     """
 
     def __init__(
@@ -89,19 +91,25 @@ class LaneStore:
             raise ArgumentError(f"out: another run writes to {path}; expected another folder, or wait for its end")
         self._lock = lock
         try:
-            about = {"graph": graph, "coordinates": " ".join(settings), "identity": identity}
-            if (path / STORE).exists():
-                self._group = self._open_store(zarr, identity)
-            else:
-                self._group = zarr.create_group(path, attributes=about)
-            if "lanes_done" not in self._group.attrs:  # new, or a kill ended the creation
-                self._create(lanes, time, settings)
-                self._group.attrs["lanes_done"] = []
-            for left in path.rglob(f"*{PARTIAL}"):  # by a kill
-                left.unlink()
+            with self._disk_errors():
+                self._open(zarr, {"graph": graph, "coordinates": " ".join(settings), "identity": identity})
+                if "lanes_done" not in self._group.attrs:  # new, or its creation was ended
+                    self._create(lanes, time, settings)
+                    self._group.attrs["lanes_done"] = []
         except BaseException:
             self.close()
             raise
+
+    def _disk_errors(self) -> contextlib.AbstractContextManager[None]:
+        return disk_errors(f"out: {self.path}", "Whole blocks of lanes stay")
+
+    def _open(self, zarr: Any, about: Mapping[str, str]) -> None:
+        if (self.path / STORE).exists():
+            self._group = self._open_store(zarr, about["identity"])
+        else:
+            self._group = zarr.create_group(self.path, attributes=about)
+        for left in self.path.rglob(f"*{PARTIAL}"):  # by a kill or a full disk
+            left.unlink()
 
     def _open_store(self, zarr: Any, identity: str) -> Any:
         try:
@@ -155,18 +163,19 @@ class LaneStore:
     ) -> None:
         """Write the results of a block, then count its lanes as done: `lanes_done` has the ranges, each from a lane up
         to another one."""
-        end = first + len(columns[0])
-        for field, column in zip(self._fields, columns, strict=True):
-            self._group[field.name][first:end] = field.decode_words(column)
-        for name, texts in (("error", errors), (NOTES, notes)):
-            self._group[name][first:end] = np.array([texts.get(lane, "") for lane in range(first, end)], object)
-        joined: list[list[int]] = []
-        for begin, stop in sorted([*self._group.attrs["lanes_done"], [first, end]]):
-            if joined and begin == joined[-1][1]:
-                joined[-1][1] = stop
-            else:
-                joined.append([begin, stop])
-        self._group.attrs["lanes_done"] = joined
+        with self._disk_errors():
+            end = first + len(columns[0])
+            for field, column in zip(self._fields, columns, strict=True):
+                self._group[field.name][first:end] = field.decode_words(column)
+            for name, texts in (("error", errors), (NOTES, notes)):
+                self._group[name][first:end] = np.array([texts.get(lane, "") for lane in range(first, end)], object)
+            joined: list[list[int]] = []
+            for begin, stop in sorted([*self._group.attrs["lanes_done"], [first, end]]):
+                if joined and begin == joined[-1][1]:
+                    joined[-1][1] = stop
+                else:
+                    joined.append([begin, stop])
+            self._group.attrs["lanes_done"] = joined
 
     def close(self) -> None:
         """Let other processes write to the store."""

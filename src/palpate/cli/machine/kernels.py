@@ -1,6 +1,7 @@
 """Compiles the kernels of shipped graphs before a run needs them: after an installation, and for a wheel.
 
 python -m palpate.cli.machine.kernels            compile those of the usual graphs
+python -m palpate.cli.machine.kernels bodies     compile those of the usual graphs, the kernels of bodies first
 python -m palpate.cli.machine.kernels all        compile those of all graphs, bodies and nodes
 python -m palpate.cli.machine.kernels check      exit code 3 if one of the usual graphs needs a compilation
 python -m palpate.cli.machine.kernels copy TO    copy the compiled kernels that all graphs load to a folder
@@ -12,6 +13,7 @@ import importlib
 import os
 import pkgutil
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -19,9 +21,11 @@ from pathlib import Path
 
 from palpate import registry
 from palpate.compiler import kernel_cache
+from palpate.compiler.cores import usable_cores
 from palpate.engine.segment import kernels, table_runner
 from palpate.launch.load.launchfile import LaunchFile, find, names
 from palpate.launch.run.assign import jobs
+from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.execute import execute
 from palpate.launch.run.hop.blocks import picker
 from palpate.launch.run.hop.hop import load
@@ -31,14 +35,15 @@ from palpate.nodes.base import CompiledNode
 from palpate.physics.errors import PalpateError
 
 BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
+USUAL = BODIES[:3]
 TOUCHES = ("kidney", "nodule")  # Graphs in which every body fits
 MISSING = 3  # Exit code of a check that finds a kernel which is not compiled
 TICKS = 3
 
 
 def usual() -> Iterator[tuple[str, LaunchFile]]:
-    """Return the graph of the first run, with the two bodies that users start with."""
-    for body in BODIES[:2]:
+    """Return the graph of the first run, with each body that deforms."""
+    for body in USUAL:
         yield f"kidney with {body}", find("kidney").but(overrides=(f"tissue.use=deformation.{body}",))
 
 
@@ -132,10 +137,30 @@ def copy_loaded(to: Path) -> int:
     return len(files)
 
 
+def _compile_bodies(folder: Path) -> None:
+    """Compile the steps of the bodies of the usual graphs in reverse order, then these graphs."""
+    die_with_parent()
+    launches = list(usual())[::-1]
+    for _, launch in launches:
+        planned = launch.plan()
+        kernels(planned.graph.nodes["tissue"].cls, True)
+    compile_all(lambda name, count: None, iter(launches), folder)
+
+
 def compile_usual() -> None:
-    """Compile the kernels of the usual graphs, with progress on a terminal and one line at the end."""
-    with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
-        compile_all(_report, usual(), Path(folder))
+    """Compile the kernels of the usual graphs, with progress on a terminal and one line at the end. On several cores a
+    second process begins with those of the bodies; then each loads what the other one has compiled."""
+    second = None
+    if len(usable_cores()) > 1:
+        second = subprocess.Popen([sys.executable, "-m", __spec__.name, "bodies"], stdin=subprocess.DEVNULL,
+                                  stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+    try:
+        with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+            compile_all(_report, usual(), Path(folder))
+    finally:
+        if second is not None:
+            second.kill()  # all is compiled, or this process failed
+            second.wait()
     print(f"{'' if _HIDDEN else chr(13)}kernels are compiled: {kernel_cache.folder()}{'':20}", file=sys.stderr)
 
 
@@ -159,6 +184,8 @@ def main(words: Sequence[str]) -> None:
         match words:
             case ["check"]:
                 compile_all(end_if_missing, usual(), folder)
+            case ["bodies"]:
+                _compile_bodies(folder)
             case ["all"]:
                 compile_all(_report, shipped_launches(), folder, nodes=True)
             case ["copy", to]:
@@ -168,7 +195,9 @@ def main(words: Sequence[str]) -> None:
             case []:
                 compile_usual()
             case _:
-                raise SystemExit(f"found {' '.join(words)!r}, expected nothing, all, check, or copy and a folder")
+                raise SystemExit(
+                    f"found {' '.join(words)!r}, expected nothing, bodies, all, check, or copy and a folder"
+                )
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -15,7 +15,6 @@ no finished block.
 
 import contextlib
 import datetime
-import errno
 import itertools
 import json
 import math
@@ -30,6 +29,7 @@ from palpate.physics.errors import RunError
 from palpate.physics.extras import require_extra
 from palpate.physics.readable import MOST_TEXT, check_readable
 from palpate.physics.writable import lock_file
+from palpate.records.disk import disk_errors
 from palpate.studies.files import refuse, replace
 from palpate.studies.sweeps.point import Computed, Point
 
@@ -116,28 +116,31 @@ class Store:
             replace(self._about, json.dumps(self.about, indent=1, default=str).encode())
 
     def add(self, base: str, done: Sequence[tuple[Point, Computed]]) -> None:
-        """Store points. RunError: the disk is full or unavailable."""
+        """Store points; they count as stored only when all of it is written. RunError: the disk is full or
+        unavailable."""
         when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
         curves: dict[str, dict[int, np.ndarray]] = {}
+        rows: dict[str, dict[str, Any]] = {}
         logged, added = "", ""
         for point, one in done:
             for name, (times, values) in one.curves.items():
                 curves.setdefault(f"{name} time", {})[point.slot] = times
                 curves.setdefault(name, {})[point.slot] = values
             logged += json.dumps({"key": point.key, "seconds": round(one.seconds, 3), "date": when}) + "\n"
-            row = self.rows[point.key] = {
+            row = rows[point.key] = {
                 "key": point.key, "base": base, "slot": point.slot, **point.labels, **one.numbers,
                 **({"recording": point.recording.name} if point.recording and not one.error else {}),
                 **({"notes": json.dumps([[n.text, n.node, n.time] for n in one.notes])} if one.notes else {}),
                 "error": one.error,
             }  # fmt: skip
             added += json.dumps(row) + "\n"
-        self._changed = True
         with self._disk_errors():
             self._write_curves(curves)
             for name, text in (("log.jsonl", logged), (self._unwritten.name, added)):
                 with open(self.folder / name, "a", encoding="utf-8") as file:
                     file.write(text)
+        self.rows |= rows
+        self._changed = True
         if time.monotonic() - self._written > max(AT_LEAST, SHARE * self._took):
             self.flush()
 
@@ -187,17 +190,8 @@ class Store:
         nothing = np.full(stored.shape[1], math.nan)
         return np.array([nothing if row is None else stored[row] for row in rows])
 
-    @contextlib.contextmanager
-    def _disk_errors(self):
-        """Turn errors of a full or unavailable disk into RunError."""
-        try:
-            yield
-        except OSError as error:
-            why = error.strerror or str(error)
-            cure = "; free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
-            raise RunError(
-                f"{self.folder}: {why}. All points in points.parquet stay{cure}; run the study again to continue"
-            ) from None
+    def _disk_errors(self) -> contextlib.AbstractContextManager[None]:
+        return disk_errors(self.folder, f"All points in {self._table.name} stay")
 
 
 def _column(values: list[Any]) -> Any:

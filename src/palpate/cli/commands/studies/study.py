@@ -73,9 +73,8 @@ def _run(found: Study, name: str, folder: Path, executor: Executor, as_json: boo
             with warnings.catch_warnings(action="ignore", category=PalpateWarning):  # `_print` prints the notes
                 found.run(folder, executor, report=report, done=each, **given)
         except KeyboardInterrupt as error:
-            error.add_note(
-                f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command resumes"
-            )
+            stored = sum(row["error"] != "not computed" for row in found.rows()) if found.folder else 0
+            error.add_note(f"{stored} of {len(found)} points are stored in {folder}, the same command resumes")
             raise
 
 
