@@ -43,8 +43,10 @@ class FingerFit(NamedTuple):
     intervals: tuple[tuple[float, float], ...] | None
 
 
-def read_presses(path: Path) -> list[FingerPress]:
+def read_presses(path: Path, notes: list[str] | None = None) -> list[FingerPress]:
     """The presses of a table with columns travel and force, with units, and a column press if there are several.
+
+    notes  takes which lines were not read
 
     SessionError: cannot be used; says where and why.
     """
@@ -53,13 +55,18 @@ def read_presses(path: Path) -> list[FingerPress]:
         names = [name.lower() for name in found.names]
         if missing := [name for name in UNITS if name not in names]:
             raise ValueError(f"found the columns {', '.join(names)}; expected {', '.join(missing)} too")
+        if twice := [name for name in (*UNITS, "press") if names.count(name) > 1]:
+            raise ValueError(f"row {found.line}: two columns {twice[0]!r}; expected one")
         columns = [names.index(name) for name in UNITS]
         for name, column in zip(UNITS, columns, strict=True):
             if found.units[column] not in UNITS[name]:
-                raise ValueError(f"row {found.line}, column {name!r}: found the unit {found.units[column]!r}, expected "
-                                 f"{' or '.join(UNITS[name])}, as in `{name} [{next(iter(UNITS[name]))}]`")  # fmt: skip
+                raise ValueError(f"row {found.line}, column {name!r}: found {found.units[column] or 'no unit'}, "
+                                 f"expected {' or '.join(UNITS[name])}, as in "
+                                 f"`{name} [{next(iter(UNITS[name]))}]`")  # fmt: skip
         several = ["press"] if "press" in names else []
         rows, lines = found.values([*columns, *(names.index(name) for name in several)])
+        if not len(rows):
+            raise ValueError(f"no rows after the header in row {found.line}")
         for k, (name, column) in enumerate(zip(UNITS, columns, strict=True)):
             rows[:, k] *= UNITS[name][found.units[column]]
             worst = int(np.argmax(np.abs(rows[:, k] - rows[0, k])))
@@ -68,6 +75,8 @@ def read_presses(path: Path) -> list[FingerPress]:
                                  f"{rows[worst, k] - rows[0, k]:.3g}, expected at most {LARGEST[name]:g} in SI units: "
                                  "is its unit right?")  # fmt: skip
         labels = rows[:, 2] if several else np.zeros(len(rows))
+        if notes is not None:
+            notes += found.skipped
         return [_loading(rows[labels == label], f"press {label:g}") for label in dict.fromkeys(labels)]
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}") from None

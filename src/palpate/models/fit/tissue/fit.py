@@ -13,6 +13,7 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
 from palpate.models.fit.tissue.measured import LEAST_ROWS, MeasuredPress
+from palpate.models.fit.tissue.plausible import check_units
 from palpate.models.fit.tissue.relaxing import parameters
 from palpate.models.fit.tissue.rigs import (
     REFERENCE,
@@ -152,6 +153,7 @@ def fit_tissue(
     fitted.open_ += _drift(fitted, drift)
     if "finite elements" in law.remark:
         fitted.notes.append(_mesh_error(fitted))
+    fitted.notes += check_units(rig, _peak(loaded), fitted.deepest)
     if compare:
         others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
         fitted.compared = _compare_laws(fitted, [problem.with_changes(law=one) for one in others])

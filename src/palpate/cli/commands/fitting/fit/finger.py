@@ -22,15 +22,18 @@ def finger(
     """
     from palpate.models.fit.finger import fit_fingers, read_presses
 
-    presses = read_presses(file)
+    notes: list[str] = []
+    presses = read_presses(file, notes)
     fitted = fit_fingers([presses])
     b, m = float(fitted.stiffness[0]), fitted.hardening
     if as_json:
         print_json({
             "ok": True, "presses": len(presses), "finger_stiffness": b, "finger_hardening": m, "rms": fitted.residual,
-            "intervals": fitted.intervals, "touch": fitted.touch.tolist(),
+            "intervals": fitted.intervals, "touch": fitted.touch.tolist(), "notes": notes,
         })  # fmt: skip
         return
+    for text in notes:
+        say(f"{file.name}: {text}", wrap=True)
     ranges = [f" (95 %: {low:.3g} to {high:.3g})" for low, high in fitted.intervals or ()] or ["", ""]
     say(f"{len(presses)} presses, residual {1e3 * fitted.residual:.3g} mN rms", wrap=True)
     say(f"finger_stiffness {b:.4g} N/m{ranges[0]}, finger_hardening {m:.4g} 1/m{ranges[1]}", wrap=True)
