@@ -121,9 +121,10 @@ class _Model:
         self.bounds = [(p.to_search(p.low), p.to_search(p.high)) for p in law.parameters[1:]]
 
     def start(self) -> _State:
-        size = float(np.median(np.where(self.rows.mask, self.rows.force, -np.inf).max(axis=1)))
+        first = self.rows.force[:, 0]  # a zero that drifts from probe to probe is in all rows of a probe
+        size = float(np.median(np.where(self.rows.mask, self.rows.force, -np.inf).max(axis=1) - first))
         shape = [p.to_search(p.guess) for p in self.law.parameters[1:]]
-        wide = [0.5, 0.1 + 50.0 * self.reach, 0.02 * size, 0.05 * size]
+        wide = [0.5, 0.1 + 50.0 * self.reach, max(0.02 * size, float(first.std())), 0.05 * size]
         return _State(np.array([math.log(size), 0.0]), np.log(wide), np.array(shape))
 
     def scale(self, shape: np.ndarray) -> float:
