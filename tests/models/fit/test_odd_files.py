@@ -181,3 +181,15 @@ def test_probes_with_an_inverted_column_are_refused(tmp_path, signs, expected):
     path = saved(tmp_path, "probe,depth [mm],force [mN]\n" + "\n".join(rows))
     with pytest.raises(SessionError, match=expected):
         read_probes(path, {}, {}, convert)
+
+
+def test_a_finger_whose_presses_are_pure_exponentials_has_no_stiffness_at_touch(tmp_path):
+    """It printed finger_stiffness 3e-07 N/m with an interval of the same ends, and a command to run it."""
+    travel = np.linspace(0.0, 2.0, 120)
+    rows = "".join(
+        f"{k},{s:.4f},{4e-3 * np.exp((1.5 + 0.1 * k) * s) * (s > 0.1):.7f}\n" for k in range(3) for s in travel
+    )
+    path = saved(tmp_path, "press,travel [mm],force [N]\n" + rows)
+    output = " ".join(CliRunner().invoke(app, ["fit", "finger", str(path)]).output.split())
+    assert "finger_stiffness not determined" in output and "before the first row" in output
+    assert "palpate run" not in output

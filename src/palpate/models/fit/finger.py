@@ -23,6 +23,7 @@ UNITS = {"travel": {"mm": 1e-3, "m": 1.0, "um": 1e-6, "cm": 1e-2}, "force": {"N"
 LARGEST = {"travel": 0.02, "force": 50.0}  # [m] [N] of a finger; more is a wrong unit
 LEAST = 20  # rows of a press until its peak
 TOUCH = 0.03  # [1] share of the peak force from which a press is searched for its touch point
+EARLY = 0.25  # [1] touch point before the first row, over the travel, from which b is not determined
 MOST = 200  # rows of a press that are fitted
 
 
@@ -114,6 +115,22 @@ def fit_fingers(people: Sequence[Sequence[FingerPress]]) -> FingerFit:
     half = scipy.stats.t.ppf(0.975, n - 1) * spread
     ends = zip(np.exp(middle - half), np.exp(middle + half), strict=True)
     return whole._replace(intervals=tuple((float(low), float(high)) for low, high in ends))
+
+
+def undetermined(presses: Sequence[FingerPress], fit: FingerFit) -> str:
+    """Why the presses of a person do not determine b; "" if they do.
+
+    Where b is small over m f, the law is an exponential of the travel whose beginning is not seen: b tends to 0 while
+    the touch point moves away, although the force of the first rows counts as 0.
+    """
+    early = [(p.travel[0] - s) / (p.travel[-1] - p.travel[0]) for p, s in zip(presses, fit.touch, strict=True)]
+    if max(early) <= EARLY:
+        return ""
+    away = 1e3 * max(p.travel[0] - s for p, s in zip(presses, fit.touch, strict=True))
+    return (
+        f"the touch point fits best {away:.2g} mm before the first row, where the force counts as 0: the presses do "
+        "not determine finger_stiffness. Record more presses that begin above the finger, with less noise below 0.05 N"
+    )
 
 
 def _solve(people: Sequence[Sequence[FingerPress]], near: FingerFit | None = None) -> FingerFit:
