@@ -30,6 +30,7 @@ from palpate.physics.contact.layer import thickness_factor
 MIXED = 2.0
 """Ratio of the highest to the lowest stiffness of presses above which two indenters or specimens may be mixed."""
 UNLOADED = 0.1  # [1] Indentation after unloading, over the largest one, up to which a press counts as unloaded
+ELASTIC = 0.02  # [1] Dissipated share of the work below which a press counts as elastic
 DRIFTS = ("curved", "linear", "none")
 WIDER = 1.2  # [1] Ratio of the widths with and without a drifting zero above which the report lists both
 FINE = 14  # Elements across the contact in the finer mesh that checks the table
@@ -237,6 +238,8 @@ def _hysteresis(press: MeasuredPress, top: int) -> str:
     loop = work + float(np.trapezoid(press.force[top:], back))
     if loop > work:
         return "the force is negative while they unload (adhesion, or a zero that drifts), so the hysteresis is unknown"
+    if abs(loop) < ELASTIC * work:
+        return f"loading and unloading agree, hysteresis dissipates less than {100 * ELASTIC:g} % of the work"
     return (f"hysteresis dissipates {100 * loop / work:.0f} % of the work, so the parameters are valid at this rate "
             "only")  # fmt: skip
 
