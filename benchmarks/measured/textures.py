@@ -9,6 +9,7 @@ set of assumed profiles and forces, all printed; none is fitted. The skin is tha
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from pathlib import Path
 
@@ -20,10 +21,18 @@ from palpate.messages import Contact, Friction, Load, Proximity, Subsurface
 from palpate.nodes.tactile import Afferents, Relief, Stress
 from palpate.views.pictures import style
 
-SPEED, RATE, RADIUS = 80e-3, 5000.0, 6e-3
+SPEED, RATE = 80e-3, 5000.0
 FORCES = (0.25, 0.5, 1.0)
-"""[N] on a patch of `RADIUS`; at 0.5 N the mean pressure is 4.4 kPa, and 13 kPa in the middle."""
-UNITS = {"densities": (0.4e6, 0.4e6, 0.4e6), "reach": 0.8 * RADIUS}
+"""[N] The contact area is that of the finite-element fingertip on a rigid plate."""
+
+
+def patch(force: float) -> float:
+    """Radius [m] of the contact: 34.6 mm² at 0.11 N, 59.1 mm² at 0.5 N (docs/equations/tactile-flow.md), a power of the
+    force between and beyond."""
+    area = 34.6e-6 * (force / 0.11) ** (np.log(59.1 / 34.6) / np.log(0.5 / 0.11))
+    return float(np.sqrt(area / np.pi))
+
+
 TYPES = ("SA", "RA", "PC")
 
 
@@ -39,8 +48,35 @@ GRATINGS = {
     for height in (0.3e-3, 0.5e-3, 1e-3)
 }
 """Assumed profiles of the grating of 3 mm: period, height [m], shape; the share is that of the ridges."""
-YARNS = (0.3e-3, 0.5e-3, 1e-3, 2e-3, 3e-3)
-"""[m] Diameters of round yarns side by side, in place of fabrics, whose profiles are not recorded."""
+MIDDLE = 0.5  # [N] for the order of the textures
+
+
+def yarns(diameter: float, variation: float, count: int = 32) -> tuple[np.ndarray, np.ndarray]:
+    """Profile s, h (n) [m] of round yarns side by side, whose diameter varies by this share; thick ones are higher."""
+    wide = diameter * np.clip(1.0 + variation * np.random.default_rng(0).standard_normal(count), 0.4, 1.6)
+    edges = np.r_[0.0, np.cumsum(wide)]
+    s = np.linspace(0.0, edges[-1], 4001)
+    k = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, count - 1)
+    height = 0.5 * wide[k] * heights("yarns", (s - edges[k]) / wide[k]) + 0.5 * (wide[k] - diameter)
+    return s, np.r_[height[:-1], height[0]]
+
+
+def huckaback(block: float, diameter: float) -> tuple[np.ndarray, np.ndarray]:
+    """Profile of yarns that are raised by a half of their diameter once per block."""
+    s = np.linspace(0.0, block, 1025)
+    raised = 0.5 * diameter * heights("sinusoid", s / block)
+    return s, 0.5 * diameter * heights("yarns", np.mod(s / diameter, 1.0)) + raised
+
+
+def wales(period: float, height: float = 0.5e-3) -> tuple[np.ndarray, np.ndarray]:
+    """Profile of round wales."""
+    s = np.linspace(0.0, period, 257)
+    return s, height * heights("yarns", s / period)
+
+
+def grating(shape: str) -> tuple[np.ndarray, np.ndarray]:
+    s = np.linspace(0.0, 3e-3, 257)
+    return s, 0.5e-3 * heights(shape, s / 3e-3)
 
 
 def heights(shape: str, x: np.ndarray) -> np.ndarray:
@@ -52,14 +88,26 @@ def heights(shape: str, x: np.ndarray) -> np.ndarray:
     return ridges(x, 0.5 if shape.endswith("1/2") else 0.25, 0.05)
 
 
+TEXTURES = {
+    "wool_blend": [yarns(wide, varies) for wide in (0.4e-3, 0.8e-3) for varies in (0.2, 0.4)],
+    "hucktowel": [huckaback(block, 0.5e-3) for block in (2e-3, 3e-3)],
+    "corduroy": [wales(period) for period in (1.8e-3, 2.5e-3, 3.2e-3)],
+    "3mm_grating": [grating(shape) for shape in ("ridges 1/2", "ridges 1/4")],
+}
+"""Plausible profiles of these cloths: uneven yarns of 0.4 to 0.8 mm; yarns of 0.5 mm raised every 2 to 3 mm; 8 to 14
+wales per inch. The specimens themselves were not measured here, and threads yield, which these profiles do not."""
+
+
 def rates(s: np.ndarray, height: np.ndarray, force: float, seconds: float = 0.6) -> np.ndarray:
     """Mean rates (3) [1/s] of SA1, RA1 and PC under a profile (n) [m], after 0.2 s."""
+    radius = patch(force)
+    units = {"densities": (0.8e6, 0.8e6, 0.8e6), "reach": 0.8 * radius}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "profile.csv"
         path.write_text("s,height\n" + "\n".join(f"{a:.9g},{b:.9g}" for a, b in zip(s, height, strict=True)))
-        stress = Stress(radius=RADIUS, reach=RADIUS, depths=(0.3e-3, 1.6e-3, 2e-3))
+        stress = Stress(radius=radius, reach=radius, depths=(0.3e-3, 1.6e-3, 2e-3))
         relief = Relief(
-            profile=str(path), roughness=0.0, direction=(1.0, 0.0, 0.0), radius=RADIUS, shortest=0.15e-3, **UNITS
+            profile=str(path), roughness=0.0, direction=(1.0, 0.0, 0.0), radius=radius, shortest=0.15e-3, **units
         )
         load = Load(foot=(0, 0, 0), normal=(0, 0, 1), nodes=np.zeros(1, int), forces=np.array([[0.0, 0.0, -force]]))
         found = FakeBus(stress, rate=RATE).publish(load)[0]
@@ -67,7 +115,7 @@ def rates(s: np.ndarray, height: np.ndarray, force: float, seconds: float = 0.6)
         contact = Contact(foot=(0, 0, 0), normal=(0, 0, 1), force=force, compression=0, indentation=0,
                           compression_rate=0, indentation_rate=0)  # fmt: skip
         friction = Friction(force=(-0.3 * force, 0, 0), bristle=(0, 0, 0), stick=False)
-        slides, fires = FakeBus(relief, rate=RATE), FakeBus(Afferents(**UNITS), rate=RATE)
+        slides, fires = FakeBus(relief, rate=RATE), FakeBus(Afferents(**units), rate=RATE)
         for name, message in (("load", load), ("friction", friction), ("contact", contact)):
             slides.hold(name, message)
         kind = fires.node.make_population().kind
@@ -99,19 +147,25 @@ def main() -> None:
             good = "within 1.5" if np.all(np.abs(np.log(ratio[1:])) < np.log(1.5)) else ""
             text = " ".join(f"{a:6.1f} ({b:4.2f} x)" for a, b in zip(got, ratio, strict=True))
             print(f"{name:22} {force:4.2f} N {text}  {good}", flush=True)
-    print("round yarns side by side, 0.5 N: rates of SA, RA, PC; recorded: "
-          + "; ".join(f"{name} {a:.0f}, {b:.0f}, {c:.0f}" for name, (a, b, c) in recorded.items()))  # fmt: skip
-    yarns = {}
-    for wide in YARNS:
-        got = yarns[wide] = rates(wide * x, 0.5 * wide * heights("yarns", x), 0.5)
-        print(f"{1e3 * wide:4.1f} mm " + " ".join(f"{a:6.1f}" for a in got), flush=True)
+    print(f"textures, {MIDDLE:g} N, range over assumed profiles; recorded")
+    assumed = {}
+    for name in recorded:
+        assumed[name] = np.array([rates(*profile, MIDDLE) for profile in TEXTURES[name]])
+        low, high = assumed[name].min(axis=0), assumed[name].max(axis=0)
+        print(f"{name:12} " + ", ".join(f"{kind} {a:.0f} to {b:.0f} ({c:.0f})" for kind, a, b, c in
+                                        zip(TYPES, low, high, recorded[name], strict=True)), flush=True)  # fmt: skip
+    for k, kind in enumerate(TYPES):
+        for more, less in sorted(itertools.permutations(recorded, 2), key=lambda pair: -recorded[pair[0]][k]):
+            if recorded[more][k] > recorded[less][k]:
+                right = np.mean(assumed[more][:, k][:, None] > assumed[less][:, k])
+                print(f"{kind}: {more} above {less}: in {100 * right:.0f} % of the pairs of assumed profiles")
     if given.out:
-        draw(given.out, found, yarns, recorded)
+        draw(given.out, found, assumed, recorded)
 
 
 @style.look()
-def draw(path: Path, found: dict, yarns: dict, recorded: dict) -> None:
-    """Rates [1/s] of RA and PC: the grating with each assumed profile, and round yarns over their diameter."""
+def draw(path: Path, found: dict, assumed: dict, recorded: dict) -> None:
+    """Rates [1/s] of RA and PC over the grating with each assumed profile, and of all types over all textures."""
     figure = style.figure(14.0, 6.0, "Mean rates at 80 mm/s: recorded, and of the model with assumed profiles")
     left, right = figure.subplots(1, 2)
     colours = (style.SPEED, style.NORMAL, style.FINGER)
@@ -126,18 +180,16 @@ def draw(path: Path, found: dict, yarns: dict, recorded: dict) -> None:
     left.set(title="3 mm grating: 0.3 to 1 mm high, 0.25 to 1 N", xlabel="RA [1/s]", ylabel="PC [1/s]",
              xlim=(0, None), ylim=(0, None))  # fmt: skip
     left.legend(loc="lower right")
-    wide = 1e3 * np.array(list(yarns))
     for k, kind in enumerate(TYPES):
-        right.plot(wide, [got[k] for got in yarns.values()], "o-", color=colours[k], label=f"model, {kind}")
-    for n, (name, rate) in enumerate(recorded.items()):
-        for k in range(3):
-            right.plot(3.6 + 0.35 * n, rate[k], "*", color=colours[k], markersize=9)
-        right.text(
-            3.6 + 0.35 * n, 1.1 * max(rate), name.replace("_", " "), rotation=90, size=7, ha="center", va="bottom"
-        )
-    right.set(title="Round yarns side by side, 0.5 N; right: recorded textures", xlabel="diameter of the yarns [mm]",
-              ylabel="mean rate [1/s]", ylim=(0, None))  # fmt: skip
-    right.legend()
+        at = np.arange(len(recorded)) + 0.25 * (k - 1)
+        for x, each in zip(at, assumed.values(), strict=True):
+            right.plot([x, x], [each[:, k].min(), each[:, k].max()], color=colours[k], linewidth=5, alpha=0.45,
+                       solid_capstyle="butt", label=f"{kind}, model" if x == at[0] else None)  # fmt: skip
+        right.plot(at, [rate[k] for rate in recorded.values()], "*", color=colours[k], markersize=11,
+                   label=f"{kind}, recorded")  # fmt: skip
+    right.set_xticks(range(len(recorded)), [name.replace("_", " ") for name in recorded])
+    right.set(title="Four textures, 0.5 N: ranges over assumed profiles", ylabel="mean rate [1/s]", ylim=(0, None))
+    right.legend(loc="upper right", ncols=3)
     figure.savefig(path)
     print(f"written {path}")
 

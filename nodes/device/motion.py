@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.messages import DeviceState
 from palpate.nodes.base import SettingError
-from palpate.physics.table_file import Table, read_table, split_unit
+from palpate.physics.table_file import COARSE, Table, coarse_step, read_table, split_unit
 
 PLACE = ("x", "y", "z")
 UNITS = {
@@ -21,8 +21,6 @@ UNITS = {
 """Units that a header may name, `t [ms]`, by quantity, with their SI values; the first one is the default."""
 FARTHEST, LARGEST_ANGLE = 2.0, 4.0 * math.pi
 """[m], [rad] Limits of a motion without a unit in its header: the workspace of no haptic device is larger."""
-COARSE, FEW = 0.5, 20
-"""[s] Median time between the rows of a longer table than `FEW` rows, from which on its unit must be given."""
 
 
 class Motion(NamedTuple):
@@ -114,7 +112,6 @@ def _check_units(
         if name not in named and (largest := float(np.abs(column).max())) > most:
             cure = f"name the unit in the header, `{name} [{other}]` or `{name} [{unit}]`"
             raise wrong(f"column {name}: found {largest:.4g} {unit}, expected at most {most:.3g} {unit}; {cure}")
-    step = float(np.median(np.diff(times))) if len(times) > FEW else 0.0
-    if "t" not in named and step >= COARSE:
+    if "t" not in named and (step := coarse_step(times)):
         cure = "name the unit in the header, `t [ms]` or `t [s]`"
         raise wrong(f"column t: found rows {step:.3g} s apart, expected less than {COARSE:g} s; {cure}")

@@ -3,7 +3,8 @@
 The header is the first line in which the caller recognises all columns that it needs; lines before it are skipped, and
 so is a footer. Recognised: UTF-8, UTF-16, and Latin-1; separators tab, semicolon, comma and blanks; `name [unit]`,
 `name (unit)`, `name, unit`, `name/unit`, or a row of units below the header; a header in a comment (`numpy.savetxt`,
-JPK); blocks that repeat the header (segments of a press); decimal commas. Every fault names its line.
+JPK, `%` of MATLAB); blocks that repeat the header (segments of a press). `table_numbers` reads the numbers. Every fault
+names its line.
 """
 
 import codecs
@@ -17,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.readable import MOST_TEXT, check_readable
+from palpate.physics.table_numbers import decimal_sign, number
 
-DIALECTS = ("decimal-comma", "decimal-point")
 BLANK = " "
 SEPARATORS = ("\t", ";", ",", BLANK)
 BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
@@ -27,10 +28,18 @@ COMPOUND = rf"{SYMBOL}(?:\^?[-0-9²³]+)?(?:[/*·]{SYMBOL}(?:\^?[-0-9²³]+)?)*"
 AFTER = re.compile(rf"(?P<name>[^,/]*[^,/\s])\s*[,/]\s*(?P<unit>{COMPOUND})")
 UNIT = re.compile(rf"[\[(]?\s*(?:-|1|a\.u\.|{COMPOUND})\s*[\])]?")
 WORD = re.compile(r'"[^"]*"|[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?')
-COMMENT = re.compile(r"\s*#+\s*(?:columns\s*:)?\s*")
-COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-COMMA_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
-POINT_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:\.\d{3})+,\d*")
+CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]")
+REMARK = re.compile(r"\s*(?:#|%|//)")
+COMMENT = re.compile(r"\s*(?:#+|%+|/{2,}) *(?:columns\s*:)?\s*?")
+WORDS = {
+    "sec": "s", "second": "s", "msec": "ms", "millisecond": "ms", "usec": "us", "microsecond": "us", "minute": "min",
+    "meter": "m", "metre": "m", "millimeter": "mm", "millimetre": "mm", "micrometer": "um", "micrometre": "um",
+    "micron": "um", "newton": "N", "millinewton": "mN", "micronewton": "uN", "gram-force": "gf", "degree": "deg",
+}  # fmt: skip
+MOST_FOOTER = 5  # Rows of text in all needed columns; more of them are a sensor that failed
+COARSE, FEW = 0.5, 20
+"""[s] Median time between the rows of a longer table than `FEW` rows, from which on its unit must be given."""
+MOST_BELOW = 3  # lines between the header and its units
 
 
 @dataclass
@@ -48,85 +57,78 @@ class Table:
     units: list[str]
     rows: list[tuple[int, list[str]]]
     separator: str
-    dialect: str = ""
+    dialect: str | None = ""
     skipped: list[str] = field(default_factory=list)
 
     def decimal(self, columns: Sequence[int]) -> str:
         """Decimal sign of these columns. ValueError: comma and point are equally likely."""
-        if self.dialect:
-            return "," if self.dialect == "decimal-comma" else "."
-        if self.separator == ",":
+        cells = [(line, row[k]) for line, row in self.rows for k in columns if k < len(row)]
+        if self.separator == "," and not any("," in cell for _, cell in cells):
             return "."
-        commas = [(n, cell) for n, row in self.rows for k in columns if k < len(row) and "," in (cell := row[k])]
-        grouped = next(((n, c) for n, c in commas if POINT_THOUSANDS.fullmatch(c.strip())), None)
-        numbers = [(n, c.strip()) for n, c in commas if COMMA.fullmatch(c.strip())]
-        clear = [pair for pair in numbers if not COMMA_THOUSANDS.fullmatch(pair[1])]
-        if clear or grouped:
-            return ","
-        if numbers and not any("." in row[k] for _, row in self.rows for k in columns if k < len(row)):
-            line, cell = numbers[0]
-            raise ValueError(
-                f"row {line}: found {cell!r}, a decimal comma or a separator of thousands? Set --dialect "
-                f"{' or '.join(DIALECTS)}"
-            )
-        return "."
+        return decimal_sign(cells, self.dialect)
 
     def values(self, columns: Sequence[int]) -> tuple[np.ndarray, list[int]]:
         """Numbers (n, k) of k columns, and the line of each row; rows after the last complete one are a footer.
 
         ValueError: a cell is no finite number, with its line and column.
         """
-        comma = self.decimal(columns) == ","
-        for line, row in self.rows if self.separator == "," else ():
-            if any(cell.strip() for cell in row[len(self.cells) :]):
-                raise ValueError(
-                    f"row {line}: {len(row)} cells, the header in row {self.line} has {len(self.cells)}; decimal "
-                    "commas? Separate the columns by semicolons or tabs"
-                )
-        numbers = [[_number(row[k], comma) if k < len(row) else None for k in columns] for _, row in self.rows]
-        last = len(numbers)
-        while last and numbers[last - 1][int(np.argmin(columns))] is None:
+        decimal = self.decimal(columns)
+        numbers = [[number(row[k], decimal) if k < len(row) else None for k in columns] for _, row in self.rows]
+        last, first = len(numbers), int(np.argmin(columns))
+        while last and (numbers[last - 1][first] is None or not any(map(_finite, numbers[last - 1]))):
             last -= 1
-        if 0 < last < len(numbers) and all(v is not None for v in numbers[last - 1]):
-            first, end = self.rows[last][0], self.rows[-1][0]
-            lines = f"line {first} is" if first == end else f"lines {first} to {end} are"
+        texts = [row for _, row in self.rows[last:] if all(k < len(row) and _is_text(row[k]) for k in columns)]
+        if 0 < last < len(numbers) and all(map(_finite, numbers[last - 1])) and len(texts) <= MOST_FOOTER:
+            begin, end = self.rows[last][0], self.rows[-1][0]
+            lines = f"line {begin} is" if begin == end else f"lines {begin} to {end} are"
             self.skipped.append(f"{lines} after the table: not read")
             numbers = numbers[:last]
         for (line, row), values in zip(self.rows, numbers, strict=False):
+            self._check_count(line, row)
             for k, value in zip(columns, values, strict=True):
-                if value is not None and math.isfinite(value):
+                if _finite(value):
                     continue
                 found = row[k].strip() if k < len(row) else ""
                 wanted = (
                     "a finite number"
                     if value is not None
-                    else f"a number with a decimal {'comma' if comma else 'point'}"
+                    else f"a number with a decimal {'comma' if decimal == ',' else 'point'}"
                 )
                 raise ValueError(f"row {line}, column {self.cells[k].strip()!r}: found {found!r}, expected {wanted}")
         return np.array(numbers, float).reshape(-1, len(columns)), [line for line, _ in self.rows[: len(numbers)]]
 
+    def _check_count(self, line: int, row: Sequence[str]) -> None:
+        """ValueError: a row has cells without a column, so that cells and columns may be shifted."""
+        count = len(self.cells)
+        if any(cell.strip() for cell in row[count:]) or (self.separator == BLANK and len(row) != count):
+            cure = {
+                ",": "decimal commas? Separate the columns by semicolons or tabs, and name each column",
+                BLANK: "write names without blanks, or in quotation marks",
+            }.get(self.separator, "name each column")
+            raise ValueError(f"row {line}: {len(row)} cells, the header in row {self.line} has {count}; {cure}")
 
-def number(text: str, decimal: str = ".") -> float | None:
-    """A number with this decimal sign; None: the text is no number."""
-    return _number(text, decimal == ",")
+
+def _finite(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
 
 
-def _number(text: str, comma: bool) -> float | None:
-    text = text.strip()
-    if comma:
-        text = (text.replace(".", "") if POINT_THOUSANDS.fullmatch(text) else text).replace(",", ".")
-    elif "," in text and COMMA_THOUSANDS.fullmatch(text):
-        text = text.replace(",", "")
-    try:
-        return None if "_" in text else float(text)
-    except ValueError:
-        return None
+def _is_text(cell: str) -> bool:
+    return bool(cell.strip()) and number(cell) is None
+
+
+def coarse_step(times: np.ndarray) -> float:
+    """Median time [s] between the rows (n) of a long table if it is so long that the unit must be another one; else
+    0."""
+    step = float(np.median(np.abs(np.diff(times)))) if len(times) > FEW else 0.0
+    return step if step >= COARSE else 0.0
 
 
 def text_lines(path: str | Path) -> list[str]:
     """The lines of a text file. OSError, ValueError: it cannot be read, or is no text."""
     check_readable(path, MOST_TEXT)
-    raw = Path(path).read_bytes()
+    raw = Path(path).read_bytes().rstrip(b"\x1a")  # end of file in DOS
+    if raw.startswith(b"PK\3\4"):
+        raise ValueError("a zip archive or workbook (.xlsx); save its table as CSV")
     head = raw[:1000]
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ["utf-16"]
@@ -139,8 +141,11 @@ def text_lines(path: str | Path) -> list[str]:
             text = raw.decode(encoding)
         except UnicodeDecodeError:
             continue
-        if not re.search(r"[\0-\x08\x0e-\x1f]", text):
-            return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        if not CONTROL.search(text):
+            return lines
+        at, found = next((n, mark) for n, line in enumerate(lines, 1) for mark in CONTROL.findall(line))
+        raise ValueError(f"not a text file in UTF-8, UTF-16 or Latin-1: found the character {found!r} in row {at}")
     raise ValueError("not a text file in UTF-8, UTF-16 or Latin-1")
 
 
@@ -148,7 +153,7 @@ def split_unit(cell: str) -> tuple[str, str]:
     """Name and unit of a header cell; the unit is "" if it has none."""
     cell = cell.strip().strip('"').strip()
     match = BRACKETS.fullmatch(cell) or AFTER.fullmatch(cell)
-    return (match["name"].strip(), match["unit"]) if match else (cell, "")
+    return (match["name"].strip(), _plain_unit(match["unit"])) if match else (cell, "")
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -172,17 +177,17 @@ def _join_units(cells: list[str], text: str, count: int) -> list[str]:
     return joined if len(joined) == count < len(cells) else cells
 
 
-def read_table(path: str | Path, score: Callable[[Sequence[str]], int], full: int, dialect: str = "") -> Table:
+def read_table(path: str | Path, score: Callable[[Sequence[str]], int], full: int, dialect: str | None = None) -> Table:
     """The table of a file. Its header is the first line whose cells have a score of `full`, else the best line.
 
     score    number of needed columns in the cells of a header; see `split_unit`
-    dialect  one of `DIALECTS`, if the decimal sign cannot be detected
+    dialect  one of `table_numbers.DIALECTS`, "" to detect it, None if the caller has no such option
 
     OSError, ValueError: it cannot be read, with the reason and the line.
     """
     numbered = [(n, line) for n, line in enumerate(text_lines(path), 1) if line.strip().strip(",;\t ")]
-    body = [(n, line) for n, line in numbered if not line.lstrip().startswith("#")]
-    comments = [(n, COMMENT.sub("", line, count=1)) for n, line in numbered if line.lstrip().startswith("#")]
+    body = [(n, line) for n, line in numbered if not REMARK.match(line)]
+    comments = [(n, COMMENT.sub("", line, count=1)) for n, line in numbered if REMARK.match(line)]
     if not body and not comments:
         raise ValueError("empty")
     best = (-1, 0, "", "")  # score, line, text, separator
@@ -222,19 +227,19 @@ def read_table(path: str | Path, score: Callable[[Sequence[str]], int], full: in
         rows_by = separator
     names, units = [list(part) for part in zip(*map(split_unit, cells), strict=True)]
     # a row of units below the header, or in a comment
-    below = _split(rest[0][0], rest[0][1], rows_by) if rest else []
+    below, skip = _units_below(rest, rows_by, len(cells))
     noted = next((line for n, line in comments if n > at and re.match(r"units?\s*:", line)), "")
     if noted and not any(units):
         given = re.sub(r"units?\s*:\s*", "", noted).split()
         units = given if len(given) == len(names) else units
-    elif below and not any(units) and len(below) <= len(cells) and _are_units(below):
-        units = [cell.strip().strip("[]()").strip() for cell in below] + [""] * (len(cells) - len(below))
-        rest = rest[1:]
+    elif below:
+        units = [unit or _plain_unit(cell) for unit, cell in zip(units, below, strict=True)]
+        rest = rest[skip:]
     heads = {text.strip()}
     rows = [(n, _split(n, line, rows_by)) for n, line in rest if line.strip() not in heads]
     again = len(rest) - len(rows)
-    if again and below and _are_units(below):
-        rows = [(n, row) for n, row in rows if row != below]
+    if again and below:
+        rows = [(n, row) for n, row in rows if not _are_units(row)]
     table = Table(at, cells, names, units, rows, rows_by, dialect)
     if again:
         table.skipped.append(f"the header is repeated {again} times: the blocks are read as segments of one press")
@@ -248,6 +253,25 @@ def _split(line: int, text: str, separator: str) -> list[str]:
         raise ValueError(f"row {line}: {error}") from None
 
 
+def _units_below(rest: Sequence[tuple[int, str]], separator: str, count: int) -> tuple[list[str], int]:
+    """A row of units (count) before the first numbers, and the number of lines up to it; empty: no such row."""
+    for skip, (line, text) in enumerate(rest[:MOST_BELOW], 1):
+        cells = _split(line, text, separator)
+        if any(number(cell) is not None for cell in cells):
+            break
+        if len(cells) <= count and _are_units(cells):
+            return cells + [""] * (count - len(cells)), skip
+    return [], 0
+
+
 def _are_units(cells: list[str]) -> bool:
     filled = [cell.strip() for cell in cells if cell.strip()]
-    return bool(filled) and all(UNIT.fullmatch(cell) and number(cell) is None for cell in filled)
+    return bool(filled) and all(
+        number(cell) is None and (UNIT.fullmatch(cell) or _plain_unit(cell) != cell.strip("[]() ")) for cell in filled
+    )
+
+
+def _plain_unit(cell: str) -> str:
+    """A unit without brackets; one that is written as a word by its symbol."""
+    unit = cell.strip("[]() ")
+    return WORDS.get(unit.lower().removesuffix("s"), unit)

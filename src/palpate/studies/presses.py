@@ -11,7 +11,7 @@ from palpate.models.fit.probes.read import Probes, read_probes
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.afm import SUFFIXES, read_afm
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press, read_presses
-from palpate.physics.table_file import DIALECTS
+from palpate.physics.table_numbers import DIALECTS
 from palpate.records.reader import Recording
 
 APART = 0.02  # [1] Share of the greatest force below which the probe counts as free

@@ -63,7 +63,7 @@ def test_the_answer_names_intervals_and_the_command(tmp_path):
 
 @pytest.mark.parametrize(
     ("head", "says"),
-    [("press,travel [mm],force", "'force': found the unit ''"), ("press,depth [mm],force [N]", "expected travel too"),
+    [("press,travel [mm],force", "'force': found no unit"), ("press,depth [mm],force [N]", "expected travel too"),
      ("press,travel [m],force [N]", "is its unit right")],
 )  # fmt: skip
 def test_a_table_that_cannot_be_used_is_an_error(tmp_path, head, says):

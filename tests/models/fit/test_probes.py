@@ -221,3 +221,14 @@ def test_an_unusable_map_is_refused(tmp_path, text, message):
     (tmp_path / "map.csv").write_text(text)
     with pytest.raises(SettingError, match=message):
         MassSpring(surface="plane", vertices=400, measured_map=str(tmp_path / "map.csv")).hardness()
+
+
+def test_a_zero_that_drifts_from_probe_to_probe_leaves_the_modulus():
+    """By five peaks over the file: the zero of each probe is fitted, and its spread has no fixed limit."""
+    rows, _ = organ(3)
+    zero = 5.0 * np.median(rows.force.max(axis=1)) * np.arange(60)[:, None] / 60
+    law = closed_form(BALL, "hertz")
+    still, drifting = (fit_pooled(Rows(rows.depth, f, rows.mask), law) for f in (rows.force, rows.force + zero))
+    assert drifting.values["young"] == pytest.approx(still.values["young"], rel=0.02)
+    low, high = drifting.intervals["young"]
+    assert not drifting.withheld and low < 1e4 < high

@@ -11,6 +11,7 @@ from palpate.models.fit.tissue.estimate import Problem, estimate
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import prepare_press
 from palpate.models.fit.tissue.noise import dither, gain, quantised_variance, step_of
+from palpate.models.fit.tissue.report import data
 from palpate.models.fit.tissue.rigs import Rig, closed_form
 
 PUNCH, BALL = Rig("punch", 20e-3), Rig("ball", 30e-3)
@@ -182,3 +183,23 @@ def test_a_hold_at_constant_force_is_excluded_from_the_loading():
     for seed in range(5):
         press = drifting(BALL, seed, size=0.0)
         assert len(fit_tissue([press], BALL, "hertz").presses[0].depth) == len(press.depth)
+
+
+@pytest.mark.parametrize("seed", [7002, 7008])
+def test_an_interval_is_not_cut_off_where_the_fit_without_a_bend_is_as_likely(seed):
+    """White noise, from contact on: a bend and an exponent of 1.1 fit by chance as well as the true exponent of 1.5."""
+    rng = np.random.default_rng(seed)
+    time = np.linspace(0.0, 2.0, 300)
+    force = 3e3 * (1e-3 * time) ** 1.5
+    press = prepare_press("press.csv", time, 1e-3 * time + 1e-4, force + 0.01 * force.max() * rng.standard_normal(300))
+    fit = fit_tissue([press], BALL, "power")
+    assert not fit.estimate.withheld
+    for name, truth in (("stiffness", 3e3), ("exponent", 1.5)):
+        assert fit.estimate.intervals[name].low <= truth <= fit.estimate.intervals[name].high
+
+
+def test_the_report_names_the_drift_that_the_intervals_allow_for():
+    press = spoilt(BALL, "white", 0)
+    curved, linear = (data(fit_tissue([press], BALL, "hertz", drift=drift)) for drift in ("curved", "linear"))
+    assert curved["drift"] == "curved" and curved["without_curved_drift"]["young"]["low"] < YOUNG
+    assert linear["drift"] == "linear" and linear["without_drift"] == {} and "without_curved_drift" not in linear

@@ -23,6 +23,7 @@ UNITS = {"travel": {"mm": 1e-3, "m": 1.0, "um": 1e-6, "cm": 1e-2}, "force": {"N"
 LARGEST = {"travel": 0.02, "force": 50.0}  # [m] [N] of a finger; more is a wrong unit
 LEAST = 20  # rows of a press until its peak
 TOUCH = 0.03  # [1] share of the peak force from which a press is searched for its touch point
+EARLY = 0.25  # [1] touch point before the first row, over the travel, from which b is not determined
 MOST = 200  # rows of a press that are fitted
 
 
@@ -43,8 +44,10 @@ class FingerFit(NamedTuple):
     intervals: tuple[tuple[float, float], ...] | None
 
 
-def read_presses(path: Path) -> list[FingerPress]:
+def read_presses(path: Path, notes: list[str] | None = None) -> list[FingerPress]:
     """The presses of a table with columns travel and force, with units, and a column press if there are several.
+
+    notes  takes which lines were not read
 
     SessionError: cannot be used; says where and why.
     """
@@ -53,13 +56,18 @@ def read_presses(path: Path) -> list[FingerPress]:
         names = [name.lower() for name in found.names]
         if missing := [name for name in UNITS if name not in names]:
             raise ValueError(f"found the columns {', '.join(names)}; expected {', '.join(missing)} too")
+        if twice := [name for name in (*UNITS, "press") if names.count(name) > 1]:
+            raise ValueError(f"row {found.line}: two columns {twice[0]!r}; expected one")
         columns = [names.index(name) for name in UNITS]
         for name, column in zip(UNITS, columns, strict=True):
             if found.units[column] not in UNITS[name]:
-                raise ValueError(f"row {found.line}, column {name!r}: found the unit {found.units[column]!r}, expected "
-                                 f"{' or '.join(UNITS[name])}, as in `{name} [{next(iter(UNITS[name]))}]`")  # fmt: skip
+                raise ValueError(f"row {found.line}, column {name!r}: found {found.units[column] or 'no unit'}, "
+                                 f"expected {' or '.join(UNITS[name])}, as in "
+                                 f"`{name} [{next(iter(UNITS[name]))}]`")  # fmt: skip
         several = ["press"] if "press" in names else []
         rows, lines = found.values([*columns, *(names.index(name) for name in several)])
+        if not len(rows):
+            raise ValueError(f"no rows after the header in row {found.line}")
         for k, (name, column) in enumerate(zip(UNITS, columns, strict=True)):
             rows[:, k] *= UNITS[name][found.units[column]]
             worst = int(np.argmax(np.abs(rows[:, k] - rows[0, k])))
@@ -68,6 +76,8 @@ def read_presses(path: Path) -> list[FingerPress]:
                                  f"{rows[worst, k] - rows[0, k]:.3g}, expected at most {LARGEST[name]:g} in SI units: "
                                  "is its unit right?")  # fmt: skip
         labels = rows[:, 2] if several else np.zeros(len(rows))
+        if notes is not None:
+            notes += found.skipped
         return [_loading(rows[labels == label], f"press {label:g}") for label in dict.fromkeys(labels)]
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}") from None
@@ -105,6 +115,22 @@ def fit_fingers(people: Sequence[Sequence[FingerPress]]) -> FingerFit:
     half = scipy.stats.t.ppf(0.975, n - 1) * spread
     ends = zip(np.exp(middle - half), np.exp(middle + half), strict=True)
     return whole._replace(intervals=tuple((float(low), float(high)) for low, high in ends))
+
+
+def undetermined(presses: Sequence[FingerPress], fit: FingerFit) -> str:
+    """Why the presses of a person do not determine b; "" if they do.
+
+    Where b is small over m f, the law is an exponential of the travel whose beginning is not seen: b tends to 0 while
+    the touch point moves away, although the force of the first rows counts as 0.
+    """
+    early = [(p.travel[0] - s) / (p.travel[-1] - p.travel[0]) for p, s in zip(presses, fit.touch, strict=True)]
+    if max(early) <= EARLY:
+        return ""
+    away = 1e3 * max(p.travel[0] - s for p, s in zip(presses, fit.touch, strict=True))
+    return (
+        f"the touch point fits best {away:.2g} mm before the first row, where the force counts as 0: the presses do "
+        "not determine finger_stiffness. Record more presses that begin above the finger, with less noise below 0.05 N"
+    )
 
 
 def _solve(people: Sequence[Sequence[FingerPress]], near: FingerFit | None = None) -> FingerFit:

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.table_file import Table, number, read_table, split_unit
+from palpate.physics.table_file import Table, read_table, split_unit
+from palpate.physics.table_numbers import number
 
 UNITS = {
     "depth": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "μm": 1e-6, "um": 1e-6},

@@ -38,6 +38,7 @@ UNITS = {
 """Units that a header may name, with their SI values; the first one is the default."""
 LARGEST = {"speed": 5.0, "normal": 100.0, "lateral": 100.0}
 """[m/s], [N] Limits of a stroke by a hand; a larger value means a wrong unit."""
+MOST_FRICTION = 20.0  # [1] lateral over normal force; a larger value means a wrong unit
 NEEDED, MEASURED = {"t", "speed", "normal"}, {"lateral", "acceleration"}
 
 
@@ -49,15 +50,16 @@ class RecordedCell(NamedTuple):
     windows: np.ndarray
 
 
-def fit_texture(path: Path, held_out: float | None = None) -> Texture:
+def fit_texture(path: Path, held_out: float | None = None, notes: list[str] | None = None) -> Texture:
     """The models of a table with the columns t, speed, normal, and lateral or acceleration, in SI units or with units.
 
     held_out  speed [m/s] that is predicted from the others; None: one in the middle
+    notes     takes which lines were not read
 
     SessionError: an unusable file, or an unknown speed.
     """
     try:
-        sampling, quantity, cells = _cells(path)
+        sampling, quantity, cells = _cells(path, [] if notes is None else notes)
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}") from None
     except ValueError as error:
@@ -93,7 +95,7 @@ def _list(numbers: np.ndarray) -> str:
     return ", ".join(f"{number:.3g}" for number in numbers)
 
 
-def _cells(path: Path) -> tuple[float, str, list[RecordedCell]]:
+def _cells(path: Path, notes: list[str]) -> tuple[float, str, list[RecordedCell]]:
     """Sampling [Hz], quantity, and the windows by speed and force."""
     found = read_table(path, lambda cells: len(NEEDED & _names(cells)) + bool(MEASURED & _names(cells)), 4)
     names = [name.lower() for name in found.names]
@@ -105,6 +107,7 @@ def _cells(path: Path) -> tuple[float, str, list[RecordedCell]]:
         raise ValueError(f"row {found.line}: two columns {twice[0]!r}; expected one")
     places = [names.index(name) for name in wanted]
     table, lines = found.values(places)
+    notes += found.skipped
     for name, place, column in zip(wanted, places, table.T, strict=True):
         unit, known = found.units[place], UNITS[name]
         if unit and unit not in known:
@@ -118,9 +121,21 @@ def _cells(path: Path) -> tuple[float, str, list[RecordedCell]]:
                 f"row {lines[worst]}, column {name!r}: found {column[worst]:.4g} {si}, expected at most "
                 f"{LARGEST[name]:g} {si}; name the unit in the header, such as `{name} [{list(known)[1]}]`"
             )
+    if len(table) < 3:
+        raise ValueError(
+            f"{len(table)} rows after the header in row {found.line}, expected {LEAST * WINDOW:g} s and more"
+        )
+    normal, lateral = (float(np.median(np.abs(column))) for column in table[:, 2:].T)
+    if measured == "lateral" and lateral > MOST_FRICTION * normal > 0.0:
+        raise ValueError(f"column 'lateral': found {lateral / normal:.3g} times the normal force, expected at most "
+                         f"{MOST_FRICTION:g} times; are both units right?")  # fmt: skip
     step = np.diff(table[:, 0])
-    if len(step) < 2 or not np.all(np.abs(step / np.median(step) - 1.0) < 0.05):
-        raise ValueError("expected rows at equal steps of t")
+    usual = float(np.median(step))
+    uneven = np.flatnonzero(np.abs(step - usual) >= 0.05 * usual)
+    if len(uneven):
+        k = int(uneven[0])
+        raise ValueError(f"row {lines[k + 1]}, column 't': found a step of {step[k]:.4g} s, expected equal steps, here "
+                             f"of {abs(usual):.4g} s")  # fmt: skip
     sampling = float(1.0 / np.mean(step))
     width = round(WINDOW * sampling)
     if sampling < 4 * LOWEST or len(table) < LEAST * width:

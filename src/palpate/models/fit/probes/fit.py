@@ -13,6 +13,7 @@ from palpate.models.fit.probes.inclusion import Ground, Inclusion, find_inclusio
 from palpate.models.fit.probes.pooled import PooledFit, Rows, fit_pooled
 from palpate.models.fit.probes.read import LEAST_ROWS, Probes
 from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.plausible import check_units
 from palpate.models.fit.tissue.rigs import Law, Rig, closed_form
 
 EMPIRICAL = ("power", "exponential")
@@ -81,7 +82,11 @@ def fit_probes(probes: Probes, law: Law, deepest: float = math.inf) -> PooledFit
 def best_law(probes: Probes, rig: Rig, name: str | None, deepest: float = math.inf) -> PooledFit:
     """The fit of a law; None: of the power law or the exponential, whichever leaves less noise."""
     names = [name] if name else EMPIRICAL
-    return min((fit_probes(probes, closed_form(rig, one), deepest) for one in names), key=lambda fit: fit.noise)
+    best = min((fit_probes(probes, closed_form(rig, one), deepest) for one in names), key=lambda fit: fit.noise)
+    peaks = np.where(best.rows.mask, best.rows.force, -np.inf).max(axis=1)
+    reaches = np.where(best.rows.mask, best.rows.depth, -np.inf).max(axis=1) - best.touches
+    best.notes += check_units(rig, float(np.median(peaks)), float(np.median(reaches)))
+    return best
 
 
 def fit_map(

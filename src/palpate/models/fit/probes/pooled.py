@@ -30,6 +30,7 @@ FURTHEST = 2.0  # [1] Largest distance of a touch point from 0, over the greates
 MM = 1e-3  # [m] Scale of the touch points
 LEAST_PROBES = 8
 RARE = 1e-3  # p-value below which the law does not follow the mean curve
+DRIFTING = 0.2  # [1] Spread of the first forces over the rise of a probe that only zeros that drift have
 BINS = 6  # of the depth, in the test for misfit
 
 
@@ -121,9 +122,13 @@ class _Model:
         self.bounds = [(p.to_search(p.low), p.to_search(p.high)) for p in law.parameters[1:]]
 
     def start(self) -> _State:
-        size = float(np.median(np.where(self.rows.mask, self.rows.force, -np.inf).max(axis=1)))
+        first, peaks = self.rows.force[:, 0], np.where(self.rows.mask, self.rows.force, -np.inf).max(axis=1)
+        size = float(np.median(peaks))
+        zero, rise = 0.02 * size, float(np.median(peaks - first))
+        if first.std() > DRIFTING * rise:  # the zero drifts from probe to probe
+            size, zero = rise, float(first.std())
         shape = [p.to_search(p.guess) for p in self.law.parameters[1:]]
-        wide = [0.5, 0.1 + 50.0 * self.reach, 0.02 * size, 0.05 * size]
+        wide = [0.5, 0.1 + 50.0 * self.reach, zero, 0.05 * size]
         return _State(np.array([math.log(size), 0.0]), np.log(wide), np.array(shape))
 
     def scale(self, shape: np.ndarray) -> float:

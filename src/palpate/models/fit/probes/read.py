@@ -83,6 +83,10 @@ def read_probes(
             dropped.append(f"{path.name}, probe {name}: {len(order)} rows, expected at least {LEAST_ROWS}")
             continue
         kept[name] = order
+    if not kept:
+        raise SessionError(
+            f"{path}: 0 of {len(groups)} probes remain: {dropped[0]}; --columns indentation=-d inverts the depth"
+        )
     rises = [force[order].max() - force[order][0] for order in kept.values()]
     noise = _noise([force[order] for order in kept.values()])
     for name, rise in zip(list(kept), rises, strict=True):
@@ -91,8 +95,9 @@ def read_probes(
                            f"times the noise of {noise:.2g} N")  # fmt: skip
             kept.pop(name)
     if len(kept) < LEAST_PROBES:
+        cure = "; --columns force=-F inverts the force" if -force.min() > 2.0 * force.max() else ""
         raise SessionError(
-            f"{path}: {len(kept)} of {len(groups)} probes remain, expected at least {LEAST_PROBES}: {dropped[0]}"
+            f"{path}: {len(kept)} of {len(groups)} probes remain, expected at least {LEAST_PROBES}: {dropped[0]}{cure}"
         )
     rows_of = Rows.of([depth[order] for order in kept.values()], [force[order] for order in kept.values()])
     first = [order[0] for order in kept.values()]

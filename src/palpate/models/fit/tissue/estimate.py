@@ -84,6 +84,12 @@ class Estimate:
             return 0.0, 0.0
         return float(self.at[self.names.index(name)]), float(self.errors[self.names.index(name)])
 
+    def is_open(self, p: Parameter) -> bool:
+        """Whether the interval of a parameter reaches a limit of the search."""
+        at, (low, high) = self.intervals[p.name], (p.to_search(p.low), p.to_search(p.high))
+        edge = 1e-6 * (high - low)
+        return p.to_search(at.low) <= low + edge or p.to_search(at.high) >= high - edge
+
     def withhold(self) -> None:
         """Replace the intervals by the whole range of the search."""
         self.withheld = True

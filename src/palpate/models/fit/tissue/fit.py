@@ -13,6 +13,7 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
 from palpate.models.fit.tissue.measured import LEAST_ROWS, MeasuredPress
+from palpate.models.fit.tissue.plausible import check_units
 from palpate.models.fit.tissue.relaxing import parameters
 from palpate.models.fit.tissue.rigs import (
     REFERENCE,
@@ -29,6 +30,7 @@ from palpate.physics.contact.layer import thickness_factor
 MIXED = 2.0
 """Ratio of the highest to the lowest stiffness of presses above which two indenters or specimens may be mixed."""
 UNLOADED = 0.1  # [1] Indentation after unloading, over the largest one, up to which a press counts as unloaded
+ELASTIC = 0.02  # [1] Dissipated share of the work below which a press counts as elastic
 DRIFTS = ("curved", "linear", "none")
 WIDER = 1.2  # [1] Ratio of the widths with and without a drifting zero above which the report lists both
 FINE = 14  # Elements across the contact in the finer mesh that checks the table
@@ -50,9 +52,11 @@ class TissueFit:
     compared: list[dict[str, Any]] = field(default_factory=list)
     given: list[MeasuredPress] = field(default_factory=list)
     """The presses with all rows, including the excluded ones."""
+    drift: str = "curved"
+    """How the zero of the force may drift, one of `DRIFTS`."""
     steady: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Intervals of the parameters if the zero of the force does not drift along a curve; empty if that makes no
-    difference."""
+    """Intervals of the parameters if the zero drifts less: without a curve, or not at all if `drift` is linear. Empty
+    if no such fit was made."""
 
     @property
     def read(self) -> list[str]:
@@ -99,8 +103,7 @@ def fit_tissue(
     """
     if name == "hunt-crossley":
         name, relaxation = "power", name
-    if drift not in DRIFTS:
-        raise SessionError(f"--drift: found {drift!r}, expected {', '.join(DRIFTS)}")
+    check_laws(rig, (name, *compare), relaxation, drift)
     # select the rows: loading only without relaxation, no saturation
     loaded: list[MeasuredPress] = []
     notes: list[str] = []
@@ -145,13 +148,16 @@ def fit_tissue(
         )
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
     kept = [_rows_to_fit(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
-    fitted = TissueFit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses), steady=steady)
+    fitted = TissueFit(
+        rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses), drift=drift, steady=steady
+    )
     fitted.held_out = [_predict_press(problem, best, press, fitted.deepest) for press in kept]
     fitted.sensitivity = _sensitivity(fitted, problem)
     fitted.open_ = hidden + _open(fitted)
-    fitted.open_ += _drift(fitted, drift)
+    fitted.open_ += _drift(fitted)
     if "finite elements" in law.remark:
         fitted.notes.append(_mesh_error(fitted))
+    fitted.notes += check_units(rig, _peak(loaded), fitted.deepest)
     if compare:
         others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
         fitted.compared = _compare_laws(fitted, [problem.with_changes(law=one) for one in others])
@@ -232,12 +238,16 @@ def _hysteresis(press: MeasuredPress, top: int) -> str:
     loop = work + float(np.trapezoid(press.force[top:], back))
     if loop > work:
         return "the force is negative while they unload (adhesion, or a zero that drifts), so the hysteresis is unknown"
+    if abs(loop) < ELASTIC * work:
+        return f"loading and unloading agree, hysteresis dissipates less than {100 * ELASTIC:g} % of the work"
     return (f"hysteresis dissipates {100 * loop / work:.0f} % of the work, so the parameters are valid at this rate "
             "only")  # fmt: skip
 
 
-def check_laws(rig: Rig, names: Sequence[str], relaxation: str) -> None:
-    """SessionError: the rig does not support a law, lacks a length, or the relaxation is unknown."""
+def check_laws(rig: Rig, names: Sequence[str], relaxation: str, drift: str = "curved") -> None:
+    """SessionError: the rig does not support a law or lacks a length, or the relaxation or the drift is unknown."""
+    if drift not in DRIFTS:
+        raise SessionError(f"--drift: found {drift!r}, expected {', '.join(DRIFTS)}")
     for name in names:
         if _in_table(rig, name):
             check_tabulated(rig, name)
@@ -380,7 +390,7 @@ def _open(fit: TissueFit) -> list[str]:
     return notes
 
 
-def _drift(fit: TissueFit, drift: str) -> list[str]:
+def _drift(fit: TissueFit) -> list[str]:
     """How much narrower the intervals are without the drift of the zero that they allow for, if that matters."""
     wider = [
         f"{name} {low:.4g} to {high:.4g}"
@@ -390,8 +400,8 @@ def _drift(fit: TissueFit, drift: str) -> list[str]:
     ]
     if not wider or fit.estimate.withheld:
         return []
-    what = "along a curve" if drift == "curved" else "linearly"
-    lines = drift == "curved" and all(press.drifts for press in fit.presses)
+    what = "along a curve" if fit.drift == "curved" else "linearly"
+    lines = fit.drift == "curved" and all(press.drifts for press in fit.presses)
     less, option = ("at most linearly", "linear") if lines else ("not at all", "none")
     return [f"the zero of the force: it may drift {what}, unseen below the press, and the intervals allow for it. If "
             f"you know that it drifts {less} (--drift {option}), they are {', '.join(wider)}"]  # fmt: skip

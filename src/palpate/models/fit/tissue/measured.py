@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.noise import noise_before, step_of
 from palpate.models.fit.tissue.residuals import inflation
-from palpate.models.fit.tissue.table import Convert, columns_of, numbers_of, table_of
+from palpate.models.fit.tissue.table import Convert, check_time, columns_of, numbers_of, table_of
 
 RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
 """Columns that identify the indenter; a file with several values mixes several indenters."""
@@ -107,6 +107,8 @@ def read_presses(
             notes = (*notes, f"{name}: row {stamps} repeats the time of the row before, and is left out")
         depth, force = (np.delete(parts[key], repeated) for key in ("indentation", "force"))
         presses.append(replace(prepare_press(name, time, depth, force), remarks=notes))
+    if "time" in found:
+        check_time(path, table, found["time"][0], values[:, list(found).index("time")], columns, units)
     return presses
 
 

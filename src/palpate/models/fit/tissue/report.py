@@ -27,7 +27,10 @@ def data(fit: TissueFit) -> dict[str, Any]:
     return {
         "law": fit.law.name, "rig": fit.rig.kind, "relaxation": fit.relaxation, "remark": fit.law.remark,
         "parameters": parameters, "withheld": best.withheld,
-        "without_curved_drift": {name: {"low": low, "high": high} for name, (low, high) in fit.steady.items()},
+        "drift": fit.drift,
+        "without_drift" if fit.drift == "linear" else "without_curved_drift": {
+            name: {"low": low, "high": high} for name, (low, high) in fit.steady.items()
+        },
         "shear_modulus_at_rest": None if shear is None else dict(zip(("value", "low", "high"), shear, strict=True))
         | {"unit": "Pa"},
         "touch": {p.name: {"value": t, "unit": "m"} for p, t in zip(fit.presses, best.touches, strict=True)},

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.models.fit.sessions import SessionError
-from palpate.physics.table_file import Table, read_table, split_unit
+from palpate.physics.table_file import COARSE, Table, coarse_step, read_table, split_unit
 
 NAMES = {
     "time": ("time", "t"), "force": ("force", "load", "f", "fz", "fn", "normal force"),
@@ -80,9 +80,11 @@ def columns_of(path: Path, table: Table, columns: Mapping[str, str]) -> dict[str
         places = _places(table.cells, key, columns)
         if len(places) > 1:
             cells = [f"{table.cells[k].strip()!r} (column {k + 1})" for k in places]
+            distinct = len({table.names[k] for k in places}) == len(places)
+            choices = [f"{key}={table.names[places[0]]}"] * distinct + [f"{key}={places[0] + 1}"]
             raise SessionError(
                 f"{path}, row {table.line}: {' and '.join(cells)} both name the {key}; choose one by name or number: "
-                f"--columns {key}={table.names[places[0]]} or {key}={places[0] + 1}"
+                f"--columns {' or '.join(choices)}"
             )
         if places:
             found[key] = (places[0], -1.0 if columns.get(key, "").startswith("-") else 1.0)
@@ -97,13 +99,29 @@ def columns_of(path: Path, table: Table, columns: Mapping[str, str]) -> dict[str
     return found
 
 
+def check_time(path: Path, table: Table, place: int, times: np.ndarray, columns: Mapping[str, str],
+               units: Mapping[str, str]) -> None:  # fmt: skip
+    """SessionError: a column of time without a unit, with rows so far apart that they are hardly in seconds."""
+    if not unit_of("time", table, place, columns, units) and (step := coarse_step(times)):
+        raise SessionError(
+            f"{path}, row {table.line}, column {table.cells[place].strip()!r}: no unit; in s its rows would be "
+            f"{step:.3g} s apart, expected less than {COARSE:g} s. Give it with --unit time=ms or time=s"
+        )
+
+
+def unit_of(key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str]) -> str:
+    """The unit of a column, of the option --unit or of the header; "" if it has none."""
+    names = (key, columns.get(key, "").removeprefix("-").strip(), table.cells[place].strip(), table.names[place])
+    return next((units[name] for name in names if name in units), table.units[place])
+
+
 def factor_of(
     path: Path, key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str],
     convert: Convert,
 ) -> float:  # fmt: skip
     """Factor from the unit of a column to the SI unit."""
     cell, named = table.cells[place].strip(), columns.get(key, "").removeprefix("-").strip()
-    unit = units.get(key) or units.get(named) or units.get(cell) or units.get(table.names[place]) or table.units[place]
+    unit = unit_of(key, table, place, columns, units)
     where = f"{path}, row {table.line}, column {cell!r}"
     if not unit:
         if key != "time":
@@ -113,4 +131,6 @@ def factor_of(
     try:
         return convert(f"1 {unit}", SI.get(key, "m"))
     except ValueError as error:
-        raise SessionError(f"{where}, unit {unit!r}: {error}") from None
+        cure = "" if "unknown" not in str(error) else f". Give it with --unit {named or key}={SI.get(key, 'm')}"
+        cure = f". If it shows a weight: --unit {named or key}={unit}f" if unit in ("g", "kg") else cure
+        raise SessionError(f"{where}, unit {unit!r}: {error}{cure}") from None

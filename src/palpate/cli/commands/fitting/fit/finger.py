@@ -20,20 +20,27 @@ def finger(
     The zero of the travel is arbitrary; the touch point of each press is fitted. Prints stiffness and hardening with
     95 % intervals from the differences between the presses, and the command that runs a graph with them.
     """
-    from palpate.models.fit.finger import fit_fingers, read_presses
+    from palpate.models.fit.finger import fit_fingers, read_presses, undetermined
 
-    presses = read_presses(file)
+    notes: list[str] = []
+    presses = read_presses(file, notes)
     fitted = fit_fingers([presses])
-    b, m = float(fitted.stiffness[0]), fitted.hardening
+    b, m, why = float(fitted.stiffness[0]), fitted.hardening, undetermined(presses, fitted)
     if as_json:
         print_json({
             "ok": True, "presses": len(presses), "finger_stiffness": b, "finger_hardening": m, "rms": fitted.residual,
-            "intervals": fitted.intervals, "touch": fitted.touch.tolist(),
+            "intervals": fitted.intervals, "touch": fitted.touch.tolist(), "notes": notes, "not_determined": why,
         })  # fmt: skip
         return
+    for text in notes:
+        say(f"{file.name}: {text}", wrap=True)
     ranges = [f" (95 %: {low:.3g} to {high:.3g})" for low, high in fitted.intervals or ()] or ["", ""]
     say(f"{len(presses)} presses, residual {1e3 * fitted.residual:.3g} mN rms", wrap=True)
-    say(f"finger_stiffness {b:.4g} N/m{ranges[0]}, finger_hardening {m:.4g} 1/m{ranges[1]}", wrap=True)
+    stiff = "not determined" if why else f"{b:.4g} N/m{ranges[0]}"
+    say(f"finger_stiffness {stiff}, finger_hardening {m:.4g} 1/m{ranges[1] if not why else ''}", wrap=True)
+    if why:
+        say(why, "yellow", wrap=True)
+        return
     if fitted.intervals is None:
         say("intervals need three presses or more", "yellow")
     say(f"palpate run kidney --set scene.finger.finger_stiffness={b:.4g} --set scene.finger.finger_hardening={m:.4g}")

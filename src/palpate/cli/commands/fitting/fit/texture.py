@@ -29,11 +29,14 @@ def texture(
 
     target = out or file.with_suffix(".json")
     check_new([target], force)
-    fitted = fit_texture(file, held_out)
+    notes: list[str] = []
+    fitted = fit_texture(file, held_out, notes)
     target.write_bytes(msgspec.json.format(msgspec.json.encode(fitted)) + b"\n")
     if as_json:
-        print_json({"ok": True, "file": str(target), **msgspec.to_builtins(fitted)})
+        print_json({"ok": True, "file": str(target), **msgspec.to_builtins(fitted), "notes": notes})
         return
+    for text in notes:
+        say(f"{file.name}: {text}", wrap=True)
     unit = "N" if fitted.quantity == "force" else "m/s^2"
     rows = [(f"{1e3 * m.speed:.4g}", f"{m.force:.3g}", f"{m.rms:.4g}",
              "{:.4g} to {:.4g}".format(*m.interval) if m.interval else "withheld")

@@ -69,7 +69,6 @@ def tissue(
     # Check the options before any file is read.
     for option, found, known in (
         ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
-        ("--drift", drift, fits.DRIFTS),
     ):  # fmt: skip
         if found not in known:
             raise SessionError(f"{option}: found {found!r}, expected {', '.join(known)}")
@@ -77,7 +76,7 @@ def tissue(
     if (radius and diameter) or (rig != "fingertip" and size is None):
         raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
     made = Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
-    fits.check_laws(made, (law, *(compare or ())), relaxation)
+    fits.check_laws(made, (law, *(compare or ())), relaxation, drift)
     check_new([out / name for name in WRITTEN], force)
     # Read the presses and fit the law.
     read = PressReader(columns.split(","), unit or [], rig == "fingertip", dialect)
