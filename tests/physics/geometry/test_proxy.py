@@ -155,7 +155,7 @@ def test_the_force_does_not_flip_inside_a_ball(form, aside):
 @pytest.mark.parametrize("form", ["patch", "mesh"])
 def test_in_a_thick_body_the_proxy_is_the_nearest_point(form):
     """A finger strokes the kidney with the bone up to 6 mm inside. Over the edges of a mesh of 4000 vertices the
-    nearest point leaps by up to 0.7 mm; the foot follows with the finger, and the gap is within 2 um."""
+    nearest point leaps by up to 0.7 mm; the foot is smooth, and the gap that of the nearest point within 2 um."""
     organ = kidney()
     top = organ(0.25, 0.5)
     t = np.linspace(0, 4 * np.pi, 4000)
@@ -184,7 +184,7 @@ def test_in_a_thick_body_the_proxy_is_the_nearest_point(form):
         return
     away = np.linalg.norm(feet[:, :3] - nearest[:, :3], axis=1)
     assert feet[:, 8] == approx(nearest[:, 8], abs=2e-6)
-    assert 0.05e-3 < away.max() < 0.75e-3 and away.mean() < 0.01e-3
+    assert 0.05e-3 < away.max() < 0.75e-3 and away.mean() < 0.05e-3
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -45,7 +45,8 @@ from palpate.physics.geometry.closest import FAR, track
 from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_mesh
 from palpate.physics.geometry.newton import newton
 from palpate.physics.geometry.nurbs import normal_of
-from palpate.physics.geometry.pseudonormal import face_normal, normal_at, signed_distance
+from palpate.physics.geometry.phong import smooth_foot
+from palpate.physics.geometry.pseudonormal import face_normal, signed_distance
 
 JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
@@ -69,18 +70,18 @@ ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
 STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
 FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
 STARTED, INSIDE, GAP, TOOL, FOOT, NORMAL, PLACE = 0, 1, 2, 3, 6, 9, 12
-OPEN, THICKNESS, BEHIND, PASSED, OFF, PACE = 15, 16, 17, 18, 19, 20
+OPEN, THICKNESS, BEHIND, PASSED, OFF, PACE, SHOWN = 15, 16, 17, 18, 19, 20, 21
 """Entries of the memory: whether a last step exists, whether the tool is inside, last gap [m]; tool [m], foot [m],
 normal [1] (3 each); parameters, or triangle and weights of the target (3); whether the surface has a border; tissue
 before the tool [m]; distance of the foot from its target [m]; whether the nearest point is on another side; gap of the
 target minus gap [m]; share of its greatest speed that a foot has reached
-since its target leapt, or -1: it trails for another reason."""
+since its target leapt, or -1: it trails for another reason; triangle of the smooth foot, whose weights are stored."""
 
 
 def memory(points: np.ndarray, border: bool = False, thickness: float = 0.0) -> np.ndarray:
     """Memory of a tool before its first step, for a surface through points [m] (...,3), with or without a border, and a
     tool with soft tissue of this thickness [m]."""
-    state = np.zeros(21)
+    state = np.zeros(22)
     state[OPEN], state[THICKNESS] = float(border), thickness
     return state
 
@@ -96,11 +97,14 @@ def _tool_motion(p: Vector3, memory: Array):
 
 @kernel
 def _at_border(p: Vector3, along: float, foot: Array):
-    """Past the border of a sheet (the distance exceeds its part `along` the normal), the gap is the distance."""
+    """Past the border of a sheet (the distance exceeds its part `along` the normal), the gap is the distance. Returned:
+    whether the tool is there."""
     a, b, c = p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]
     distance = np.sqrt(a * a + b * b + c * c)
-    if distance > abs(along) * (1.0 + BORDER_EXCESS) + ROUNDING:
+    past = distance > abs(along) * (1.0 + BORDER_EXCESS) + ROUNDING
+    if past:
         foot[3], foot[4], foot[5], foot[8] = a / distance, b / distance, c / distance, distance
+    return past
 
 
 @kernel
@@ -315,28 +319,33 @@ def follow_mesh(
     p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
     moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
     track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, foot)
+    past, shown = False, work[0]
     if memory[OPEN] == 1.0:
         _, v, w, place = _on_triangle(points, cells, work[0], p[0], p[1], p[2])
-        _at_border(p, signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], foot), foot)
+        along = signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], foot)
+        past = _at_border(p, along, foot)
+    if not past:
+        shown, foot[6], foot[7] = smooth_foot(points, cells, work[0], foot[6], foot[7], p, foot)
     if inside and foot[8] <= 0.0 and work[1] != work[0]:
         _keep_side(p, face_normal(points, cells, work[1]), foot)
     exists = _regular(foot, moved, p, memory)
     memory[PASSED] = 0.0 if exists else 1.0
     if not exists:
-        nearest, local = foot.copy(), work[0]
+        nearest, local, first = foot.copy(), work[0], shown
         t, _ = _descend(points, cells, star_at, star, p[0], p[1], p[2], int(memory[PLACE]))
         _, v, w, place = _on_triangle(points, cells, t, p[0], p[1], p[2])
         foot[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], foot)
-        normal_at(points, cells, t, v, w, foot)
-        work[0], foot[6], foot[7] = t, v, w
+        work[0] = t
+        shown, foot[6], foot[7] = smooth_foot(points, cells, t, v, w, p, foot)
         exists = foot[8] <= 0.0 and not _tool_turn(foot, memory)
         if not exists and _held_gap(p, memory) > 0.0:
-            memory[INSIDE], work[0], exists = 0.0, local, True
+            memory[INSIDE], work[0], shown, exists = 0.0, local, first, True
             for k in range(len(foot)):
                 foot[k] = nearest[k]
         elif not exists:
-            work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
+            work[0] = int(memory[PLACE])
     if not _end(p, moved, inside, exists, dt, foot, memory):
-        work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
-    foot[9] = cells[work[0], ORIGIN]
-    memory[PLACE], memory[PLACE + 1], memory[PLACE + 2] = work[0], foot[6], foot[7]
+        work[0], shown = int(memory[PLACE]), int(memory[SHOWN])
+        foot[6], foot[7] = memory[PLACE + 1], memory[PLACE + 2]
+    foot[9] = cells[shown, ORIGIN]
+    memory[PLACE], memory[PLACE + 1], memory[PLACE + 2], memory[SHOWN] = work[0], foot[6], foot[7], shown
