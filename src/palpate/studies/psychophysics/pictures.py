@@ -72,7 +72,8 @@ def _function(axes: Axes, one: Outcome) -> None:
     axes.plot(ends, [one.at, one.at], color=FINGER, linewidth=3.0, zorder=5, solid_capstyle="butt",
               label=f"{'PSE' if one.of == 'judged greater' else 'threshold'}, 95 %")  # fmt: skip
     axes.plot([turned * a.value], [one.at], marker="|", markersize=12, color=FINGER, zorder=5)
-    axes.legend(fontsize=8, loc="best", handletextpad=0.4)
+    rises = turned * (share[-1] - share[0]) > 0.0  # the corner below the upper end of the curve has no error bars
+    axes.legend(fontsize=8, loc="lower right" if rises else "lower left", handletextpad=0.4)
     distance = one.reference is not None and one.of != "judged greater"
     axes.set_xlabel(f"{one.path} [{unit}]{', from the reference' * distance}", fontsize=10)
     axes.set_ylabel(NAMES[one.of])
