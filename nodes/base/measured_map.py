@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.nodes.base.node import SettingError
-from palpate.physics.geometry.nearest import nearest, tree_of
+from palpate.physics.nearest import nearest, tree_of
 from palpate.physics.table_file import read_table
 
 COLUMNS = ("x", "y", "z", "factor")

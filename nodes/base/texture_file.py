@@ -10,7 +10,7 @@ import numpy as np
 import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import einsum
-from palpate.physics.geometry.nearest import nearest, tree_of
+from palpate.physics.nearest import nearest, tree_of
 from palpate.physics.readable import check_readable
 from palpate.physics.texture.autoregressive import coefficients, innovation
 

@@ -23,7 +23,7 @@ from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.terminal import indentation
-from palpate.physics.geometry.nearest import nearest, tree_of
+from palpate.physics.nearest import nearest, tree_of
 
 NotNegative = msgspec.Meta(ge=0)
 

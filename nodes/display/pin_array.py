@@ -13,7 +13,7 @@ from palpate.physics.contact.subsurface import next_axis
 from palpate.physics.display import shape_display as pads
 from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.display.pins import Drives, drive, pin_grid
-from palpate.physics.geometry.nearest import nearest, tree_of
+from palpate.physics.nearest import nearest, tree_of
 
 NEIGHBOURS = 9  # number of surface vertices that determine the height of a pin: one and its neighbours on a square mesh
 

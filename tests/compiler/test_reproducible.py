@@ -18,7 +18,7 @@ from palpate.compiler.exact import cos, einsum, row_times, sin
 from palpate.nodes.base.surface import rotation_matrix
 from palpate.physics.contact.quantile import from_log_survival, log_survival
 from palpate.physics.device.falcon import FALCON
-from palpate.physics.geometry.nearest import nearest, tree_of
+from palpate.physics.nearest import nearest, tree_of
 from palpate.physics.special import elliptic_integrals, gauss_legendre, patch_depth
 from palpate.physics.texture.fourier import irfft, rfft
 
@@ -50,7 +50,7 @@ EXEMPT = {
     "src/palpate/physics/device/stick.py:": "notes about a resting finger",
     "src/palpate/physics/display/shape_display.py:": "a power of whole numbers",
     "src/palpate/physics/fingertip/surfaces.py:level": "fingers from images",
-    "src/palpate/physics/geometry/nearest.py:tree_of": "`nearest` uses only the indices that the tree finds",
+    "src/palpate/physics/nearest.py:tree_of": "`nearest` uses only the indices that the tree finds",
     "src/palpate/physics/texture/autoregressive.py:line_spectrum": "fits of a texture",
     "src/palpate/physics/texture/autoregressive.py:spectrum": "the same",
     "src/palpate/physics/texture/autoregressive.py:yule_walker": "the same",

@@ -11,8 +11,8 @@ all vertices are sent. The receiver interpolates (`fill_field`).
 import numpy as np
 
 from palpate.compiler.exact import einsum, solve
-from palpate.physics.geometry.nearest import nearest, tree_of
 from palpate.physics.kept import keep_results
+from palpate.physics.nearest import nearest, tree_of
 
 GRADE = 0.35  # [1] Spacing of the sent vertices over their distance from the region in which all are sent
 RANKED = 600  # Number of ranked vertices; the others are sent only near the contact

@@ -7,7 +7,7 @@ L. Kobbelt, J. Vorsatz, H.-P. Seidel, Computational Geometry 14, 1999, 5-24; D. 
 
     (p - q) x N(q) = 0,    q = a + v e_1 + w e_2,    N = N_a + v (N_b - N_a) + w (N_c - N_a).
 
-Newton's method begins at the nearest point, and goes on in the neighbour where it crosses an edge. Near a centre of
+Newton's method begins at the nearest point, and continues in the neighbour where it crosses an edge. Near a centre of
 curvature (1 - d kappa = 0) the map is singular, and where normals turn by a large angle within a triangle, as at an
 edge of the body, q is not unique. There the nearest point remains: with c the least determinant over that of constant
 normals, and b the least cosine between the normals of two corners, the foot is moved by the share g(c) g(b) of the
