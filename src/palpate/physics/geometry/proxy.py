@@ -98,7 +98,7 @@ def _tool_motion(p: Vector3, memory: Array):
 @kernel
 def _at_border(p: Vector3, along: float, foot: Array):
     """Past the border of a sheet (the distance exceeds its part `along` the normal), the gap is the distance. Returned:
-    whether it does."""
+    whether it is past."""
     a, b, c = p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]
     distance = np.sqrt(a * a + b * b + c * c)
     past = distance > abs(along) * (1.0 + BORDER_EXCESS) + ROUNDING
