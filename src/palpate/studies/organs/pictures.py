@@ -27,7 +27,7 @@ def draw_touches(listed: Sequence[Found], meshes: Path, out: Path) -> dict[str, 
     files = {}
     for number, found in enumerate(listed):
         name = f"worst-{number + 1}"
-        picture = figure(11.0, 4.6, line(found))
+        picture = figure(11.0, 4.8, line(found).replace(" x): ", " x)\n", 1))
         _draw_one(picture, found, meshes)
         files[name] = out / f"{name}.png"
         picture.savefig(files[name], dpi=110)
@@ -68,7 +68,7 @@ def _section(axes: Any, mesh: Mesh, values: dict[str, np.ndarray], near: slice, 
         axes.plot(*ends.T, color="0.4", linewidth=1.0)
     path, feet = (1e3 * (values[name][near] - at) @ plane.T for name in ("finger.position", "contact.foot"))
     axes.plot(*path.T, ".-", markersize=3, label="finger (edge of its bone)")
-    axes.plot(*feet.T, "x", markersize=4, label="foot")
+    axes.plot(*feet.T, "x", markersize=4, label="foot, with its normal")
     arrows = 4.0 * normals @ plane.T
     axes.quiver(*feet.T, *arrows.T, angles="xy", scale_units="xy", scale=1.0, width=2e-3, alpha=0.5)
     axes.set(xlabel="mm", ylabel="mm", xlim=(-1e3 * NEAR, 1e3 * NEAR), ylim=(-1e3 * NEAR, 1e3 * NEAR), aspect="equal")
