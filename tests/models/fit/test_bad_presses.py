@@ -3,6 +3,7 @@
 import json
 import math
 
+import fit_coverage
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -254,3 +255,13 @@ def test_the_picture_shows_the_rows_that_were_left_out(tmp_path, monkeypatch):
     assert depth.max() > 0.65 and len(depth) > 200  # the plateau, and the way back
     kept = next(line for line in drawn[0].axes[0].lines if line.get_label() == "press.csv")
     assert not set(kept.get_ydata()) & set(force)
+
+
+@pytest.mark.parametrize("seed", [7002])
+def test_a_law_that_exceeds_the_range_of_numbers_during_the_search_is_fitted(seed):
+    """Demiray's exponential on presses without rows before contact: "array must not contain infs or NaNs"."""
+    rig, law, truth, kind, _ = fit_coverage.CASES["demiray"]
+    intervals = fit_tissue(
+        [fit_coverage.noisy("demiray", "white from contact", seed)], rig, law, kind
+    ).estimate.intervals
+    assert all(intervals[name].low <= truth[name] <= intervals[name].high for name in truth)

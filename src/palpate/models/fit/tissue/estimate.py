@@ -30,6 +30,7 @@ STARTS = 10
 INDISTINGUISHABLE = 0.97  # [1] Correlation above which two parameters cannot be distinguished
 LEVEL = 0.95
 LEAST_PER_UNKNOWN = 3  # Rows per unknown that a fit needs
+STEEPEST = 1e12  # [1] Limit of a derivative of a residual
 STEP = 1e-6  # finite-difference step of a Jacobian, in search coordinates
 LEAST_EFFECTIVE = 3.0
 """Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
@@ -229,7 +230,8 @@ class Problem:
         for k, (_, i, column) in enumerate(self.baselines, len(x) - len(self.baselines)):
             slopes[i][:, k] = column
         whole = np.concatenate([slope * w[:, None] for slope, w in zip(slopes, self.weight, strict=True)])
-        return np.nan_to_num(whole, posinf=0.0, neginf=0.0)
+        # an exponential law can exceed the range of numbers during the search, whose squares must not
+        return np.clip(np.nan_to_num(whole, posinf=0.0, neginf=0.0), -STEEPEST, STEEPEST)
 
 
 def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None = None) -> Estimate:
