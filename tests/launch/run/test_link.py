@@ -88,3 +88,22 @@ def test_a_process_that_never_connects_is_killed(monkeypatch):
     with ours, pytest.raises(EOFError):
         ours.recv()
     assert process.wait(30) != 0
+
+
+@pytest.mark.parametrize("sent", [b"", b"\0" * link.SECRET])
+def test_a_process_takes_no_work_from_who_listens_in_place_of_its_parent(sent):
+    """Its parent has ended, and another user listens at the port."""
+    with socket.create_server((link.LOOPBACK, 0)) as server:
+        process = subprocess.Popen(
+            [sys.executable, "-c", DOUBLES, f"{link.LOOPBACK}:{server.getsockname()[1]}"],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            stdin=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        secrets = bytes(range(2 * link.SECRET))
+        process.stdin.write(secrets)
+        process.stdin.close()
+        with server.accept()[0] as stranger:
+            assert stranger.recv(99) == secrets[: link.SECRET]
+            stranger.sendall(sent)
+        assert process.wait(30) != 0 and b"another process answered" in process.stderr.read()
+        process.stderr.close()

@@ -37,7 +37,7 @@ FACES = 0.5  # [1] cosine to the contact's normal below which a node bears less
 TINY = 1e-9  # [1] x that cannot be divided by
 OFF = 0.5  # [1] of R, height above a plane from which the foot counts as off the surface
 WIDER = 1.5  # [1] factor from one range in which nodes are looked for to the next
-RINGS = 16
+RINGS = 16  # of the sum for the least area
 CLOSE = 1e-12  # [1] by which the area of a patch may differ from the least one
 
 
