@@ -21,7 +21,7 @@ from scipy import signal
 from sliding import RATE, SPEED, Felt, feel, fire
 from source import FINGERS, parser, table, texts
 
-from palpate.physics.afferents.calibrated import CONSTANTS
+from palpate.physics.afferents.calibrated import CONSTANTS, GAIN
 from palpate.views.pictures import style
 
 TYPES = ("SA", "RA", "PC")
@@ -60,6 +60,26 @@ def slide_gratings(target: np.ndarray) -> dict:
     return found
 
 
+def in_order(found: dict, recorded: dict, k: int) -> dict:
+    """Share of the pairs of profiles of each pair of textures whose rates (profiles) of type k have the recorded
+    order."""
+    ordered = sorted(recorded, key=lambda name: -recorded[name][k])
+    return {(a, b): np.mean(found[a][:, None] > found[b]) for a, b in itertools.combinations(ordered, 2)}
+
+
+def vary_gain(recorded: dict) -> None:
+    """Print how much the order of RA depends on their gain, over its 95 % interval, with each cut-off frequency."""
+    felt = {name: [feel(*profile, MIDDLE) for profile in TEXTURES[name]] for name in recorded}
+    for which, given in (("published", 1.0), ("calibrated", GAIN[1])):
+        for gain in (0.7, 2.5):
+            gains = (1.0, gain / given, 1.0)
+            found = {name: np.array([fire(each, which, gains)[1] for each in felt[name]]) for name in felt}
+            share = 100 * np.mean([*in_order(found, recorded, 1).values()])
+            print(
+                f"RA, {MIDDLE:g} N, cut-off: {which}, gain {gain:g}: in the recorded order {share:.0f} % of the pairs"
+            )
+
+
 def slide_textures(recorded: dict, force: float) -> dict:
     """Rates (profiles, 2, 3) of each texture at a force."""
     print(f"textures, {force:g} N, range over assumed profiles (recorded)")
@@ -77,10 +97,7 @@ def slide_textures(recorded: dict, force: float) -> dict:
                   f"waves below {1e3 * WAVE:g} mm {smooth.min():.0f} to {smooth.max():.0f}", flush=True)  # fmt: skip
     for n, which in enumerate(CONSTANTS):
         for k, kind in enumerate(TYPES):
-            right = {
-                (more, less): np.mean(found[more][:, n, k][:, None] > found[less][:, n, k])
-                for more, less in itertools.combinations(sorted(recorded, key=lambda name: -recorded[name][k]), 2)
-            }
+            right = in_order({name: rates[:, n, k] for name, rates in found.items()}, recorded, k)
             print(f"{which:10} {kind}: in the recorded order {100 * np.mean([*right.values()]):.0f} % of the pairs: "
                   + "; ".join(f"{more} above {less} {100 * x:.0f} %" for (more, less), x in right.items()))  # fmt: skip
     return found
@@ -95,6 +112,7 @@ def main() -> None:
     print("smooth plate, SA1: " + ", ".join(f"{fire(feel(*flat, f), 'published')[0]:.1f}/s at {f:g} N" for f in FORCES))
     gratings = slide_gratings(recorded["3mm_grating"])
     textures = {force: slide_textures(recorded, force) for force in FORCES}
+    vary_gain(recorded)
     if given.out:
         draw_textures(given.out, textures[MIDDLE], recorded)
         draw_gratings(given.out.with_stem(given.out.stem + "-grating"), gratings, recorded["3mm_grating"])
