@@ -160,7 +160,8 @@ def _change(trace: Trace, vector: np.ndarray, rubs: bool, more: np.ndarray | flo
     begins = (f > 0.0) & (-greatest(-f, n + 3) <= 0.0)
     change = np.zeros(len(p))
     change[n:] = length(vector[n:] - vector[:-n])
-    rest, law, acts = trace.rest, trace.nodes.get("friction") if rubs else None, greatest(f, n + 3)
+    rest, law = trace.rest, trace.nodes.get("friction") if rubs else None
+    acts = greatest(np.maximum(f, length(vector)), n + 3)
 
     def bound(at: slice, explained: np.ndarray, static: np.ndarray, body: np.ndarray) -> np.ndarray:
         usual, path, dv, v = np.minimum(explained, acts[at]), moved[at], turned[at], speed[at]
