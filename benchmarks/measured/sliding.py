@@ -76,9 +76,9 @@ def feel(
     return Felt(felt.points, *(np.array(each) for each in zip(*messages, strict=True)), units)
 
 
-def fire(felt: Felt, constants: str, gains: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> np.ndarray:
-    """Mean rates (3) [1/s] of SA1, RA1 and PC with these constants and factors of the input, after `SETTLING`."""
-    bus = FakeBus(Afferents(constants=constants, gains=gains, **felt.units), rate=RATE)
+def fire(felt: Felt, constants: str, **settings: object) -> np.ndarray:
+    """Mean rates (3) [1/s] of SA1, RA1 and PC with these constants and settings of the node, after `SETTLING`."""
+    bus = FakeBus(Afferents(constants=constants, **settings, **felt.units), rate=RATE)
     kind, counts, begin = bus.node.make_population().kind, np.zeros(3), round(SETTLING * RATE)
     for tick, (stress, deflection) in enumerate(zip(felt.stress, felt.deflection, strict=True)):
         spikes = bus.publish(Subsurface(points=felt.points, stress=stress, deflection=deflection))[0]

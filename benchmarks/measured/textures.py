@@ -73,7 +73,7 @@ def vary_gain(recorded: dict) -> None:
     for which, given in (("published", 1.0), ("calibrated", GAIN[1])):
         for gain in (0.7, 2.5):
             gains = (1.0, gain / given, 1.0)
-            found = {name: np.array([fire(each, which, gains)[1] for each in felt[name]]) for name in felt}
+            found = {name: np.array([fire(each, which, gains=gains)[1] for each in felt[name]]) for name in felt}
             share = 100 * np.mean([*in_order(found, recorded, 1).values()])
             print(
                 f"RA, {MIDDLE:g} N, cut-off: {which}, gain {gain:g}: in the recorded order {share:.0f} % of the pairs"
@@ -94,7 +94,10 @@ def slide_textures(recorded: dict, force: float) -> dict:
         if force == MIDDLE:
             still, smooth = np.array([parts(each) for each in felt]).T
             print(f"{name:12} published  SA without dynamic input {still.min():.0f} to {still.max():.0f}, PC without "
-                  f"waves below {1e3 * WAVE:g} mm {smooth.min():.0f} to {smooth.max():.0f}", flush=True)  # fmt: skip
+                  f"waves below {1e3 * WAVE:g} mm {smooth.min():.0f} to {smooth.max():.0f}")  # fmt: skip
+            energy = np.array([fire(each, "calibrated", stimulus="energy") for each in felt])
+            print(f"{name:12} calibrated, stimulus energy: " + ", ".join(f"{kind} {a:.0f} to {b:.0f}" for kind, a, b in
+                  zip(TYPES, energy.min(axis=0), energy.max(axis=0), strict=True)), flush=True)  # fmt: skip
     for n, which in enumerate(CONSTANTS):
         for k, kind in enumerate(TYPES):
             right = in_order({name: rates[:, n, k] for name, rates in found.items()}, recorded, k)
