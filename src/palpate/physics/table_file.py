@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.readable import MOST_TEXT, check_readable
-from palpate.physics.table_numbers import decimal_sign, number
+from palpate.physics.table_numbers import check_dialect, decimal_sign, number
 
 BLANK = " "
 SEPARATORS = ("\t", ";", ",", BLANK)
@@ -183,8 +183,9 @@ def read_table(path: str | Path, score: Callable[[Sequence[str]], int], full: in
     score    number of needed columns in the cells of a header; see `split_unit`
     dialect  one of `table_numbers.DIALECTS`, "" to detect it, None if the caller has no such option
 
-    OSError, ValueError: it cannot be read, with the reason and the line.
+    OSError, ValueError: it cannot be read, with the reason and the line, or an unknown dialect.
     """
+    check_dialect(dialect)
     numbered = [(n, line) for n, line in enumerate(text_lines(path), 1) if line.strip().strip(",;\t ")]
     body = [(n, line) for n, line in numbered if not REMARK.match(line)]
     comments = [(n, COMMENT.sub("", line, count=1)) for n, line in numbered if REMARK.match(line)]

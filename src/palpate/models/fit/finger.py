@@ -44,15 +44,16 @@ class FingerFit(NamedTuple):
     intervals: tuple[tuple[float, float], ...] | None
 
 
-def read_presses(path: Path, notes: list[str] | None = None) -> list[FingerPress]:
+def read_presses(path: Path, notes: list[str] | None = None, dialect: str = "") -> list[FingerPress]:
     """The presses of a table with columns travel and force, with units, and a column press if there are several.
 
-    notes  takes which lines were not read
+    notes    takes which lines were not read
+    dialect  of the numbers, if it cannot be detected: one of `table_numbers.DIALECTS`
 
     SessionError: cannot be used; says where and why.
     """
     try:
-        found = read_table(path, lambda cells: len(set(UNITS) & {split_unit(c)[0].lower() for c in cells}), 2)
+        found = read_table(path, lambda cells: len(set(UNITS) & {split_unit(c)[0].lower() for c in cells}), 2, dialect)
         names = [name.lower() for name in found.names]
         if missing := [name for name in UNITS if name not in names]:
             raise ValueError(f"found the columns {', '.join(names)}; expected {', '.join(missing)} too")
