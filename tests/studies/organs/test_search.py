@@ -68,7 +68,8 @@ def test_touches_that_broke_an_invariant_break_none(touch, folder):
     """A viscous tissue responds to each kink of the gap and of the patch, and to friction: the nearest point on another
     side in the dimple; two fingers on nearly the same beams of the bumpy body; feet that leap over the edges of box,
     l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball;
-    a second finger under which the first one lifts the surface; a foot inside a plate that turns to its underside.
+    a second finger under which the first one lifts the surface; two fingers that rub the same beams of a groove; a foot
+    inside a plate that turns to its underside.
     """
     results = Results()
     (found,) = run_touches([touch], folder, results)
