@@ -155,7 +155,9 @@ def _placed_mesh(
         mesh = refine_mesh(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
     turn = rotation_matrix(rotation)
     _finite("position", position)
-    return Mesh(np.ascontiguousarray(einsum("ik,jk->ij", mesh.vertices, turn) + np.asarray(position)), mesh.triangles)
+    facing = None if mesh.facing is None else einsum("ik,jk->ij", mesh.facing, turn)
+    points = np.ascontiguousarray(einsum("ik,jk->ij", mesh.vertices, turn) + np.asarray(position))
+    return Mesh(points, mesh.triangles, facing)
 
 
 surface_mesh.cache_clear = _placed_mesh.cache_clear  # type: ignore[attr-defined]

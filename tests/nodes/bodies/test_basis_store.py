@@ -135,7 +135,7 @@ def constants(modules):
             if name.isupper() and isinstance(value, int | float | str | tuple | dict | np.ndarray) and name != "MISUSE":
                 lines.add(f"{name} {value!r}")
             elif isinstance(value, type) and dataclasses.is_dataclass(value):
-                plain = (f for f in dataclasses.fields(value) if f.default != dataclasses.MISSING)
+                plain = (f for f in dataclasses.fields(value) if f.default not in (dataclasses.MISSING, None))
                 lines |= {f"{name}.{f.name} {f.default!r}" for f in plain if not callable(f.default)}
     return sorted(lines)
 

@@ -51,14 +51,8 @@ def test_on_the_whole_zoo_no_invariant_is_broken(touched, folder):
         assert not broken(results, set(NAMES), folder)
 
 
-OPEN = {(22, 250, 1): "contact 1.5 x: a step of the encoder at 10 kHz, 12 mm deep in a ball of 20 mm"}
-
-
 def _marks(touch):
-    marks = [pytest.mark.long] if touch.setting.rate > 5000.0 else []
-    if touch.seed in OPEN:
-        marks.append(pytest.mark.xfail(reason=OPEN[touch.seed], strict=True))
-    return marks
+    return [pytest.mark.long] if touch.setting.rate > 5000.0 else []
 
 
 KNOWN = msgspec.json.decode((Path(__file__).parent / "touches.json").read_bytes(), type=list[Touch])

@@ -41,10 +41,10 @@ class MeshTables:
         return self.points, self.cells, self.discs, self.star_at, self.star
 
 
-def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
-    """Tables of a mesh, vertices [m] (V,3) and triangles (T,3). Duplicates and triangles that coincide with an edge of
-    another one are removed; other degenerate triangles remain as segments without a normal. Unused vertices are
-    allowed. ValueError: no triangle, an index out of range, a vertex that is not finite."""
+def mesh_tables(vertices: np.ndarray, triangles: np.ndarray, facing: np.ndarray | None = None) -> MeshTables:
+    """Tables of a mesh, vertices [m] (V,3), triangles (T,3) and known normals (V,3), 0: none. Duplicates and triangles
+    that coincide with an edge of another one are removed; other degenerate triangles remain as segments without a
+    normal. Unused vertices are allowed. ValueError: no triangle, an index out of range, a vertex that is not finite."""
     vertices = np.ascontiguousarray(vertices, dtype=float)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
     if not len(triangles):
@@ -67,6 +67,8 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
     points = np.zeros((len(vertices), 6))
     points[:, :3] = vertices
     _topology(points, cells, star_at, star)
+    if facing is not None:
+        points[:, 3:] = np.where((facing != 0.0).any(axis=1, keepdims=True), facing, points[:, 3:])
     leaves = 1 << (-(-len(triangles) // LEAF) - 1).bit_length()
     discs = np.zeros((2 * leaves, 8))
     _discs(vertices, triangles, leaves, discs)

@@ -16,6 +16,7 @@ class Mesh:
 
     vertices: np.ndarray  # [m] (V,3) float64
     triangles: np.ndarray  # [1] (T,3) int32, indices of vertices
+    facing: np.ndarray | None = None  # [1] (V,3) unit normals that are known better than by the triangles; else 0
 
     @cached_property
     def face_vectors(self) -> np.ndarray:
@@ -43,8 +44,8 @@ class Mesh:
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Outward unit normal at each vertex [1] (V,3), weighted by the angle of each triangle there
-        (Baerentzen & Aanaes 2005); (0, 0, 1) at a vertex that only degenerate triangles share."""
+        """Outward unit normal at each vertex [1] (V,3): the known one, or the mean weighted by the angle of each
+        triangle there (Baerentzen & Aanaes 2005); (0, 0, 1) at a vertex that only degenerate triangles share."""
         total = np.zeros_like(self.vertices)
         length = np.linalg.norm(self.face_vectors, axis=1)
         unit = self.face_vectors / np.where(length > 0, length, 1.0)[:, None]
@@ -58,7 +59,10 @@ class Mesh:
                 total[:, c] += np.bincount(self.triangles[:, i], angle * unit[:, c], minlength=len(total))
         length = np.linalg.norm(total, axis=1)
         total[length == 0] = (0.0, 0.0, 1.0)
-        return total / np.where(length > 0, length, 1.0)[:, None]
+        mean = total / np.where(length > 0, length, 1.0)[:, None]
+        if self.facing is None:
+            return mean
+        return np.where((self.facing != 0.0).any(axis=1, keepdims=True), self.facing, mean)
 
     @cached_property
     def thicknesses(self) -> np.ndarray:

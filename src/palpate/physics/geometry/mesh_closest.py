@@ -30,7 +30,7 @@ class MeshClosestPoint:
     @cached_property
     def tables(self) -> MeshTables:
         """ValueError: a mesh without triangles, or whose vertices are not finite."""
-        return mesh_tables(self.mesh.vertices, self.mesh.triangles)
+        return mesh_tables(self.mesh.vertices, self.mesh.triangles, self.mesh.facing)
 
     def scratch(self) -> tuple[np.ndarray, np.ndarray]:
         """Workspace of `track_mesh`, whose first entry is the last triangle (-1: none), and its result."""

@@ -6,6 +6,12 @@ of each). Repeated, this converges to a smooth surface (X. Yang, Comput.-Aided D
 that of curved PN triangles: A. Vlachos et al., I3D 2001, 159-166). The error of a sphere of 40 mm
 with 162 vertices falls from 0.8 to 0.05 mm, with 642 vertices from 0.2 to 0.008 mm.
 
+Normals are fitted (`physics.normals`) at the vertices of the file, and after each division at the new ones, where the
+fit corrects the normals of the cubics. Means over the triangles of the new mesh would be worse than those of the given
+one: on a torus with a tube of 8 mm and 4953 vertices their error is 0.39 degrees (root mean square) in place of 0.05,
+because edges are divided in some triangles and not in others. That of the fits is 0.013. The error of a foot at the
+depth d is that of the normal times d/(1 - d/R): 0.1 degrees are 0.1 mm at 80 % of a tube of 14 mm.
+
 Edges at which the surface bends by more than 40 degrees and borders stay straight, and at their ends an edge takes the
 normal of its two triangles, so a box stays a box. So does an edge at a corner, such as the tip of a cone, whose normal
 differs by more than 40 degrees from that of a triangle there.
@@ -26,6 +32,7 @@ import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import cos, einsum
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.normals import fit_normals
 
 CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
 ROUNDS = 12  # largest number of halvings
@@ -45,6 +52,7 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * np.sqrt(3.0) * most))))
     sharp, corner = _creases(mesh)
     divided = _Divided(mesh.vertices, mesh.triangles.astype(np.int64), mesh.normals, sharp, corner)
+    divided.fit(longest, finest)
     for _ in range(ROUNDS):
         divided.find_edges()
         while len(divided.points) + (long := divided.lengths > longest * (1.0 + 1e-9)).sum() > ABOVE * most:
@@ -62,7 +70,7 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     if len(divided.points) == len(mesh.vertices):
         return mesh
     triangles = np.ascontiguousarray(divided.triangles, dtype=np.int32)
-    return Mesh(np.ascontiguousarray(divided.points), triangles)
+    return Mesh(np.ascontiguousarray(divided.points), triangles, divided.known_normals())
 
 
 class _Divided:
@@ -85,13 +93,29 @@ class _Divided:
         low, high = self.ends.T
         self.lengths = np.linalg.norm(points[low] - points[high], axis=1)
         self.straight = np.isin(*(each[:, 0] * len(points) + each[:, 1] for each in (self.ends, sharp)))
-        bent = np.zeros(len(points), bool)
-        bent[sharp] = bent[self.corner] = True
+        bent = self.bent()
         # the normal at each end: of the vertex, or of the two triangles where the vertex is on a crease
         facing = _facing(points, self.triangles)
         between = _unit(facing[two[:, 0]] + facing[two[:, 1]])
         self.at_low, self.at_high = (np.where(bent[end][:, None], between, self.normals[end]) for end in (low, high))
         self.turns = (einsum("ij,ij->i", self.at_low, self.at_high) < cos(TURN)) & ~self.straight
+
+    def fit(self, longest: float, finest: float) -> None:
+        """Fit the normals of the vertices of triangles that will be divided."""
+        self.find_edges()
+        long = (self.lengths > longest * (1.0 + 1e-9)) | (self.turns & (self.lengths > finest))
+        some = np.unique(self.triangles[long[self.of].any(axis=1)])
+        self.normals = fit_normals(self.points, self.triangles, self.normals, some, self.bent())
+
+    def bent(self) -> np.ndarray:
+        """Whether each vertex is on a crease, at the border or at a corner (V)."""
+        bent = np.zeros(len(self.points), bool)
+        bent[self.sharp] = bent[self.corner] = True
+        return bent
+
+    def known_normals(self) -> np.ndarray:
+        """The normals (V,3); 0 of those vertices that are on a crease, at the border or at a corner."""
+        return np.where(self.bent()[:, None], 0.0, self.normals)
 
     def halve(self, long: np.ndarray) -> None:
         """Divide these edges (E,) at the middles of their cubics."""
@@ -105,7 +129,9 @@ class _Divided:
         self.sharp = np.concatenate([kept, np.stack([one, half], 1), np.stack([other, half], 1)])
         self.triangles = _divide_triangles(self.triangles, number[self.of])
         self.points = np.concatenate([self.points, middle])
-        self.normals = np.concatenate([self.normals, facing])
+        normals = np.concatenate([self.normals, facing])
+        new = np.arange(len(self.normals), len(normals))
+        self.normals = fit_normals(self.points, self.triangles, normals, new, self.bent())
 
 
 def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
@@ -179,8 +205,8 @@ def _halfway(
     from_low, from_high = (einsum("ij,ij->i", along, n)[:, None] for n in (at_low, at_high))
     lift = np.where(straight[:, None], 0.0, (from_high * at_high - from_low * at_low) / 8.0)
     both = at_low + at_high
-    slope = 2.0 * einsum("ij,ij->i", along, both) / np.maximum(einsum("ij,ij->i", along, along), 1e-300)
-    return 0.5 * (low + high) + lift, _unit(both + _unit(both - slope[:, None] * along))
+    slope = 1.5 * einsum("ij,ij->i", along, both) / np.maximum(einsum("ij,ij->i", along, along), 1e-300)
+    return 0.5 * (low + high) + lift, _unit(both - slope[:, None] * along)
 
 
 def _divide_triangles(triangles: np.ndarray, middle: np.ndarray) -> np.ndarray:

@@ -40,9 +40,8 @@ def thin_mesh(mesh: Mesh, spacing: float) -> Mesh:
     _, same, count = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True, return_counts=True)
     corners = corners[count[same.ravel()] == 1]  # without pairs of opposite triangles
     kept, triangles = np.unique(corners, return_inverse=True)
-    thin = Mesh(np.ascontiguousarray(mesh.vertices[kept]), triangles.reshape(-1, 3).astype(np.int32))
-    thin.__dict__["normals"] = facing[kept] / np.maximum(np.linalg.norm(facing[kept], axis=1), 1e-300)[:, None]
-    return thin
+    facing = facing[kept] / np.maximum(np.linalg.norm(facing[kept], axis=1), 1e-300)[:, None]
+    return Mesh(np.ascontiguousarray(mesh.vertices[kept]), triangles.reshape(-1, 3).astype(np.int32), facing)
 
 
 def _is_crowded(mesh: Mesh, spacing: float) -> bool:
