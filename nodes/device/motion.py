@@ -9,7 +9,8 @@ import numpy as np
 
 from palpate.messages import DeviceState
 from palpate.nodes.base import SettingError
-from palpate.physics.table_file import COARSE, Table, coarse_step, read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import COARSE, Table, coarse_step, read_table
 
 PLACE = ("x", "y", "z")
 UNITS = {

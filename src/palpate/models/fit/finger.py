@@ -17,7 +17,8 @@ import numpy as np
 import scipy  # loads its subpackages on first use
 
 from palpate.models.fit.sessions import SessionError
-from palpate.physics.table_file import read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import read_table
 
 UNITS = {"travel": {"mm": 1e-3, "m": 1.0, "um": 1e-6, "cm": 1e-2}, "force": {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}}
 LARGEST = {"travel": 0.02, "force": 50.0}  # [m] [N] of a finger; more is a wrong unit

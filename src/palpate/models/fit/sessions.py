@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.table_file import Table, read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import Table, read_table
 from palpate.physics.table_numbers import number
 
 UNITS = {

@@ -16,7 +16,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from palpate.models.fit.sessions import SessionError
 from palpate.nodes.base.texture_file import Model, Texture, tabulate_texture
-from palpate.physics.table_file import read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import read_table
 from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule_walker
 from palpate.physics.texture.surface import third_octaves
 
