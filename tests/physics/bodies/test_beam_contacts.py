@@ -43,7 +43,7 @@ def indent(mesh, foundation, fingers, forces):
 def test_two_fingers_that_rub_the_same_beams_do_not_alternate():
     """An error of the forces becomes I - A^-1 B times as large in the next step, with A the compliance of the laws and
     B that of beams under forces whose friction grows with them, by differences. With an eigenvalue below -1 the forces
-    alternate: laws that knew nothing of the other finger's friction had -1.56."""
+    alternate: laws without the other finger's friction had -1.56."""
     mesh, start = ball()
     rng, least = np.random.default_rng(1), []
     for _ in range(40):
