@@ -11,9 +11,10 @@ The *target* is the nearest point while the tool is outside. After the tool has 
 * else none: the foot does not move, and the gap is measured along its normal.
 
 This ends when the tool is outside as seen from the side of entry, or far beyond the other side, or when its tissue
-touches neither the side of entry nor the nearest point. A tool that starts inside, or jumps, has no side of entry: its
-foot is the nearest point. The other side may be nearer by the hysteresis of the search before the foot changes; until
-then the gap is the distance of the foot, not of the other side. Past the border of a sheet the gap is the distance.
+touches neither the side of entry nor the nearest point; the gap rises to the true one first, also if the tool turns
+round meanwhile, unless it enters the body. A tool that starts inside, or jumps, has no side of entry: its foot is the
+nearest point. The other side may be nearer by the hysteresis of the search before the foot changes; until then the gap
+is the distance of the foot, not of the other side. Past the border of a sheet the gap is the distance.
 
 **The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
@@ -69,13 +70,14 @@ BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from wh
 ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
 STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
 FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
+LEAVES = 2.0
 STARTED, INSIDE, GAP, TOOL, FOOT, NORMAL, PLACE = 0, 1, 2, 3, 6, 9, 12
 OPEN, THICKNESS, BEHIND, PASSED, OFF, PACE, SHOWN = 15, 16, 17, 18, 19, 20, 21
-"""Entries of the memory: whether a last step exists, whether the tool is inside, last gap [m]; tool [m], foot [m],
-normal [1] (3 each); parameters, or triangle and weights of the target (3); whether the surface has a border; tissue
-before the tool [m]; distance of the foot from its target [m]; whether the nearest point is on another side; gap of the
-target minus gap [m]; share of its greatest speed that a foot has reached
-since its target leapt, or -1: it trails for another reason; triangle of the smooth foot, whose weights are stored."""
+"""Entries of the memory: whether a last step exists, whether the tool is inside (`LEAVES`: it leaves), last gap [m];
+tool [m], foot [m], normal [1] (3 each); parameters, or triangle and weights of the target (3); whether the surface has
+a border; tissue before the tool [m]; distance of the foot from its target [m]; whether the nearest point is on another
+side; gap of the target minus gap [m]; share of its greatest speed that a foot has reached since its target leapt, or
+-1: it trails for another reason; triangle of the smooth foot, whose weights are stored."""
 
 
 def memory(points: np.ndarray, border: bool = False, thickness: float = 0.0) -> np.ndarray:
@@ -116,8 +118,8 @@ def _tool_turn(foot: Array, memory: Array):
 @kernel
 def _outside(p: Vector3, foot: Array, memory: Array):
     """Whether the tool is outside as seen from the side of entry, or far away."""
-    if not foot[8] > 0.0 or foot[8] > FAR_BEYOND:
-        return foot[8] > 0.0
+    if not foot[8] > ROUNDING or foot[8] > FAR_BEYOND:  # on the surface no direction is known
+        return foot[8] > ROUNDING
     along = square = 0.0
     for k in range(3):
         along += (p[k] - foot[k]) * memory[NORMAL + k]
@@ -138,9 +140,10 @@ def _regular(foot: Array, moved: float, p: Vector3, memory: Array):
             return not turned
         return True
     apart = memory[GAP] >= memory[THICKNESS] and foot[8] >= memory[THICKNESS] and foot[8] > 0.0
-    if apart or _outside(p, foot, memory):
+    if apart or (memory[INSIDE] == LEAVES and foot[8] > 0.0) or _outside(p, foot, memory):
         memory[INSIDE] = 0.0
         return True
+    memory[INSIDE] = 1.0
     return foot[8] <= 0.0 and not _tool_turn(foot, memory)
 
 
@@ -230,7 +233,8 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
         held = _held_gap(p, memory)
         if exists and inside and memory[INSIDE] == 0.0 and foot[8] > memory[GAP] + moved + ROUNDING:
             # leaves a thin body: the gap rises to the true one first
-            memory[INSIDE], exists, held = 1.0, False, memory[GAP] + moved
+            memory[INSIDE] = LEAVES if memory[PASSED] == 0.0 else 1.0
+            exists, held = False, memory[GAP] + moved
         if exists:
             _approach(p, moved, held, dt, foot, memory)
         else:
@@ -266,7 +270,7 @@ def follow(
 ):
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`; dt [s]."""
     p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
-    moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
+    moved, inside = _tool_motion(p, memory), memory[INSIDE] > 0.0
     # 1. the nearest point; past the border of a sheet the gap is the distance
     track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, foot)
     if memory[OPEN] == 1.0:
@@ -317,7 +321,7 @@ def follow_mesh(
     """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`;
     dt [s]."""
     p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
-    moved, inside = _tool_motion(p, memory), memory[INSIDE] == 1.0
+    moved, inside = _tool_motion(p, memory), memory[INSIDE] > 0.0
     track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, foot)
     past, shown = False, work[0]
     if memory[OPEN] == 1.0:
