@@ -3,8 +3,8 @@
 A score is a value over its bound: above 1 the invariant is broken.
 
 force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e, approach rate v and
-         speed of the finger along the surface u of the last 60 ms (`reference`). At rest it is the quasi-static force
-         of the depth. v is a mean over 2 ms along the normal, or that of the finger towards the point of the surface
+         speed along the surface u of the last 60 ms, of the finger, or of its foot up to twice that (`reference`). At
+         rest it is the quasi-static force of the depth. v is a mean over 2 ms along the normal, or that of the finger towards the point of the surface
          that is nearest now: one that slides into a wall, or starts, approaches at its speed. A patch that rolls over a
          rim indents another face, whose tissue has not yielded: its rate e (omega - u/8 mm), omega the turn of the
          normal within 0.5 ms and u the speed along the surface, counts for a body with a memory of the place. Under two

@@ -16,7 +16,8 @@ steady slide it indents by s2 times
 
 r(x/R) being the displacement under a patch by the same load at the distance x, over that at 0: its autocorrelation for
 independent beams, that of a half-space for ReducedFE (`physics.bodies.spring_range`); 1 for springs and a rigid body.
-u is the speed of the finger along the surface. What friction takes away from the indentation of an inclined part is
+u is the speed of the finger along the surface, or that of the patch, up to `EASY` times it: near the middle of a ball
+the foot leads the finger (`geometry.proxy`). What friction takes away from the indentation of an inclined part is
 counted in full, because the displacement by a force along the surface reaches far beyond the patch: the body indents by
 s2 with friction, less (1 - L) times s2 without.
 

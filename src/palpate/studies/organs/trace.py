@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.nodes.collision import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.geometry.proxy import EASY
 from palpate.studies.organs.reference import FORCES, AtRest, Place, at_rest
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
@@ -157,8 +158,12 @@ class Trace:
 
     @cached_property
     def slides(self) -> np.ndarray:
-        """The greatest speed [m/s] along the surface of the last `PAST` (T)."""
-        return greatest(self.slips, self.ticks(PAST))
+        """The greatest speed [m/s] along the surface of the last `PAST` (T), of the finger, or of its foot up to `EASY`
+        times that."""
+        n, foot = self.ticks(SUDDEN), self["contact.foot"]
+        before = np.concatenate([np.repeat(foot[:1], n, axis=0), foot])[: len(foot)]
+        leads = np.minimum(length(foot - before) / (n * self.step), EASY * self.slips)
+        return greatest(np.maximum(self.slips, leads), self.ticks(PAST))
 
     @cached_property
     def rolls(self) -> np.ndarray:
