@@ -2,11 +2,14 @@
 
 python benchmarks/probes.py [organs] [first seed]     20 organs by default, of 100 probes with ten rows each
 python benchmarks/probes.py balls [maps] [first seed]
+python benchmarks/probes.py laws [organs] [first seed]
 
 Organs: a ball of 8 mm pressed 0.8 mm; Young's modulus of 5 to 50 kPa at the median place, a factor of 1.1 to 1.8 as its
 standard deviation between places, noise of 0.5 to 3 % of the peak, touch points within 0.1 mm, zeros of the force with
 the standard deviation of the noise. "independent": places of independent modulus; "smooth": with the covariance of a
 field whose length is 10 % of the organ. The smooth mean is that of the process, not of the probed region.
+Laws: the power law and the exponential, 60 probes whose sensor was not tared, from 0.2 mm above the surface or from
+0.2 mm after contact on; without regard to whether the fit withholds the interval.
 Balls: the probes of a ball of 4 mm on 36 x 15 mm, one stiff ball of 2.5 to 4 mm radius, its top 0.5 to 2 mm deep.
 """
 
@@ -21,7 +24,7 @@ from scipy.spatial.distance import cdist
 from palpate.models.fit.probes.field import matern
 from palpate.models.fit.probes.fit import fit_probes
 from palpate.models.fit.probes.inclusion import Ground, _Balls, find_inclusions
-from palpate.models.fit.probes.pooled import Rows
+from palpate.models.fit.probes.pooled import Rows, fit_pooled
 from palpate.models.fit.probes.read import Probes
 from palpate.models.fit.tissue.rigs import Rig, closed_form
 
@@ -94,7 +97,33 @@ def balls(count: int = 20, first: int = 0) -> None:
           f"{hits[0]:g}, depth {hits[1]:g}, radius {hits[2]:g} of {found}")  # fmt: skip
 
 
+def laws(count: int = 20, first: int = 0) -> None:
+    truth = {"power": {"stiffness": 3e4, "exponent": 1.5}, "exponential": {"stiffness": 50.0, "hardening": 1200.0}}
+    depth = np.linspace(0.05e-3, 0.78e-3, 10)
+    for name, values in truth.items():
+        law = closed_form(Rig("ball", RADIUS), name)
+        for away in (2e-4, 1e-4, -1e-4, -2e-4):
+            inside, withheld = dict.fromkeys(values, 0), 0
+            for seed in range(first, first + count):
+                random = np.random.default_rng(seed)
+                scale, touch = np.exp(0.3 * random.standard_normal(60)), away + 1e-4 * random.standard_normal(60)
+                force = np.array(
+                    [k * law.force(values, np.maximum(depth - t, 0.0)) for k, t in zip(scale, touch, strict=True)]
+                )
+                peak = float(np.median(force[:, -1]))
+                force += peak * (0.3 + 0.02 * random.standard_normal((60, 1)) + 0.01 * random.standard_normal((60, 10)))
+                fit = fit_pooled(Rows.of([depth] * 60, list(force)), law)
+                withheld += bool(fit.withheld)
+                for key, value in values.items():
+                    inside[key] += fit.intervals[key][0] <= value <= fit.intervals[key][1]
+            shown = ", ".join(f"{key} {n}/{count}" for key, n in inside.items())
+            print(
+                f"{name:12s} contact at {1e3 * away:+.1f} mm: within its interval {shown}; withheld {withheld}",
+                flush=True,
+            )
+
+
 if __name__ == "__main__":
     words = sys.argv[1:]
-    run = balls if words[:1] == ["balls"] else organs
+    run = {"balls": balls, "laws": laws}.get(words[0] if words else "", organs)
     run(*(int(word) for word in words if word.isdigit()))

@@ -9,7 +9,8 @@ import numpy as np
 
 from palpate.messages import DeviceState
 from palpate.nodes.base import SettingError
-from palpate.physics.table_file import COARSE, Table, coarse_step, read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import COARSE, Table, coarse_step, read_table
 
 PLACE = ("x", "y", "z")
 UNITS = {
@@ -45,10 +46,14 @@ class Motion(NamedTuple):
         return DeviceState(position=values, buttons=pressed)
 
 
-def read_motion(path: str) -> Motion:
-    """The motion in a table of any form that `physics.table_file` reads. SettingError: the file is invalid."""
+def read_motion(path: str, dialect: str = "") -> Motion:
+    """The motion in a table of any form that `physics.table_file` reads. SettingError: the file is invalid.
+
+    dialect  of the numbers, if it cannot be detected: one of `table_numbers.DIALECTS`
+    """
 
     def wrong(text: str) -> SettingError:
+        text = text.replace("Set --dialect ", "Set dialect to ").replace("--dialect", "setting 'dialect'")
         return SettingError(f"setting 'path': {path}: {text}")
 
     def score(cells: Sequence[str]) -> int:
@@ -56,7 +61,7 @@ def read_motion(path: str) -> Motion:
         return ("t" in names) + ("joint1" in names or set(PLACE) <= names)
 
     try:
-        found = read_table(path, score, 2)
+        found = read_table(path, score, 2, dialect)
     except OSError as error:
         raise wrong(f"{error.strerror}") from None
     except ValueError as error:

@@ -20,6 +20,7 @@ class Replayed(Node):
             header: `t [ms]`, `x [mm]`, `joint1 [deg]`
     stream  name of the stream of `DeviceState` in a recording
     repeat  start again at the end
+    dialect  of the numbers of a CSV, decimal-comma or decimal-point, if the file leaves it open (1,234)
 
     The clock is that of the graph. `palpate replay` uses the time stamps of the recording.
     """
@@ -30,9 +31,10 @@ class Replayed(Node):
     path: Annotated[str, "1"]
     stream: Annotated[str, "1"] = "device"
     repeat: Annotated[bool, "1"] = False
+    dialect: Annotated[str, "1"] = ""
 
     def start(self) -> None:
-        self.motion = read_motion(self.path) if self.path.lower().endswith(".csv") else None
+        self.motion = read_motion(self.path, self.dialect) if self.path.lower().endswith(".csv") else None
         self.clock = 0.0
         if self.motion is not None:
             return

@@ -24,11 +24,11 @@ SLOW = 2.5e-3  # [s] Longest time between messages whose corners the filter of t
 class Afferents(WithReceptors):
     """Spike trains of SA1, RA1 and PC afferents under the patch, from the stress at their receptors, shear included.
 
-    Each is one of the 17 macaque fibres of a published model, drawn with `seed`. Their positions are random on a disc
-    of radius `reach` with the densities of a human fingertip, or those of the file `units`. Vibration acts through the
-    stress, at the rate of the messages. The same seed, inputs and rate result in the same spikes. While a network
-    repeats the stress, no spike is sent; the next message has those of the whole time since the last one, in which
-    the stress changes linearly.
+    Each is one of the 17 macaque fibres of a published model, drawn with `seed`; `constants: calibrated` adjusts them
+    to recorded thresholds. Their positions are random on a disc of radius `reach` with the densities of a human
+    fingertip, or those of the file `units`. Vibration acts through the stress, at the rate of the messages. The same
+    seed, inputs and rate result in the same spikes. While a network repeats the stress, no spike is sent; the next
+    message has those of the whole time since the last one, in which the stress changes linearly.
     """
 
     effect = "tactile"
@@ -37,7 +37,10 @@ class Afferents(WithReceptors):
     """traction: vertical and shear stress at the receptor, and the speed of the surface above it, the published inputs
     summed over the contact; energy: the strain energy density at the receptor and its rate."""
     gains: Annotated[tuple[float, float, float], "1"] = (1.0, 1.0, 1.0)
-    """Factor of the input of SA1, RA1 and PC; 1: as published."""
+    """Factor of the input of SA1, RA1 and PC; 1: that of `constants`."""
+    constants: Annotated[Literal["published", "calibrated"], "1"] = "published"
+    """published: of the published fits; calibrated: RA1 with twice the cut-off frequency and 1.35 times the input, PC
+    with half of it, so that their thresholds are those of recorded units (docs/equations/afferents.md)."""
     seed: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 1
     trial: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 0  # Another trial: the same finger with other noise
     smoothing: Annotated[float, "s", msgspec.Meta(gt=0)] = 0.1  # Time constant of the rates
@@ -76,7 +79,7 @@ class Afferents(WithReceptors):
 
     def make_population(self) -> population.Population:
         """The receptors. SettingError: the file or the densities are invalid."""
-        return self.receptors(self.seed, self.trial)
+        return self.receptors(self.seed, self.trial, self.constants)
 
     @ieee_kernel
     def compute(own, stress: Annotated[Subsurface, Wants("points", "stress", "deflection")], out: Out[Spikes], dt):

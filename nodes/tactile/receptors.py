@@ -10,6 +10,7 @@ from palpate.messages import MessageError
 from palpate.nodes.base import CompiledNode, SettingError
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.physics.afferents import population
+from palpate.physics.afferents.calibrated import CONSTANTS
 from palpate.physics.afferents.published import DENSITIES, DEPTHS, TYPES
 
 NO_STRESS = 3  # fault, next to those of `population.place`: the stress is empty
@@ -56,13 +57,14 @@ class WithReceptors(CompiledNode):
                 f"{least:g} on"
             )
 
-    def receptors(self, seed: int, trial: int = 0) -> population.Population:
+    def receptors(self, seed: int, trial: int = 0, constants: str = "published") -> population.Population:
         """The receptors, kept for `explain`. SettingError: the file or the densities are invalid."""
+        fits = CONSTANTS[constants]
         try:
             if self.units:
-                self.population = population.read(Path(self.units), self.depths, seed, trial)
+                self.population = population.read(Path(self.units), self.depths, seed, trial, fits)
             else:
-                self.population = population.scatter(self.densities, self.reach, self.depths, seed, trial)
+                self.population = population.scatter(self.densities, self.reach, self.depths, seed, trial, fits)
             return self.population
         except (OSError, ValueError) as error:
             raise SettingError(f"setting {'units' if self.units else 'densities'!r}: {error}") from None

@@ -60,6 +60,7 @@ _PREFIXED = {
 _PLAIN = {
     "1": ONE, "%": _unit(Fraction(1, 100)), "deg": _unit(Fraction(math.pi) / 180), "°": _unit(Fraction(math.pi) / 180),
     "min": _unit(60, 0, 0, 1), "h": _unit(3600, 0, 0, 1), "in": _unit(Fraction(254, 10**4), 1),
+    "mil": _unit(Fraction(254, 10**7), 1),
     "gf": _unit(Fraction(980665, 10**8), 1, 1, -2), "kgf": _unit(Fraction(980665, 10**5), 1, 1, -2),
     "lbf": _unit(Fraction(44482216152605, 10**13), 1, 1, -2),
 }  # fmt: skip

@@ -103,7 +103,7 @@ def _fit(
     smooth = (number >= FEWEST) & (total(breaks[other].astype(float)) == 0.0) & ~breaks[some]
     share = np.where(smooth & (square < STEEPEST**2), square / np.maximum(square + noise, 1e-300), 0.0)[:, None]
     normal = along - share * (solution[:, :1] * one + solution[:, 1:2] * two)
-    return np.asarray(normal / np.linalg.norm(normal, axis=1)[:, None])
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None])
 
 
 def _powers(x: np.ndarray, y: np.ndarray, most: int) -> dict[tuple[int, int], np.ndarray]:

@@ -16,6 +16,12 @@ POINT_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")
 THOUSANDS = {"comma": COMMA_THOUSANDS, "point": POINT_THOUSANDS}
 
 
+def check_dialect(dialect: str | None) -> None:
+    """ValueError: an unknown dialect."""
+    if dialect and dialect not in DIALECTS:
+        raise ValueError(f"--dialect: found {dialect!r}, expected {' or '.join(DIALECTS)}")
+
+
 def decimal_sign(cells: Sequence[tuple[int, str]], dialect: str | None) -> str:
     """Decimal sign of cells (line, text).
 

@@ -11,7 +11,7 @@ from palpate.models.fit.probes.read import Probes, read_probes
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.afm import SUFFIXES, read_afm
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press, read_presses
-from palpate.physics.table_numbers import DIALECTS
+from palpate.physics.table_numbers import check_dialect
 from palpate.records.reader import Recording
 
 APART = 0.02  # [1] Share of the greatest force below which the probe counts as free
@@ -29,8 +29,10 @@ class PressReader:
     """
 
     def __init__(self, columns: Iterable[str], units: Iterable[str], bone: bool, dialect: str = "") -> None:
-        if dialect and dialect not in DIALECTS:
-            raise SessionError(f"--dialect: found {dialect!r}, expected {' or '.join(DIALECTS)}")
+        try:
+            check_dialect(dialect)
+        except ValueError as error:
+            raise SessionError(str(error)) from None
         self.dialect = dialect
         self.names, self.units, self.bone = _pairs("--columns", columns), _pairs("--unit", units), bone
         for key in set(self.names) - {"time", "force", "indentation"}:

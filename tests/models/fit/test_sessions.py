@@ -91,7 +91,7 @@ def test_all_bad_cells_are_reported_at_once_up_to_a_limit(file):
     ("head", "text"),
     [
         ("subject,session,depth,force [N]", r"column 'depth': no unit; write 'depth \[m\]' .units: m, mm"),
-        ("subject,session,depth [inch],force [N]", "column 'depth': found the unit 'inch', expected one of m, mm"),
+        ("subject,session,depth [inch],force [N]", "column 'depth': found the unit 'in', expected one of m, mm"),
         ("subject,session,depth [mm],force", r"column 'force': no unit; write 'force \[N\]'"),
         ("subject,session,depth [mm]", "no column 'force'; found 'subject', 'session', 'depth"),
         ("session,depth [mm],force [N]", "no column 'subject'"),

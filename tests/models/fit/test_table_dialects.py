@@ -9,11 +9,13 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.launch.load.values.units import convert
+from palpate.models.fit.finger import read_presses as read_finger
 from palpate.models.fit.sessions import SessionError, read_sessions
 from palpate.models.fit.texture import fit_texture
 from palpate.models.fit.tissue.measured import read_presses
 from palpate.nodes.base import SettingError
 from palpate.nodes.device.motion import read_motion
+from palpate.nodes.device.replayed import Replayed
 
 TIME = 0.01 * np.arange(60)
 DEPTH = 1e-5 * (np.arange(60) - 20.0)  # [m]
@@ -115,6 +117,49 @@ def test_an_open_dialect_is_chosen(tmp_path):
     assert press.depth[0] == approx(1e-3) and press.force[0] + press.zero == approx(11.110e-3)
     (press,) = read_presses(path, {}, {"indentation": "um"}, convert, "decimal-point")
     assert press.depth[0] == approx(1e-3) and press.force[0] + press.zero == approx(11.110)
+
+
+OPEN = {
+    "force": ("subject;session;depth [um];force [N]", "a;1;0;0\na;1;1,500;1,125\na;1;2,500;1,250\n", "row 3"),
+    "finger": ("travel [mm];force [N]", "".join(f"{k};1,{100 + k}\n" for k in range(40)), "row 2"),
+    "texture": ("t;speed;normal;lateral", "0;1,234;1;1\n1;1,234;1;1\n", "row 2"),
+}
+
+
+@pytest.mark.parametrize("command", OPEN)
+def test_every_command_that_reads_a_table_takes_the_dialect(tmp_path, command):
+    head, rows, where = OPEN[command]
+    path = saved(tmp_path, f"{head}\n{rows}")
+
+    def call(*more):
+        found = CliRunner().invoke(app, ["fit", command, str(path), *more])
+        return " ".join(found.output.split())
+
+    question = "a decimal comma or a separator of thousands?"
+    assert question in call() and f"{where}: found '1," in call() and "Set --dialect decimal-comma" in call()
+    assert question not in call("--dialect", "decimal-comma") and question not in call("--dialect", "decimal-point")
+    assert "--dialect: found 'comma', expected decimal-comma or decimal-point" in call("--dialect", "comma")
+
+
+def test_the_dialect_decides_the_numbers_of_sessions_fingers_and_motions(tmp_path):
+    path = saved(tmp_path, "subject;session;depth [um];force [mN]\na;1;0;0\na;1;1,500;1,125\na;1;2,500;1,250\n")
+    for dialect, factor in (("decimal-comma", 1.0), ("decimal-point", 1000.0)):
+        ((subject,), _) = read_sessions(path, dialect=dialect)
+        assert subject.depth == approx(factor * np.array([0.0, 1.5e-6, 2.5e-6]))
+        assert subject.force == approx(factor * np.array([0.0, 1.125e-3, 1.25e-3]))
+    path = saved(tmp_path, "travel [mm];force [mN]\n" + "".join(f"{k / 10:g};{1 + k},{100 + k}\n" for k in range(40)))
+    (press,) = read_finger(path, dialect="decimal-comma")
+    assert press.force[-1] - press.force[-2] == approx(1.001e-3)
+    path = saved(tmp_path, "t [ms]\tx [mm]\ty [mm]\tz [mm]\n0\t1,500\t0\t30\n10\t2,500\t0\t30\n")
+    with pytest.raises(SettingError, match=r"row 2: found '1,500', .* Set dialect to decimal-comma or decimal-point"):
+        read_motion(str(path))
+    node = Replayed(path=str(path), dialect="decimal-comma")
+    node.start()
+    assert node.motion.values[:, 0] == approx([1.5e-3, 2.5e-3])
+    assert read_motion(str(path), "decimal-point").values[:, 0] == approx([1.5, 2.5])
+    node = Replayed(path=str(path), dialect="comma")
+    with pytest.raises(SettingError, match="setting 'dialect': found 'comma', expected decimal-comma or decimal-point"):
+        node.start()
 
 
 def test_columns_are_chosen_by_number_and_files_need_no_header(tmp_path):

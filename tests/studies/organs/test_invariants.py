@@ -11,7 +11,7 @@ from palpate.studies.organs.invariants import INVARIANTS, scores
 from palpate.studies.organs.reference import at_rest, lag_of_beams
 from palpate.studies.organs.runs import run
 from palpate.studies.organs.touches import Finger, Setting, Touch, draw_touch
-from palpate.studies.organs.trace import ABOVE
+from palpate.studies.organs.trace import ABOVE, trace_batch
 
 B, M, K, TAU = 26.2641, 1681.06, 257.0, 20e-3  # of the kidney scene
 
@@ -82,6 +82,41 @@ def changed(traces, **columns):
 
 def broken(traces):
     return [{name for name, score in found.items() if score.broken} for found in scores(traces)]
+
+
+@pytest.fixture(scope="module")
+def slide(folder):
+    """From the base of a ball of finite elements, where it carries 7 N, to its side, where it carries 2.6 N at more
+    depth."""
+    path = (
+        {"to": [0.010734, 0.00343, -0.02279], "time": 0.2, "shape": "minimum-jerk"},
+        {"to": [-0.005702, 0.000881, 0.001234], "time": 0.5, "shape": "linear"}, {"hold": 0.15},
+        {"to": [-0.001389, -0.003518, 0.003718], "time": 0.5, "shape": "linear"}, {"hold": 0.11},
+        {"to": [0.020676, -9.5e-05, -0.028533], "time": 0.34, "shape": "minimum-jerk"},
+    )  # fmt: skip
+    finger = Finger((0.016363, 0.004304, -0.031017), (0.0075, 0.0004, -0.1236), path)
+    (traces,) = run([Touch(Setting("sphere-nurbs", 0, "ReducedFE", "LuGre", 1000.0), (finger,))], folder)
+    return traces
+
+
+def test_a_force_is_explained_at_its_place(slide):
+    """By the force at rest at the foot of the tick itself. Taken at the deepest place, the bound of the side of the
+    ball counted at its base, and that of a base would count at a side."""
+    ((trace,),) = trace_batch([slide])
+    pressed = np.flatnonzero(trace["contact.force"] > 0.5)
+    rest = np.array([ABOVE * float(trace.place(k).force(trace.reach[k])) for k in pressed[::40].tolist()])
+    assert rest.max() > 2.0 * rest.min() and len(rest) > 20
+    share = trace.static[pressed[::40]] / rest
+    assert share.min() > 0.97 and share.max() < 1.35
+    places = np.diff(trace["contact.foot"][trace.visited], axis=0)
+    assert 8 < len(trace.visited) < 40 and np.linalg.norm(places, axis=1).max() < 5e-3
+
+
+def test_a_kick_at_the_base_of_a_stiff_body_is_found(slide):
+    """Of 2 N at 7 N, the finger at rest."""
+    felt = slide["controller.force"].copy()
+    felt[0, 1000] *= 1.3
+    assert [*broken(slide), *broken(changed(slide, **{"controller.force": felt}))] == [set(), {"hand"}]
 
 
 def test_a_kick_of_one_tick_is_found(presses):

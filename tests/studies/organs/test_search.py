@@ -52,14 +52,8 @@ def test_on_the_whole_zoo_no_invariant_is_broken(touched, folder):
         assert not broken(results, set(NAMES), folder)
 
 
-OPEN = {(22, 250, 1): "contact 1.5 x: a step of the encoder at 10 kHz, 12 mm deep in a ball of 20 mm"}
-
-
 def _marks(touch):
-    marks = [pytest.mark.long] if touch.setting.rate > 5000.0 else []
-    if touch.seed in OPEN:
-        marks.append(pytest.mark.xfail(reason=OPEN[touch.seed], strict=True))
-    return marks
+    return [pytest.mark.long] if touch.setting.rate > 5000.0 else []
 
 
 KNOWN = msgspec.json.decode((Path(__file__).parent / "touches.json").read_bytes(), type=list[Touch])
@@ -75,7 +69,8 @@ def test_touches_that_broke_an_invariant_break_none(touch, folder):
     """A viscous tissue responds to each kink of the gap and of the patch, and to friction: the nearest point on another
     side in the dimple; two fingers on nearly the same beams of the bumpy body; feet that leap over the edges of box,
     l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball;
-    a second finger under which the first one lifts the surface; a foot inside a plate that turns to its underside.
+    a second finger under which the first one lifts the surface; two fingers that rub the same beams of a groove; a foot
+    inside a plate that turns to its underside.
     """
     results = Results()
     (found,) = run_touches([touch], folder, results)

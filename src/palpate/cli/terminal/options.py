@@ -66,6 +66,9 @@ PlaceOption = Annotated[
         help="Which nodes share a process: a placement file; apart: one process per node; auto: force path and rest.",
     ),
 ]
+Dialect = Annotated[
+    str, typer.Option("--dialect", help="decimal-comma or decimal-point, if the file leaves it open (1,234).")
+]
 OrganOption = Annotated[
     Path | None, typer.Option("--organ", help="Mesh file (.stl, .ply, .obj) of an organ, instead of the scene's.")
 ]

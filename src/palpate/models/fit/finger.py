@@ -17,7 +17,8 @@ import numpy as np
 import scipy  # loads its subpackages on first use
 
 from palpate.models.fit.sessions import SessionError
-from palpate.physics.table_file import read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import read_table
 
 UNITS = {"travel": {"mm": 1e-3, "m": 1.0, "um": 1e-6, "cm": 1e-2}, "force": {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}}
 LARGEST = {"travel": 0.02, "force": 50.0}  # [m] [N] of a finger; more is a wrong unit
@@ -44,15 +45,16 @@ class FingerFit(NamedTuple):
     intervals: tuple[tuple[float, float], ...] | None
 
 
-def read_presses(path: Path, notes: list[str] | None = None) -> list[FingerPress]:
+def read_presses(path: Path, notes: list[str] | None = None, dialect: str = "") -> list[FingerPress]:
     """The presses of a table with columns travel and force, with units, and a column press if there are several.
 
-    notes  takes which lines were not read
+    notes    takes which lines were not read
+    dialect  of the numbers, if it cannot be detected: one of `table_numbers.DIALECTS`
 
     SessionError: cannot be used; says where and why.
     """
     try:
-        found = read_table(path, lambda cells: len(set(UNITS) & {split_unit(c)[0].lower() for c in cells}), 2)
+        found = read_table(path, lambda cells: len(set(UNITS) & {split_unit(c)[0].lower() for c in cells}), 2, dialect)
         names = [name.lower() for name in found.names]
         if missing := [name for name in UNITS if name not in names]:
             raise ValueError(f"found the columns {', '.join(names)}; expected {', '.join(missing)} too")

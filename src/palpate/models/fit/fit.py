@@ -43,6 +43,7 @@ def fit_sessions(
     depth_limit: float | None,
     protocol: str = "whole",
     any_stiffness: bool = False,
+    dialect: str = "",
 ) -> SessionsFit:
     """Fit the models of the force to a file of sessions; arguments as in `palpate fit force`.
 
@@ -53,7 +54,7 @@ def fit_sessions(
     _check_name(protocol, get_args(Protocol), "--protocol")
     if depth_limit is not None and not depth_limit > 0:
         raise SessionError(f"--depth-limit: found {depth_limit:g}, expected a depth > 0 [mm]")
-    all_subjects, ignored = read_sessions(sessions, np.inf if depth_limit is None else depth_limit * 1e-3)
+    all_subjects, ignored = read_sessions(sessions, np.inf if depth_limit is None else depth_limit * 1e-3, dialect)
     wanted = _select(all_subjects, subjects, sessions)
     if not any_stiffness:
         check_stiffness(wanted)

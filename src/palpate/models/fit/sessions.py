@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.table_file import Table, read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import Table, read_table
 from palpate.physics.table_numbers import number
 
 UNITS = {
@@ -100,14 +101,16 @@ class Subject:
         return depths * 1e-9, table
 
 
-def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subject], list[str]]:
+def read_sessions(path: Path, depth_limit: float = math.inf, dialect: str = "") -> tuple[list[Subject], list[str]]:
     """(subjects in the order of the file, ignored columns); rows deeper than `depth_limit` [m] are excluded.
+
+    dialect  of the numbers, if it cannot be detected: one of `table_numbers.DIALECTS`
 
     SessionError: a missing file, column or unit, or invalid rows.
     """
     try:
         table = read_table(
-            path, lambda cells: len({split_unit(c)[0].lower() for c in cells} & set(NEEDED)), len(NEEDED)
+            path, lambda cells: len({split_unit(c)[0].lower() for c in cells} & set(NEEDED)), len(NEEDED), dialect
         )
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)

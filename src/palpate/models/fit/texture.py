@@ -16,7 +16,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from palpate.models.fit.sessions import SessionError
 from palpate.nodes.base.texture_file import Model, Texture, tabulate_texture
-from palpate.physics.table_file import read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import read_table
 from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule_walker
 from palpate.physics.texture.surface import third_octaves
 
@@ -50,16 +51,19 @@ class RecordedCell(NamedTuple):
     windows: np.ndarray
 
 
-def fit_texture(path: Path, held_out: float | None = None, notes: list[str] | None = None) -> Texture:
+def fit_texture(
+    path: Path, held_out: float | None = None, notes: list[str] | None = None, dialect: str = ""
+) -> Texture:
     """The models of a table with the columns t, speed, normal, and lateral or acceleration, in SI units or with units.
 
     held_out  speed [m/s] that is predicted from the others; None: one in the middle
     notes     takes which lines were not read
+    dialect   of the numbers, if it cannot be detected: one of `table_numbers.DIALECTS`
 
     SessionError: an unusable file, or an unknown speed.
     """
     try:
-        sampling, quantity, cells = _cells(path, [] if notes is None else notes)
+        sampling, quantity, cells = _cells(path, [] if notes is None else notes, dialect)
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}") from None
     except ValueError as error:
@@ -95,9 +99,9 @@ def _list(numbers: np.ndarray) -> str:
     return ", ".join(f"{number:.3g}" for number in numbers)
 
 
-def _cells(path: Path, notes: list[str]) -> tuple[float, str, list[RecordedCell]]:
+def _cells(path: Path, notes: list[str], dialect: str) -> tuple[float, str, list[RecordedCell]]:
     """Sampling [Hz], quantity, and the windows by speed and force."""
-    found = read_table(path, lambda cells: len(NEEDED & _names(cells)) + bool(MEASURED & _names(cells)), 4)
+    found = read_table(path, lambda cells: len(NEEDED & _names(cells)) + bool(MEASURED & _names(cells)), 4, dialect)
     names = [name.lower() for name in found.names]
     measured = next((name for name in ("acceleration", "lateral") if name in names), "lateral")
     wanted = ("t", "speed", "normal", measured)

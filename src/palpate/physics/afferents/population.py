@@ -26,7 +26,12 @@ class Population(NamedTuple):
 
 
 def scatter(
-    densities: tuple[float, ...], reach: float, depths: tuple[float, ...], seed: int, trial: int = 0
+    densities: tuple[float, ...],
+    reach: float,
+    depths: tuple[float, ...],
+    seed: int,
+    trial: int = 0,
+    fits: tuple[np.ndarray, ...] = FITS,
 ) -> Population:
     """Independent, uniformly distributed receptors with these densities [1/m²] of each type on a disc of radius `reach`
     [m]."""
@@ -43,10 +48,12 @@ def scatter(
             found = np.concatenate([found, more[(more * more).sum(axis=1) <= 1.0]])
         places.append(np.column_stack([reach * found[:count], np.full(count, depths[which])]))
         kind += [which] * count
-    return _population(np.array(kind, np.int32), np.concatenate(places), seed, trial)
+    return _population(np.array(kind, np.int32), np.concatenate(places), seed, trial, fits)
 
 
-def read(path: Path, depths: tuple[float, ...], seed: int, trial: int = 0) -> Population:
+def read(
+    path: Path, depths: tuple[float, ...], seed: int, trial: int = 0, fits: tuple[np.ndarray, ...] = FITS
+) -> Population:
     """Receptors from a CSV file with columns type, x, y and optionally depth, in m. ValueError, OSError: invalid."""
     kind: list[int] = []
     at: list[list[float]] = []
@@ -68,18 +75,18 @@ def read(path: Path, depths: tuple[float, ...], seed: int, trial: int = 0) -> Po
     if not kind:
         raise ValueError(f"{path}: no receptors, expected a header type, x, y, depth and lines with these values")
     order = np.argsort(kind, kind="stable")
-    return _population(np.array(kind, np.int32)[order], np.array(at)[order], seed, trial)
+    return _population(np.array(kind, np.int32)[order], np.array(at)[order], seed, trial, fits)
 
 
-def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int) -> Population:
-    """Assign to each receptor a random one of the fibres that were fitted for its type."""
+def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int, fits: tuple[np.ndarray, ...]) -> Population:
+    """Assign to each receptor a random one of the fibres of its type."""
     numbers = np.random.default_rng([seed, 1])
-    fits = np.zeros((len(kind), 12))
-    for which, fibres in enumerate(FITS):
+    drawn = np.zeros((len(kind), 12))
+    for which, fibres in enumerate(fits):
         mine = kind == which
-        fits[mine] = fibres[numbers.integers(len(fibres), size=int(mine.sum()))]
+        drawn[mine] = fibres[numbers.integers(len(fibres), size=int(mine.sum()))]
     keys = np.random.default_rng([seed, trial, 2]).integers(1 << 62, size=len(kind))
-    return Population(kind, np.ascontiguousarray(at), fits, keys)
+    return Population(kind, np.ascontiguousarray(at), drawn, keys)
 
 
 @kernel

@@ -27,14 +27,22 @@ def _count(row: Array, state: Array, basis: Matrix, key: int, s: Array, begin: i
     return spikes
 
 
-def tuning_threshold(kind: int, which: int, frequency: float, gain: float = 1.0, poisson: float = 0.45) -> float:
+def tuning_threshold(
+    kind: int,
+    which: int,
+    frequency: float,
+    gain: float = 1.0,
+    poisson: float = 0.45,
+    fits: tuple[np.ndarray, ...] = FITS,
+) -> float:
     """Amplitude [dB re 1 um] of a sinusoid [Hz] of the probe at which fibre `which` of a type fires once per cycle: the
-    tuning threshold of W. H. Talbot et al., J. Neurophysiol. 31 (1968) 301. gain: factor of its input.
+    tuning threshold of W. H. Talbot et al., J. Neurophysiol. 31 (1968) 301. gain: factor of its input; fits: its
+    constants.
 
     By bisection to 0.1 dB between 3e-5 and 20 mm, with the fibre's noise, over 0.4 s and at least 10 cycles, after 4
     cycles.
     """
-    fit = FITS[kind][which]
+    fit = fits[kind][which]
     rows, _ = fibre.rows(fit[None], np.array([DEPTHS[kind]]), poisson, np.array([kind]))
     cycles = max(10, round(0.4 * frequency))
     t = np.arange(round((cycles + 4.0) / frequency * RATE)) / RATE
@@ -47,6 +55,8 @@ def tuning_threshold(kind: int, which: int, frequency: float, gain: float = 1.0,
     return 20.0 * (high + 3.0)
 
 
-def median_threshold(kind: int, frequency: float, gain: float = 1.0) -> float:
+def median_threshold(kind: int, frequency: float, gain: float = 1.0, fits: tuple[np.ndarray, ...] = FITS) -> float:
     """Median over the fibres of a type [dB re 1 um]."""
-    return float(np.median([tuning_threshold(kind, which, frequency, gain) for which in range(len(FITS[kind]))]))
+    return float(
+        np.median([tuning_threshold(kind, which, frequency, gain, fits=fits) for which in range(len(fits[kind]))])
+    )

@@ -18,6 +18,13 @@ step,
 c is symmetric and, as each C_b is positive, |c_ij| <= sqrt(c_ii c_jj). The law of contact i is fitted at the effective
 force f_i + sum_j O_ij f_j (`physics.contact.joint`).
 
+Friction r_j f_j of contact j indents the patch of i by m_ij f_j, m_ij = -sum_b w_ib w_jb n_i.C_b r_j, one step after it
+acts. When one of two fingers on the same beams takes over the force of the other, their indentations hardly change,
+c_ii + c_jj - 2 c_ij ~ 0, so that friction decides, and with laws that know c only the forces alternated by 1 N from
+step to step. So each law is softer by d_ij = max(|m_ij|, |m_ji|), C + D with D_ii = sum_j d_ij. It passes through the
+present state, and an error of the forces becomes (C + D)^-1 (D - M) times as large in the next step (for stiff
+fingertips): as C and D - (M + M^T)/2 are positive semidefinite, no eigenvalue has a real part below 0.
+
 A missing load is a load of zero on the last patch, whose indentation is reported while it recovers. When the foot point
 moves away, this patch is blended into the one round the foot, over the distance `MERGES` x `radius`. As the beams are
 independent, the displacement that is sent is limited (`stretch`); beams and law are not affected.
@@ -114,7 +121,9 @@ class FoundationContacts(NamedTuple):
     feet: Annotated[np.ndarray, "<f8", 2]
     normals: Annotated[np.ndarray, "<f8", 2]  # [1] (c,3) outward
     forces: Annotated[np.ndarray, "<f8", 1]  # [N] (c) normal force
+    rubs: Annotated[np.ndarray, "<f8", 2]  # [1] (c,3) friction over the normal force
     cross: Annotated[np.ndarray, "<f8", 2]  # [m/N] (c,c) compliance between patches; the diagonal is 0
+    rubbed: Annotated[np.ndarray, "<f8", 1]  # [m/N] (c) D_ii
     laws: Annotated[np.ndarray, "<f8", 2]  # (c,5) K [N/m^n], n, c, free and current indentation [m]
     coupling: Annotated[np.ndarray, "<f8", 2]  # [1] (c,c) O
 
@@ -124,8 +133,8 @@ def foundation_contacts(count: int, vertices: int) -> FoundationContacts:
     which, counts, borne = np.zeros((3, count), np.int64)
     return FoundationContacts(
         np.zeros((2, count, vertices), np.int32), np.zeros((2, count, vertices)), which, counts, borne,
-        np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.zeros((count, count)),
-        np.tile([1.0 / stepping.LEAST_COMPLIANCE, 1.0, 0.0, 0.0, 0.0], (count, 1)), np.eye(count),
+        np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3)), np.zeros((count, count)),
+        np.zeros(count), np.tile([1.0 / stepping.LEAST_COMPLIANCE, 1.0, 0.0, 0.0, 0.0], (count, 1)), np.eye(count),
     )  # fmt: skip
 
 
@@ -203,7 +212,9 @@ def bear(foundation: BeamFoundation, contact: int, nodes: Indices, forces: Matri
         )  # fmt: skip
     contacts.counts[contact] = touched
     contacts.normals[contact, 0], contacts.normals[contact, 1], contacts.normals[contact, 2] = normal
-    moving.sent[0], contacts.forces[contact] = stepping.add_forces(nodes, forces, normal, moving.sent[0], moving)
+    moving.sent[0], contacts.forces[contact] = stepping.add_forces(
+        nodes, forces, normal, moving.sent[0], moving, contacts.rubs[contact]
+    )
 
 
 @ieee_kernel

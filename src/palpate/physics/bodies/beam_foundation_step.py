@@ -76,9 +76,12 @@ def _collect(j: int, scale: float, patch: Record, weight: Array, count: int):
 
 
 @kernel
-def add_forces(nodes: Indices, forces: Matrix, normal: Vector3, count: int, moving: Record):
-    """Add a load to the beams' forces. Returns the number of displaced vertices, and the load's normal force [N]."""
+def add_forces(nodes: Indices, forces: Matrix, normal: Vector3, count: int, moving: Record, rubs: Array):
+    """Add a load to the beams' forces, and fill `rubs` [1] (3), its friction over its normal force. Returns the number
+    of displaced vertices, and the load's normal force [N]."""
     total = 0.0
+    for a in range(3):
+        rubs[a] = 0.0
     for k in range(nodes.shape[0]):
         j = nodes[k]
         if moving.place[j] < 0:
@@ -87,7 +90,10 @@ def add_forces(nodes: Indices, forces: Matrix, normal: Vector3, count: int, movi
             count += 1
         for a in range(3):
             moving.force[j, a] += held_force(forces[k, a])
+            rubs[a] += held_force(forces[k, a])
         total += _push(forces[k], normal)
+    for a in range(3):
+        rubs[a] = rubs[a] / total + normal[a] if total > NO_FORCE else 0.0
     return count, total if total > NO_FORCE else 0.0
 
 
@@ -100,8 +106,12 @@ def foundation_step(dt: float, count: int, beams: Record, moving: Record, contac
     for k in range(count):
         limited += _beam(active[k], dt, beams, moving)
     for i in range(len(contacts.forces)):
+        contacts.rubbed[i] = 0.0
         for j in range(i):
-            contacts.cross[i, j] = contacts.cross[j, i] = _shared_compliance(i, j, dt, beams, moving, contacts)
+            shared, rubbed = _shared_compliance(i, j, dt, beams, moving, contacts)
+            contacts.cross[i, j] = contacts.cross[j, i] = shared
+            contacts.rubbed[i] += rubbed
+            contacts.rubbed[j] += rubbed
     for i in range(len(contacts.forces)):
         _response(i, dt, beams, moving, contacts)
     kept = 0
@@ -173,12 +183,14 @@ def _shear_factor(force: Array, along: float, softness: float, length: float):
 
 @kernel
 def _shared_compliance(i: int, j: int, dt: float, beams: Record, moving: Record, contacts: Record):
-    """Compliance c_ij [m/N] >= 0 between the patches of two contacts, summed over their common beams."""
+    """Compliance c_ij [m/N] >= 0 between the patches of two contacts, and the larger magnitude of m_ij and m_ji of each
+    to the friction of the other one, summed over their common beams."""
     n, m, weight = contacts.normals[i], contacts.normals[j], moving.weight
+    mine, theirs = contacts.rubs[i], contacts.rubs[j]
     first, second = contacts.which[i], contacts.which[j]
     for k in range(contacts.counts[j]):
         weight[contacts.nodes[second, j, k]] = contacts.shares[second, j, k]
-    total = 0.0
+    total = mine_there = theirs_here = 0.0
     for k in range(contacts.counts[i]):
         v = contacts.nodes[first, i, k]
         w = contacts.shares[first, i, k] * weight[v]
@@ -192,9 +204,12 @@ def _shared_compliance(i: int, j: int, dt: float, beams: Record, moving: Record,
         axial = beams.length * _chain_compliance(moving.chain, beams, dt)
         side = _shear_factor(force, along, beams.softness / area, beams.length) * beams.softness * dt / (dt + beams.lag)
         total += w / area * (max(here, 0.0) * max(there, 0.0) * axial + side * (dot(n, m) - here * there))
+        stretch = axial - side if along < 0.0 else -side
+        theirs_here -= w / area * (stretch * here * dot(beam, theirs) + side * dot(n, theirs))
+        mine_there -= w / area * (stretch * there * dot(beam, mine) + side * dot(m, mine))
     for k in range(contacts.counts[j]):
         weight[contacts.nodes[second, j, k]] = 0.0
-    return max(total, 0.0)
+    return max(total, 0.0), max(abs(theirs_here), abs(mine_there))
 
 
 @kernel
@@ -258,11 +273,13 @@ def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record
                 whole += face * soft * push
     # the law at the effective force; below the least force the response is extrapolated linearly to it
     compliance = max(compliance, LEAST_COMPLIANCE)
+    if loaded:
+        compliance = max(compliance, whole / (total + others / compliance)) + contacts.rubbed[i]
     acting = total + others / compliance
     least = max(acting, LEAST_FORCE)
     if loaded and acting < least:
         deep = free + (deep - free) * least / acting
-    slope = 1.0 / max(compliance, whole / acting) if loaded else 1.0 / compliance
+    slope = 1.0 / compliance
     law = contacts.laws[i]
     law[0], law[1] = fit_terminal(free, max(deep, free + least / slope), slope, least)
     law[3], law[4] = free, previous

@@ -20,7 +20,9 @@ hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f
          sigma   the bristles of LuGre, k_t the spring of Coulomb;
          m       the largest friction over the normal force, with which it changes (0 for `contact`);
          f, f_0  1.2 x the force that depth, rate and roll explain, as in `force`, and that of the depth alone, to
-                 which it relaxes.
+                 which it relaxes; of f at most what acts within these steps. Force and stiffness of the body are those
+                 of the place: the greater of two that the foot visits before and after, no more than 4 mm apart, and
+                 where the bound would be broken, of the tick.
          A force that dissipates the observed energy E < 0 also changes, by at most K = 0.1 N per encoder step of the
          motion and (-2 K E)^½ (`device.controller`): K is the greatest slope that the device renders, at which a
          contact would also end. After a contact it may fall to zero at that slope.
@@ -66,6 +68,7 @@ from palpate.physics.geometry.proxy import EASY, FASTEST, LANDING, REGAIN, SUDDE
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS
 from palpate.studies.organs.trace import (
+    ABOVE,
     LEAST_CURVATURE,
     LEAST_FORCE,
     ON,
@@ -157,18 +160,35 @@ def _change(trace: Trace, vector: np.ndarray, rubs: bool, more: np.ndarray | flo
     begins = (f > 0.0) & (-greatest(-f, n + 3) <= 0.0)
     change = np.zeros(len(p))
     change[n:] = length(vector[n:] - vector[:-n])
-    usual, rest = trace.explained, trace.rest
-    body = trace.place(int(np.argmax(usual))).stiffness(max(float(usual.max()), 0.1))
-    one, two = np.interp(usual, rest.forces, rest.tangents) * (1.0 + rest.damping * speed), 1.5 * body
-    viscous = body * rest.retardation if body < STIFFEST else rest.damping * usual
-    bounds = (one * two / (one + two) + usual / LEAST_CURVATURE) * moved
-    bounds += viscous * (turned + speed * moved / LEAST_CURVATURE + speed * begins)
-    bounds += np.maximum(usual - trace.static, 0.0) * window / RELAXES
-    if rubs and (law := trace.nodes.get("friction")):
-        bounds *= np.hypot(1.0, _friction(law, speed))
-        bounds += (law.get("stiffness", 0.0) + usual * law.get("bristle_stiffness", 0.0)) * moved
-        bounds += usual * (law.get("bristle_damping", 0.0) + law.get("viscous", 0.0)) * turned
-    return worst(trace, change, bounds + more + ALLOWED)
+    rest, law = trace.rest, trace.nodes.get("friction") if rubs else None
+    acts = greatest(np.maximum(f, length(vector)), n + 3)
+
+    def bound(at: slice, explained: np.ndarray, static: np.ndarray, body: np.ndarray) -> np.ndarray:
+        usual, path, dv, v = np.minimum(explained, acts[at]), moved[at], turned[at], speed[at]
+        one, two = np.interp(usual, rest.forces, rest.tangents) * (1.0 + rest.damping * v), 1.5 * body
+        viscous = np.where(body < STIFFEST, body * rest.retardation, rest.damping * usual)
+        allowed = (one * two / (one + two) + usual / LEAST_CURVATURE) * path
+        allowed += viscous * (dv + v * path / LEAST_CURVATURE + v * begins[at])
+        allowed += np.clip(explained - static, 0.0, usual) * window / RELAXES
+        if law:
+            allowed *= np.hypot(1.0, _friction(law, v))
+            allowed += (law.get("stiffness", 0.0) + usual * law.get("bristle_stiffness", 0.0)) * path
+            allowed += usual * (law.get("bristle_damping", 0.0) + law.get("viscous", 0.0)) * dv
+        return np.asarray(allowed + ALLOWED)
+
+    most = max(float(trace.explained.max()), LEAST_FORCE)
+    body = trace.at_places(lambda place, _: place.stiffness(most))
+    bounds = bound(slice(None), trace.explained, trace.static, body) + more
+    found, last = worst(trace, change, bounds), -1
+    while found.broken and (k := round(found.time / trace.step)) != last:  # between the places visited
+        last, at, place = k, slice(k, k + 1), trace.place(k)
+        explained = max(float(trace.explained[k]), trace.most(k), trace.most(max(k - n, 0)))
+        static = min(float(trace.static[k]), ABOVE * float(place.force(trace.reach[k] + trace.raised[k])))
+        stiffness = max(float(body[k]), place.stiffness(most))
+        here = bound(at, *(np.array([each]) for each in (explained, static, stiffness)))
+        bounds[k] = max(bounds[k], float((here + np.broadcast_to(more, len(p))[at])[0]))
+        found = worst(trace, change, bounds)
+    return found
 
 
 def hand(trace: Trace) -> Score:

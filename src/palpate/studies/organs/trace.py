@@ -23,6 +23,8 @@ LEAST_FORCE = 0.1  # [N] below which directions do not matter
 PATCH = 8e-3  # [m]
 LEAST_CURVATURE = PATCH / 8.0  # [m] R
 ON = 2e-5  # [m] from the surface within which the direction from the nearest point is not known
+NEXT, TURNED = PATCH / 2.0, 0.3  # [m] of the foot, [rad] of the normal and [1] of friction from one place to the next
+LEVELS = np.array([0.0, 0.0625, 0.125, 0.25, 0.5, 0.75, 1.0])  # [1] of the greatest rate
 ROUNDS, CLOSE = 12, 1e-5  # of the fixed point of two fingers; [m] change of the lift at which it ends
 
 
@@ -169,28 +171,57 @@ class Trace:
         return greatest(deep * np.maximum(omega - self.slips / PATCH, 0.0), self.ticks(PAST))
 
     @cached_property
+    def visited(self) -> list[int]:
+        """Ticks in contact, each of which is at another place than the one before: a body is stiffer near its base, at
+        an edge and where friction holds it than elsewhere."""
+        ticks = np.flatnonzero(self["contact.force"] > 0.0)[:: self.ticks(SUDDEN)]
+        if not len(ticks):
+            return [int(np.argmax(self.reach))]
+        foot, normal = self["contact.foot"][ticks], self["contact.normal"][ticks]
+        rubs = np.array([self.rubs(k) for k in ticks.tolist()])
+        chosen, at = [0], 0
+        while True:
+            far = np.maximum(length(foot[at:] - foot[at]) / NEXT, length(normal[at:] - normal[at]) / TURNED)
+            leaves = np.flatnonzero(np.maximum(far, length(rubs[at:] - rubs[at]) / TURNED) > 1.0)
+            if not len(leaves):
+                break
+            at += int(leaves[0])
+            chosen.append(at)
+        return ticks[sorted({*chosen, len(ticks) - 1, int(np.argmax(self.reach[ticks]))})].tolist()
+
+    def at_places(self, value: Callable[[Place, slice], np.ndarray | float]) -> np.ndarray:
+        """The greater value (T) of two, at the places visited before and after each tick."""
+        ends = [0, *self.visited, len(self.reach) - 1]
+        total = np.zeros(len(self.reach))
+        for before, tick, after in zip(ends, ends[1:], ends[2:], strict=False):
+            span = slice(before, after + 1)
+            total[span] = np.maximum(total[span], value(self.place(tick), span))
+        return total
+
+    @cached_property
     def static(self) -> np.ndarray:
-        """Force [N] (T) that the depth explains at rest: `ABOVE` x that of the series law at the deepest place."""
-        return self._static(self.raised)
+        """Force [N] (T) that the depth explains at rest: `ABOVE` x that of the series law."""
+        return self.at_places(lambda place, span: ABOVE * place.force((self.reach + self.raised)[span]))
 
     @cached_property
     def explained(self) -> np.ndarray:
-        """Force [N] (T) that depth, rate and slide explain; rate and slide are rounded up to one of four."""
+        """Force [N] (T) that depth, rate and slide explain; rate and slide are rounded up to one of `LEVELS`."""
         return self.explains(self.raised)
-
-    def _static(self, lift: np.ndarray) -> np.ndarray:
-        return ABOVE * self.place(int(np.argmax(self.reach))).force(self.reach + lift)
 
     def explains(self, lift: np.ndarray) -> np.ndarray:
         """`explained` on a surface that is lifted [m] (T)."""
-        place, total = self.place(int(np.argmax(self.reach))), self._static(lift)
-        rates, slides = (float(each.max()) * np.array([0.0, 0.25, 0.5, 0.75, 1.0]) for each in (self.fast, self.slides))
-        bins = 5 * np.searchsorted(rates[:4], self.fast) + np.searchsorted(slides[:4], self.slides)
-        reach = self.reach + lift + self.rest.remembers * self.rolls
-        for number in np.unique(bins[bins > 0]).tolist():
-            moves, (k, i) = bins == number, divmod(number, 5)
-            total[moves] = ABOVE * place.force(reach[moves], rates[k], float(slides[i]))
-        return total
+        rates, slides = (float(each.max()) * LEVELS for each in (self.fast, self.slides))
+        bins = len(LEVELS) * np.searchsorted(rates[:-1], self.fast) + np.searchsorted(slides[:-1], self.slides)
+        reach, rolls = self.reach + lift, self.rest.remembers * self.rolls
+
+        def most(place: Place, span: slice) -> np.ndarray:
+            total, bin_of = place.force(reach[span]), bins[span]
+            for number in np.unique(bin_of[bin_of > 0]).tolist():
+                moves, (k, i) = bin_of == number, divmod(number, len(LEVELS))
+                total[moves] = place.force((reach + rolls)[span][moves], rates[k], float(slides[i]))
+            return ABOVE * total
+
+        return self.at_places(most)
 
     def ticks(self, seconds: float) -> int:
         return max(1, round(seconds / self.step))

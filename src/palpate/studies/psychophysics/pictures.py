@@ -69,9 +69,11 @@ def _function(axes: Axes, one: Outcome) -> None:
         axes.scatter([], [], s=_size(count, counts.max()), color=TISSUE, edgecolor="white", label=label)
     a = fitted.threshold
     ends = np.clip(sorted((turned * a.low, turned * a.high)), *sorted((turned * line[0], turned * line[-1])))
-    axes.plot(ends, [one.at, one.at], color=FINGER, linewidth=3.0, zorder=5, solid_capstyle="butt",
+    # on the curve, which has lapses; `at` is the share at the threshold without them
+    height = float(np.interp(a.value, line, share))
+    axes.plot(ends, [height, height], color=FINGER, linewidth=3.0, zorder=5, solid_capstyle="butt",
               label=f"{'PSE' if one.of == 'judged greater' else 'threshold'}, 95 %")  # fmt: skip
-    axes.plot([turned * a.value], [one.at], marker="|", markersize=12, color=FINGER, zorder=5)
+    axes.plot([turned * a.value], [height], marker="|", markersize=12, color=FINGER, zorder=5)
     rises = turned * (share[-1] - share[0]) > 0.0  # the corner below the upper end of the curve has no error bars
     axes.legend(fontsize=8, loc="lower right" if rises else "lower left", handletextpad=0.4)
     distance = one.reference is not None and one.of != "judged greater"

@@ -147,14 +147,15 @@ def decimate(figure: Figure) -> None:
         line.set_data(x[at], y[at])
 
 
-def log_ticks(axes: Axes) -> None:
-    """Set a logarithmic abscissa with labels at 1, 2 and 5 in each decade; more would overlap."""
+def log_ticks(axes: Axes, side: str = "x") -> None:
+    """Set a logarithmic axis, "x" or "y", with labels at 1, 2 and 5 in each decade; more would overlap."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set(**{f"{side}scale": "log"})
+    axis = axes.xaxis if side == "x" else axes.yaxis
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def deformation_colours() -> Any:

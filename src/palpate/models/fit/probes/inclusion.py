@@ -25,8 +25,9 @@ from palpate.models.fit.probes.field import Field, fit_field, matern, restricted
 from palpate.physics.materials.nodule import nodule_centre, stiffness_map
 
 CLEAR = 2.0
-"""Difference of the criterion from which there is evidence for a ball. Chosen on the silicone of docs/measured.md, of
-which the usual value, 10, misses the second ball. A false ball in 1 of 20 simulated maps (`benchmarks/probes.py`)."""
+"""Difference of the criterion from which there is evidence for a ball. Chosen on the silicone of docs/measured.md: the
+usual value, 10, misses its second ball with the power law. A false ball in 1 of 20 simulated maps
+(`benchmarks/probes.py`)."""
 MOST = 6  # balls
 PEAKS = 3  # of the residual, at which another ball is tried
 APART = 0.8  # [1] Least distance of the centres of two balls, over the sum of their radii

@@ -1,7 +1,7 @@
 """One law for many sparse probes of an organ: a mixed-effects fit.
 
     F_ij = K_i phi(<d_ij - t_i>; c) + z_i + e_ij,   e_ij ~ N(0, s²)
-    ln K_i ~ N(mu, tau²),   t_i ~ N(t0, s_t²),   z_i ~ N(0, s_z²)
+    ln K_i ~ N(mu, tau²),   t_i ~ N(t0, s_t²),   z_i ~ N(z0, s_z²)
 
 for row j of probe i: depth d [m], force F [N], law phi with constants c common to all probes, touch point t [m] and
 zero of the force z [N]. A probe of ten rows does not determine its three numbers; their common distribution does. Two
@@ -24,13 +24,14 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.rigs import Law
 
 STEPS = 12  # Gauss-Newton steps of the modes of all probes
-TURNS = 30  # of linearisation and linear fit
+TURNS = 40  # of linearisation and linear fit
 FAR = 12.0  # Largest distance of ln K of a probe from the mean
 FURTHEST = 2.0  # [1] Largest distance of a touch point from 0, over the greatest depth
 MM = 1e-3  # [m] Scale of the touch points
 LEAST_PROBES = 8
 RARE = 1e-3  # p-value below which the law does not follow the mean curve
 DRIFTING = 0.2  # [1] Spread of the first forces over the rise of a probe that only zeros that drift have
+AIR = 0.02  # [1] Least way before contact, over that of a probe, from which the law's constants are determined
 BINS = 6  # of the depth, in the test for misfit
 
 
@@ -58,7 +59,8 @@ class PooledFit:
     values     common constants of the law, and its stiffness at the median of all places
     intervals  95 % intervals of these; `withheld`: the reason why they are not valid, or ""
     spread     standard deviation of ln K between places; `between`: range of 95 % of the places
-    touch      mean and standard deviation of the touch point [m];  zero, noise  standard deviations [N]
+    touch, zero  mean and standard deviation of the touch point [m] and of the zero of the force [N]
+    noise      standard deviation [N]
     place, error   ln K of each probe and its standard error, without the other probes
     shrunk, shrunk_error, touches  ln K, its standard error and the touch point of each probe, with them
     fitted     force [N] (N,R)
@@ -70,7 +72,7 @@ class PooledFit:
     intervals: dict[str, tuple[float, float]]
     spread: float
     touch: tuple[float, float]
-    zero: float
+    zero: tuple[float, float]
     noise: float
     place: np.ndarray
     error: np.ndarray
@@ -93,23 +95,25 @@ class PooledFit:
         return self.values[self.first] / wide, self.values[self.first] * wide
 
     def force(self, log_stiffness: float, touch: float, depth: np.ndarray) -> np.ndarray:
-        """Force [N] at depths [m] of a probe with this ln K and touch point [m]."""
+        """Force [N] at depths [m] of a probe with this ln K and touch point [m], and the mean zero of the force."""
         shape = {**self.values, self.first: 1.0}
-        return math.exp(log_stiffness) * self.law.force(shape, np.maximum(depth - touch, 0.0))
+        return self.zero[0] + math.exp(log_stiffness) * self.law.force(shape, np.maximum(depth - touch, 0.0))
 
 
 @dataclass
 class _State:
-    """Means (ln of the force at the greatest depth, t [mm]), logarithms of the standard deviations (of ln K, t [mm], z,
-    e), and the constants of the law in search coordinates."""
+    """Means (ln of the force at the greatest depth, t [mm], z [N]), logarithms of the standard deviations (of ln K,
+    t [mm], z, e), and the constants of the law in search coordinates."""
 
     mean: np.ndarray
     deviations: np.ndarray
     shape: np.ndarray
 
     def near(self, other: "_State") -> bool:
-        return all(np.allclose(getattr(self, k), getattr(other, k), rtol=0.0, atol=1e-3)
-                   for k in ("mean", "deviations", "shape"))  # fmt: skip
+        noise = math.exp(self.deviations[3])
+        return np.allclose(self.mean / [1.0, 1.0, noise], other.mean / [1.0, 1.0, noise], rtol=0.0, atol=1e-3) and all(
+            np.allclose(getattr(self, k), getattr(other, k), rtol=0.0, atol=1e-3) for k in ("deviations", "shape")
+        )
 
 
 class _Model:
@@ -123,13 +127,12 @@ class _Model:
 
     def start(self) -> _State:
         first, peaks = self.rows.force[:, 0], np.where(self.rows.mask, self.rows.force, -np.inf).max(axis=1)
-        size = float(np.median(peaks))
-        zero, rise = 0.02 * size, float(np.median(peaks - first))
-        if first.std() > DRIFTING * rise:  # the zero drifts from probe to probe
-            size, zero = rise, float(first.std())
+        middle, size = float(np.median(first)), float(np.median(peaks - first))
+        apart = float(first.std())  # much of it: the zero drifts from probe to probe
+        zero = apart if apart > DRIFTING * size else 0.02 * size
         shape = [p.to_search(p.guess) for p in self.law.parameters[1:]]
         wide = [0.5, 0.1 + 50.0 * self.reach, zero, 0.05 * size]
-        return _State(np.array([math.log(size), 0.0]), np.log(wide), np.array(shape))
+        return _State(np.array([math.log(size), 0.0, middle]), np.log(wide), np.array(shape))
 
     def scale(self, shape: np.ndarray) -> float:
         """ln of the force at the greatest depth with K = 1. ln K and the constants of the law are strongly correlated,
@@ -148,7 +151,7 @@ class _Model:
         constants of the law."""
         rows, shape = self.rows, state.shape
         whole = math.exp(self.scale(shape))
-        mean, scale = np.array([*state.mean, 0.0]), np.exp(state.deviations[:3])
+        mean, scale = state.mean, np.exp(state.deviations[:3])
         sure, step = math.exp(-state.deviations[3]), 1e-7
         v = np.zeros((len(rows.depth), 3)) if self.modes is None else np.clip((self.modes - mean) / scale, -8.0, 8.0)
 
@@ -202,17 +205,17 @@ class _Model:
 class _Linear:
     """The linear mixed-effects model y = X b + J v + e of one linearisation, from the Gram matrices of each probe.
 
-    jacobian (N,R,3+p) and y (N,R); X has the columns of J of ln K and t, and the constants of the law.
+    jacobian (N,R,3+p) and y (N,R); X has the columns of J, and the constants of the law.
     """
 
     def __init__(self, jacobian: np.ndarray, y: np.ndarray, count: np.ndarray) -> None:
         J = jacobian[:, :, :3]
-        Xy = np.concatenate([jacobian[:, :, :2], jacobian[:, :, 3:], y[:, :, None]], axis=2)
+        Xy = np.concatenate([jacobian, y[:, :, None]], axis=2)
         self.JJ, self.JX = (np.einsum("nri,nrj->nij", J, other) for other in (J, Xy))
         self.XX, self.count = np.einsum("nri,nrj->ij", Xy, Xy), count
 
     def solve(self, deviations: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """-2 ln restricted likelihood, b (2+p), and the covariance of b."""
+        """-2 ln restricted likelihood, b (3+p), and the covariance of b."""
         D, s2 = np.exp(deviations[:3]), math.exp(2.0 * deviations[3])
         M = s2 * np.eye(3) + D[:, None] * self.JJ * D
         DJX = D[:, None] * self.JX
@@ -245,6 +248,12 @@ def fit_pooled(rows: Rows, law: Law) -> PooledFit:
             fitted.withheld = f"{text}, so its modulus has no true value; try --law power or exponential"
         else:
             fitted.notes.append(f"{text}; the numbers describe the curves within this error")
+    late, span = float(np.median(rows.depth[:, 0] - fitted.touches)), float(np.ptp(rows.depth[rows.mask]))
+    if len(law.parameters) > 1 and late > -AIR * span:
+        fitted.withheld = fitted.withheld or (
+            "half of the probes or more have no row before contact, so that touch points, zeros and the constants of "
+            f"the law {law.name} are extrapolated; begin probes above the surface"
+        )
     return fitted
 
 
@@ -259,29 +268,30 @@ def _fit(rows: Rows, law: Law) -> PooledFit:
         loss = lambda x, linear=linear: linear.solve(x)[0]  # noqa: E731
         found = minimize(loss, state.deviations, method="L-BFGS-B", bounds=limits)
         _, b, cov = linear.solve(found.x)
-        share = 1.0 if turn < 10 else 0.5  # a law with a corner at the touch point may alternate between two states
+        share = 0.5 ** (turn // 10)  # a law with a corner at the touch point may alternate between two states
         low, high = np.array(model.bounds).reshape(-1, 2).T
-        move = np.clip(b[2:] - state.shape, -1.0, 1.0)
-        new = _State(state.mean + share * (b[:2] - state.mean), state.deviations + share * (found.x - state.deviations),
-                     np.clip(state.shape + share * move, low, high))  # fmt: skip
+        shape = np.clip(state.shape + np.clip(b[3:] - state.shape, -1.0, 1.0), low, high)
+        mean = b[:3] + cov[:3, 3:] @ np.linalg.pinv(cov[3:, 3:], hermitian=True) @ (shape - b[3:])  # given the shape
+        new = _State(state.mean + share * (mean - state.mean), state.deviations + share * (found.x - state.deviations),
+                     state.shape + share * (shape - state.shape))  # fmt: skip
         done, state = new.near(state), new
         if done:
             break
     forces, u, jacobian = model.linear(state)
     quantile = float(student.ppf(0.975, len(u) - 1))
     # K and the constants with their intervals
-    slope = np.zeros(2 + len(state.shape))
+    slope = np.zeros(3 + len(state.shape))
     slope[0] = 1.0
     for k in range(len(state.shape)):
         side = 1e-4 * np.eye(len(state.shape))[k]
-        slope[2 + k] = -(model.scale(state.shape + side) - model.scale(state.shape - side)) / 2e-4
+        slope[3 + k] = -(model.scale(state.shape + side) - model.scale(state.shape - side)) / 2e-4
     unit = model.scale(state.shape)
     middle, half = state.mean[0] - unit, quantile * math.sqrt(slope @ cov @ slope)
     first, *rest = law.parameters
     values = {first.name: math.exp(middle)}
     intervals = {first.name: (math.exp(middle - half), math.exp(middle + half))}
     for k, parameter in enumerate(rest):
-        at, half = state.shape[k], quantile * math.sqrt(cov[2 + k, 2 + k])
+        at, half = state.shape[k], quantile * math.sqrt(cov[3 + k, 3 + k])
         ends = np.clip([at - half, at + half], *model.bounds[k])
         values[parameter.name] = parameter.value(at)
         intervals[parameter.name] = parameter.value(ends[0]), parameter.value(ends[1])
@@ -292,8 +302,9 @@ def _fit(rows: Rows, law: Law) -> PooledFit:
     error2 = 1.0 / np.maximum(1.0 / post - D[0] ** -2.0, 1e-6)
     place = error2 * (u[:, 0] / post - state.mean[0] / D[0] ** 2) - unit
     return PooledFit(
-        law, rows, values, intervals, float(D[0]), (float(MM * state.mean[1]), float(MM * D[1])), float(D[2]),
-        math.sqrt(s2), place, np.sqrt(error2), u[:, 0] - unit, np.sqrt(post), MM * u[:, 1], forces,
+        law, rows, values, intervals, float(D[0]), (float(MM * state.mean[1]), float(MM * D[1])),
+        (float(state.mean[2]), float(D[2])), math.sqrt(s2), place, np.sqrt(error2), u[:, 0] - unit, np.sqrt(post),
+        MM * u[:, 1], forces,
     )  # fmt: skip
 
 

@@ -62,7 +62,7 @@ def read_probes(
             groups.setdefault(key, []).append(i)
     if len(groups) < LEAST_PROBES or np.median([len(group) for group in groups.values()]) > SPARSE:
         return None
-    found = columns_of(path, table, {key: value for key, value in columns.items() if key != "time"})
+    found = columns_of(path, table, {key: value for key, value in columns.items() if key != "time"}, convert)
     found.pop("time", None)
     values, lines, shown = numbers_of(path, table, found, columns, units, convert)
     depth, force = (values[:, list(found).index(key)] for key in ("indentation", "force"))

@@ -30,7 +30,8 @@ def pooled_data(probes: Probes, fit: PooledFit) -> dict[str, Any]:
         "between_places": {"of": fit.first, "factor": math.exp(fit.spread), "low": fit.between[0],
                            "high": fit.between[1]},
         "touch": {"mean": float(fit.touch[0]), "deviation": float(fit.touch[1]), "unit": "m"},
-        "zero": {"deviation": fit.zero, "unit": "N"}, "noise": {"deviation": fit.noise, "unit": "N"},
+        "zero": {"mean": fit.zero[0], "deviation": fit.zero[1], "unit": "N"},
+        "noise": {"deviation": fit.noise, "unit": "N"},
         "dropped": probes.dropped, "notes": fit.notes, "read": probes.read,
     }  # fmt: skip
 
@@ -60,8 +61,9 @@ def lines(probes: Probes, fit: PooledFit) -> list[str]:
         *probes.read,
         f"{len(fit.place)} probes, {int(fit.rows.mask.sum())} rows; {fit.first} of 95 % of the places: {low:.4g} to "
         f"{high:.4g} (a standard deviation is a factor of {math.exp(fit.spread):.3g})",
-        f"touch points at {away:.2g} mm with a standard deviation of {wide:.2g} mm, zeros of the force "
-        f"{1e3 * fit.zero:.2g} mN, noise {1e3 * fit.noise:.2g} mN",
+        f"touch points at {away:.2g} mm with a standard deviation of {wide:.2g} mm, zeros of the force at "
+        f"{1e3 * fit.zero[0]:.2g} mN with a standard deviation of {1e3 * fit.zero[1]:.2g} mN, noise "
+        f"{1e3 * fit.noise:.2g} mN",
         *probes.dropped, *fit.notes, *([f"interval withheld: {fit.withheld}"] if fit.withheld else []),
     ]  # fmt: skip
 

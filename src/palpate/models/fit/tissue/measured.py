@@ -22,6 +22,7 @@ LABELS = ("subject", "session", "press")
 """Columns whose values separate the presses of a file."""
 MOST_REPEATED = 0.01  # [1] Largest share of rows that repeat the time stamp of the row before
 LEAST_ROWS = 10
+BACK = 0.5  # [1] Fall of the indentation between two rows, over its range, from which another press begins
 LEAST_AIR = 8  # Least number of rows before contact from which the zero of the force is estimated
 STEEPEST = 0.3  # [1] Rise of the baseline up to the deepest row, over the peak, above which the press begins in contact
 LEAST_RISE = 2e-3  # [1] The same ratio below which a drift is negligible
@@ -83,7 +84,7 @@ def read_presses(
     SessionError: a fault, with file, row and column.
     """
     table = table_of(path, columns, dialect)
-    found = columns_of(path, table, columns)
+    found = columns_of(path, table, columns, convert)
     values, lines, shown = numbers_of(path, table, found, columns, units, convert)
     # one press per label; files of several indenters are refused
     heads = {name.lower(): k for k, name in reversed(list(enumerate(table.names)))}
@@ -100,6 +101,7 @@ def read_presses(
     for session in dict.fromkeys(sessions.tolist()):
         name, rows = f"{path.name}{':' if session else ''}{session}", np.flatnonzero(sessions == session)
         parts = dict(zip(found, values[rows].T, strict=True))
+        _check_one_press(name, parts["indentation"], [lines[k] for k in rows])
         time, repeated = _one_per_stamp(name, parts.get("time"), [lines[k] for k in rows])
         notes = remarks if not presses else ()
         if len(repeated):
@@ -110,6 +112,18 @@ def read_presses(
     if "time" in found:
         check_time(path, table, found["time"][0], values[:, list(found).index("time")], columns, units)
     return presses
+
+
+def _check_one_press(name: str, depth: np.ndarray, lines: list[int]) -> None:
+    """SessionError: the depth returns in a single row from one press to the begin of the next one."""
+    fall = -np.diff(depth)
+    if len(depth) >= LEAST_ROWS and fall.max() > BACK * np.ptp(depth):
+        at = int(np.argmax(fall))
+        raise SessionError(
+            f"{name}, row {lines[at + 1]}: the indentation falls from {1e3 * depth[at]:.3g} to "
+            f"{1e3 * depth[at + 1]:.3g} mm in one row: two presses? Name them in a column `press`, or save each in "
+            "its file"
+        )
 
 
 def _one_per_stamp(name: str, time: np.ndarray | None, lines: list[int]) -> tuple[np.ndarray | None, np.ndarray]:

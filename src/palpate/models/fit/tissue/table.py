@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.models.fit.sessions import SessionError
-from palpate.physics.table_file import COARSE, Table, coarse_step, read_table, split_unit
+from palpate.physics.table_cells import split_unit
+from palpate.physics.table_file import COARSE, Table, coarse_step, read_table
 
 NAMES = {
     "time": ("time", "t"), "force": ("force", "load", "f", "fz", "fn", "normal force"),
@@ -73,11 +74,23 @@ def _places(cells: Sequence[str], key: str, columns: Mapping[str, str]) -> list[
     return places
 
 
-def columns_of(path: Path, table: Table, columns: Mapping[str, str]) -> dict[str, tuple[int, float]]:
+def _may_be(unit: str, si: str, convert: Convert) -> bool:
+    """Whether a column with this unit, or without one, may have the dimension of an SI unit."""
+    try:
+        convert(f"1 {unit}", si)
+    except ValueError as error:
+        return not unit or "expected" not in str(error)
+    return True
+
+
+def columns_of(path: Path, table: Table, columns: Mapping[str, str], convert: Convert) -> dict[str, tuple[int, float]]:
     """Quantity -> (column, sign). SessionError: a column is missing, or several match."""
     found, missing = {}, []
     for key in NAMES:
         places = _places(table.cells, key, columns)
+        if len(places) > 1 and key not in columns:  # Load (uN) and Load (V): only one is a force
+            fitting = [k for k in places if _may_be(table.units[k], SI[key], convert)]
+            places = fitting if len(fitting) == 1 else places
         if len(places) > 1:
             cells = [f"{table.cells[k].strip()!r} (column {k + 1})" for k in places]
             distinct = len({table.names[k] for k in places}) == len(places)
@@ -131,6 +144,6 @@ def factor_of(
     try:
         return convert(f"1 {unit}", SI.get(key, "m"))
     except ValueError as error:
-        cure = "" if "unknown" not in str(error) else f". Give it with --unit {named or key}={SI.get(key, 'm')}"
+        cure = "" if "expected" in str(error) else f". Give it with --unit {named or key}={SI.get(key, 'm')}"
         cure = f". If it shows a weight: --unit {named or key}={unit}f" if unit in ("g", "kg") else cure
         raise SessionError(f"{where}, unit {unit!r}: {error}{cure}") from None

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.options import Dialect, Json
 from palpate.cli.terminal.output import print_json, say
 
 EXAMPLE = "palpate fit finger presses.csv"
@@ -13,6 +13,7 @@ EXAMPLE = "palpate fit finger presses.csv"
 
 def finger(
     file: Annotated[Path, typer.Argument(help="CSV with units: travel in mm, force in N, and press if several.")],
+    dialect: Dialect = "",
     as_json: Json = False,
 ) -> None:
     """Fit the law of a fingertip to presses against something rigid.
@@ -23,7 +24,7 @@ def finger(
     from palpate.models.fit.finger import fit_fingers, read_presses, undetermined
 
     notes: list[str] = []
-    presses = read_presses(file, notes)
+    presses = read_presses(file, notes, dialect)
     fitted = fit_fingers([presses])
     b, m, why = float(fitted.stiffness[0]), fitted.hardening, undetermined(presses, fitted)
     if as_json:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json, NoPictures, out_option
+from palpate.cli.terminal.options import Dialect, Json, NoPictures, out_option
 from palpate.cli.terminal.output import console, draw_if_possible, print_json, say
 
 EXAMPLE = "palpate fit force sessions.csv -o finger.model.yaml"
@@ -32,6 +32,7 @@ def force(
         bool, typer.Option("--any-stiffness", help="Accept forces and depths even if the stiffness is implausible.")
     ] = False,
     depth_limit: Annotated[float | None, typer.Option(help="Leave out rows deeper than this, in mm.")] = None,
+    dialect: Dialect = "",
     as_json: Json = False,
     example: Annotated[Path | None, typer.Option(help="Write a CSV of synthetic sessions, and exit.")] = None,
 ) -> None:
@@ -55,7 +56,7 @@ def force(
         raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")
     fitted = fit_sessions(
         sessions, subjects=subject or [], out=out, mean=mean, deviation=deviation, folds=folds,
-        depth_limit=depth_limit, protocol=protocol, any_stiffness=any_stiffness,
+        depth_limit=depth_limit, protocol=protocol, any_stiffness=any_stiffness, dialect=dialect,
     )  # fmt: skip
     pictures = [] if no_pictures else [str(path) for path in draw_if_possible(draw_fit, fitted.chosen, fitted.file)]
     if as_json:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json, check_new, out_option
+from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
 from palpate.cli.terminal.output import draw_if_possible, print_json, say
 from palpate.cli.terminal.pooled import show_pooled
 
@@ -29,7 +29,7 @@ def map(
         str, typer.Option(help="Names or numbers of columns: force=F,indentation=3; force=-F inverts the sign.")
     ] = "",
     unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
-    dialect: Annotated[str, typer.Option(help="decimal-comma or decimal-point, if the file leaves it open.")] = "",
+    dialect: Dialect = "",
     height: Annotated[str | None, typer.Option(help="Height of the layer, for laws that need it.")] = None,
     poisson: Annotated[float, typer.Option(help="Poisson's ratio.", min=0, max=0.5)] = 0.5,
     depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '2 mm'.")] = None,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json, check_new, out_option
+from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
 
 EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
@@ -15,6 +15,7 @@ def texture(
     file: Annotated[Path, typer.Argument(help="CSV: t,speed,normal and lateral or acceleration, in SI units.")],
     held_out: Annotated[float | None, typer.Option(help="Speed to predict, in m/s; default: a middle one.")] = None,
     out: Annotated[Path | None, out_option("File to write; by default RECORDING.json.")] = None,
+    dialect: Dialect = "",
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -30,7 +31,7 @@ def texture(
     target = out or file.with_suffix(".json")
     check_new([target], force)
     notes: list[str] = []
-    fitted = fit_texture(file, held_out, notes)
+    fitted = fit_texture(file, held_out, notes, dialect)
     target.write_bytes(msgspec.json.format(msgspec.json.encode(fitted)) + b"\n")
     if as_json:
         print_json({"ok": True, "file": str(target), **msgspec.to_builtins(fitted), "notes": notes})

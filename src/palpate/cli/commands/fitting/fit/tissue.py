@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json, check_new, out_option
+from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
 from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.cli.terminal.pooled import fit_sparse
 
@@ -29,9 +29,7 @@ def tissue(
         str, typer.Option(help="Names or numbers of columns: time=t,force=F,indentation=3; force=-F inverts the sign.")
     ] = "",
     unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
-    dialect: Annotated[
-        str, typer.Option(help="decimal-comma or decimal-point, if the file leaves it open (1,234).")
-    ] = "",
+    dialect: Dialect = "",
     radius: Annotated[str | None, typer.Option(help="Radius of the ball or punch: '8 mm'.")] = None,
     diameter: Annotated[str | None, typer.Option(help="Diameter of the ball, punch or cylinder.")] = None,
     height: Annotated[str | None, typer.Option(help="Height of the cylinder or of the layer.")] = None,

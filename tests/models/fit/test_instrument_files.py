@@ -1,0 +1,166 @@
+"""Layouts of instruments and programs: the press of each file is read, or the file is refused with line and remedy."""
+
+import gzip
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.models.fit.sessions import SessionError
+from palpate.studies.presses import PressReader
+
+COUNT = 60
+TIME = 0.01 * np.arange(COUNT)  # [s]
+DEPTH = 1e-5 * (np.arange(COUNT) - 20.0)  # [m]
+FORCE = 1.6e3 * np.maximum(DEPTH, 0.0) ** 1.5 + 2e-5 * np.sin(37.0 * np.arange(COUNT))  # [N]
+
+
+def columns(time=1.0, depth=1e3, force=1.0):
+    return np.transpose([time * TIME, depth * DEPTH, force * FORCE])
+
+
+def rows(table, separator=",", style="{:.6f}", mark='"', quote=False, comma=False, form="{}"):
+    lines = [
+        separator.join(f"{mark}{style.format(v)}{mark}" if quote else style.format(v) for v in row) for row in table
+    ]
+    text = "".join(form.format(line) + "\n" for line in lines)
+    return text.replace(".", ",") if comma else text
+
+
+PLAIN = rows(columns())
+GERMAN = rows(columns(), ";", comma=True).splitlines()
+HEAD = "Time [s],Depth [mm],Force [N]\n"
+SCAN = "Points, Elapsed Time , Disp , Load\n , sec , mm , N\n"
+NUMBERED = [f"{k},{line}\n" for k, line in enumerate(PLAIN.splitlines())]
+BLUEHILL = '"Specimen label","A1"\n\n"Time","Extension","Load"\n"(s)","(mm)","(N)"\n'
+ZWICK = '"Prüfprotokoll"\n"Prüfer";"Müller"\n\n"Prüfzeit";"Standardweg";"Standardkraft"\n"s";"mm";"N"\n'
+OPTICS11 = "Date\t12/11/2019\nTime\t10:22:01\n\nTip radius (um)\t25.5\nE[v=0.500] (Pa)\t10000.0\nModel: Hertz\n\n"
+HYSITRON = "\nNumber of Points = 60\n\nDepth (nm)\tLoad (µN)\tTime (s)\tDepth (V)\tLoad (V)\n" + "".join(
+    f"{d:.4f}\t{f:.6f}\t{t:.5f}\t1.2\t3.4\n" for t, d, f in columns(1.0, 1e9, 1e6)
+)
+JPK = "# segment: extend\n# columns: height vDeflection seriesTime\n# units: m N s\n"
+JPK_COLUMNS = "indentation=height,force=vDeflection,time=seriesTime"
+LVM = (
+    "LabVIEW Measurement\t\nSeparator\tTab\nDate\t2019/11/02\nTime\t10:22:01.5\n***End_of_Header***\t\n\t\n"
+    "Samples\t60\t60\t\nX0\t0.0\t0.0\t\n***End_of_Header***\t\t\t\nX_Value\tDepth\tForce\tComment\n"
+)
+IGOR = (
+    "IGOR\nWAVES/D\tt\tdepth\tforce\nBEGIN\n" + rows(columns(), "\t", form="\t{}") + 'END\nX SetScale/P x 0,1,"", t\n'
+)
+FRENCH = "".join(
+    ";".join(f"{v:,.3f}".replace(",", "\u202f").replace(".", ",") for v in row) + "\n" for row in columns(1.0, 1e6, 1e3)
+)
+TWICE = "Time,Depth,Load,Time,Depth,Load\ns,mm,N,s,mm,N\n" + "".join(
+    f"{line},{line}\n" if k < 40 else f"{line},,,\n" for k, line in enumerate(PLAIN.splitlines())
+)
+READ = {
+    "Bose": (SCAN + "".join(NUMBERED), "time=Elapsed Time,indentation=Disp"),
+    "Bose, two scans": ("Scan 1\n" + SCAN + "".join(NUMBERED[:30]) + "\nScan 2\n" + SCAN + "".join(NUMBERED[30:]),
+                        "time=Elapsed Time,indentation=Disp"),
+    "Bluehill": (BLUEHILL + rows(columns(), quote=True), "indentation=Extension"),
+    "Bluehill, compression negative": (BLUEHILL + rows(columns() * [1, -1, -1], quote=True),
+                                       "indentation=-Extension,force=-Load"),
+    "Bluehill, kN": ('"Time (sec)","Extension (mm)","Load (kN)"\n'
+                     + rows(columns(force=1e-3), style="{:.9f}", quote=True), "indentation=Extension"),
+    "inches and pounds": ("Time (s),Depth (inches),Load (lbf)\n"
+                          + rows(columns(1.0, 1 / 25.4e-3, 1 / 4.4482216), style="{:.9f}"), ""),
+    "thousandths of an inch": ("Time (s),Depth (mil),Load (N)\n" + rows(columns(1.0, 1 / 25.4e-6)), ""),
+    "Zwick, Latin-1": ((ZWICK + rows(columns(), ";", comma=True)).encode("latin-1"),
+                       "time=Prüfzeit,indentation=Standardweg,force=Standardkraft"),
+    "Zwick, UTF-16": ((ZWICK + rows(columns(), ";", comma=True)).encode("utf-16"),
+                      "time=Prüfzeit,indentation=Standardweg,force=Standardkraft"),
+    "MTS": ("MTS793|MPT|ENU|1|2|.|/|:|1|0|0|A\n\nData Header:\tTime:\t1.2\tSec\nAxial Displacement\tAxial Force\tTime\n"
+            "mm\tN\tSec\n" + rows(columns()[:, [1, 2, 0]], "\t"), "indentation=Axial Displacement,force=Axial Force"),
+    "TA.XTplus": ("Batch,TPA1\nTest ID,Time,Distance,Force\n,sec,mm,N\n" + rows(columns(), form="1,{}"),
+                  "indentation=Distance"),
+    "Optics11": ((OPTICS11 + "Time (s)\tLoad (µN)\tIndentation (nm)\tPiezo (nm)\n"
+                  + "".join(f"{t:.4f}\t{f:.5f}\t{d:.3f}\t{d:.3f}\n" for t, d, f in columns(1.0, 1e9, 1e6))
+                  ).encode("latin-1"), ""),
+    "Hysitron: volts are no depth": (HYSITRON, ""),
+    "Hysitron, by number": (HYSITRON, "indentation=1,force=2"),
+    "Anton Paar": ('"Time";"Pd";"Fn"\n"[s]";"[nm]";"[mN]"\n'
+                   + rows(columns(1.0, 1e9, 1e3), ";", quote=True, comma=True), ""),
+    "JPK": (JPK + rows(columns(1.0, 1.0)[:, [1, 2, 0]], " ", "{:.9e}"), JPK_COLUMNS),
+    "JPK, two segments": ("\n".join([JPK + rows(columns(1.0, 1.0)[:40, [1, 2, 0]], " ", "{:.9e}"),
+                                     JPK + rows(columns(1.0, 1.0)[40:, [1, 2, 0]], " ", "{:.9e}")]), JPK_COLUMNS),
+    "LabVIEW": (LVM.replace("Depth", "Depth [mm]").replace("Force", "Force [N]") + rows(columns(), "\t", form="{}\t"),
+                "time=X_Value"),
+    "Igor": (IGOR.replace("depth", "depth [mm]").replace("force", "force [N]"), ""),
+    "R, row names": ('"time [s]" "depth [mm]" "force [N]"\n'
+                     + "".join(f'"{k + 1}" {line}\n' for k, line in enumerate(PLAIN.replace(",", " ").splitlines())),
+                     ""),
+    "R, csv2": ('"";"time [s]";"depth [mm]";"force [N]"\n'
+                + "".join(f'"{k + 1}";{line}\n' for k, line in enumerate(GERMAN)), ""),
+    "Excel, Unicode text": (("Time [s]\tDepth [mm]\tForce [N]\n" + rows(columns(), "\t", comma=True)
+                             ).encode("utf-16"), ""),
+    "France": ("Temps (s);Profondeur (µm);Force (mN)\n" + FRENCH, "time=Temps,indentation=Profondeur"),
+    "bars": ("time [s]|depth [mm]|force [N]\n" + rows(columns(), "|"), ""),
+    "Markdown": ("| time [s] | depth [mm] | force [N] |\n|---|---|---|\n" + rows(columns(), " | ", form="| {} |"), ""),
+    "whole rows quoted": (f'"{HEAD.strip()}"\n' + rows(columns(), form='"{}"'), ""),
+    "whole rows quoted below a plain header": (HEAD + rows(columns(), form='"{}"'), ""),
+    "quotes in a quoted row": ('"Time [s],""Depth [mm]"",Force [N]"\n' + rows(columns(), form='"{}"'), ""),
+    "single quotes": ("'time [s]','depth [mm]','force [N]'\n" + PLAIN, ""),
+    "two header lines": ("Time,Indentation,Normal\nt (s),depth (mm),force (N)\n" + PLAIN, ""),
+    "a comment between rows": (HEAD + rows(columns()[:30]) + "# cough\n" + rows(columns()[30:]), ""),
+    "specimens side by side": (TWICE, "time=1,indentation=2,force=3"),
+}  # fmt: skip
+
+
+def read(tmp_path, content, names="", units=()):
+    path = tmp_path / "press.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return PressReader(names.split(","), units, False)(path)
+
+
+@pytest.mark.parametrize("name", READ)
+def test_the_press_is_read(tmp_path, name):
+    (press,) = read(tmp_path, *READ[name])
+    assert press.time == approx(TIME, abs=1e-6) and press.depth == approx(DEPTH, abs=3e-8)
+    assert press.force + press.zero == approx(FORCE, abs=1e-6)
+
+
+def spoilt(token):
+    lines = PLAIN.splitlines()
+    lines[30] = f"{lines[30].rpartition(',')[0]},{token}"
+    return HEAD + "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    "token", ["-1.#IND", "1.#QNAN", "NaN", "-Inf", "n/a", "#N/A", "--", "", "OVLD", "1e400", "1_0"]
+)
+def test_a_missing_value_is_refused_with_its_row_and_a_remedy(tmp_path, token):
+    with pytest.raises(SessionError, match=r"row 32, column 'Force \[N\]': found .*delete"):
+        read(tmp_path, spoilt(token))
+
+
+@pytest.mark.parametrize(
+    ("content", "names", "expected"),
+    [
+        (HEAD + "#N/A,0,0\n" + PLAIN, "", "row 2, column 'Time .s.': found '#N/A'"),
+        (ZWICK + PLAIN.replace(",", ";"), "", r"found 'Prüfzeit;Standardweg;Standardkraft' in row 4. Name them"),
+        (LVM + rows(columns(), "\t"), "", "row 10, column 'Force': no unit; give it with --unit force=N"),
+        (TWICE, "", r"row 1: 'Time' \(column 1\) and 'Time' \(column 4\) both name the time.*--columns time=1"),
+        ("Time (s),Depth (mm),Load (grams force)\n" + PLAIN, "", "'grams force': .*Give it with --unit force=N"),
+        ("Time (s),Depth (mm),Load (g)\n" + PLAIN, "", "a mass; expected a force. If it .*: --unit force=gf"),
+        ("Time (s),Depth (mm),Load (kPa)\n" + PLAIN, "", "a pressure or modulus; expected a force"),
+        (HEAD + rows(columns() * [1, 1, -1]), "", "force=-F inverts it"),
+        (HEAD + rows(columns() * [1, -1, 1] + [0, 50, 0]), "", "indentation=-d inverts it"),
+        (HEAD + PLAIN + HEAD + rows(columns() * [1, 1, 1.3]), "", "row 63: the indentation falls from 0.39 to -0.2 mm "
+         "in one row: two presses"),
+        ("Depth [mm],Force [N]\n" + rows(columns()[:, 1:]) * 2, "", "row 62: the indentation falls .* column `press`"),
+        (HEAD + rows(columns(), style="{:.5e}").replace("e", "D"), "", r"row 2, column .*: found '0.00000D\+00'"),
+        (gzip.compress(b"t,d,F\n0,0,0\n"), "", "compressed; save its table as CSV"),
+        (b"\xd0\xcf\x11\xe0" + bytes(99), "", r"a workbook \(.xls\); save its table as CSV"),
+        (b"MATLAB 5.0 MAT-file" + bytes(99), "", r"a file of MATLAB \(.mat\); save"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused_with_a_remedy(tmp_path, content, names, expected):
+    with pytest.raises(SessionError, match=expected):
+        read(tmp_path, content, names)
+
+
+def test_a_line_of_text_above_the_numbers_and_one_below_are_listed(tmp_path):
+    (press,) = read(tmp_path, *READ["Igor"])
+    assert press.remarks[1:] == (
+        "press.csv: line 3 is above the numbers: not read", "press.csv: lines 64 to 65 are after the table: not read",
+    )  # fmt: skip

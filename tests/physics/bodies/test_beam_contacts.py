@@ -1,0 +1,67 @@
+"""Several contacts on an elastic foundation of beams."""
+
+import numpy as np
+
+from palpate.nodes.base.surface import surface_mesh
+from palpate.physics.bodies.beam_foundation import answer, beam_foundation, bear
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.materials.voigt import ViscoelasticMaterial
+
+RADIUS, BALL, STEP, SMALL = 8e-3, 20e-3, 2e-4, 1e-3  # [m] [m] [s] [N]
+
+
+def ball():
+    """A ball with beams of 10 mm, for two contacts."""
+    sphere = surface_mesh("sphere", 2500)
+    mesh = Mesh(np.ascontiguousarray(sphere.vertices * (BALL / np.linalg.norm(sphere.vertices[0]))), sphere.triangles)
+    materials = (ViscoelasticMaterial(1.36e5, 12.6e-3), ViscoelasticMaterial(3.4e4, 12.6e-3))
+    return mesh, beam_foundation(mesh, None, (1e-3, 9e-3), materials, RADIUS, 2)
+
+
+def copied(tree):
+    """A foundation with its arrays copied."""
+    if isinstance(tree, np.ndarray):
+        return tree.copy()
+    return type(tree)(*map(copied, tree)) if isinstance(tree, tuple) else tree
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def indent(mesh, foundation, fingers, forces):
+    """Indentations [m] (2) after a step under two fingers, (foot, normal, friction over normal force) (3) each."""
+    for i, ((foot, normal, rubs), force) in enumerate(zip(fingers, forces, strict=True)):
+        far = np.linalg.norm(mesh.vertices - foot, axis=1)
+        nodes = np.flatnonzero(far < RADIUS).astype(np.int32)
+        share = mesh.areas[nodes] * (1.0 - (far[nodes] / RADIUS) ** 2) ** 2
+        bear(foundation, i, nodes, force * (share / share.sum())[:, None] * (rubs - normal), foot, normal)
+    answer(foundation, STEP)
+    return foundation.contacts.laws[:, 4].copy()
+
+
+def test_two_fingers_that_rub_the_same_beams_do_not_alternate():
+    """An error of the forces becomes I - A^-1 B times as large in the next step, with A the compliance of the laws and
+    B that of beams under forces whose friction grows with them, by differences. With an eigenvalue below -1 the forces
+    alternate: laws without the other finger's friction had -1.56."""
+    mesh, start = ball()
+    rng, least = np.random.default_rng(1), []
+    for _ in range(40):
+        foundation = copied(start)
+        feet = BALL * unit(np.column_stack([rng.uniform(-3e-3, 3e-3, (2, 2)), [BALL, BALL]]))
+        normals = unit(feet / BALL + 0.6 * rng.normal(size=(2, 3)))
+        rubs = 0.6 * unit(np.cross(normals, rng.normal(size=(2, 3))))
+        fingers, forces = list(zip(feet, normals, rubs, strict=True)), rng.uniform(0.5, 2.0, 2)
+        for _ in range(100):
+            indent(mesh, foundation, fingers, forces)
+        stiffness, exponent = foundation.contacts.laws.T[:2].copy()
+        acting = foundation.contacts.coupling @ forces
+        slope = stiffness * exponent * (acting / stiffness) ** (1.0 - 1.0 / exponent)
+        laws = foundation.contacts.coupling / slope[:, None]
+        more, less = (
+            np.array([indent(mesh, copied(foundation), fingers, forces + by) for by in sign * SMALL * np.eye(2)])
+            for sign in (1.0, -1.0)
+        )
+        beams = (more - less).T / (2.0 * SMALL)
+        least.append(np.linalg.eigvals(np.eye(2) - np.linalg.solve(laws, beams)).real.min())
+    assert min(least) > -0.5, least
