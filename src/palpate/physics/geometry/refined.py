@@ -4,7 +4,7 @@ The facets of a coarse mesh make the foot point and the normal jump at edges. Ea
 divided at a point of the cubic that has the normals of its ends, and the triangles are divided without gaps (2, 3 or 4
 of each). Repeated, this converges to a smooth surface (X. Yang, Comput.-Aided Des. 37 (2005) 497-507; the midpoint is
 that of curved PN triangles: A. Vlachos et al., I3D 2001, 159-166). The error of a sphere of 40 mm
-with 162 vertices falls from 0.8 to 0.05 mm, with 642 vertices from 0.2 to 0.008 mm.
+with 162 vertices falls from 0.8 to 0.03 mm, with 642 vertices from 0.2 to 0.0013 mm.
 
 Normals are fitted (`physics.normals`) at the vertices of the file, and after each division at the new ones, where the
 fit corrects the normals of the cubics. Means over the triangles of the new mesh would be worse than those of the given
