@@ -4,11 +4,12 @@ A score is a value over its bound: above 1 the invariant is broken.
 
 force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e, approach rate v and
          speed along the surface u of the last 60 ms, of the finger, or of its foot up to twice that (`reference`). At
-         rest it is the quasi-static force of the depth. v is a mean over 2 ms along the normal, or that of the finger towards the point of the surface
-         that is nearest now: one that slides into a wall, or starts, approaches at its speed. A patch that rolls over a
-         rim indents another face, whose tissue has not yielded: its rate e (omega - u/8 mm), omega the turn of the
-         normal within 0.5 ms and u the speed along the surface, counts for a body with a memory of the place. Under two
-         fingers e and v are those to the surface that the other finger lifts, by at most 1.2 x its force by this law.
+         rest it is the quasi-static force of the depth. v is a mean over 2 ms along the normal, or that of the finger
+         towards the point of the surface that is nearest now: one that slides into a wall, or starts, approaches at
+         its speed. A patch that rolls over a rim indents another face, whose tissue has not yielded: its rate e (omega
+         - u/8 mm), omega the turn of the normal within 0.5 ms and u the speed along the surface, counts for a body
+         with a memory of the place. Under two fingers e and v are those to the surface that the other finger lifts, by
+         at most 1.2 x its force by this law.
 hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f/R) w + B (dv + v w/R + v at the first
          contact) + (f - f_0) W/2 ms) + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
