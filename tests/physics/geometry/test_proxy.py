@@ -142,15 +142,15 @@ def test_a_fingertip_that_was_pushed_through_a_plate_and_round_its_rim_is_free_a
 
 
 def test_a_fingertip_that_leaves_a_plate_and_turns_round_is_free():
-    """Below and beside the rim the gap rises by the motion of the tool. It fell again when the tool turned round, and
+    """Below and next to the rim the gap rises by the motion of the tool. It fell again when the tool turned round, and
     the plate pushed a finger that was 17 mm away; its rate jumped by twice the speed of the tool."""
-    beside, below = (6, -44, -12), (6, -38, -12.5)
-    ends = np.array([(6, -23, 6), (6, -23, -14), beside, below, beside, below, beside, (6, -50, 0)]) * 1e-3
+    aside, below = (6, -44, -12), (6, -38, -12.5)
+    ends = np.array([(6, -23, 6), (6, -23, -14), aside, below, aside, below, aside, (6, -50, 0)]) * 1e-3
     path = np.concatenate([np.linspace(a, b, 400, endpoint=False) for a, b in itertools.pairwise(ends)])
     slab = box(80e-3, 5e-3)
     gap, true = mesh_run(slab, path, 4e-3)[:, 8], MeshClosestPoint(slab).find(path)[3]
     rises = np.diff(gap) > np.linalg.norm(np.diff(path, axis=0), axis=1) - 1e-9
-    leaves = 800 - int(np.flatnonzero(~rises[800::-1])[0])  # the last step before `beside` that did not
+    leaves = 800 - int(np.flatnonzero(~rises[800::-1])[0])  # the last step before `aside` that did not
     arrives = leaves + int(np.flatnonzero(np.abs(gap - true)[leaves:] < 1e-6)[0])
     assert gap[leaves] < -8e-3 and 1600 < arrives < 2400
     assert rises[leaves + 1 : arrives - 1].all() and gap[arrives:] == approx(true[arrives:], abs=1e-6)
