@@ -35,6 +35,7 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.normals import fit_normals
 
 CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
+THINNEST = 0.004  # [1] height over the longest side below which the normal of a triangle is not known
 ROUNDS = 12  # largest number of halvings
 ABOVE = 2.0  # [1] number of vertices over `most` from which longer edges are kept
 TURN = 0.04  # [rad] between the normals of both ends of an edge
@@ -135,33 +136,57 @@ class _Divided:
 
 
 def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
-    """The mesh with both ends of each edge at one of them that is below `shortest` [m] and, in its triangles, below
-    `THIN` of the longest side; the same object if no edge is, or if edges of more than two triangles would
-    result. Chains of them that are longer remain, as on a cylinder of long strips."""
+    """The mesh with both ends of each edge at one of them that is below `shortest` [m] and, in one of its triangles,
+    below `THIN` of the longest side; the same object if no edge is. Edges remain that are part of a longer chain, as on
+    a cylinder of long strips, or whose contraction would join more than two triangles at an edge, or fold them."""
     count = len(mesh.vertices)
     ends, of, _ = _edges(mesh.triangles.astype(np.int64), count)
     length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
-    least = np.full(len(ends), np.inf)
-    np.minimum.at(least, of.ravel(), np.repeat(length[of].max(axis=1), 3))
-    short = ends[(length < shortest) & (length < THIN * least)]
+    longest = np.zeros(len(ends))
+    np.maximum.at(longest, of.ravel(), np.repeat(length[of].max(axis=1), 3))
+    short = ends[(length < shortest) & (length <= THIN * longest)]
     if not len(short):
         return mesh
     graph = scipy.sparse.coo_array((np.ones(len(short), bool), tuple(short.T)), shape=(count, count))
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     first = np.unique(label, return_index=True)[1][label]
-    far = np.zeros(count, bool)
-    far[label[np.linalg.norm(mesh.vertices - mesh.vertices[first], axis=1) > 2.0 * shortest]] = True
-    corners = np.where(far[label], np.arange(count), first)[mesh.triangles]
-    if np.array_equal(corners, mesh.triangles):
-        return mesh
-    whole = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
-    if not len(whole) or len(np.unique(np.sort(whole, axis=1), axis=0)) < len(whole):
-        return mesh
-    kept, triangles = np.unique(whole, return_inverse=True)
-    joined = Mesh(
-        np.ascontiguousarray(mesh.vertices[kept]), np.ascontiguousarray(triangles.reshape(-1, 3), dtype=np.int32)
-    )
-    return mesh if (joined.edges[1] > 2).any() else joined
+    kept = np.zeros(count, bool)  # by label
+    kept[label[np.linalg.norm(mesh.vertices - mesh.vertices[first], axis=1) > 2.0 * shortest]] = True
+    kept |= np.bincount(label, minlength=count) < 2
+    while not kept[label].all():
+        corners = np.where(kept[label], np.arange(count), first)[mesh.triangles]
+        remains = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+        whole = corners[remains]
+        folded = mesh.triangles[remains][_is_folded(mesh.vertices, mesh.triangles[remains], whole)]
+        wrong = label[np.concatenate([_joined_twice(whole), folded.ravel()])]
+        if kept[wrong].all():
+            used, triangles = np.unique(whole, return_inverse=True)
+            points, triangles = mesh.vertices[used], triangles.reshape(-1, 3)
+            return Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
+        kept[wrong] = True
+    return mesh
+
+
+def _joined_twice(triangles: np.ndarray) -> np.ndarray:
+    """Vertices (n) of triangles (T,3) that occur twice, and of edges of more than two triangles."""
+    _, same, times = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True)
+    ends = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    edges, number = np.unique(ends, axis=0, return_counts=True)
+    return np.concatenate([triangles[times[same.ravel()] > 1].ravel(), edges[number > 2].ravel()])
+
+
+def _is_folded(points: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Whether each triangle (T) of points [m] (V,3) turns by more than 40 degrees, unless it was too thin for a
+    normal."""
+    turned = einsum("ij,ij->i", _facing(points, before), _facing(points, after)) < CREASE
+    return np.asarray(turned & ~_is_thin(points, before))
+
+
+def _is_thin(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Whether each triangle (T) of points [m] (V,3) is too thin for a normal."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    side = np.max([np.linalg.norm(each, axis=1) for each in (b - a, c - b, a - c)], axis=0)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= THINNEST * side * side)
 
 
 def _edges(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -187,14 +212,16 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 def _creases(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Ends (K,2), lower first, of the edges of the border and of those at which the surface bends by more
-    than 40 degrees, and the vertices (C) whose normal differs by more from that of a triangle."""
+    than 40 degrees, and the vertices (C) whose normal differs by more from that of a triangle. Triangles that are too
+    thin for a normal do not count."""
     triangles = mesh.triangles.astype(np.int64)
     ends, of, two = _edges(triangles, len(mesh.vertices))
-    facing = _facing(mesh.vertices, triangles)
+    facing, known = _facing(mesh.vertices, triangles), ~_is_thin(mesh.vertices, triangles)
     bend = einsum("ij,ij->i", facing[two[:, 0]], facing[two[:, 1]])
     border = np.bincount(of.ravel(), minlength=len(ends)) == 1
     off = np.asarray(einsum("ikj,ij->ik", mesh.normals[triangles], facing)) < CREASE
-    return np.asarray(ends[border | (bend < CREASE)]), np.unique(triangles[off & facing.any(axis=1, keepdims=True)])
+    sharp = border | ((bend < CREASE) & known[two].all(axis=1))
+    return np.asarray(ends[sharp]), np.unique(triangles[off & known[:, None]])
 
 
 def _halfway(
