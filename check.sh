@@ -36,7 +36,7 @@ types_failed=0
 wait "$mypy" || types_failed=1
 # A test on the real clock can fail where another program takes the processors for seconds. Of all tests, up to five that
 # failed run once more, one after another; a defect fails again.
-if [ "$failed" = 1 ] && [ "$#" = 0 ] && [ "$(grep -c '::' "$again")" -le 5 ]; then
+if [ "$failed" = 1 ] && [ "$#" = 0 ] && [ "$(grep -c '::' "$again")" -le 5 ] && grep -q '::' "$again"; then
     echo "check: the tests that failed, once more, one after another"
     failed=0
     .venv/bin/python -m pytest --last-failed --last-failed-no-failures none || failed=$?
