@@ -157,6 +157,8 @@ def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
         corners = np.where(kept[label], np.arange(count), first)[mesh.triangles]
         remains = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
         whole = corners[remains]
+        if not len(whole):
+            return mesh
         folded = mesh.triangles[remains][_is_folded(mesh.vertices, mesh.triangles[remains], whole)]
         wrong = label[np.concatenate([_joined_twice(whole), folded.ravel()])]
         if kept[wrong].all():
