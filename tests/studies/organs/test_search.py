@@ -52,16 +52,6 @@ def test_on_the_whole_zoo_no_invariant_is_broken(touched, folder):
         assert not broken(results, set(NAMES), folder)
 
 
-OPEN = {(26, 164, 55): "force 1.1 x: a foot deep inside a body, whose patch passes from one face to another in 9 ms"}
-
-
-def _marks(touch):
-    marks = [pytest.mark.long] if touch.setting.rate > 5000.0 else []
-    if touch.seed in OPEN:
-        marks.append(pytest.mark.xfail(reason=OPEN[touch.seed], strict=True))
-    return marks
-
-
 KNOWN = msgspec.json.decode((Path(__file__).parent / "touches.json").read_bytes(), type=list[Touch])
 """Touches that broke an invariant. Their seeds (search, batch, touch) give the same ones as long as the zoo is the
 same. The slow ones run at 10 kHz."""
@@ -69,15 +59,18 @@ same. The slow ones run at 10 kHz."""
 
 @pytest.mark.parametrize(
     "touch",
-    [pytest.param(one, marks=_marks(one), id="-".join(map(str, one.seed))) for one in KNOWN],
+    [
+        pytest.param(one, marks=[pytest.mark.long] * (one.setting.rate > 5000.0), id="-".join(map(str, one.seed)))
+        for one in KNOWN
+    ],
 )
 def test_touches_that_broke_an_invariant_break_none(touch, folder):
     """A viscous tissue responds to each kink of the gap and of the patch, and to friction: the nearest point on another
     side in the dimple; two fingers on nearly the same beams of the bumpy body; feet that leap over the edges of box,
     l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball;
     a second finger under which the first one lifts the surface; two fingers that rub the same beams of a groove; a foot
-    inside a plate that turns to its underside; a finger that leaves a plate or a ring and turns round; a
-    foot that leads the finger.
+    inside a plate that turns to its underside, and one inside a block from whose top the patch passes to a wall; a
+    finger that leaves a plate or a ring and turns round; a foot that leads the finger.
     """
     results = Results()
     (found,) = run_touches([touch], folder, results)

@@ -9,16 +9,23 @@ excluded: where x = n_j.n / `FACES` < 1, w_j is multiplied by g_j = x² (3 - 2x)
 contact that turns at an edge adds and removes the side of the body continuously.
 
 A foot point that follows the finger to another part of the surface may lie off the surface (`geometry.proxy`), where
-few nodes are within R, or none, or only some that hardly face the contact. There d_j² is reduced by the least d_0² with
-which the patch has the area of one whose foot is a = `OFF` R above a plane,
+few nodes are within R, or none, or only some that hardly face the contact. There the patch is a cone of 45 degrees
+along the contact's normal: with d_0 >= 0 and the height h_j = (x_j - foot).n of node j above the foot,
 
-    sum_j A_j g_j k((d_j² - d_0²)^½/R) >= integral_a^R k(h/R) 2 pi h dh,
+    w_j ~ A_j g_j k(((d_j² - min(h_j², d_0²)) / (R² + d_0²))^½)
 
-so that a patch above a plane keeps (1 - `OFF`²)^½ = 87 % of its radius, and nodes that hardly face the contact are far
-and take no more than their share of it: the load passes from one side of a body to the other while the contact turns.
-(With the nearest node in place of the area, it passed at once where a nearer side began to face the contact.) On a
-coarse mesh a point of the surface may be as far from all nodes as the radius of the circle round a triangle, so that a
-is at least that of the longest edge L, L/3^½.
+and d_0² is the least one with which the patch has the area of one whose foot is a = `OFF` R above a plane,
+
+    sum_j A_j g_j k >= integral_a^R k(h/R) 2 pi h dh.
+
+A patch above a plane has (1 - `OFF`²)^½ = 87 % of its radius at the height a, and grows with the height, to 118 % at
+1.6 R. Nodes that hardly face the contact are far and take no more than their share of it. So the load passes from one
+side of a body to the other while the contact turns. (With the nearest node in place of the area, it passed at once
+where a nearer side began to face the contact. With d_j² - d_0² for all nodes the nearest side took all of the patch.
+Without the cone a patch far in front of a foot moves over an edge faster than the foot: at 12 mm a turn at 10 rad/s and
+the foot together moved it at 300 mm/s, twice as fast as the foot, and viscous tissue resisted with 1.4 times the
+force.) On a coarse mesh a point of the surface may be as far from all nodes as the radius of the circle round a
+triangle, so that a is at least that of the longest edge L, L/3^½.
 """
 
 import math
@@ -162,8 +169,8 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
 
 @ieee_kernel
 def _gather(s: Spreader, foot: Vector3, normal: Vector3, reach: float):
-    """Fill `nodes`, `weights` with A_j g_j [m²] and `forces[:, 0]` with d_j²/x [m²] of the nodes that face `normal` and
-    for which this is within `reach`² [m²]. Returns their number."""
+    """Fill `nodes`, `weights` with A_j g_j [m²] and `forces[:, :2]` with d_j²/x and h_j² [m²] of the nodes that face
+    `normal` and for which d_j²/x is within `reach`² [m²]. Returns their number."""
     shape, first, order, near, count = s.shape, s.first, s.order, s.near, 0
     lo, hi = _cells(foot, -reach, s.scalars, shape), _cells(foot, reach, s.scalars, shape)
     for i in range(lo[0], hi[0] + 1):
@@ -182,19 +189,26 @@ def _gather(s: Spreader, foot: Vector3, normal: Vector3, reach: float):
                     area *= share * share * (3.0 - 2.0 * share)
                     square /= max(share, TINY)
                 if square < reach * reach:
-                    s.nodes[count], s.weights[count], s.forces[count, 0] = order[at], area, square
+                    height = x * normal[0] + y * normal[1] + z * normal[2]
+                    s.nodes[count], s.weights[count] = order[at], area
+                    s.forces[count, 0], s.forces[count, 1] = square, height * height
                     count += 1
     return count
 
 
 @ieee_kernel
+def _kernel_of(s: Spreader, at: int, r: float, shift: float):
+    """k of a gathered node for d_0² = `shift` [m²]."""
+    square, wide = s.forces[at, 0] - min(s.forces[at, 1], shift), r * r + shift
+    return kernel_value(int(s.scalars[1]), math.sqrt(max(square, 0.0)) / math.sqrt(wide)) if square < wide else 0.0
+
+
+@ieee_kernel
 def _area(s: Spreader, count: int, r: float, shift: float):
-    """Sum of A_j g_j k [m²] of the gathered nodes, with d² less `shift` [m²]."""
-    kind, total = int(s.scalars[1]), 0.0
+    """Sum of A_j g_j k [m²] of the gathered nodes for d_0² = `shift` [m²]."""
+    total = 0.0
     for at in range(count):
-        square = s.forces[at, 0] - shift
-        if square < r * r:
-            total += s.weights[at] * kernel_value(kind, math.sqrt(max(square, 0.0)) / r)
+        total += s.weights[at] * _kernel_of(s, at, r, shift)
     return total
 
 
@@ -233,10 +247,9 @@ def _shift(s: Spreader, count: int, r: float, least: float, high: float):
 @ieee_kernel
 def _weigh(s: Spreader, gathered: int, r: float, shift: float):
     """Turn the gathered nodes into those of the patch, with their weights [m²]; their number and the sum of these."""
-    kind, count, total = int(s.scalars[1]), 0, 0.0
+    count, total = 0, 0.0
     for at in range(gathered):
-        square = s.forces[at, 0] - shift
-        weight = s.weights[at] * kernel_value(kind, math.sqrt(max(square, 0.0)) / r) if square < r * r else 0.0
+        weight = s.weights[at] * _kernel_of(s, at, r, shift)
         if weight > 0.0:
             s.nodes[count], s.weights[count] = s.nodes[at], weight
             count, total = count + 1, total + weight
@@ -258,10 +271,10 @@ def _farthest(s: Spreader, foot: Vector3):
 @ieee_kernel
 def _widen(s: Spreader, foot: Vector3, normal: Vector3, r: float, least: float):
     """The nodes of a patch that is widened to the area `least` [m²], as in `_weigh`."""
-    reach, most, gathered, high = r, _farthest(s, foot), 0, 0.0
+    reach, most, gathered, high = r, 3.0 * _farthest(s, foot), 0, 0.0
     while reach < most:
         reach *= WIDER
-        gathered, high = _gather(s, foot, normal, reach), reach * reach - r * r
+        gathered, high = _gather(s, foot, normal, reach), 0.5 * (reach * reach - r * r)  # nodes beyond have k = 0
         if _area(s, gathered, r, high) >= least:
             break
     return _weigh(s, gathered, r, _shift(s, gathered, r, least, high))
