@@ -30,7 +30,7 @@ from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import capsule, plane_patch, sphere
-from palpate.physics.geometry.refined import refine_mesh
+from palpate.physics.geometry.refined.divided import refine_mesh
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.physics.geometry.thinned import thin_mesh
 

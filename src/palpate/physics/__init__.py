@@ -53,7 +53,7 @@ _LAWS = {
     "geometry.nurbs": ("NurbsPatch",),
     "geometry.nurbs_fit": ("capsule", "interpolate", "plane_patch", "sphere"),
     "geometry.pseudonormal": ("signed_distance",),
-    "geometry.refined": ("refine_mesh",),
+    "geometry.refined.divided": ("refine_mesh",),
     "geometry.strain": ("largest_stretch",),
     "geometry.tessellate": ("tessellate",),
     "geometry.thinned": ("thin_mesh",),

@@ -5,7 +5,8 @@ import pytest
 
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.mesh import Mesh, plane
-from palpate.physics.geometry.refined import ABOVE, CURVED, FINEST, TURN, contract_edges, refine_mesh
+from palpate.physics.geometry.refined.contracted import contract_edges
+from palpate.physics.geometry.refined.divided import ABOVE, CURVED, FINEST, TURN, refine_mesh
 from palpate.physics.geometry.topology import edge_counts
 
 trimesh = pytest.importorskip("trimesh")

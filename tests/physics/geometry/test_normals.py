@@ -6,8 +6,8 @@ import pytest
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
 from palpate.physics.geometry.phong import smooth_foot
-from palpate.physics.geometry.refined import refine_mesh
-from palpate.physics.normals import fit_normals
+from palpate.physics.geometry.refined.divided import refine_mesh
+from palpate.physics.geometry.refined.normals import fit_normals
 from palpate.studies.organs.shapes import boxes, star, torus
 
 RING, TUBE, AXES = 26e-3, 14e-3, np.array([45e-3, 30e-3, 20e-3])

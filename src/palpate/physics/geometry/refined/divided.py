@@ -6,7 +6,7 @@ of each). Repeated, this converges to a smooth surface (X. Yang, Comput.-Aided D
 that of curved PN triangles: A. Vlachos et al., I3D 2001, 159-166). The error of a sphere of 40 mm
 with 162 vertices falls from 0.8 to 0.03 mm, with 642 vertices from 0.2 to 0.0013 mm.
 
-Normals are fitted (`physics.normals`) at the vertices of the file, and after each division at the new ones, where the
+Normals are fitted (`normals`) at the vertices of the file, and after each division at the new ones, where the
 fit corrects the normals of the cubics. Means over the triangles of the new mesh would be worse than those of the given
 one: on a torus with a tube of 8 mm and 4953 vertices their error is 0.39 degrees (root mean square) in place of 0.05,
 because edges are divided in some triangles and not in others. That of the fits is 0.013. The error of a foot at the
@@ -22,26 +22,23 @@ with a tube of 14 mm has edges of 1.6 mm (0.11 rad), the force of deep touches d
 edges. A sphere of any size needs 9000 vertices for `TURN`. This is left out where it would divide many edges, as on the
 steps of a segmentation, whose normals are noise.
 
-The short edges of thin triangles, below 0.2 of the wanted length, are contracted to their first end before. Their
-ends have different normals, which would bend the long sides apart, and the triangle between them would be inclined
-by up to 88 degrees to the surface.
+The short edges of thin triangles are contracted before (`contracted`).
 """
 
 import numpy as np
-import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import cos, einsum
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.normals import fit_normals
+from palpate.physics.geometry.refined.contracted import contract_edges
+from palpate.physics.geometry.refined.edges import creases, directions, edges_of, unit
+from palpate.physics.geometry.refined.normals import fit_normals
 
-CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
-THINNEST = 0.004  # [1] height over the longest side below which the normal of a triangle is not known
 ROUNDS = 12  # largest number of halvings
 ABOVE = 2.0  # [1] number of vertices over `most` from which longer edges are kept
 TURN = 0.04  # [rad] between the normals of both ends of an edge
 FINEST = 0.25  # [1] length of an edge that is not divided for its turn, over the wanted one
 CURVED = 50_000  # vertices that `TURN` may add
-SHORTEST, THIN = 0.2, 0.1  # [1] length of an edge that is contracted, over the wanted one and the triangles' longest
+SHORTEST = 0.2  # [1] length of an edge that is contracted, over the wanted one
 
 
 def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
@@ -51,7 +48,7 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     mesh = contract_edges(mesh, SHORTEST * longest)
     finest = FINEST * longest
     longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * np.sqrt(3.0) * most))))
-    sharp, corner = _creases(mesh)
+    sharp, corner = creases(mesh)
     divided = _Divided(mesh.vertices, mesh.triangles.astype(np.int64), mesh.normals, sharp, corner)
     divided.fit(longest, finest)
     for _ in range(ROUNDS):
@@ -90,14 +87,14 @@ class _Divided:
     def find_edges(self) -> None:
         """The edges of the triangles: length [m], normal at each end, whether these turn by more than `TURN`."""
         points, sharp = self.points, self.sharp
-        self.ends, self.of, two = _edges(self.triangles, len(points))
+        self.ends, self.of, two = edges_of(self.triangles, len(points))
         low, high = self.ends.T
         self.lengths = np.linalg.norm(points[low] - points[high], axis=1)
         self.straight = np.isin(*(each[:, 0] * len(points) + each[:, 1] for each in (self.ends, sharp)))
         bent = self.bent()
         # the normal at each end: of the vertex, or of the two triangles where the vertex is on a crease
-        facing = _facing(points, self.triangles)
-        between = _unit(facing[two[:, 0]] + facing[two[:, 1]])
+        facing = directions(points, self.triangles)
+        between = unit(facing[two[:, 0]] + facing[two[:, 1]])
         self.at_low, self.at_high = (np.where(bent[end][:, None], between, self.normals[end]) for end in (low, high))
         self.turns = (einsum("ij,ij->i", self.at_low, self.at_high) < cos(TURN)) & ~self.straight
 
@@ -135,97 +132,6 @@ class _Divided:
         self.normals = fit_normals(self.points, self.triangles, normals, new, self.bent())
 
 
-def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
-    """The mesh with both ends of each edge at one of them that is below `shortest` [m] and, in one of its triangles,
-    below `THIN` of the longest side; the same object if no edge is. Edges remain that are part of a longer chain, as on
-    a cylinder of long strips, or whose contraction would join more than two triangles at an edge, or fold them."""
-    count = len(mesh.vertices)
-    ends, of, _ = _edges(mesh.triangles.astype(np.int64), count)
-    length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
-    longest = np.zeros(len(ends))
-    np.maximum.at(longest, of.ravel(), np.repeat(length[of].max(axis=1), 3))
-    short = ends[(length < shortest) & (length <= THIN * longest)]
-    if not len(short):
-        return mesh
-    graph = scipy.sparse.coo_array((np.ones(len(short), bool), tuple(short.T)), shape=(count, count))
-    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    first = np.unique(label, return_index=True)[1][label]
-    kept = np.zeros(count, bool)  # by label
-    kept[label[np.linalg.norm(mesh.vertices - mesh.vertices[first], axis=1) > 2.0 * shortest]] = True
-    kept |= np.bincount(label, minlength=count) < 2
-    while not kept[label].all():
-        corners = np.where(kept[label], np.arange(count), first)[mesh.triangles]
-        remains = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
-        whole = corners[remains]
-        if not len(whole):
-            return mesh
-        folded = mesh.triangles[remains][_is_folded(mesh.vertices, mesh.triangles[remains], whole)]
-        wrong = label[np.concatenate([_joined_twice(whole), folded.ravel()])]
-        if kept[wrong].all():
-            used, triangles = np.unique(whole, return_inverse=True)
-            points, triangles = mesh.vertices[used], triangles.reshape(-1, 3)
-            return Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
-        kept[wrong] = True
-    return mesh
-
-
-def _joined_twice(triangles: np.ndarray) -> np.ndarray:
-    """Vertices (n) of triangles (T,3) that occur twice, and of edges of more than two triangles."""
-    _, same, times = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True)
-    ends = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    edges, number = np.unique(ends, axis=0, return_counts=True)
-    return np.concatenate([triangles[times[same.ravel()] > 1].ravel(), edges[number > 2].ravel()])
-
-
-def _is_folded(points: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Whether each triangle (T) of points [m] (V,3) turns by more than 40 degrees, unless it was too thin for a
-    normal."""
-    turned = einsum("ij,ij->i", _facing(points, before), _facing(points, after)) < CREASE
-    return np.asarray(turned & ~_is_thin(points, before))
-
-
-def _is_thin(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Whether each triangle (T) of points [m] (V,3) is too thin for a normal."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    side = np.max([np.linalg.norm(each, axis=1) for each in (b - a, c - b, a - c)], axis=0)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= THINNEST * side * side)
-
-
-def _edges(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ends (E,2) of each edge, the lower first; the edges of each triangle (T,3), the first between its first two
-    corners; two triangles of each edge (E,2), the same twice at a border."""
-    begin, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    low, high = np.minimum(begin, end), np.maximum(begin, end)
-    key, first, of = np.unique(low * count + high, return_index=True, return_inverse=True)
-    last = np.zeros(len(key), dtype=np.int64)
-    last[of.ravel()] = np.arange(len(begin)) // 3
-    return np.stack([key // count, key % count], 1), of.reshape(-1, 3), np.stack([first // 3, last], 1)
-
-
-def _facing(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Unit normals of triangles (T,3); zero of those without area."""
-    a, b, c = (points[triangles[:, i]] for i in range(3))
-    return _unit(np.cross(b - a, c - a))
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None])
-
-
-def _creases(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (K,2), lower first, of the edges of the border and of those at which the surface bends by more
-    than 40 degrees, and the vertices (C) whose normal differs by more from that of a triangle. Triangles that are too
-    thin for a normal do not count."""
-    triangles = mesh.triangles.astype(np.int64)
-    ends, of, two = _edges(triangles, len(mesh.vertices))
-    facing, known = _facing(mesh.vertices, triangles), ~_is_thin(mesh.vertices, triangles)
-    bend = einsum("ij,ij->i", facing[two[:, 0]], facing[two[:, 1]])
-    border = np.bincount(of.ravel(), minlength=len(ends)) == 1
-    off = np.asarray(einsum("ikj,ij->ik", mesh.normals[triangles], facing)) < CREASE
-    sharp = border | ((bend < CREASE) & known[two].all(axis=1))
-    return np.asarray(ends[sharp]), np.unique(triangles[off & known[:, None]])
-
-
 def _halfway(
     low: np.ndarray, high: np.ndarray, at_low: np.ndarray, at_high: np.ndarray, straight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -235,7 +141,7 @@ def _halfway(
     lift = np.where(straight[:, None], 0.0, (from_high * at_high - from_low * at_low) / 8.0)
     both = at_low + at_high
     slope = 1.5 * einsum("ij,ij->i", along, both) / np.maximum(einsum("ij,ij->i", along, along), 1e-300)
-    return 0.5 * (low + high) + lift, _unit(both - slope[:, None] * along)
+    return 0.5 * (low + high) + lift, unit(both - slope[:, None] * along)
 
 
 def _divide_triangles(triangles: np.ndarray, middle: np.ndarray) -> np.ndarray:

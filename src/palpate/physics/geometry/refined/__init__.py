@@ -1,0 +1,1 @@
+"""Refinement of coarse meshes: thin triangles are removed, edges divided, normals fitted."""

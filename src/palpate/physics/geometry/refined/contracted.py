@@ -1,0 +1,63 @@
+"""Contraction of the short edges of thin triangles, to their first end.
+
+The ends of such an edge have different normals, which would bend the long sides apart when the mesh is divided, and the
+triangle between them would be inclined by up to 88 degrees to the surface.
+"""
+
+import numpy as np
+import scipy  # loads its submodules when they are used
+
+from palpate.compiler.exact import einsum
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.refined.edges import CREASE, directions, edges_of, is_thin
+
+THIN = 0.1  # [1] length of an edge that is contracted, over the longest side of a triangle there
+
+
+def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
+    """The mesh with both ends of each edge at one of them that is below `shortest` [m] and, in one of its triangles,
+    below `THIN` of the longest side; the same object if no edge is. Edges remain that are part of a longer chain, as on
+    a cylinder of long strips, or whose contraction would join more than two triangles at an edge, or fold them."""
+    count = len(mesh.vertices)
+    ends, of, _ = edges_of(mesh.triangles.astype(np.int64), count)
+    length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
+    longest = np.zeros(len(ends))
+    np.maximum.at(longest, of.ravel(), np.repeat(length[of].max(axis=1), 3))
+    short = ends[(length < shortest) & (length <= THIN * longest)]
+    if not len(short):
+        return mesh
+    graph = scipy.sparse.coo_array((np.ones(len(short), bool), tuple(short.T)), shape=(count, count))
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    first = np.unique(label, return_index=True)[1][label]
+    kept = np.zeros(count, bool)  # by label
+    kept[label[np.linalg.norm(mesh.vertices - mesh.vertices[first], axis=1) > 2.0 * shortest]] = True
+    kept |= np.bincount(label, minlength=count) < 2
+    while not kept[label].all():
+        corners = np.where(kept[label], np.arange(count), first)[mesh.triangles]
+        remains = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+        whole = corners[remains]
+        if not len(whole):
+            return mesh
+        folded = mesh.triangles[remains][_is_folded(mesh.vertices, mesh.triangles[remains], whole)]
+        wrong = label[np.concatenate([_joined_twice(whole), folded.ravel()])]
+        if kept[wrong].all():
+            used, triangles = np.unique(whole, return_inverse=True)
+            points, triangles = mesh.vertices[used], triangles.reshape(-1, 3)
+            return Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
+        kept[wrong] = True
+    return mesh
+
+
+def _joined_twice(triangles: np.ndarray) -> np.ndarray:
+    """Vertices (n) of triangles (T,3) that occur twice, and of edges of more than two triangles."""
+    _, same, times = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True)
+    ends = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    edges, number = np.unique(ends, axis=0, return_counts=True)
+    return np.concatenate([triangles[times[same.ravel()] > 1].ravel(), edges[number > 2].ravel()])
+
+
+def _is_folded(points: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Whether each triangle (T) of points [m] (V,3) turns by more than 40 degrees, unless it was too thin for a
+    normal."""
+    turned = einsum("ij,ij->i", directions(points, before), directions(points, after)) < CREASE
+    return np.asarray(turned & ~is_thin(points, before))
