@@ -14,7 +14,6 @@ from palpate.nodes.base.area import WithArea
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.kernels import kernel as compiled
 from palpate.nodes.base.samples import sample_of
-from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.area import radius_at
 from palpate.physics.contact.spread import TABLES, Spreader, spread, spreader
 
@@ -74,7 +73,7 @@ class Kernel(CompiledNode, WithArea):
                 f"{1e3 * spacing:.2g} mm, the spacing of the vertices, and {1e3 * extent:.2g} mm, half of the surface"
             )
         self.hold("spreader", spreader(mesh, self.radius, "hertz" if grows else self.kernel))
-        if not grows and self.spacing > COARSEST * self.radius and mesh is not OnSurface.mesh(self):
+        if not grows and self.spacing > COARSEST * self.radius and mesh is not self.whole():
             self._notes.append(
                 f"Kernel: the surface is thinned to {1e3 * self.spacing:.2g} mm, which is coarse for a patch of "
                 f"{1e3 * self.radius:.2g} mm; set scene.surface.spacing to {125 * self.radius:.2g} mm"
@@ -85,7 +84,7 @@ class Kernel(CompiledNode, WithArea):
                 f"Kernel: the vertices are {1e3 * spacing:.2g} mm apart, the patch is {1e3 * wide:.2g} mm, "
                 "so force and shape follow the triangles; a quarter of the patch is fine enough: refine the mesh"
             )
-        if extent < wide and mesh.closed:
+        if extent < wide and self.whole().closed:
             self._notes.append(
                 f"Kernel: the patch of {1e3 * wide:.2g} mm is wider than the organ, {2e3 * extent:.2g} mm across. The "
                 "laws of finger and tissue are those of a patch within the surface: the force is meaningless"

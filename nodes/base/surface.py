@@ -33,6 +33,7 @@ from palpate.physics.geometry.nurbs_fit import capsule, plane_patch, sphere
 from palpate.physics.geometry.refined.divided import refine_mesh
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.physics.geometry.thinned import thin_mesh
+from palpate.physics.nearest import nearest, tree_of
 
 SURFACES = ("kidney", "sphere", "plane", "fingertip")
 OPEN = ("plane",)  # the built-in surfaces that have a border
@@ -90,6 +91,17 @@ class OnThinnedSurface(OnSurface):
     def mesh(self) -> Mesh:
         """The mesh of these vertices, the same object for all nodes of a process with these settings."""
         return _thinned_mesh(*self._surface, _content(self.surface), self.spacing)
+
+    def whole(self) -> Mesh:
+        """The mesh of all vertices: that of a subset may have holes."""
+        return surface_mesh(*self._surface)
+
+    def thicknesses(self) -> np.ndarray:
+        """`Mesh.thicknesses` [m] (V) of the whole surface at the vertices of `mesh`."""
+        mesh, whole = self.mesh(), self.whole()
+        if mesh is whole:
+            return whole.thicknesses
+        return np.asarray(whole.thicknesses[nearest(tree_of(whole.vertices), mesh.vertices)[1][:, 0]])
 
 
 def surface_mesh(

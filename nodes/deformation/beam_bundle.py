@@ -69,12 +69,12 @@ class BeamBundle(CompiledNode, WithNodule):
             )
         if self.area != "fixed":
             raise SettingError(f"setting 'area': found {self.area!r}, expected 'fixed': the beams find their contact")
-        mesh = self.mesh()
-        thickness = float(np.ptp(mesh.vertices, axis=0).min())
-        if mesh.closed and sum(self.layers) > thickness:
+        mesh, whole = self.mesh(), self.whole()
+        thickness = float(np.ptp(whole.vertices, axis=0).min())
+        if whole.closed and sum(self.layers) > thickness:
             raise SettingError(
                 f"layers: found {sum(self.layers) * 1e3:g} mm in all, the body is {thickness * 1e3:.1f} mm thick: its "
-                f"beams would end beyond the other side"
+                f"beams would end beyond the other side. Set thinner tissue.layers"
             )
         super().start()
         self.hold("facing", np.ascontiguousarray(mesh.normals))

@@ -101,7 +101,7 @@ class MassSpring(CompiledNode, WithNodule):
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
             sideways = self._field()[1]
             self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning, sideways]))
-        thick = self.mesh().thicknesses
+        thick = self.thicknesses()
         self.hold("thick", thick)
         self.own["thinnest"] = thick.min()
         self._make(self._count)

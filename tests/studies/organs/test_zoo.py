@@ -37,7 +37,7 @@ def test_surfaces_are_closed_and_face_outwards(name):
         ("groove", 60 * 60 * 35 - 8 * 60 * 15),
         ("bowl", np.pi * (40**2 * 37 - 2 / 3 * 25**3)),
         ("dimple", np.pi * (21**2 * 18 - 2 / 3 * 6**3)),
-        ("dome", np.pi * (40**2 * 12 + 2 / 3 * 15**3)),
+        ("dome", np.pi * (40**2 * 16 + 2 / 3 * 15**3)),
     ],
 )
 def test_volumes_are_those_of_closed_forms(name, expected):

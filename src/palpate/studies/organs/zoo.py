@@ -112,7 +112,7 @@ def _bowl(hollow: float, count: int) -> Mesh:
 
 def _dome(count: int) -> Mesh:
     """A hemisphere on a plate."""
-    line = np.concatenate([arc((0, 0), 15 * MM, np.pi / 2, 0), [(40 * MM, 0), (40 * MM, -12 * MM), (0, -12 * MM)]])
+    line = np.concatenate([arc((0, 0), 15 * MM, np.pi / 2, 0), [(40 * MM, 0), (40 * MM, -16 * MM), (0, -16 * MM)]])
     line[0, 0] = 0.0
     return revolve_outline(line, count)
 
