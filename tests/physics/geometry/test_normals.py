@@ -72,7 +72,7 @@ def test_points_and_normals_of_a_refined_mesh_converge(body):
         away, true = exact(fine.vertices)
         off.append(np.abs(away).max())
         turns.append(turned(fine.normals, true))
-        assert turns[-1][1] < 0.3 * turned(Mesh(fine.vertices, fine.triangles).normals, true)[1]
+        assert turns[-1][1] < 0.65 * turned(Mesh(fine.vertices, fine.triangles).normals, true)[1]
     assert off[1] < off[0] / 10.0 and off[1] < 0.3e-6  # [m]
     assert turns[1][0] < turns[0][0] / 5.0 and turns[1][0] < 0.01 and turns[1][1] < 0.03  # [deg]
 
@@ -103,14 +103,15 @@ def test_near_edges_borders_and_in_fans_the_means_remain():
 
 
 def test_in_a_deep_touch_of_a_tube_the_foot_is_that_of_the_smooth_body():
-    """At 80 % of the radius it moves five times as far as the finger. With means its error was up to 0.6 mm."""
+    """At 80 % of the radius it moves five times as far as the finger. With means its error was up to 0.6 mm
+    (now 0.18 mm, as the triangles are more even)."""
     a = np.linspace(0.1, 1.5, 200)
     flat = np.column_stack([np.cos(a), np.sin(a), 0.0 * a])
     way = flat * np.cos(0.7 + a)[:, None] + np.sin(0.7 + a)[:, None] * np.array([0.0, 0.0, 1.0])
     mesh = refine_mesh(torus(RING, TUBE, 5000), 1.6e-3, 200_000)
     feet = [follow(each, RING * flat + 0.2 * TUBE * way) for each in (mesh, Mesh(mesh.vertices, mesh.triangles))]
     off = [np.linalg.norm(foot[:, :3] - RING * flat - TUBE * way, axis=1) for foot in feet]
-    assert off[0].max() < 0.1e-3 < 0.4e-3 < off[1].max()
+    assert off[0].max() < 0.1e-3 < 0.15e-3 < off[1].max()
     assert np.sqrt(np.mean(off[0] ** 2)) < 20e-6
     assert turned(feet[0][:, 3:], way)[1] < 0.5
 

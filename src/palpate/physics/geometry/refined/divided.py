@@ -31,7 +31,9 @@ from palpate.compiler.exact import cos, einsum
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.contracted import contract_edges
 from palpate.physics.geometry.refined.edges import creases, directions, edges_of, unit
+from palpate.physics.geometry.refined.flipped import flip_caps
 from palpate.physics.geometry.refined.normals import fit_normals
+from palpate.physics.geometry.refined.smoothed import smooth_vertices
 
 ROUNDS = 12  # largest number of halvings
 ABOVE = 2.0  # [1] number of vertices over `most` from which longer edges are kept
@@ -45,7 +47,7 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     """The mesh with edges of at most `longest` [m], or longer if it would have more than about `most` vertices, and
     shorter where it bends (`TURN`); the same object if no edge is divided, and no thin triangle has a shorter side than
     `SHORTEST` of it."""
-    mesh = contract_edges(mesh, SHORTEST * longest)
+    mesh = smooth_vertices(_without_thin(mesh, SHORTEST * longest))
     finest = FINEST * longest
     longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * np.sqrt(3.0) * most))))
     sharp, corner = creases(mesh)
@@ -69,6 +71,16 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
         return mesh
     triangles = np.ascontiguousarray(divided.triangles, dtype=np.int32)
     return Mesh(np.ascontiguousarray(divided.points), triangles, divided.known_normals())
+
+
+def _without_thin(mesh: Mesh, shortest: float) -> Mesh:
+    """The mesh without caps and short edges of thin triangles; the same object if it has none."""
+    mesh = contract_edges(mesh, shortest)
+    triangles = mesh.triangles.astype(np.int64)
+    flipped = flip_caps(mesh.vertices, triangles, np.zeros((0, 2), np.int64))
+    if flipped is triangles:
+        return mesh
+    return contract_edges(Mesh(mesh.vertices, np.ascontiguousarray(flipped, dtype=np.int32)), shortest)
 
 
 class _Divided:
@@ -99,11 +111,11 @@ class _Divided:
         self.turns = (einsum("ij,ij->i", self.at_low, self.at_high) < cos(TURN)) & ~self.straight
 
     def fit(self, longest: float, finest: float) -> None:
-        """Fit the normals of the vertices of triangles that will be divided."""
+        """Fit the normals of all vertices, if any edge will be divided."""
         self.find_edges()
-        long = (self.lengths > longest * (1.0 + 1e-9)) | (self.turns & (self.lengths > finest))
-        some = np.unique(self.triangles[long[self.of].any(axis=1)])
-        self.normals = fit_normals(self.points, self.triangles, self.normals, some, self.bent())
+        if (self.lengths > longest * (1.0 + 1e-9)).any() or (self.turns & (self.lengths > finest)).any():
+            every = np.arange(len(self.points))
+            self.normals = fit_normals(self.points, self.triangles, self.normals, every, self.bent())
 
     def bent(self) -> np.ndarray:
         """Whether each vertex is on a crease, at the border or at a corner (V)."""
@@ -125,8 +137,8 @@ class _Divided:
         half, (one, other) = number[straight & long], self.ends[straight & long].T
         kept = self.ends[straight & ~long]
         self.sharp = np.concatenate([kept, np.stack([one, half], 1), np.stack([other, half], 1)])
-        self.triangles = _divide_triangles(self.triangles, number[self.of])
         self.points = np.concatenate([self.points, middle])
+        self.triangles = flip_caps(self.points, _divide_triangles(self.triangles, number[self.of]), self.sharp)
         normals = np.concatenate([self.normals, facing])
         new = np.arange(len(self.normals), len(normals))
         self.normals = fit_normals(self.points, self.triangles, normals, new, self.bent())
