@@ -27,8 +27,8 @@ from scipy.spatial.transform import Rotation
 from palpate.nodes.collision import TRAILS
 from palpate.physics.device.falcon import HOME
 from palpate.physics.errors import PalpateError
-from palpate.studies.organs.invariants import Score
 from palpate.studies.organs.runs import Traces, run
+from palpate.studies.organs.score import Score
 from palpate.studies.organs.search import WITH_BASIS, Found
 from palpate.studies.organs.touches import Finger, Setting, Touch, draw_touch, reachable
 from palpate.studies.organs.zoo import COARSE, FINE, USUAL, Specimen

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import PalpateError
-from palpate.studies.organs.invariants import Score, score_touch
+from palpate.studies.organs.invariants import score_touch
 from palpate.studies.organs.notes import collect_notes, reasons
 from palpate.studies.organs.runs import lanes_of, run
+from palpate.studies.organs.score import Score
 from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, draw_touch, reachable
 from palpate.studies.organs.trace import trace_batch
 from palpate.studies.organs.zoo import COARSE, USUAL, Specimen

@@ -1,0 +1,17 @@
+"""The score of an invariant in one touch."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Score:
+    """Value over bound of an invariant in a touch, and where it was largest."""
+
+    score: float
+    time: float
+    value: float
+    bound: float
+
+    @property
+    def broken(self) -> bool:
+        return not self.score <= 1.0
