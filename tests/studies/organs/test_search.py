@@ -70,7 +70,7 @@ def test_touches_that_broke_an_invariant_break_none(touch, folder):
     l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball;
     a second finger under which the first one lifts the surface; two fingers that rub the same beams of a groove; a foot
     inside a block from whose top the patch passes to a wall; a finger that leaves a plate or a ring and turns round; a
-    foot that leads the finger.
+    foot that leads the finger; the foot of the smooth surface, which is between two faces.
     """
     results = Results()
     (found,) = run_touches([touch], folder, results)

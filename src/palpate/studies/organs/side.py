@@ -15,7 +15,9 @@ foot arrives without stopping abruptly (`geometry.proxy`). A finger that enters 
 near to two faces, 90 degrees apart: the foot stays on its face until another is nearer by the hysteresis h
 (`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both directions, the nearest
 point of the finger moved by h/(1 - cos theta) towards the foot is on its face; from there on delta is the angle between
-the faces.
+the faces. The foot of the smooth surface through a mesh is between two faces that are equally near, by h: with the
+angle of the normal alpha, the nearest point of the finger moved by h/alpha towards the foot is on the other face, and
+the normal is within 0.35 rad of the arc between both directions.
 """
 
 from __future__ import annotations
@@ -58,6 +60,23 @@ def _on_other_face(trace: Trace, tick: int, away: np.ndarray, gap: float) -> flo
     if abs(left[0]) <= ON:
         return np.inf
     return _between((place - there[0]) / left[0], trace["contact.normal"][tick])
+
+
+def _between_faces(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarray, angle: float) -> float:
+    """Angle [rad] of the normal to the arc between two directions: from the nearest point and from another face that
+    is as near, by the hysteresis, and on the side of the foot. The foot of the smooth surface is between both.
+
+    nearest, away  [m], [1] (3) nearest point of the finger and direction from it;  angle [rad] of the normal to this
+    """
+    aside = trace["collision.foot"][tick] - nearest
+    place = trace["finger.position"][tick] + aside * (
+        float(trace.nodes["collision"]["hysteresis"]) / (angle * max(float(length(aside)), ON))
+    )
+    there, _, _, left = trace.closest(place[None])
+    if abs(left[0]) <= ON:
+        return np.inf
+    other = (place - there[0]) / left[0]
+    return max(0.5 * (angle + _between(other, trace["contact.normal"][tick]) - _between(away, other)), 0.0)
 
 
 def _behind(angle: float, gains: float) -> float:
@@ -123,6 +142,8 @@ def side(trace: Trace) -> Score:
                 angle *= 0.5
             if angle > STEEPEST and (other := _on_other_face(trace, int(k), away[i], float(gap[i]))) < angle:
                 angle, behind = other, max(behind, angle)
+            if angle > STEEPEST:
+                angle = min(angle, _between_faces(trace, int(k), foot[i], away[i], angle))
             most = STEEPEST + behind
             found = max(found, Score(angle / most, k * trace.step, angle, most), key=lambda s: s.score)
     return found
