@@ -63,8 +63,8 @@ class OnSurface(Placed):
     """Separate piece of a mesh file: 0: all but small islands; -1: all; 1: the largest, 2: the second largest ..."""
 
     refine: Annotated[float, "m", msgspec.Meta(ge=0)] = REFINE
-    """Longer edges of a mesh file are divided on a smooth surface through its vertices. 1/5 of the patch radius makes
-    normals and foot points continuous; 0: the triangles of the file."""
+    """Longer edges of a mesh file are divided on a smooth surface through its vertices, or near them if they scatter.
+    1/5 of the patch radius makes normals and foot points continuous; 0: the triangles of the file."""
 
     def mesh(self) -> Mesh:
         """The surface's mesh, the same object for all nodes of a process with these settings."""

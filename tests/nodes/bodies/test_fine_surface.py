@@ -106,3 +106,21 @@ def test_the_thickness_is_that_of_the_organ_although_the_vertices_that_carry_loa
     assert not body.mesh().closed and body.whole().closed
     assert body.thicknesses() == approx(body.whole().thicknesses[0], rel=1e-12)
     assert len(body.thicknesses()) == len(body.mesh().vertices) < len(body.whole().vertices)
+
+
+def test_a_fine_mesh_that_scatters_is_smoothed_with_a_note_and_a_smooth_one_stays(tmp_path):
+    """Edges of 0.4 mm, so that none is divided."""
+    from palpate.physics.geometry.mesh import Mesh, write_ply
+    from palpate.studies.organs.shapes import star
+
+    ball = star(lambda way: np.full(len(way), 0.02), 40_000)
+    scatter = np.random.default_rng(1).normal(scale=4e-6, size=len(ball.vertices))
+    for name, moves, notes in (("smooth", 0.0 * scatter, 0), ("rough", scatter, 1)):
+        file = tmp_path / f"{name}.ply"
+        write_ply(file, Mesh(ball.vertices + moves[:, None] * ball.normals, ball.triangles))
+        node = NearestOnMesh(surface=str(file))
+        node.start()
+        found = [line for line in node.notes() if "scatter" in line]
+        assert len(found) == notes
+        off = np.linalg.norm(node.mesh().vertices - np.array(node.position), axis=1) - 0.02
+        assert off.std() < (1e-9 if not notes else 2.5e-6)

@@ -47,7 +47,7 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     """The mesh with edges of at most `longest` [m], or longer if it would have more than about `most` vertices, and
     shorter where it bends (`TURN`); the same object if no edge is divided, and no thin triangle has a shorter side than
     `SHORTEST` of it."""
-    mesh = smooth_vertices(_without_thin(mesh, SHORTEST * longest))
+    mesh = smooth_vertices(remove_thin(mesh, SHORTEST * longest))
     finest = FINEST * longest
     longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * np.sqrt(3.0) * most))))
     sharp, corner = creases(mesh)
@@ -73,7 +73,7 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     return Mesh(np.ascontiguousarray(divided.points), triangles, divided.known_normals())
 
 
-def _without_thin(mesh: Mesh, shortest: float) -> Mesh:
+def remove_thin(mesh: Mesh, shortest: float) -> Mesh:
     """The mesh without caps and short edges of thin triangles; the same object if it has none."""
     mesh = contract_edges(mesh, shortest)
     triangles = mesh.triangles.astype(np.int64)
