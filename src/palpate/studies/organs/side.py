@@ -62,16 +62,19 @@ def _on_other_face(trace: Trace, tick: int, away: np.ndarray, gap: float) -> flo
     return _between((place - there[0]) / left[0], trace["contact.normal"][tick])
 
 
-def _between_faces(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarray, angle: float) -> float:
-    """Angle [rad] of the normal to the arc between two directions: from the nearest point and from another face that
-    is as near, by the hysteresis, and on the side of the foot. The foot of the smooth surface is between both.
+def _between_faces(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarray, gap: float, angle: float) -> float:
+    """Angle [rad] of the normal to the arc between two directions: from the nearest point, and from another face that
+    is as near, by the hysteresis, on the side of the foot; inf if the foot is farther. The foot of the smooth surface
+    is between both.
 
-    nearest, away  [m], [1] (3) nearest point of the finger and direction from it;  angle [rad] of the normal to this
+    nearest, away, gap  [m], [1] (3), [m]  nearest point of the finger, direction from it, and its signed distance
+    angle               [rad] of the normal to this direction
     """
-    aside = trace["collision.foot"][tick] - nearest
-    place = trace["finger.position"][tick] + aside * (
-        float(trace.nodes["collision"]["hysteresis"]) / (angle * max(float(length(aside)), ON))
-    )
+    p, foot = trace["finger.position"][tick], trace["collision.foot"][tick]
+    hysteresis, aside = float(trace.nodes["collision"]["hysteresis"]), foot - nearest
+    if float(length(p - foot)) > abs(gap) + hysteresis:
+        return np.inf
+    place = p + aside * (hysteresis / (angle * max(float(length(aside)), ON)))
     there, _, _, left = trace.closest(place[None])
     if abs(left[0]) <= ON:
         return np.inf
@@ -143,7 +146,7 @@ def side(trace: Trace) -> Score:
             if angle > STEEPEST and (other := _on_other_face(trace, int(k), away[i], float(gap[i]))) < angle:
                 angle, behind = other, max(behind, angle)
             if angle > STEEPEST:
-                angle = min(angle, _between_faces(trace, int(k), foot[i], away[i], angle))
+                angle = min(angle, _between_faces(trace, int(k), foot[i], away[i], float(gap[i]), angle))
             most = STEEPEST + behind
             found = max(found, Score(angle / most, k * trace.step, angle, most), key=lambda s: s.score)
     return found

@@ -1,6 +1,6 @@
 """Contraction of the short edges of thin triangles, to their first end.
 
-The ends of such an edge have different normals, which would bend the long sides apart when the mesh is divided, and the
+The ends of a short edge have different normals, which would bend the long sides apart when the mesh is divided, and the
 triangle between them would be inclined by up to 88 degrees to the surface.
 """
 

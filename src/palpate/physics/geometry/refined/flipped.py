@@ -17,7 +17,7 @@ ROUNDS = 30  # of flips of edges that have no triangle in common
 
 
 def flip_caps(points: np.ndarray, triangles: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """The triangles (T,3) of points [m] (V,3) without caps; the same object if there are none.
+    """The triangles (T,3) of points [m] (V,3) without caps; the same object if it has none.
 
     fixed  (K,2) ends, lower first, of edges that stay
 

@@ -60,6 +60,6 @@ def _fits(mesh: Mesh, near: Any, breaks: np.ndarray, some: np.ndarray) -> tuple[
 
 
 def _offset(narrow: Fit, wider: Fit, smooth: np.ndarray, usual: float) -> np.ndarray:
-    """How far [m] (k) vertices are to move along their normals; `usual`: residual of such fits [1]."""
+    """How far [m] (k) vertices are to move along their normals; `usual`: median of the residuals [1]."""
     most = LIMIT * np.maximum(np.sqrt(narrow.noise), usual) * narrow.wide
     return np.where(smooth, np.clip(wider.terms[:, 0] * wider.wide, -most, most), 0.0)
