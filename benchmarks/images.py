@@ -17,19 +17,13 @@ from skimage.measure import marching_cubes
 import palpate
 from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.physics.geometry.refined.divided import SHORTEST, refine_mesh, remove_thin
+from palpate.physics.geometry.refined.edges import creases
 from palpate.physics.geometry.refined.smoothed import smooth_vertices
 from palpate.studies.organs.shapes import star
 
 AXES, TURN, LONGEST = np.array([45e-3, 30e-3, 20e-3]), 0.4, 1.6e-3
 TURNED = np.array([[np.cos(TURN), -np.sin(TURN), 0.0], [np.sin(TURN), np.cos(TURN), 0.0], [0.0, 0.0, 1.0]])
-IMAGES = [
-    (1.0, 0.0),
-    (2.0, 0.0),
-    (3.0, 0.0),
-    (1.0, 2.0),
-    (1.0, 1.0),
-    (2.0, 1.0),
-]
+IMAGES = [(1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (1.0, 2.0), (1.0, 1.0), (2.0, 1.0)]
 """Size of the voxels [mm], blur of the mask in voxels; 0: grey values."""
 
 
@@ -71,7 +65,7 @@ def main() -> None:
     print("image                     of the file, smoothed    rms, largest        BeamBundle, MassSpring")
     for name, mesh in meshes.items():
         given = remove_thin(mesh, SHORTEST * LONGEST)
-        before, after = (1e6 * off(each.vertices)[0] for each in (given, smooth_vertices(given)))
+        before, after = (1e6 * off(each.vertices)[0] for each in (given, smooth_vertices(given, *creases(given))))
         fine = refine_mesh(mesh, LONGEST, 50_000)
         angle = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", fine.normals, off(fine.vertices)[1]), -1.0, 1.0)))
         file = folder / (name.replace(",", "").replace(" ", "-") + ".ply")

@@ -23,8 +23,8 @@ def angles(points, triangles):
     return np.arccos(np.clip((a * a + b * b - c * c) / (2.0 * a * b), -1.0, 1.0))
 
 
-def with_caps(mesh, beside, every=50):
-    """The mesh with a vertex `beside` [m] the middle of some edges, in one of the two triangles there."""
+def with_caps(mesh, aside, every=50):
+    """The mesh with a vertex `aside` [m] of the middle of some edges, in one of the two triangles there."""
     points, triangles, touched = mesh.vertices.tolist(), mesh.triangles.tolist(), set()
     across = {(a, b): n for n, t in enumerate(triangles) for a, b in zip(t, t[1:] + t[:1], strict=True)}
     for (a, b), n in list(across.items())[::every]:
@@ -34,16 +34,16 @@ def with_caps(mesh, beside, every=50):
         c = next(v for v in triangles[n] if v not in (a, b))
         middle = 0.5 * (mesh.vertices[a] + mesh.vertices[b])
         inwards = mesh.vertices[c] - middle
-        points.append((middle + beside * inwards / np.linalg.norm(inwards)).tolist())
+        points.append((middle + aside * inwards / np.linalg.norm(inwards)).tolist())
         m = len(points) - 1
         triangles[n] = [a, b, m]
         triangles += [[b, c, m], [c, a, m]]
     return Mesh(np.array(points), np.array(triangles, np.int32))
 
 
-@pytest.mark.parametrize("beside", [1e-6, 1e-5, 1e-4])
-def test_no_cap_remains_on_a_ball_and_the_surface_stays_closed(beside):
-    ball = with_caps(star(lambda way: np.full(len(way), 0.02), 2500), beside)
+@pytest.mark.parametrize("aside", [1e-6, 1e-5, 1e-4])
+def test_no_cap_remains_on_a_ball_and_the_surface_stays_closed(aside):
+    ball = with_caps(star(lambda way: np.full(len(way), 0.02), 2500), aside)
     out = ball.vertices / np.linalg.norm(ball.vertices, axis=1)[:, None]
     points, given = out * 0.02, ball.triangles.astype(np.int64)
     assert (angles(points, given) > LARGEST).sum() > 50

@@ -5,10 +5,15 @@ import pytest
 
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.refined.divided import refine_mesh
+from palpate.physics.geometry.refined.edges import creases
 from palpate.physics.geometry.refined.smoothed import smooth_vertices
 from palpate.studies.organs.shapes import boxes, star, torus
 
 RING, TUBE = 26e-3, 14e-3
+
+
+def smooth(mesh):
+    return smooth_vertices(mesh, *creases(mesh))
 
 
 def off_torus(p):
@@ -22,10 +27,10 @@ def scattered(mesh, size, seed=1):
 
 def test_vertices_that_scatter_come_nearer_to_the_surface():
     given = scattered(torus(RING, TUBE, 5000), 20e-6)  # 1 % of the edges
-    smooth = smooth_vertices(given)
-    before, after = (np.sqrt(np.mean(off_torus(each.vertices) ** 2)) for each in (given, smooth))
+    smoothed = smooth(given)
+    before, after = (np.sqrt(np.mean(off_torus(each.vertices) ** 2)) for each in (given, smoothed))
     assert before == pytest.approx(20e-6, rel=0.05) and after < 0.6 * before
-    normals = [torus_normals(each) for each in (given, smooth)]
+    normals = [torus_normals(each) for each in (given, smoothed)]
     assert normals[1] < 0.75 * normals[0]
 
 
@@ -42,20 +47,20 @@ def torus_normals(mesh):
 def test_a_smooth_surface_stays_whether_its_mesh_is_coarse_or_fine(count):
     bumps = star(lambda way: 0.03 * (1.0 + 0.05 * np.sin(4 * way[:, 0]) * np.cos(5 * way[:, 1])), count)
     for mesh in (torus(RING, TUBE, count), star(lambda way: np.full(len(way), 0.02), count), bumps):
-        assert smooth_vertices(mesh) is mesh
+        assert smooth(mesh) is mesh
         rounded = Mesh(mesh.vertices.astype(np.float32).astype(float), mesh.triangles)
-        assert smooth_vertices(rounded) is rounded
+        assert smooth(rounded) is rounded
 
 
 def test_flat_sides_edges_and_borders_stay():
     box, sheet = boxes(*[(-0.01, 0.01)] * 3, np.ones((1, 1, 1), bool), 3000), plane(0.05, 2500)
-    assert smooth_vertices(box) is box and smooth_vertices(sheet) is sheet
+    assert smooth(box) is box and smooth(sheet) is sheet
     rough = scattered(sheet, 1e-5)
-    smooth = smooth_vertices(rough)
+    smoothed = smooth(rough)
     border = np.abs(sheet.vertices[:, :2]).max(axis=1) > 0.0249
-    assert (smooth.vertices[border] == rough.vertices[border]).all() and border.sum() > 100
+    assert (smoothed.vertices[border] == rough.vertices[border]).all() and border.sum() > 100
     inside = np.abs(sheet.vertices[:, :2]).max(axis=1) < 0.02
-    assert smooth.vertices[inside, 2].std() < 0.7 * rough.vertices[inside, 2].std()
+    assert smoothed.vertices[inside, 2].std() < 0.7 * rough.vertices[inside, 2].std()
 
 
 def test_large_steps_are_not_taken_for_scatter():
@@ -63,10 +68,10 @@ def test_large_steps_are_not_taken_for_scatter():
     steps = Mesh(
         np.round(ball.vertices / 1e-3) * 1e-3 + 1e-4 * ball.vertices, ball.triangles
     )  # as of a black and white image
-    assert smooth_vertices(steps) is steps
+    assert smooth(steps) is steps
 
 
 def test_no_vertex_moves_far():
     given = scattered(torus(RING, TUBE, 5000), 20e-6)
-    moved = np.linalg.norm(smooth_vertices(given).vertices - given.vertices, axis=1)
+    moved = np.linalg.norm(smooth(given).vertices - given.vertices, axis=1)
     assert np.median(moved) > 1e-6 and moved.max() < 1.5e-4

@@ -22,7 +22,8 @@ with a tube of 14 mm has edges of 1.6 mm (0.11 rad), the force of deep touches d
 edges. A sphere of any size needs 9000 vertices for `TURN`. This is left out where it would divide many edges, as on the
 steps of a segmentation, whose normals are noise.
 
-The short edges of thin triangles are contracted before (`contracted`).
+Before, short edges of thin triangles are contracted (`contracted`), obtuse triangles are flipped (`flipped`, also after
+each division), and vertices that scatter are moved onto a smooth surface (`smoothed`).
 """
 
 import numpy as np
@@ -45,12 +46,12 @@ SHORTEST = 0.2  # [1] length of an edge that is contracted, over the wanted one
 
 def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     """The mesh with edges of at most `longest` [m], or longer if it would have more than about `most` vertices, and
-    shorter where it bends (`TURN`); the same object if no edge is divided, and no thin triangle has a shorter side than
-    `SHORTEST` of it."""
-    mesh = smooth_vertices(remove_thin(mesh, SHORTEST * longest))
+    shorter where it bends (`TURN`); the same object if it has short edges, no thin triangles and no scatter."""
+    mesh = remove_thin(mesh, SHORTEST * longest)
+    sharp, corner = creases(mesh)
+    mesh = smooth_vertices(mesh, sharp, corner)
     finest = FINEST * longest
     longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * np.sqrt(3.0) * most))))
-    sharp, corner = creases(mesh)
     divided = _Divided(mesh.vertices, mesh.triangles.astype(np.int64), mesh.normals, sharp, corner)
     divided.fit(longest, finest)
     for _ in range(ROUNDS):
@@ -74,7 +75,8 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
 
 
 def remove_thin(mesh: Mesh, shortest: float) -> Mesh:
-    """The mesh without caps and short edges of thin triangles; the same object if it has none."""
+    """The mesh without caps, and without edges below `shortest` [m] of thin triangles; the same object if it has none
+    of either."""
     mesh = contract_edges(mesh, shortest)
     triangles = mesh.triangles.astype(np.int64)
     flipped = flip_caps(mesh.vertices, triangles, np.zeros((0, 2), np.int64))

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.refined.edges import creases
 from palpate.physics.geometry.refined.fits import PART, Fit, fit_cubics, neighbours, within_edges
 
 SAMPLE = 500  # vertices that decide whether a mesh scatters
@@ -29,10 +28,12 @@ NEAR = 1.0  # [1] in the weights of the fit
 LIMIT = 2.0  # [1] motion over the residual
 
 
-def smooth_vertices(mesh: Mesh) -> Mesh:
-    """The mesh with its vertices on a smooth surface; the same object if they do not scatter round one."""
+def smooth_vertices(mesh: Mesh, sharp: np.ndarray, corner: np.ndarray) -> Mesh:
+    """The mesh with its vertices on a smooth surface; the same object if they do not scatter round one.
+
+    sharp, corner  (K,2), (C) where the surface is not smooth, see `creases`
+    """
     near, breaks = neighbours(mesh.triangles.astype(np.int64), len(mesh.vertices)), np.zeros(len(mesh.vertices), bool)
-    sharp, corner = creases(mesh)
     breaks[sharp] = breaks[corner] = True
     some = np.unique(np.linspace(0, len(breaks) - 1, SAMPLE).astype(np.int64))
     narrow, wider, smooth = _fits(mesh, near, breaks, some)
