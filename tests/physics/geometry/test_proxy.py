@@ -12,7 +12,7 @@ from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
 from palpate.physics.geometry.nurbs_fit import sphere
-from palpate.physics.geometry.proxy import FASTEST, JUMP, TURNED, follow, follow_mesh, memory
+from palpate.physics.geometry.proxy import EASY, FASTEST, JUMP, TURNED, follow, follow_mesh, memory
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.studies.organs.shapes import boxes
 
@@ -267,3 +267,16 @@ def test_a_foot_that_trails_a_leap_catches_up_slowly():
     assert steady.sum() > 5 and behind.max() > 2e-3
     assert (foot[1:][steady] <= target[1:][steady] + FASTEST * 1e-3 + 1e-6).all()
     assert moved.max() > 2.9e-4 and behind[-1] < 2e-3
+
+
+def test_the_normal_turns_no_faster_at_a_depth_than_a_patch_may_slide():
+    """Under the floor of a groove: over its inner edges the normal turned 1.9 times as fast, with the foot at rest."""
+    full = np.array([[[True, True]], [[True, False]], [[True, True]]])
+    mesh = boxes((-0.03, -0.004, 0.004, 0.03), (-0.03, 0.03), (-0.025, -0.005, 0.01), full, 4000)
+    corners = ((0.014, 0.0, 0.014), (0.014, 0.0, 0.0), (0.012, 0.0, -0.012), (-0.002, 0.0, -0.017),
+               (-0.014, 0.0, -0.012), (-0.02, 0.0, 0.0))  # fmt: skip
+    path = line(*corners, step=3e-4)
+    feet, moved = mesh_run(mesh, path), np.linalg.norm(np.diff(path, axis=0), axis=1)
+    rolls = np.maximum(-feet[:-1, 8], 0.0) * np.linalg.norm(np.diff(feet[:, 3:6], axis=0), axis=1)
+    share = rolls / np.maximum(EASY * moved, FASTEST * 1e-3)
+    assert 0.9 < share.max() <= 1.0

@@ -7,8 +7,10 @@ import pytest
 from pytest import approx
 from scipy.optimize import brentq
 
+from palpate.physics.bodies.spring_range import LAG
 from palpate.studies.organs.invariants import INVARIANTS, scores
-from palpate.studies.organs.reference import at_rest, lag_of_beams
+from palpate.studies.organs.lag import lag_of_beams, lag_of_half_space
+from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import run
 from palpate.studies.organs.touches import Finger, Setting, Touch, draw_touch
 from palpate.studies.organs.trace import ABOVE, trace_batch
@@ -49,6 +51,30 @@ def test_the_reference_is_the_closed_form_of_the_series(presses):
     assert place.stiffness(1.0) == approx(K, rel=1e-3)
 
 
+def test_the_reference_of_a_fast_approach_is_the_closed_form(presses):
+    """At the rate v the root of log(1 + m f/(b (1 + c v)))/m + f/K = e + tau v."""
+    rest, rate, approach = at_rest(presses), 0.15, np.array([2e-3, 5e-3, 12e-3])
+    found = rest.place(np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 1.0])).force(approach, rate)
+    assert rest.retardation == 20e-3
+    faster = 1.0 + rest.damping * rate
+    for force, e in zip(found, approach + 20e-3 * rate, strict=True):
+        root = brentq(lambda f, e: np.log1p(M * f / B / faster) / M + f / K - e, 0.0, 100.0, e)
+        assert force == approx(root, rel=3e-3)
+
+
+def test_motion_along_beams_explains_a_bounded_force(folder):
+    """What ends is the strain of beams, not s2 + tau s2': a slide at 0.25 m/s, or a roll at 0.7 m/s, 20 mm deep once
+    explained 1e10 N where 4.4 N are at rest."""
+    (traces,) = run([press(Setting("ellipsoid", body="BeamBundle"), 4e-3)], folder)
+    rest, deep, tau = at_rest(traces), 20e-3, 12.6e-3
+    place = rest.place(np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 1.0]))
+    still = float(place.force(deep))
+    compliance = (deep - np.log1p(M * still / B) / M) / still
+    for given, reach, share in (((0.0, 0.0, 0.7), deep + tau * 0.7, 1.0), ((0.0, 0.25), deep, 1.0 - rest.lags(0.25))):
+        root = brentq(lambda f, e, c: np.log1p(M * f / B) / M + c * f - e, 0.0, 100.0, (reach, share * compliance))
+        assert float(place.force(deep, *given)) == approx(root, rel=3e-3) and 1.3 * still < root < 1.6 * still
+
+
 def test_a_held_press_on_a_ball_has_the_force_of_the_closed_form(presses):
     held = round(1.05 / presses.step)
     for force, approach in zip(presses["contact.force"], presses["collision.approach"], strict=True):
@@ -67,6 +93,12 @@ def test_a_slide_over_beams_takes_more_force_than_a_press():
             yielded[k] = (yielded[k - 1] + step / tau * patch[k]) / (1.0 + step / tau)
         share = (patch * yielded).sum() / (patch * patch).sum()
         assert 1.0 - float(np.interp(q, speeds, missing)) == approx(share, rel=0.02)
+
+
+def test_a_slide_over_a_half_space_lacks_what_the_note_of_springs_states():
+    speeds, missing = lag_of_half_space()
+    for q, lacks in LAG:
+        assert float(np.interp(q, speeds, missing)) == approx(lacks, abs=0.005)
 
 
 def test_good_presses_break_nothing_and_reach_the_reference(presses):

@@ -20,12 +20,13 @@ is the distance of the foot, not of the other side. Past the border of a sheet t
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
 e (tissue thickness minus gap), the foot moves by at most `AHEAD` |dp|, and if that is more than `EASY` times the part
 of dp along the surface (the larger one of those at the foot and at its target), no faster than `FASTEST`. The normal
-turns by at most |dp|/max(`SUDDEN` e, `SHARPEST`). Both cover the same share of the distance to the target, along the
-chord. A foot that trails its target follows its motion, and catches up no faster than `FASTEST`: twice the speed of a
-fast tool is that of a patch at 83 % of the radius of a ball, but in a groove nothing moves that fast. It covers at most
-the larger share of (its largest motion)/`LANDING` and dt/`ARRIVES` of the distance, so that it does not stop abruptly,
-and a foot that starts to trail reaches these speeds within `LANDING` or `ARRIVES`, because the tissue resists a patch
-at once. The gap is that of the target, but within
+turns by at most |dp|/max(`SUDDEN` e, `SHARPEST`), and at a depth d = -gap by at most the second limit of the foot over
+d: a patch that rolls in front of its foot loads other tissue as one that slides. Both cover the same share of the
+distance to the target, along the chord. A foot that trails its target follows its motion, and catches up no faster than
+`FASTEST`: twice the speed of a fast tool is that of a patch at 83 % of the radius of a ball, but in a groove nothing
+moves that fast. It covers at most the larger share of (its largest motion)/`LANDING` and dt/`ARRIVES` of the distance,
+so that it does not stop abruptly, and a foot that starts to trail reaches these speeds within `LANDING` or `ARRIVES`,
+because the tissue resists a patch at once. The gap is that of the target, but within
 
     g + n.dp - REGAIN |dp|  <=  gap  <=  g + |dp|,
 
@@ -189,7 +190,8 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Array, mem
             along += (p[k] - memory[TOOL + k]) * foot[3 + k]
         turn, move = np.sqrt(turn), np.sqrt(move)
         aside = np.sqrt(max(moved * moved - min((held - memory[GAP]) ** 2, along * along), 0.0))
-        most, motion = min(AHEAD * moved, max(EASY * aside, FASTEST * dt)) + STILL, max(move - behind, 0.0)
+        easy = max(EASY * aside, FASTEST * dt)
+        most, motion = min(AHEAD * moved, easy) + STILL, max(move - behind, 0.0)
         ramp = max(moved / LANDING, dt / ARRIVES)
         if motion > AHEAD * moved + STILL:  # the target leaps: the foot starts again to this part of the distance
             pace = min(abs(pace) * behind / move + ramp, 1.0)
@@ -200,6 +202,8 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Array, mem
         else:
             pace = -1.0
         most_turned = (moved + STILL) / max(SUDDEN * deep, SHARPEST)
+        if memory[GAP] < 0.0:
+            most_turned = min(most_turned, (easy + STILL) / -memory[GAP])
         share = min(most / move if move > most else 1.0, most_turned / turn if turn > most_turned else 1.0)
         if behind > 0.0:  # the motion of the target, and a part of the distance
             part = min(max(most / LANDING, dt / ARRIVES), 1.0)

@@ -7,19 +7,19 @@ At an approach rate up to v a viscous fingertip, f = g(s1) <1 + c s1'>, and a bo
 is that of s2 + tau s2', carry at most the root of s1(f/(1 + c v)) + s2(f) = e + tau v, because the force rises with
 each rate and neither exceeds v while the finger approaches.
 
+What ends is the strain of beams, not s2 + tau s2': those at their limit do not move, and those below it resist a rate,
+or a patch that reaches them, with the stiffness that they have. So, moving, s2(f) is c f with the compliance c = s2/f
+at rest at e. (With the law itself, a patch that slid, or rolled over a rim, 20 mm deep reached the limit of the strain
+by its motion alone, and 1e10 N were explained.)
+
 Friction that is held indents inclined parts of a body less, or more; the stiffer answer counts.
 
-A patch that slides at the speed u over a body with a memory of the place meets material that has not yielded. In a
-steady slide it indents by s2 times
-
-    L(q) = integral_0^inf exp(-a) r(q a) da,   q = u tau/R,
-
-r(x/R) being the displacement under a patch by the same load at the distance x, over that at 0: its autocorrelation for
-independent beams, that of a half-space for ReducedFE (`physics.bodies.spring_range`); 1 for springs and a rigid body.
-u is the speed of the finger along the surface, or that of the patch, up to `EASY` times it: near the middle of a ball
-the foot leads the finger (`geometry.proxy`). What friction takes away from the indentation of an inclined part is
-counted in full, because the displacement by a force along the surface reaches far beyond the patch: the body indents by
-s2 with friction, less (1 - L) times s2 without.
+A patch that slides at the speed u over a body with a memory of the place meets material that has not yielded, and
+indents by s2 times L (`lag`), L being 1 for springs and a rigid body. u is the speed of the finger along the surface,
+or that of the patch, up to `EASY` times it: near the middle of a ball the foot leads the finger (`geometry.proxy`).
+What friction takes away from the indentation of an inclined part is counted in full, because the displacement by a
+force along the surface reaches far beyond the patch: the body indents by s2 with friction, less (1 - L) times s2
+without. A patch that rolls over a rim indents another face, at a rate that counts as one of approach.
 
 Under two fingers the force of the other one moves the surface, by the displacement of the loaded body where this finger
 is. A surface that is lifted by w is reached as by an approach e + w. The force that lifts is at most `ABOVE` x the
@@ -37,8 +37,8 @@ from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base.contacts import press_body
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
-from palpate.physics.bodies.spring_range import LAG
 from palpate.physics.contact.series import elastic
+from palpate.studies.organs.lag import lag_of_beams, lag_of_half_space
 from palpate.studies.organs.runs import Traces
 
 LONG = 1e6  # [s] a step after which a body is at rest
@@ -49,6 +49,8 @@ LONGEST = 50e-3  # [m] approach up to which forces are known
 MOST = 1e30  # [N]
 TOUCHING = 1e-6  # [N] of a finger that only marks a place
 RADIUS = 8e-3  # [m] of the patch
+LAGS = {"BeamBundle": lag_of_beams, "ReducedFE": lag_of_half_space}  # of bodies with a memory of the place
+NEWTON, CLOSE = 30, 1e-6  # steps at most, and the relative change of a force at which they end
 
 
 class AtRest:
@@ -66,7 +68,7 @@ class AtRest:
             node.start()
         kind, first, second, radius, self.damping = map(float, self.contact.own["law"])
         self.retardation = _retardation(nodes["tissue"])
-        self._lags = {"BeamBundle": lag_of_beams(), "ReducedFE": np.array([(0.0, 0.0), *LAG]).T}.get(body)
+        self._lags = LAGS[body]() if body in LAGS else None
         self.compressions = np.linspace(0.0, LONGEST, 4001)
         rows = [elastic(s, int(kind), first, second, radius) for s in self.compressions]
         self.forces, self.tangents = np.minimum(np.array(rows).T, MOST)
@@ -100,11 +102,22 @@ class AtRest:
             found.append([float(press_body(self.pair, *each, dt=LONG).laws[0][4]) for each in loads])
         return np.array(found)
 
-    def yields(self, slide: float) -> float:
-        """L [1] at a speed [m/s] along the surface."""
-        if self._lags is None:
-            return 1.0
-        return 1.0 - float(np.interp(slide * self.retardation / RADIUS, *self._lags))
+    def root(self, compliance: np.ndarray, reach: np.ndarray, faster: float, start: np.ndarray) -> np.ndarray:
+        """f [N] (n) with s1(f/faster) + compliance f = reach, from a force below it, by Newton's method: s1 is concave,
+        so that no step passes the root."""
+        force = np.maximum(start, 1e-3 * FORCES[0])
+        for _ in range(NEWTON):
+            given = force / faster
+            short = reach - np.interp(given, self.forces, self.compressions) - compliance * force
+            slope = 1.0 / (faster * np.interp(given, self.forces, self.tangents)) + compliance
+            before, force = force, np.maximum(force, force + short / slope)
+            if (force - before <= CLOSE * before).all():
+                break
+        return force
+
+    def lags(self, slide: float) -> float:
+        """1 - L [1] at a speed [m/s] along the surface."""
+        return 0.0 if self._lags is None else float(np.interp(slide * self.retardation / RADIUS, *self._lags))
 
     def place(self, foot: np.ndarray, normal: np.ndarray, rubs: np.ndarray | None = None) -> Place:
         """The body at a point of the surface [m] (3) along its normal [1] (3), under a force with friction of this
@@ -124,16 +137,22 @@ class Place:
         self._force = np.maximum(rest.forces, 1e-12)
         self._body, self._free = (_between_forces(each, np.log(self._force)) for each in (indentations, free))
 
-    def force(self, approach: np.ndarray | float, rate: np.ndarray | float = 0.0, slide: float = 0.0) -> np.ndarray:
-        """Largest force [N] at approaches [m] (n), a rate of approach and a speed along the surface [m/s]; at none
-        of both that at rest."""
-        faster = 1.0 + self.rest.damping * float(np.max(rate))
-        reach = np.asarray(approach) + self.rest.retardation * float(np.max(rate))
-        # s1(f/(1 + c v)) + s2(f) at the forces of the table
-        lags = 1.0 - self.rest.yields(slide)
-        body = np.maximum.accumulate(np.maximum(self._body - lags * self._free, 0.0)) if lags > 0.0 else self._body
-        grown = np.interp(self._force / faster, self._force, self.rest.compressions) + body
-        return np.where(reach > 0.0, np.interp(reach, grown, self._force), 0.0)
+    def force(
+        self,
+        approach: np.ndarray | float,
+        rate: np.ndarray | float = 0.0,
+        slide: float = 0.0,
+        rolls: np.ndarray | float = 0.0,
+    ) -> np.ndarray:
+        """Largest force [N] at approaches [m] (n), a rate of approach, a speed along the surface and rates [m/s] (n) at
+        which a patch rolls over a rim; at none of them that at rest."""
+        reach, faster = np.asarray(approach), 1.0 + self.rest.damping * float(np.max(rate))
+        moves = self.rest.retardation * float(np.max(rate)) + self.rest.remembers * np.asarray(rolls)
+        still = np.where(reach > 0.0, np.interp(reach, self.rest.compressions + self._body, self._force), 0.0)
+        known = np.maximum(still, FORCES[0])
+        sinks, free = (np.interp(known, self._force, each) for each in (self._body, self._free))
+        compliance = np.maximum(sinks - self.rest.lags(slide) * free, 0.0) / known
+        return np.where(reach + moves > 0.0, self.rest.root(compliance, reach + moves, faster, still), 0.0)
 
     def stiffness(self, force: float) -> float:
         """Secant stiffness [N/m] of the body under a force [N]."""
@@ -148,18 +167,6 @@ def _between_forces(indentations: np.ndarray, at: np.ndarray) -> np.ndarray:
     between = np.interp(at, logs, deep)
     between = np.where(at < logs[0], deep[0] + first * (at - logs[0]), between)
     return np.asarray(np.exp(np.where(at > logs[-1], deep[-1] + last * (at - logs[-1]), between)))
-
-
-def lag_of_beams() -> np.ndarray:
-    """q and 1 - L(q) (2,n) of independent beams under a biweight patch."""
-    grid = np.linspace(-3.0, 3.0, 241)
-    square = grid**2 + grid[:, None] ** 2
-    patch = np.where(square < 1.0, (1.0 - square) ** 2, 0.0)
-    moved = np.fft.irfft2(np.abs(np.fft.rfft2(patch)) ** 2, patch.shape)[0, :120]
-    ages, places = np.linspace(0.0, 12.0, 1201), np.arange(120) * (grid[1] - grid[0])
-    speeds = np.linspace(0.0, 2.0, 41)
-    shares = [np.trapezoid(np.exp(-ages) * np.interp(q * ages, places, moved / moved[0]), ages) for q in speeds]
-    return np.array([speeds, 1.0 - np.array(shares)])
 
 
 def _retardation(tissue: dict[str, Any]) -> float:

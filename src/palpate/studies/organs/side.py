@@ -6,18 +6,18 @@ the direction from it, and the approach within 0.3 mm + 5 %. At an edge the inte
 direction; the normal is within 0.35 rad of the arc between both, and the approach may be smaller, so that the hand
 gains no energy (`geometry.proxy`), until the finger has moved by five times the difference. The normal may be behind by
 an angle delta. Over an edge the nearest point's direction turns by more than w/R, the most that `still` allows the
-normal, and delta grows by all of it; deep inside, at an approach e, the normal turns by at most w/(e/6) (`SUDDEN`), and
-delta grows by the rest; near a centre of curvature the nearest point moves J while the foot moves at most m, `EASY`
-times as far as the finger along the surface or at `FASTEST` (half of it on the mean, since each leap from triangle to
-triangle starts it again), and delta grows by the part 1 - m/2J of its turn. While the foot gains on the nearest point,
-by m - J but no faster than `FASTEST`, delta decreases by the smaller of 1/R and delta/LANDING per distance, since the
-foot arrives without stopping abruptly (`geometry.proxy`). A finger that enters along the bisector of an edge is equally
-near to two faces, 90 degrees apart: the foot stays on its face until another is nearer by the hysteresis h
-(`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both directions, the nearest
-point of the finger moved by h/(1 - cos theta) towards the foot is on its face; from there on delta is the angle between
-the faces. The foot of the smooth surface through a mesh is between two faces that are equally near, by h: with the
-angle of the normal alpha, the nearest point of the finger moved by h/alpha towards the foot is on the other face, and
-the normal is within 0.35 rad of the arc between both directions.
+normal, and delta grows by all of it; near a centre of curvature the nearest point moves J while the foot moves at most
+m, `EASY` times as far as the finger along the surface or at `FASTEST` (half of it on the mean, since each leap from
+triangle to triangle starts it again), and delta grows by the part 1 - m/2J of its turn. While the foot gains on the
+nearest point, by m - J but no faster than `FASTEST`, delta decreases by the smaller of 1/R and delta/LANDING per
+distance, since the foot arrives without stopping abruptly (`geometry.proxy`). Inside, at an approach e and a depth d,
+the normal turns by at most w/(e/6) (`SUDDEN`) and m/d, and delta grows by at least what this lacks. A finger that
+enters along the bisector of an edge is equally near to two faces, 90 degrees apart: the foot stays on its face until
+another is nearer by the hysteresis h (`nodes.collision`). So a foot that is farther by at most h also counts: with
+theta between both directions, the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its
+face; from there on delta is the angle between the faces. The foot of the smooth surface through a mesh is between two
+faces that are equally near, by h: with the angle of the normal alpha, the nearest point of the finger moved by h/alpha
+towards the foot is on the other face, and the normal is within 0.35 rad of the arc between both directions.
 """
 
 from __future__ import annotations
@@ -115,10 +115,12 @@ def side(trace: Trace) -> Score:
         if i > 0:
             turn = max(_between(each[i - 1], each[i]) for each in ((normal, away) if abs(gap[i]) > ON else (normal,)))
             most, w = max(EASY * motion[i - 1], FASTEST * EVERY), float(length(step[i - 1]))
+            turns = min(w / max(SUDDEN * float(trace["collision.approach"][k]), LEAST_CURVATURE),
+                        most / max(-float(trace["collision.gap"][k]), ON))  # fmt: skip
+            least = behind + turn - turns
             if turn <= w / LEAST_CURVATURE:
-                excess = turn - w / max(SUDDEN * float(trace["collision.approach"][k]), LEAST_CURVATURE)
-                turn = max(turn * (1.0 - 0.5 * most / max(jump[i - 1], ON)), excess, 0.0)
-            behind = _behind(behind + turn, min(max(most - jump[i - 1], 0.0), FASTEST * EVERY))
+                turn = max(turn * (1.0 - 0.5 * most / max(jump[i - 1], ON)), turn - turns, 0.0)
+            behind = max(_behind(behind + turn, min(max(most - jump[i - 1], 0.0), FASTEST * EVERY)), least)
             lost = max(lost - REGAIN * w, 0.0)
         inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))

@@ -110,8 +110,8 @@ class Trace:
 
     def _most(self, tick: int, lift: float) -> float:
         fast = max(float(self.fast[tick]), self.meets(tick))
-        reach = self.reach[tick] + lift + self.rest.remembers * self.rolls[tick]
-        return ABOVE * float(self.place(tick).force(reach, fast, float(self.slides[tick])))
+        reach, slides, rolls = self.reach[tick] + lift, float(self.slides[tick]), float(self.rolls[tick])
+        return ABOVE * float(self.place(tick).force(reach, fast, slides, rolls))
 
     def meets(self, tick: int) -> float:
         """Rate [m/s] at which the finger approaches the point of the surface that is nearest now: over `SMOOTH`, or by
@@ -217,13 +217,14 @@ class Trace:
         """`explained` on a surface that is lifted [m] (T)."""
         rates, slides = (float(each.max()) * LEVELS for each in (self.fast, self.slides))
         bins = len(LEVELS) * np.searchsorted(rates[:-1], self.fast) + np.searchsorted(slides[:-1], self.slides)
-        reach, rolls = self.reach + lift, self.rest.remembers * self.rolls
+        reach = self.reach + lift
 
         def most(place: Place, span: slice) -> np.ndarray:
             total, bin_of = place.force(reach[span]), bins[span]
             for number in np.unique(bin_of[bin_of > 0]).tolist():
                 moves, (k, i) = bin_of == number, divmod(number, len(LEVELS))
-                total[moves] = place.force((reach + rolls)[span][moves], rates[k], float(slides[i]))
+                rolls = self.rolls[span][moves]
+                total[moves] = place.force(reach[span][moves], rates[k], float(slides[i]), rolls)
             return ABOVE * total
 
         return self.at_places(most)
