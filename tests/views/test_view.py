@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
+from palpate.records.format.mcap_file import MAGIC, McapRecords, messages
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.run import Run
@@ -85,12 +86,21 @@ def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
     assert reel.curves[0]["t"] == sorted(reel.curves[0]["t"]) and reel.curves[0]["t"][-1] == pytest.approx(0.699)
 
 
-def test_a_truncated_recording_is_shown_up_to_its_end(file, tmp_path):
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
+def test_a_truncated_recording_is_shown_up_to_its_end(tmp_path):
+    """Whatever the times are at which the logger wrote: up to the last message before the chunk that is cut."""
+    whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
+    execute(find("kidney").but(record=whole, place="fused", overrides=(*SETS, "log.within=0.02"), duration=0.7))
+    with whole.open("rb") as file:
+        file.seek(len(MAGIC))
+        chunks = list(McapRecords(file).chunks())
+    half = len(chunks) // 2
+    cut.write_bytes(whole.read_bytes()[: chunks[half][0] + 100])
+    last = max(time for _, chunk in chunks[:half] for _, _, time, _ in messages(chunk)) * 1e-9
     reel = RecordingSource(cut)
-    assert 0.1 < reel.curves[0]["t"][-1] < 0.65 and "--to mcap" in reel.recording.ending
+    assert len(chunks) > 1 and reel.curves[0]["t"][-1] == pytest.approx(last, abs=1.1e-3) and last < 0.69
+    assert "--to mcap" in reel.recording.ending
     assert read(reel.frame(reel.curves[0]["t"][-1], 0))[0]["time"] == pytest.approx(reel.curves[0]["t"][-1])
+    reel.close()
 
 
 def talk(page, token=None, origin="http://127.0.0.1"):
