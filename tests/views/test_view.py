@@ -87,7 +87,7 @@ def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
 
 
 def test_a_truncated_recording_is_shown_up_to_its_end(tmp_path):
-    """Whatever the times are at which the logger wrote: up to the last message before the chunk that is cut."""
+    """Up to the last message before the chunk that is cut, at any times of the logger."""
     whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
     execute(find("kidney").but(record=whole, place="fused", overrides=(*SETS, "log.within=0.02"), duration=0.7))
     with whole.open("rb") as file:

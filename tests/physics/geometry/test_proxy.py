@@ -12,7 +12,7 @@ from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
 from palpate.physics.geometry.nurbs_fit import sphere
-from palpate.physics.geometry.proxy import EASY, FASTEST, JUMP, TURNED, follow, follow_mesh, memory
+from palpate.physics.geometry.proxy import EASY, FADES, FASTEST, JUMP, TURNED, follow, follow_mesh, memory
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.studies.organs.shapes import boxes
 
@@ -154,6 +154,19 @@ def test_a_fingertip_that_leaves_a_plate_and_turns_round_is_free():
     arrives = leaves + int(np.flatnonzero(np.abs(gap - true)[leaves:] < 1e-6)[0])
     assert gap[leaves] < -8e-3 and 1600 < arrives < 2400
     assert rises[leaves + 1 : arrives - 1].all() and gap[arrives:] == approx(true[arrives:], abs=1e-6)
+
+
+def test_a_finger_that_leaves_a_plate_and_rests_is_let_go():
+    """Beyond the rim it kept its force until it moved. Now the gap rises at a constant, low speed, and reaches the true
+    one."""
+    ends = np.array([(6, -23, 6), (6, -23, -14), (6, -44, -12)]) * 1e-3
+    path = np.concatenate([np.linspace(a, b, 400, endpoint=False) for a, b in itertools.pairwise(ends)])
+    path = np.concatenate([path, np.repeat(path[-1:], 6000, axis=0)])
+    slab = box(80e-3, 5e-3)
+    gap, true = mesh_run(slab, path, 4e-3)[800:, 8], MeshClosestPoint(slab).find(path[-1:])[3]
+    arrives = int(np.flatnonzero(gap > true - FADES * 1e-3)[0])
+    assert gap[0] < -4e-3 and true > 4e-3 and 1000 < arrives < 5000
+    assert np.diff(gap[: arrives - 1]) == approx(FADES * 1e-3, abs=1e-9) and np.ptp(gap[arrives:]) < 1e-9
 
 
 @pytest.mark.parametrize("aside", [0.0, 1e-4, 1e-3])

@@ -229,7 +229,9 @@ def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record
 
     Friction indents beams that are inclined to the contact, and it grows with the normal force. So the slope of the law
     is that for forces that grow in proportion, where this is the softer one, `whole`. Without it a contact that solves
-    with the law overshoots, and above twice the compliance each step makes the next one worse.
+    with the law overshoots, and above twice the compliance each step makes the next one worse. Where the law is softer
+    than the indentation over the force, it begins before the free indentation, so that it passes through the present
+    state. (It began there, predicted too much, and two fingers that rub the same beams took turns at the force.)
     """
     normal, which, total = contacts.normals[i], contacts.which[i], contacts.forces[i]
     others = 0.0
@@ -272,16 +274,19 @@ def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record
                 compliance += w * soft * face * max(face, 0.0)
                 whole += face * soft * push
     # the law at the effective force; below the least force the response is extrapolated linearly to it
-    compliance = max(compliance, LEAST_COMPLIANCE)
-    if loaded:
-        compliance = max(compliance, whole / (total + others / compliance)) + contacts.rubbed[i]
+    compliance, lacks = max(compliance, LEAST_COMPLIANCE), 0.0
+    if loaded:  # what friction takes from the indentation under the normal forces, and what the slope adds to it
+        together = total + others / compliance
+        if total < LARGEST_FORCE:
+            lacks = max(compliance * together - whole, 0.0) + contacts.rubbed[i] * together
+        compliance = max(compliance, whole / together) + contacts.rubbed[i]
     acting = total + others / compliance
     least = max(acting, LEAST_FORCE)
     if loaded and acting < least:
         deep = free + (deep - free) * least / acting
     slope = 1.0 / compliance
     law = contacts.laws[i]
-    law[0], law[1] = fit_terminal(free, max(deep, free + least / slope), slope, least)
-    law[3], law[4] = free, previous
+    law[3], law[4] = free - min(max(free + least / slope - deep, 0.0), lacks), previous
+    law[0], law[1] = fit_terminal(law[3], max(deep, law[3] + least / slope), slope, least)
     for j in range(len(contacts.forces)):
         contacts.coupling[i, j] = 1.0 if i == j else contacts.cross[i, j] / compliance

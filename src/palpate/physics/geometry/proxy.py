@@ -11,10 +11,11 @@ The *target* is the nearest point while the tool is outside. After the tool has 
 * else none: the foot does not move, and the gap is measured along its normal.
 
 This ends when the tool is outside as seen from the side of entry, or far beyond the other side, or when its tissue
-touches neither the side of entry nor the nearest point; the gap rises to the true one first, also if the tool turns
-round meanwhile, unless it enters the body. A tool that starts inside, or jumps, has no side of entry: its foot is the
-nearest point. The other side may be nearer by the hysteresis of the search before the foot changes; until then the gap
-is the distance of the foot, not of the other side. Past the border of a sheet the gap is the distance.
+touches neither the side of entry nor the nearest point; the gap rises to the true one first, by the motion of the tool
+or at `FADES`, also if it turns round meanwhile, unless it enters the body. A tool that starts inside, or jumps, has no
+side of entry: its foot is the nearest point. The other side may be nearer by the hysteresis of the search before the
+foot changes; until then the gap is the distance of the foot, not of the other side. Past the border of a sheet the gap
+is the distance.
 
 **The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
@@ -71,7 +72,8 @@ BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from wh
 ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
 STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
 FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
-LEAVES = 2.0
+LEAVES, FADES = 2.0, 5e-3
+"""Mark of a tool that leaves; [m/s] speed at which its gap rises while it rests: 75 N/s of a fingertip at 9 N."""
 STARTED, INSIDE, GAP, TOOL, FOOT, NORMAL, PLACE = 0, 1, 2, 3, 6, 9, 12
 OPEN, THICKNESS, BEHIND, PASSED, OFF, PACE, SHOWN = 15, 16, 17, 18, 19, 20, 21
 """Entries of the memory: whether a last step exists, whether the tool is inside (`LEAVES`: it leaves), last gap [m];
@@ -235,10 +237,11 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
     """
     if moved < np.inf:
         held = _held_gap(p, memory)
-        if exists and inside and memory[INSIDE] == 0.0 and foot[8] > memory[GAP] + moved + ROUNDING:
+        rises = max(moved, FADES * dt)
+        if exists and inside and memory[INSIDE] == 0.0 and foot[8] > memory[GAP] + rises + ROUNDING:
             # leaves a thin body: the gap rises to the true one first
             memory[INSIDE] = LEAVES if memory[PASSED] == 0.0 else 1.0
-            exists, held = False, memory[GAP] + moved
+            exists, held = False, memory[GAP] + rises
         if exists:
             _approach(p, moved, held, dt, foot, memory)
         else:
