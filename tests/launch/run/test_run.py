@@ -107,6 +107,19 @@ def test_groups_over_tcp_send_the_same_bytes(tmp_path, reference):
     assert streams(tmp_path / "run.mcap") == reference
 
 
+def free_port() -> int:
+    """A port that nothing listens on, below those that the system gives to connections: another test in parallel got
+    one of these before the run used it."""
+    while True:
+        port = random.SystemRandom().randrange(20_000, 32_000)
+        with socket.socket() as free:
+            try:
+                free.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+        return port
+
+
 def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda running, far: None):
     """The outcome of the run, and the exit code of the group's process, which has no folder in common with the run, as
     on another machine; `watch` also gets this process."""
@@ -114,9 +127,7 @@ def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda ru
     keys.make()
     place = tmp_path / "joined.yaml"
     place.write_text("a: {nodes: [source, sum]}\nfar: {nodes: [spring, drag, spread], join: true}\n")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    address = f"tcp://127.0.0.1:{free_port()}"
     command = [sys.executable, "-m", "palpate.cli", "remote", "join", address, "far"]
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
     (tmp_path / "there").mkdir(mode=0o700)
