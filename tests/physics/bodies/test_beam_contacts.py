@@ -4,6 +4,7 @@ import numpy as np
 
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.bodies.beam_foundation import answer, beam_foundation, bear
+from palpate.physics.contact.terminal import Terminal, check_law
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.voigt import ViscoelasticMaterial
 
@@ -88,3 +89,17 @@ def test_the_law_of_a_finger_that_rubs_predicts_the_next_step():
             miss = np.abs(predicted - found) / np.maximum(np.abs(found), 1e-4)
             worst = max(worst, float(miss[forces > 0.0].max()))
     assert worst < 1e-9
+
+
+def test_laws_of_absurd_forces_are_valid():
+    mesh, start = ball()
+    rng = np.random.default_rng(3)
+    for force in (1e2, 1e4, 1e6, 1e9):
+        foundation = copied(start)
+        feet = BALL * unit(np.column_stack([rng.uniform(-3e-3, 3e-3, (2, 2)), [BALL, BALL]]))
+        rubs = 100.0 * unit(np.cross(feet, rng.normal(size=(2, 3))))
+        fingers = list(zip(feet, unit(feet), rubs, strict=True))
+        for _ in range(20):
+            indent(mesh, foundation, fingers, (force, 1.0))
+            for law in foundation.contacts.laws.tolist():
+                check_law(Terminal(*law))

@@ -6,7 +6,7 @@ from palpate.compiler.dot import dot
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
 from palpate.physics.bodies.stretch import limit_stretch
-from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
+from palpate.physics.contact.terminal import LEAST_FORCE, LEAST_FREE, fit_terminal
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_stress_step
 
 NO_FORCE = 1e-9  # [N] Smaller forces count as zero: their distribution is not significant
@@ -286,7 +286,7 @@ def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record
         deep = free + (deep - free) * least / acting
     slope = 1.0 / compliance
     law = contacts.laws[i]
-    law[3], law[4] = free - min(max(free + least / slope - deep, 0.0), lacks), previous
+    law[3], law[4] = max(free - min(max(free + least / slope - deep, 0.0), lacks), LEAST_FREE), previous
     law[0], law[1] = fit_terminal(law[3], max(deep, law[3] + least / slope), slope, least)
     for j in range(len(contacts.forces)):
         contacts.coupling[i, j] = 1.0 if i == j else contacts.cross[i, j] / compliance
