@@ -70,7 +70,8 @@ def test_two_fingers_that_rub_the_same_beams_do_not_alternate():
 
 def test_the_law_of_a_finger_that_rubs_predicts_the_next_step():
     """Under one finger, and under two on the same beams of which one presses lightly. The laws were softer than the
-    beams and began at the free indentation, so that they predicted up to twice the indentation; two fingers on a bumpy body then took turns at 1.3 N from step to step."""
+    beams and began at the free indentation, so that they predicted up to twice the indentation; two fingers on a bumpy
+    body then exchanged 0.5 N in each step."""
     mesh, start = ball()
     rng, worst = np.random.default_rng(2), 0.0
     for trial in range(60):
