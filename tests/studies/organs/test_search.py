@@ -116,6 +116,12 @@ def test_the_local_search_finds_a_worse_touch(folder):
     assert near == listed["still"].touch
 
 
+def test_a_search_has_the_fingers_that_were_asked_for(folder):
+    for fingers in (1, 2):
+        found = search(choose_specimens(["sphere"]), ["MassSpring"], 2, 1, folder, batch=2, rate=500.0, fingers=fingers)
+        assert {each.touch.setting.fingers for listed in found.worst.values() for each in listed} == {fingers}
+
+
 def test_the_command_prints_json(folder, tmp_path):
     given = ["bench", "organs", "--touches", "12", "--surface", "sphere", "--body", "MassSpring", "--rate", "1000",
              "--no-pictures", "-o", str(tmp_path / "out"), "--json"]  # fmt: skip

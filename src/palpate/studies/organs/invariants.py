@@ -26,7 +26,9 @@ hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f
                  where the bound would be broken, of the tick.
          A force that dissipates the observed energy E < 0 also changes, by at most K = 0.1 N per encoder step of the
          motion and (-2 K E)^½ (`device.controller`): K is the greatest slope that the device renders, at which a
-         contact would also end. After a contact it may fall to zero at that slope.
+         contact would also end. After a contact it may fall to zero at that slope. While a finger moves out by less
+         than an encoder step and a half, the controller may hold a force that falls, as by another finger, for a step
+         (`device.rendered`): the fall of the step before counts too.
 contact  the same of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
@@ -161,7 +163,9 @@ def hand(trace: Trace) -> Score:
     if step > 0.0:
         most = PASSIVE / step * moved
         damped = np.sqrt(2.0 * PASSIVE / step * np.maximum(greatest(-_observed(trace), n + 3), 0.0))
-        return _change(trace, felt, True, np.where(ended, np.minimum(most, before), np.minimum(most, damped)))
+        f, held = trace["contact.force"], np.zeros(len(trace["contact.force"]))
+        held[n + 1 :] = np.maximum(f[: -n - 1] - f[1:-n], 0.0)  # the fall of the step before
+        return _change(trace, felt, True, held + np.where(ended, np.minimum(most, before), np.minimum(most, damped)))
     return _change(trace, felt, True, ended * before)
 
 

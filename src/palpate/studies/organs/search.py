@@ -92,11 +92,13 @@ def settings(
     rng: np.random.Generator,
     rate: float | None = None,
     rough: float = ROUGH,
+    fingers: int | None = None,
 ) -> Iterator[Setting]:
     """Settings of batches without end: each surface with each body in turn, the rest at random.
 
-    rate   [Hz]; None: at random
-    rough  [1] share of coarse meshes
+    rate     [Hz]; None: at random
+    rough    [1] share of coarse meshes
+    fingers  None: one or two, at random
     """
     pairs = _pairs(surfaces, bodies)
     while pairs:
@@ -106,7 +108,7 @@ def settings(
             yield Setting(
                 specimen.name, 0 if specimen.patch else COARSE if coarse else USUAL, body,
                 str(rng.choice(list(FRICTION), p=list(FRICTION.values()))),
-                rate or float(rng.choice(list(RATES), p=list(RATES.values()))), 1 + int(two),
+                rate or float(rng.choice(list(RATES), p=list(RATES.values()))), fingers or 1 + int(two),
                 ORIENTATIONS[turn] if specimen.name == "kidney" else (0.0, 0.0, 0.0),
             )  # fmt: skip
 
@@ -155,6 +157,7 @@ def search(
     batch: int = BATCH,
     rate: float | None = None,
     rough: float = ROUGH,
+    fingers: int | None = None,
     notes: bool = False,
 ) -> Results:
     """Touch surfaces at random.
@@ -169,7 +172,7 @@ def search(
     results, rng = Results(), np.random.default_rng(seed)
     pairs = _pairs(surfaces, bodies)
     batch = min(batch, 1 + count // max(1, len(pairs)))  # every surface is touched
-    for number, setting in enumerate(settings(surfaces, bodies, rng, rate, rough)):
+    for number, setting in enumerate(settings(surfaces, bodies, rng, rate, rough, fingers)):
         refused = {key for key in results.refused if not results.touches[key]}
         if results.total >= count or len(refused) == len(pairs):
             break

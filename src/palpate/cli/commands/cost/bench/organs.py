@@ -23,6 +23,7 @@ def organs(
     ] = None,
     body: Annotated[list[str] | None, typer.Option(help="Only this body: MassSpring; may be repeated.")] = None,
     rate: Annotated[float | None, typer.Option(help="Only this rate, Hz.", min=100, max=20_000)] = None,
+    fingers: Annotated[int | None, typer.Option(help="Only with this number of fingers.", min=1, max=2)] = None,
     worse: Annotated[int, typer.Option(help="Rounds that make each of the worst touches worse.", min=0)] = 0,
     pairs: Annotated[
         int, typer.Option(help="Touches of each smooth surface that are also turned, and put on a finer mesh.", min=0)
@@ -56,7 +57,7 @@ def organs(
         def show(share: float, found: Results) -> None:
             done(share, f"{sum(found.broken.values())} broken")
 
-        results = search(surfaces, bodies, touches, seed, meshes, show, rate=rate, notes=True)
+        results = search(surfaces, bodies, touches, seed, meshes, show, rate=rate, fingers=fingers, notes=True)
         if worse:
             leading = results.top(worst)
             done = bars.begin(f"make {len(leading)} touches worse", "")
