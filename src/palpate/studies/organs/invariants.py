@@ -14,7 +14,8 @@ hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f
          contact) + (f - f_0) W/2 ms) + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
                  appear: a foot that moves while the finger does not must not change the force. A second finger that
-                 presses moves the surface: of its motion the part counts that the body at rest transmits;
+                 presses moves the surface: of its motion the part counts that the body at rest transmits, and w grows
+                 by the displacement here under the change of its force;
          k = k1 k2/(k1 + k2), k1 = g'(s1) (1 + c v), k2 = 1.5 x the secant stiffness of the body: fingertip and body;
          f/R     the turn of the normal: a fingertip does not feel curvature below R, an eighth of its patch;
          B = K_body tau, what a change of the rate changes at once; c f on a rigid body;
@@ -121,6 +122,9 @@ def _change(trace: Trace, vector: np.ndarray, rubs: bool, more: np.ndarray | flo
         presses = trace.carried * (greatest(trace.other["contact.force"], n + 3) > 0.0)
         theirs = (presses * each for each in _motion(trace.other, n))
         moved, turned, speed = (a + b for a, b in zip((moved, turned, speed), theirs, strict=True))
+        other = trace.other["contact.force"]
+        theirs_changes = greatest(other, n + 3) + greatest(-other, n + 3)
+        moved = moved + trace.yields_most * theirs_changes
     begins = (f > 0.0) & (-greatest(-f, n + 3) <= 0.0)
     change = np.zeros(len(p))
     change[n:] = length(vector[n:] - vector[:-n])
@@ -146,6 +150,8 @@ def _change(trace: Trace, vector: np.ndarray, rubs: bool, more: np.ndarray | flo
     found, last = worst(trace, change, bounds), -1
     while found.broken and (k := round(found.time / trace.step)) != last:  # between the places visited
         last, at, place = k, slice(k, k + 1), trace.place(k)
+        if trace.carried > 0.0:
+            moved[k] += max(trace.yield_at(k) - trace.yields_most, 0.0) * theirs_changes[k]
         explained = max(float(trace.explained[k]), trace.most(k), trace.most(max(k - n, 0)))
         static = min(float(trace.static[k]), ABOVE * float(place.force(trace.reach[k] + trace.raised[k])))
         stiffness = max(float(body[k]), place.stiffness(most))

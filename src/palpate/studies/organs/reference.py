@@ -42,7 +42,7 @@ from palpate.studies.organs.lag import lag_of_beams, lag_of_half_space
 from palpate.studies.organs.runs import Traces
 
 LONG = 1e6  # [s] a step after which a body is at rest
-FORCES = np.concatenate([np.geomspace(0.03, 60.0, 13), np.geomspace(600.0, 6e5, 4)])
+FORCES = np.concatenate([np.geomspace(0.03, 60.0, 13), np.geomspace(600.0, 6e5, 10)])
 """[N] at which the indentation of a body is computed; between them it is a power. Beams end at the limit of their
 strain, so that a finger that is pushed on compresses only itself."""
 LONGEST = 50e-3  # [m] approach up to which forces are known

@@ -74,6 +74,15 @@ class Trace:
         return np.concatenate([self.yields(k) for k in ticks])
 
     @cached_property
+    def yields_most(self) -> float:
+        """Largest displacement [m/N] of the surface here over the force of the other finger."""
+        return float((np.abs(self.most_yields) / FORCES).max())
+
+    def yield_at(self, tick: int) -> float:
+        """The same [m/N] at the places of a tick."""
+        return float((np.abs(self.yields(tick)) / FORCES).max())
+
+    @cached_property
     def carried(self) -> float:
         """Largest motion [1] of the surface here over that of the other finger which presses."""
         if self.other is None:
