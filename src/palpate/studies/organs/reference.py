@@ -19,7 +19,8 @@ indents by s2 times L (`lag`), L being 1 for springs and a rigid body. u is the 
 or that of the patch, up to `EASY` times it: near the middle of a ball the foot leads the finger (`geometry.proxy`).
 What friction takes away from the indentation of an inclined part is counted in full, because the displacement by a
 force along the surface reaches far beyond the patch: the body indents by s2 with friction, less (1 - L) times s2
-without. A patch that rolls over a rim indents another face, at a rate that counts as one of approach.
+without, but by at least `LEFT` L times s2 with friction. A patch that rolls over a rim indents another face, at a rate
+that counts as one of approach.
 
 Under two fingers the force of the other one moves the surface, by the displacement of the loaded body where this finger
 is. A surface that is lifted by w is reached as by an approach e + w. The force that lifts is at most `ABOVE` x the
@@ -42,7 +43,7 @@ from palpate.studies.organs.lag import lag_of_beams, lag_of_half_space
 from palpate.studies.organs.runs import Traces
 
 LONG = 1e6  # [s] a step after which a body is at rest
-FORCES = np.concatenate([np.geomspace(0.03, 60.0, 13), np.geomspace(600.0, 6e5, 10)])
+FORCES = np.concatenate([np.geomspace(0.03, 60.0, 13), np.geomspace(600.0, 6e5, 4)])
 """[N] at which the indentation of a body is computed; between them it is a power. Beams end at the limit of their
 strain, so that a finger that is pushed on compresses only itself."""
 LONGEST = 50e-3  # [m] approach up to which forces are known
