@@ -105,7 +105,7 @@ def test_the_class_of_a_type_is_found_by_its_name(kind):
     cls = Delay.of(kind)
     assert inputs(cls)[0].type is kind
     assert outputs(cls) == (kind,)
-    assert load_class(full_name(cls)) is cls is recorded_class(full_name(cls), Node)
+    assert load_class(full_name(cls), Node) is cls is recorded_class(full_name(cls), Node)
 
 
 def test_a_recording_imports_no_code_for_the_type_of_a_message():

@@ -33,7 +33,7 @@ class Audience:
     def start(self, slot: ObserverSlot, outputs: dict[str, Output]) -> None:
         """Start one observer; `outputs`: the outputs of this worker, by stream. NodeError: it raised."""
         streams = tuple(
-            Stream(stream, load_class(given.type), given.producer, given.every)
+            Stream(stream, load_class(given.type, Message), given.producer, given.every)
             for stream, given in slot.streams.items()
         )
         try:

@@ -24,7 +24,7 @@ from palpate.engine.slot import Output
 from palpate.launch.run.hop.blocks import frame_of
 from palpate.launch.run.reports import ORDERS, Addressed, NodesEnded, Note, Order, Report
 from palpate.launch.run.wire.addresses import endpoint
-from palpate.launch.run.wire.inlet import HIGH_WATER, Inlet, TcpInlet
+from palpate.launch.run.wire.inlet import HIGH_WATER, LONGEST_FRAME, Inlet, TcpInlet
 from palpate.launch.run.wire.keys import Authenticator, Key, connect
 from palpate.launch.run.wire.outlet import Outlet, ReaderConnection, Sender
 from palpate.launch.run.wire.watch import SocketPoller
@@ -103,6 +103,7 @@ class Bus:
         self._observed = self._socket(zmq.SUB, 0)
         self._observed.set(zmq.RCVHWM, HIGH_WATER if real else min(HIGH_WATER, AHEAD))
         self._observed.set(zmq.RCVTIMEO, POLL_INTERVAL)
+        self._observed.set(zmq.MAXMSGSIZE, LONGEST_FRAME)
         self._inlets: dict[str, Inlet | TcpInlet] = {}
         self._tcp: list[Inlet | TcpInlet] = []
         self._apart: set[Inlet] = set()

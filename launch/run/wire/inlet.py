@@ -197,6 +197,7 @@ class TcpInlet:
         topic = stream.encode() + b"\0"
         self.stream, self.socket, self._skip = stream, socket, len(topic)
         socket.set(zmq.RCVHWM, HIGH_WATER)
+        socket.set(zmq.MAXMSGSIZE, LONGEST_FRAME)
         socket.set(zmq.RCVTIMEO, POLL_INTERVAL)
         socket.set(zmq.RECONNECT_IVL, 5)
         socket.subscribe(topic)

@@ -19,11 +19,12 @@ from palpate.launch.run import reports
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.addresses import has_unix_sockets
-from palpate.launch.run.wire.bus import Bus, split
+from palpate.launch.run.wire.bus import LONGEST_ORDER, Bus, split
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.compiling import compiler_watched
 from palpate.launch.run.work.fused import death
 from palpate.launch.run.work.loops import run
+from palpate.launch.run.work.offered import refusal
 from palpate.launch.run.work.watchdog import running_node
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.physics.errors import RunError
@@ -55,7 +56,7 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         endpoints = bus.bind(job.host)
         bus.report(reports.Ready(endpoints, refused, bool(job.host and start.key)))
         with contextlib.suppress(EndedError):
-            begun = _link(bus)
+            begun = _link(bus, elsewhere=alone)
             run(worker, *begun)
         worker.stop()
         clean_exit = begun is not None
@@ -96,9 +97,9 @@ def _answer_when_silent(bus: Bus) -> None:
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False, chain=True)
 
 
-def _link(bus: Bus) -> tuple[int, set[str]]:
+def _link(bus: Bus, elsewhere: bool) -> tuple[int, set[str]]:
     """Connect to the other workers and wait for the start. Returns the time of tick 0 [ns] and the groups that the
-    observers here read. EndedError: the run ended before."""
+    observers here read. EndedError: the run ended before. RunError: a launcher `elsewhere` names a local socket."""
     senders: set[str] = set()
 
     def poll(wait: int = 0) -> reports.Order | None:
@@ -111,6 +112,8 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
         match poll(1000):
             case reports.Connect(sources, observed):
                 for source in sources:
+                    if elsewhere and not source.address.startswith("tcp://"):
+                        raise RunError(f"the launcher names {source.address}, expected an address tcp://host:port")
                     bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}
                 bus.wait_linked(observed, poll)
@@ -121,6 +124,7 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
 
 MISMATCH = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 REFUSED = MISMATCH | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+FAREWELL = 2000  # [ms] for the report of a refusal
 NO_RETRY = 3  # refusals after which to give up; a launcher that ends during the handshake causes fewer
 
 
@@ -131,12 +135,13 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
     patience  [s] to wait for the launcher
     key       encrypts the run; None: no encryption
 
-    RunError: no launcher answers, or it has a different key.
+    RunError: no launcher answers, it has a different key, or its job is refused (`offered`).
     """
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     orders_at, reports_at = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
     take: reports.Take | None = None
     with zmq.Context() as context, context.socket(zmq.SUB) as incoming, context.socket(zmq.PUSH) as outgoing:
+        incoming.set(zmq.MAXMSGSIZE, LONGEST_ORDER)
         for end in (incoming, outgoing):
             end.set(zmq.LINGER, 0)
             if key is not None:
@@ -161,7 +166,12 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
         else:
             what = "" if key is None else " and has the same key"
             raise RunError(f"no launcher at {address} that waits for group {group!r}{what}")
-    assert take is not None
+        assert take is not None
+        if (fault := refusal(take.job)) is not None:
+            outgoing.set(zmq.LINGER, FAREWELL)
+            with contextlib.suppress(zmq.Again):
+                outgoing.send(msgspec.msgpack.encode(reports.Addressed(group, fault)), zmq.NOBLOCK)
+            raise RunError(f"the launcher at {address}: {fault}")
     job = msgspec.structs.replace(take.job, host=take.job.host or _address_towards(host))
     return serve(reports.Start(job, take.run, orders_at, reports_at, key, key is not None), alone=True)
 

@@ -64,8 +64,9 @@ class Plan:
         }
 
     @classmethod
-    def from_spec(cls, spec: dict[str, Any], load: Callable[[str], Any] = load_class) -> Plan:
-        """The plan written by `to_spec`; `load` returns the class of a full name. GraphError: an import failed."""
+    def from_spec(cls, spec: dict[str, Any], load: Callable[[str, type[Node]], type[Node]] = load_class) -> Plan:
+        """The plan written by `to_spec`; `load` returns the class of a full name, a subclass of Node. GraphError: an
+        import failed."""
         nodes = {}
         faults = []
         for form in msgspec.convert(spec["nodes"], list[_NodeForm]):
@@ -109,9 +110,9 @@ def _node_form(node: NodeSpec) -> dict[str, Any]:
     return msgspec.to_builtins(_NodeForm(**form | {"cls": full_name(node.cls), "place": _spot(node.place)}))
 
 
-def _node(form: _NodeForm, load: Callable[[str], Any]) -> NodeSpec:
+def _node(form: _NodeForm, load: Callable[[str, type[Node]], type[Node]]) -> NodeSpec:
     given = msgspec.structs.asdict(form)
-    return NodeSpec(**given | {"cls": load(form.cls), "place": Location(*form.place)})
+    return NodeSpec(**given | {"cls": load(form.cls, Node), "place": Location(*form.place)})
 
 
 def _spot(place: Location) -> tuple[str, int, int]:

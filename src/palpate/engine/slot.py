@@ -457,7 +457,8 @@ class ObserverSlot:
 def make(job: NodeJob | ObserverJob) -> Node:
     """Create the node of a job. NodeError: its class or its settings are wrong."""
     with _blame_node(job.name, "settings"):
-        node = load_class(job.cls)(**job.settings)
+        kind: type[Node] = Observer if isinstance(job, ObserverJob) else Node
+        node = load_class(job.cls, kind)(**job.settings)
     if isinstance(job, NodeJob) and job.wanted is not None:
         node.wanted = frozenset(job.wanted)
     return node

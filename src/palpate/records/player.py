@@ -12,14 +12,14 @@ from time import thread_time_ns
 from palpate.engine.faults import GraphError
 from palpate.engine.graph import places
 from palpate.engine.health import Histogram
-from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
+from palpate.engine.imports import UntrustedError, check_trusted, modules_of, recorded_class
 from palpate.engine.job import node_job
 from palpate.engine.plan import Plan, force_path
 from palpate.engine.schedule import needed_tick
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.engine.tick import run_tick
 from palpate.messages import Message, pack
-from palpate.nodes.base import Node, SettingError
+from palpate.nodes.base import SettingError
 from palpate.records.format.head import Head, head_of
 from palpate.records.stored import RecordingError, Stored
 
@@ -253,8 +253,8 @@ def plan_of(recording: Stored) -> Plan:
     """The plan of a recording. RecordingError: it cannot be read, or a class no longer exists."""
     try:
         spec = recording.about["plan"]
-        check_trusted(*(str(node["class"]).rpartition(".")[0] for node in spec["nodes"]))
-        planned = Plan.from_spec(spec, lambda name: recorded_class(name, Node))
+        check_trusted(*modules_of(*(str(node["class"]) for node in spec["nodes"])))
+        planned = Plan.from_spec(spec, recorded_class)
         for name in planned.order:
             if planned.graph.nodes[name].observer:
                 raise ValueError(f"{name!r} listens and does not run")

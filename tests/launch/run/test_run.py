@@ -129,6 +129,7 @@ def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda ru
     place.write_text("a: {nodes: [source, sum]}\nfar: {nodes: [spring, drag, spread], join: true}\n")
     address = f"tcp://127.0.0.1:{free_port()}"
     command = [sys.executable, "-m", "palpate.cli", "remote", "join", address, "far"]
+    command += ["--trust", "nodes_for_runs"]
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
     (tmp_path / "there").mkdir(mode=0o700)
     there = {"PYTHONPATH": path, "XDG_RUNTIME_DIR": str(tmp_path / "there")}

@@ -96,7 +96,8 @@ ColourOption = Annotated[
 Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
 
 
-def _trust(packages: list[str] | None) -> list[str] | None:
+def trust_packages(packages: list[str] | None) -> list[str] | None:
+    """Callback of `--trust`: the packages that files and launchers elsewhere may name in this call."""
     from palpate.engine.imports import trust_only
 
     trust_only(packages or ())
@@ -109,7 +110,7 @@ Trust = Annotated[
         "--trust",
         help="Import this package if the recording names it; by default only code of palpate runs. May be repeated.",
         metavar="PACKAGE",
-        callback=_trust,
+        callback=trust_packages,
     ),
 ]
 Duration = Annotated[

@@ -31,6 +31,7 @@ from types import ModuleType
 from typing import Any, cast
 
 import numpy as np
+from numba.extending import is_jitted
 
 from palpate.compiler.kernel import kernel
 from palpate.physics import materials
@@ -174,17 +175,21 @@ def example(name: str) -> Material:
 
 def law(name: str) -> Law:
     """The compiled law of a name, see `Material.name`. The name may come from an untrusted file: a function outside
-    palpate is found only if the program has already imported its module. MaterialError: an unknown law."""
+    palpate is found only if the program has already imported its module, and nothing but a compiled function is
+    returned. MaterialError: an unknown law."""
     module, _, function = name.rpartition(".")
     if module and module not in sys.modules and not module.startswith(f"{__name__.partition('.')[0]}."):
         raise MaterialError(f"law {name!r} lies outside palpate, and no file imports code: import {module} first")
     try:
         library: Any = importlib.import_module(module or f"{materials.__name__}.{name}")
-        return cast(Law, getattr(library, function if module else "strain_energy"))
-    except (ImportError, AttributeError):
+        found = getattr(library, function if module else "strain_energy")
+    except (ImportError, AttributeError, ValueError):
+        found = None
+    if not is_jitted(found):
         raise MaterialError(
             f"no material law {name!r}: expected {', '.join(laws())}, or the full name of a compiled function"
-        ) from None
+        )
+    return cast(Law, found)
 
 
 _placed: dict[int, str] = {}

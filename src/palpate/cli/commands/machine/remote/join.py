@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.cli.terminal.options import trust_packages
+
 EXAMPLE = "palpate remote join tcp://10.0.0.1:5600 loop"
 
 
@@ -14,10 +16,20 @@ def join(
     timeout: Annotated[float, typer.Option(help="Time to wait for the launcher, in s.", min=0.1)] = 60.0,
     key: Annotated[str, typer.Option(help="Key that secures the run; see `palpate remote keys`.")] = "rig",
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run without encryption.")] = False,
+    trust: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--trust",
+            help="Import this package if the launcher names it; by default only code of palpate runs. May be repeated.",
+            metavar="PACKAGE",
+            callback=trust_packages,
+        ),
+    ] = None,
 ) -> None:
     """Run a group of a placement here, for a launcher elsewhere.
 
-    The launcher on the other machine is `palpate run GRAPH --place FILE --address tcp://HOST:PORT`.
+    The launcher on the other machine is `palpate run GRAPH --place FILE --address tcp://HOST:PORT`. It may start any
+    node of palpate here, with any settings; other code only with --trust.
     """
     from palpate.compiler.arithmetic import environment
 
