@@ -8,6 +8,7 @@ import sys
 import time
 
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.frame import FrameRules
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.messages import DeviceState, Force
@@ -21,6 +22,7 @@ class DhdDriver:
     """The first device that libdhd finds."""
 
     name, size = "Force Dimension device", 3
+    rules = FrameRules(units=("m",))  # libdhd checks the frames of the device
     limits = Limits(5.0, 5.0, 1.5, delay=3)  # 5 N, 5 W, 1.5 m/s: chosen for careful use, below the device's limits
 
     def __init__(self, path: str) -> None:

@@ -18,7 +18,9 @@ class NetFT(Wired):
     port    its address, 192.168.1.1 by default of the manufacturer; `emulator`: an emulated sensor
     normal  out of the sensor's face, in the frame of the sensor; a press is a force against it
     foot    position of the sensor in the world
-    tare    [s] time without contact at the start; its mean force is subtracted
+    tare    [s] time without contact at the start; its mean force is subtracted. It lasts at least until a sample
+
+    While the sensor reports an error or is silent for more than 0.1 s, the force is 0, and a note counts these samples.
 
     With `port: emulator` and a pose, the finger presses an emulated sample with Hunt and Crossley's law: its surface is
     at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d').
@@ -63,7 +65,7 @@ class NetFT(Wired):
         force = 0.0
         if sample is not None and sample.wrench:
             press = -sum(f * n for f, n in zip(sample.wrench[:3], self.normal, strict=True))
-            if self.clock <= self.tare:
+            if self.clock <= self.tare or (self.tare > 0.0 and not self.seen):
                 if sample.time != self.last:
                     self.seen, self.last = self.seen + 1, sample.time
                     self.bias += (press - self.bias) / self.seen

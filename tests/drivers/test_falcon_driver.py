@@ -211,6 +211,53 @@ def test_glitches_are_rejected_and_a_real_jump_is_accepted():
     assert sample.position == approx((0.02, 0.0, 0.12), abs=3e-4)
 
 
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("jump", "accepted"), [(0.2e-3, True), (-0.2e-3, True), (1.5e-3, False), (-1.5e-3, False)])
+def test_a_grip_at_rest_does_not_jump_by_more_than_it_can_move_in_a_millisecond(axis, jump, accepted):
+    """At the 0.4 mm of the documentation, a grip at rest would reach 0.4 m/s within 1 ms: 400 m/s². The path is given at
+    the grip; the emulator's inverse kinematics make the counts of it."""
+    driver, device, time = pair(loaded=True)
+    driver.open()
+    homed(driver, time)
+    for _ in range(20):
+        before = driver.cycle(ZERO)
+    place = np.array(HOME)
+    place[axis] += jump
+    device.hand.position[:], device.hand.points[:] = place, place
+    sample, begun = driver.cycle(ZERO), time.ns
+    for _ in range(6):  # its answer arrives some cycles later
+        if sample.position == before.position:
+            sample = driver.cycle(ZERO) or sample
+    seen = driver.glitches > 0
+    assert seen is not accepted and time.ns - begun < 20e6
+    if accepted:
+        assert sample.position[axis] - HOME[axis] == approx(jump, abs=1e-4)
+
+
+def test_angles_at_which_the_arms_do_not_meet_are_no_sample():
+    """Each encoder within its range, but no point is reached by all three arms."""
+    driver, device, time = pair(loaded=True)
+    driver.open()
+    homed(driver, time)
+    device._count = lambda i, place, homed: (2804, 1095, 89)[i]
+    samples = [driver.cycle(ZERO) for _ in range(20)]
+    assert (
+        not any(sample.homed for sample in samples[8:]) and driver.refused["with angles at which the arms do not meet"]
+    )
+
+
+def test_encoders_with_random_counts_are_no_sample():
+    """They are never consistent: the last valid position must not stay."""
+    driver, device, time = pair(loaded=True)
+    driver.open()
+    homed(driver, time)
+    random = np.random.default_rng(4)
+    device._count = lambda i, place, homed: int(random.integers(-4000, 4000))
+    samples = [driver.cycle(ZERO) for _ in range(100)]
+    assert sum(sample.homed for sample in samples[8:] if sample is not None) == 0
+    assert driver.refused["with encoders that jump"] > 80
+
+
 def test_a_silent_falcon_does_not_block_the_driver():
     driver, _, time = pair(EmulatedFaults(silent=0.5), loaded=True)
     driver.open()

@@ -60,13 +60,14 @@ def service(far):
 
 def sensor(far):
     driver = netft.NetFTDriver("nowhere")
-    driver.port, driver.scale, driver.number, driver.asked = far, netft.Scale(1.0, 1.0), -1, 0.0
+    driver.port, driver.scale, driver.asked = far, netft.Scale(1.0, 1.0), 0.0
     return driver
 
 
 def board(far):
     driver = raw.RawHidDriver(lambda: far)
-    driver.port, driver.sequence, driver.last = far, 0, -1
+    driver.begin()
+    driver.port = far
     driver.info = raw.Info(0, 3, (1.0,) * 6, (1.0,) * 6)
     return driver
 

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.drivers.guard import FALL, HORIZON, MISSED, SILENT, STALE, DeviceSample, Guard, ahead
+from palpate.drivers.guard import FALL, MISSED, SILENT, STALE, DeviceSample, Guard, ahead
 from palpate.drivers.limits import LIMITS, Limits
 
 MS = 1_000_000
@@ -76,6 +76,19 @@ def test_the_command_never_jumps_around_an_outage(without, after):
     x = np.array([c[0] for c in [*old, *run(guard, 200, (after, 0.0, 0.0), 300 + without)]])
     assert x[0] == 1.0 and x[-1] == after
     assert max(abs(np.diff(x))) <= (1.0 + abs(1.0 - after)) * 1e-3 / FALL + abs(after) * 1e-3 / WIDE.ramp + 1e-12
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("side", "outward"), [(0, -1.0), (1, 1.0)], ids=["low", "high"])
+@pytest.mark.parametrize("limits", [WIDE, LIMITS["falcon"]], ids=["wide", "falcon"])
+def test_each_of_the_six_sides_of_the_box_removes_the_force(limits, side, outward, axis):
+    guard, middle = Guard(limits), [0.5 * (low + high) for low, high in zip(*limits.box, strict=True)]
+    for away, reason in ((-1e-6, ""), (1e-6, "outside its box")):
+        place = middle.copy()
+        place[axis] = limits.box[side][axis] + outward * away
+        guard.reset()
+        guard.note_answer(DeviceSample(MS, position=tuple(place)))
+        assert guard.why(MS, MS) == reason
 
 
 def test_the_fall_after_a_late_cycle_follows_the_elapsed_time():
@@ -247,5 +260,6 @@ def test_a_sample_is_extrapolated_for_a_limited_time():
     last = DeviceSample(11 * MS, joints=(0.011,), position=(0.0, 0.022, 0.0))
     soon = ahead(last, guard.rates(), 13 * MS)
     assert soon.joints == approx((0.013,)) and soon.position == approx((0.0, 0.026, 0.0))
-    assert ahead(last, guard.rates(), 900 * MS).joints == approx((0.011 + 1e3 * 1e-3 * HORIZON,))
+    assert ahead(last, guard.rates(), 900 * MS).joints == approx((0.016,)), "1 rad/s for 5 ms"
+    assert ahead(last, guard.rates(), 900 * MS).position == approx((0.0, 0.032, 0.0)), "2 m/s for 5 ms"
     assert ahead(last, ((), ()), 13 * MS) == last

@@ -27,10 +27,10 @@ FULL_SCALE, PER_TORQUE = 4096, 10_000.0
 ANYWHERE = ((-math.inf,) * 3, (math.inf,) * 3)
 FALCON_BOX = ((-0.09, -0.09, 0.06), (0.09, 0.09, 0.185))
 ROWS = {
-    # command, power [W], speed [m/s], box [m], delay, ramp [s], each, silence [s]
-    "falcon": (FULL_SCALE / PER_TORQUE, 8.0, 1.5, FALCON_BOX, 3, 0.5, True, 0.5),
-    "inverse3": (10.0, 10.0, 2.0, ANYWHERE, 2, 0.5, False, 0.5),
-    "rawhid": (5.0, 5.0, 1.5, ANYWHERE, 3, 0.5, False, 0.5),
+    # command, power [W], speed [m/s], box [m], delay, ramp [s], each, torque [N m], turn [rad/s], silence [s]
+    "falcon": (FULL_SCALE / PER_TORQUE, 8.0, 1.5, FALCON_BOX, 3, 0.5, True, None, math.inf, 0.5),
+    "inverse3": (10.0, 10.0, 2.0, ANYWHERE, 2, 0.5, False, None, math.inf, 0.5),
+    "rawhid": (5.0, 5.0, 1.5, ANYWHERE, 3, 0.5, False, 0.25, 15.0, 0.5),
 }
 """Except for the Falcon's command, this project chose these numbers; docs/devices.md lists them. Each determines what a
 hand may feel, so a change must be made in the code, in the page and here."""
@@ -90,6 +90,35 @@ def test_any_command_of_a_node_is_limited_in_size_and_power(name):
     sent = np.array(moving.apply((1e3,) * 3, now, now))
     rate = np.array([30.0] * 3 if name == "falcon" else [0.5 * speed, 0.0, 0.0])
     assert sent @ rate == approx(min(power, limit / (1.0 if name == "falcon" else math.sqrt(3)) * rate.sum()))
+
+
+def test_a_raw_hid_device_of_joints_has_limits_of_torque_and_angular_speed():
+    """5 N on a lever of 0.05 m, and 1.5 m/s on one of 0.1 m, not 5 N m and 300 rad/s."""
+    limits = LIMITS["rawhid"]
+    for rate, stopped in ((14.0, False), (16.0, True), (-16.0, True), (300.0, True)):
+        guard = Guard(limits, ramp=0.0)
+        for k in range(1, 12):
+            guard.note_answer(DeviceSample(k * 1_000_000, joints=(0.0, 1e-3 * rate * k, 0.0)))
+        now = 11 * 1_000_000
+        assert guard.why(now, now) == ("too fast" if stopped else ""), rate
+    still = Guard(limits, ramp=0.0)
+    still.note_answer(DeviceSample(1, joints=(0.0,) * 3))
+    assert still.apply((5.0, -5.0, 2.5), 2, 2) == approx((0.25, -0.25, 0.125))
+    assert 0.25 / 0.05 == limits.command and 15.0 * 0.1 == approx(limits.speed)
+    # While the command falls after an invalid sample it is still a torque.
+    still.note_answer(DeviceSample(3, homed=False))
+    assert max(map(abs, still.apply((5.0, -5.0, 2.5), 4, 4))) <= 0.25
+
+
+def test_angles_that_are_no_numbers_remove_the_force():
+    guard = Guard(LIMITS["rawhid"], ramp=0.0)
+    guard.note_answer(DeviceSample(1, joints=(math.nan, 0.0, 0.0)))
+    assert guard.why(2, 2) == "no angles" and not any(guard.apply((1.0, 0.0, 0.0), 2, 2))
+
+
+def test_the_page_states_the_limits_of_joints():
+    text = " ".join(PAGE.split())
+    assert "0.25 N m a joint" in text and "15 rad/s" in text
 
 
 def test_the_largest_torque_of_a_falcon_gives_its_largest_motor_word():

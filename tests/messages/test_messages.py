@@ -217,6 +217,24 @@ def test_a_message_shares_read_only_arrays_and_copies_others():
     assert load.foot == (0.0, 0.0, 0.0) and type(load.foot[0]) is float and type(load.normal) is tuple
 
 
+@pytest.mark.parametrize(
+    "arrange", [np.asfortranarray, lambda a: np.repeat(a, 2, axis=1)[:, ::2], lambda a: a[::-1, ::-1]]
+)
+def test_an_array_in_another_order_in_memory_is_sent_in_the_order_of_its_indices(arrange):
+    """Every other field is of its type already, so that only the order in memory is wrong. The bytes on the wire are read
+    with the package msgpack."""
+    nodes, forces = np.arange(3, dtype="<i4"), arrange(np.arange(9.0).reshape(3, 3))
+    for array in (nodes, forces):
+        array.setflags(write=False)
+    assert not forces.flags.c_contiguous and forces.dtype == "<f8"
+    load = Load(nodes=nodes, forces=forces, foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+    assert load.forces.flags.c_contiguous
+    sent = msgpack.unpackb(pack(load))["forces"]
+    data = next(value for value in (sent.values() if isinstance(sent, dict) else sent) if isinstance(value, bytes))
+    assert np.frombuffer(data, "<f8").reshape(3, 3).tolist() == forces.tolist()
+    assert unpack(pack(load), Load).forces.tolist() == forces.tolist()
+
+
 def test_arrays_with_the_same_length_symbol_have_equal_lengths():
     with pytest.raises(MessageError, match=r"Load.forces: found shape \(2, 3\), expected \(3, 3\)"):
         Load(nodes=np.zeros(3, "<i4"), forces=np.zeros((2, 3)), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, Generic, TypeVar
 
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.frame import FrameRules, Refused
 
 LEAST = 3  # lower bound of attempts, in case the machine stalls until the deadline
 
@@ -38,12 +39,17 @@ class PortDriver(Generic[P]):
     """A driver that opens and closes its connection.
 
     connect  opens the connection, which has a method `close`
+    rules    what its frames say about themselves
+    refused  number of frames that were no samples, by reason
     """
 
     name: ClassVar[str]
 
+    rules: ClassVar[FrameRules]
+
     def __init__(self, connect: Callable[[], P]) -> None:
         self.connect = connect
+        self.refused = Refused()
         self._port: Any = None
 
     @property

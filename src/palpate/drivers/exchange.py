@@ -7,10 +7,12 @@ requested, and sends zero force when it stops.
 import contextlib
 import threading
 import time
+from collections import Counter
 from typing import ClassVar, Protocol
 
 from palpate.drivers.connected import LEAST
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.frame import FrameRules, absent
 from palpate.drivers.guard import DeviceSample, Guard, ahead
 from palpate.drivers.limits import Limits
 
@@ -26,14 +28,17 @@ class Driver(Protocol):
 
     name: ClassVar[str]
     limits: Limits
+    rules: ClassVar[FrameRules]
+    """What its frames say about themselves. Frames that are no samples are counted by reason in `refused`."""
     size: int
-    """Number of values in a command."""
+    """Number of values in a command; 0: a sensor."""
 
     def open(self) -> None:
         """Find and initialise the device. DeviceError: not possible; says what to do."""
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        """Send a command and return one answer; None if none arrived within a few periods.
+        """Send a command and return one answer; None if none arrived within a few periods. If the numbers of a frame are
+        invalid by `rules`, the answer is `frame.absent`.
 
         DeviceError: the device is lost.
         """
@@ -57,6 +62,8 @@ class Exchange:
         self._fault: DeviceError | None = None
         self.lost: DeviceError | None = None  # the error, while waiting for a lost device
         self._notes: list[str] = []
+        self._reported: dict[str, int] = {}
+        self._outage, self._outages = 0, 0  # time of the last sample before an outage of a sensor, and their number
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.answers = 0
@@ -77,11 +84,30 @@ class Exchange:
         if self._fault is not None:
             raise self._fault
         sample, rates = self._newest
-        return sample if sample is None or not sample.homed else ahead(sample, rates, time.monotonic_ns())
+        now = time.monotonic_ns()
+        if sample is not None and not self.driver.size and now - sample.time > PAUSE * 1e9:
+            if self._outage != sample.time:
+                self._outage, self._outages = sample.time, self._outages + 1
+            return absent(now)  # the last force of a sensor is not the present one
+        return sample if sample is None or not sample.homed else ahead(sample, rates, now)
 
     def notes(self) -> list[str]:
         """New lines for the user; each is returned once."""
         notes, self._notes = self._notes, []
+        return notes + self._refusals()
+
+    def _refusals(self) -> list[str]:
+        """Each reason for which answers are left out: at its first one, and the total at the end."""
+        refused = getattr(self.driver, "refused", None)  # a driver of a user may have none
+        counted: dict[str, int] = dict(refused) if isinstance(refused, Counter) else {}
+        counts = {f"answers {why}: left out": count for why, count in counted.items()}
+        if self._outages:
+            counts[f"outages of more than {PAUSE:g} s: no force meanwhile"] = self._outages
+        ended, notes = self._stop.is_set(), []
+        for text, count in counts.items():
+            if text not in self._reported or (ended and count > self._reported[text]):
+                notes.append(f"the {self.driver.name}: {count} {text}" + ("" if ended else "; more are counted"))
+                self._reported[text] = count
         return notes
 
     def stop(self) -> None:

@@ -1,10 +1,10 @@
 """The last step before a command is sent: limits commands of any node to what is safe for the device.
 
 A gain between 0 and 1 multiplies the command. It ramps up to 1 within the ramp time, and down to 0 within FALL on any
-of these conditions: the device is not homed, answers are missing, the command is stale, the dead-man button is not
-held, the grip is too fast or outside its box. If the condition ends before the gain is 0, the difference between the
-last and the new command also fades within FALL, so that the force does not jump. One factor for all components limits
-the command and its power, which keeps the direction.
+of these conditions: the device is not homed or its numbers are invalid, answers are missing, the command is stale, the
+dead-man button is not held, the grip or a joint is too fast, or the grip is outside its box. If the condition ends
+before the gain is 0, the difference between the last and the new command also fades within FALL, so that the force does
+not jump. One factor for all components limits the command and its power, which keeps the direction.
 """
 
 import math
@@ -57,6 +57,7 @@ class Guard:
         self.gain, self.missed, self._then = 0.0, 0, 0
         self._stopped, self._share = True, 0.0
         self._sent: tuple[float, ...] = ()
+        self._jointed = False  # whether the last valid sample had joints, so that commands are torques
         self._rest: tuple[float, ...] = ()
         self._samples: deque[DeviceSample] = deque(maxlen=HISTORY + 1)
 
@@ -70,6 +71,7 @@ class Guard:
             self._samples.clear()
         elif not self._samples or sample.time > self._samples[-1].time:
             self._samples.append(sample)
+            self._jointed = bool(sample.joints)
 
     def why(self, now: int, given: int) -> str:
         """Why a command given at `given` [ns] must not be sent at `now` [ns]; empty if it may be sent."""
@@ -82,6 +84,10 @@ class Guard:
             return "the command is old"
         if self.deadman and not last.buttons & self.deadman:
             return "the dead-man button is not held"
+        if not all(map(math.isfinite, last.joints)):
+            return "no angles"
+        if not all(abs(rate) <= self.limits.turn for rate in self._rate("joints")):
+            return "too fast"
         if last.position:
             low, high = self.limits.box
             if not all(a <= x <= b for a, x, b in zip(low, last.position, high, strict=True)):
@@ -120,8 +126,11 @@ class Guard:
         largest = max(map(abs, command), default=0.0)
         if largest == 0.0 or not all(map(math.isfinite, command)):
             return (0.0,) * len(command)
-        length = 1.0 if self.limits.each else math.hypot(*(c / largest for c in command))
-        scale = min(1.0, self.limits.command / length / largest)  # this order avoids overflow
+        most, each = self.limits.command, self.limits.each
+        if self._jointed and self.limits.torque is not None:
+            most, each = self.limits.torque, True
+        length = 1.0 if each else math.hypot(*(c / largest for c in command))
+        scale = min(1.0, most / length / largest)  # this order avoids overflow
         return tuple(scale * c for c in command)
 
     def rates(self) -> tuple[tuple[float, ...], tuple[float, ...]]:

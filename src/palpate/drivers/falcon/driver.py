@@ -9,6 +9,7 @@ from statistics import median_low
 from palpate.drivers.connected import PortDriver
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import NAME, firmware, frames
+from palpate.drivers.frame import SATURATED, FrameRules, absent
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.ftdi import Ftdi, payload
@@ -22,7 +23,17 @@ LARGEST = 120  # [counts] limit of an accepted deviation: about 4 mm
 BELIEVED = 4  # consistent samples in a row that are accepted despite a jump
 AGREE = 60  # [counts] largest difference of two consistent samples: 2 m/s at 1 kHz
 
+RANGE = (-4096, 4096)
+"""[counts] of an encoder: 149 degrees each way. In the box of the device's limits they are between -3811 and 2836."""
+JUMPS = "with encoders that jump"
+NOWHERE = "with angles at which the arms do not meet"
+
 Counts = tuple[int, int, int]
+
+
+def encode(values: Counts, status: int = frames.HOMED, number: int = 0, measured: int = 0) -> bytes:
+    """A frame: three counts, and the state byte with the homed bits."""
+    return frames.report(values, status & 0xF, tuple(bool(status & 0x10 << i) for i in range(3)))  # type: ignore[arg-type]
 
 
 class FalconDriver(PortDriver[Ftdi]):
@@ -36,6 +47,7 @@ class FalconDriver(PortDriver[Ftdi]):
     name = NAME
     limits = LIMITS["falcon"]
     size = 3
+    rules = FrameRules(("rad", "m"), encode, good=frames.HOMED, homed=frames.HOMED, counts=RANGE, bridged=BELIEVED - 1)
 
     def __init__(
         self,
@@ -57,6 +69,7 @@ class FalconDriver(PortDriver[Ftdi]):
         self.last: Counts | None = None
         self.last_at, self.rate = 0, (0.0, 0.0, 0.0)
         self.doubted: list[Counts] = []
+        self.rejected = 0
         self.state = frames.HOMING | frames.RED
         self.reader.clear()
         self.port = self.connect()
@@ -100,21 +113,24 @@ class FalconDriver(PortDriver[Ftdi]):
         reading = frames.read(frame)
         now = self.clock()
         if not all(reading.homed):
-            self.state, self.last = frames.HOMING | frames.RED, None
-            return DeviceSample(now, buttons=reading.buttons, homed=False)
+            self.state, self.last, self.rejected = frames.HOMING | frames.RED, None, 0
+            return absent(now, reading.buttons)
         self.state = frames.HOMING | frames.GREEN  # the firmware requires that the homing bit stays on
         counts = self._reject_outlier(reading.counts, now)
         if counts is None:
-            return DeviceSample(now, buttons=reading.buttons, homed=False)
+            return absent(now, reading.buttons)
         a, b, c = (FALCON.zero + n * FALCON.count for n in counts)
         ok, x, y, z = forward_kernel(self.geometry, a, b, c, *self.place)
-        if ok and math.isfinite(x + y + z):
-            self.place = x, y, z
+        if not (ok and math.isfinite(x + y + z)):
+            self.refused[NOWHERE] += 1
+            return absent(now, reading.buttons)
+        self.place = x, y, z
         return DeviceSample(now, (a, b, c), self.place, reading.buttons)
 
     def _reject_outlier(self, counts: Counts, now: int) -> Counts | None:
         """Outlier rejection: the counts, or the last valid ones if these are implausible. `BELIEVED` consistent samples
-        in a row are accepted; None before the first of them.
+        in a row are accepted; None before the first of them, and after as many that are not consistent or not within
+        the range of the encoders.
 
         The frames have no checksum: a wrong nibble, except the lowest, is an error of at least 16 counts.
         """
@@ -125,15 +141,23 @@ class FalconDriver(PortDriver[Ftdi]):
                 if elapsed > 0.0:
                     a, b, c = ((c - b) / max(elapsed, UNEVEN) for c, b in zip(counts, self.last, strict=True))
                     self.rate = a, b, c
-                self.last, self.last_at, self.doubted = counts, now, []
+                self.last, self.last_at, self.doubted, self.rejected = counts, now, [], 0
                 return counts
             self.glitches += 1
+        saturated = self.rules.saturated(counts)
+        self.rejected += 1
         if self.doubted and max(abs(c - b) for c, b in zip(counts, self.doubted[-1], strict=True)) > AGREE:
             self.doubted = []
         self.doubted.append(counts)
+        if saturated:
+            self.doubted = []
         if len(self.doubted) >= BELIEVED:
             a, b, c = (median_low(column) for column in zip(*self.doubted, strict=True))  # robust against an outlier
             self.last, self.last_at, self.rate, self.doubted = (a, b, c), now, (0.0, 0.0, 0.0), []
+            self.rejected = 0
+        elif self.rejected >= BELIEVED:
+            self.refused[SATURATED if saturated else JUMPS] += 1
+            self.last = None
         return self.last
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ LENGTH = 16
 BASE = 0x41
 LARGEST = 4096  # largest motor word
 WORD_PER_TORQUE = -1.0e4  # [1/(N m)] empirical, of the open driver
+HOMED = 0x70  # bits of the device's state byte: each encoder has passed its mark
 HOMING, GREEN, BLUE, RED = 0x1, 0x2, 0x4, 0x8  # bits of the host's state byte
 
 

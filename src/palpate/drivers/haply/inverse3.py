@@ -8,13 +8,14 @@ state only after a command, which may be zero. Units: m, N.
 import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from palpate.drivers.connected import PortDriver, attempts
 from palpate.drivers.emulate.faults import EmulatedFaults, FaultSchedule
 from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError, package
+from palpate.drivers.frame import FOREIGN, FrameRules, absent
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.burst import MOST, burst
@@ -25,6 +26,11 @@ ADDRESS = "ws://localhost:10001"
 PATIENCE = 0.005  # [s] timeout for a state
 FARTHEST = 1e3  # [m] a coordinate beyond it is a fault of the service
 CALM = 10  # [1] cycles without backlog after which a state counts as current
+ENCODED = "A1"  # the device in an encoded message
+STATUS: dict[int | str, str] = {
+    "calibrated": "not calibrated", "power_supply": "no power supply", "ready": "not ready", "started": "not started",
+}  # fmt: skip
+"""Flags of `inverse3[].status`, in messages that have one (docs.haply.co, Inverse SDK, WebSocket protocol)."""
 GRIPS = ("wireless_verse_grip", "verse_grip")
 
 
@@ -51,13 +57,31 @@ def entries(message: dict[str, Any], kind: str) -> list[Any]:
 
 
 def position(device: dict[str, Any]) -> tuple[float, float, float] | None:
-    """The cursor position [m] of a device's entry; None if missing, not finite, or farther than `FARTHEST`."""
+    """The cursor position [m] of a device's entry; None if a coordinate is missing, no number, not finite, or farther
+    than `FARTHEST`."""
     try:
         given = device["state"]["cursor_position"]
-        coordinates = float(given["x"]), float(given["y"]), float(given["z"])
-    except (KeyError, TypeError, ValueError, OverflowError):
+        x, y, z = given["x"], given["y"], given["z"]
+    except (KeyError, TypeError):
         return None
-    return coordinates if all(abs(each) <= FARTHEST for each in coordinates) else None
+    if not all(type(each) in (int, float) and abs(each) <= FARTHEST for each in (x, y, z)):
+        return None
+    return float(x), float(y), float(z)
+
+
+def status_fault(device: dict[str, Any]) -> str:
+    """Why the position of a device's entry is invalid by its status; empty: it is valid, or the entry has no status."""
+    status = device.get("status")
+    named = [text for name, text in STATUS.items() if isinstance(status, dict) and status.get(name) is False]
+    return f"with a status of {', '.join(named)}" if named else ""
+
+
+def encode(values: Sequence[Any], status: Sequence[str] = (), number: int = 0, measured: int = 0) -> str:
+    """A message with one device: its position, and the flags of its status that are false."""
+    place = dict(zip("xyz", values, strict=True))
+    flags = {str(name): name not in status for name in STATUS}
+    device = {"device_id": ENCODED, "state": {"cursor_position": place}, "status": flags}
+    return json.dumps({"inverse3": [device]})
 
 
 def buttons(message: dict[str, Any]) -> int:
@@ -81,6 +105,7 @@ class Inverse3Driver(PortDriver[WebSocket]):
     name = NAME
     limits = LIMITS["inverse3"]
     size = 3
+    rules = FrameRules(("m",), encode, STATUS, good=())
 
     def __init__(self, connect: Callable[[], WebSocket], device: str = "") -> None:
         super().__init__(connect)
@@ -109,12 +134,14 @@ class Inverse3Driver(PortDriver[WebSocket]):
         self.calm = self.calm + 1 if len(texts) < MOST else 0
         if not texts or self.calm < CALM:
             return None
-        message = state(texts[-1])
+        message, now = state(texts[-1]), time.monotonic_ns()
         for device in entries(message, "inverse3"):
             if isinstance(device, dict) and str(device.get("device_id")) == self.chosen:
-                place = position(device)
-                if place is not None:
-                    return DeviceSample(time.monotonic_ns(), position=place, buttons=buttons(message))
+                place, pressed = position(device), buttons(message)
+                if why := status_fault(device) or (FOREIGN if place is None else ""):
+                    self.refused[why] += 1
+                    return absent(now, pressed)
+                return DeviceSample(now, position=place or (), buttons=pressed)
         return None
 
 

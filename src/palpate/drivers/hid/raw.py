@@ -7,10 +7,12 @@ import math
 import struct
 import time
 from binascii import crc_hqx
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from palpate.drivers.connected import PortDriver, attempts
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.frame import FROZEN, LATE, SATURATED, FrameOrder, FrameRules, Measured, absent
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.burst import burst
@@ -26,6 +28,7 @@ HOMED, TRIPPED, FAULT = 1, 2, 4  # flags of a state
 TORQUES = 1  # flag of an info: counts are of joints, commands are torques
 PATIENCE = 0.004  # [s] timeout for a state
 WATCHDOG = 20  # [ms] without a command after which the device switches its motors off
+LARGEST_COUNT = (1 << 31) - 1
 _COMMAND, _STATE, _INFO = struct.Struct("<BBHBBH6h"), struct.Struct("<BBHHBBI6iH"), struct.Struct("<BBHBB6f6f")
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # the bits of each byte in reverse order
 
@@ -97,6 +100,11 @@ def unpack(report: bytes) -> RawCommand | RawState | Info | None:
     return None
 
 
+def encode(values: Sequence[int], status: int = HOMED, number: int = 0, measured: int = 0) -> bytes:
+    """A state: up to six counts, flags, its sequence number, and the time of the counts [us]."""
+    return pack(RawState(number, 0, status, len(values), measured, (*values, *(0,) * (AXES - len(values))), 0))
+
+
 def fits(entry: dict[str, Any]) -> bool:
     """Whether a device of hidapi's list may support the protocol; `open` then checks its answer."""
     return entry.get("usage_page") == USAGE_PAGE and entry.get("usage") == USAGE
@@ -108,9 +116,13 @@ class RawHidDriver(PortDriver[HidPort]):
     name = NAME
     limits = LIMITS["rawhid"]
     size = 3
+    rules = FrameRules(
+        ("m", "rad"), encode, {FAULT: "a fault"}, good=HOMED, homed=HOMED, numbers=1 << 16, measured=1 << 32,
+        counts=(-LARGEST_COUNT, LARGEST_COUNT - 1),
+    )  # fmt: skip
 
     def open(self) -> None:
-        self.sequence, self.last = 0, -1
+        self.begin()
         self.port = self.connect()
         self.info = self._ask()
         axes = self.info.axes
@@ -119,6 +131,11 @@ class RawHidDriver(PortDriver[HidPort]):
         scales = (*self.info.per_count[:axes], *self.info.per_unit[:axes])
         if not all(math.isfinite(s) and s != 0.0 for s in scales):
             raise DeviceError(f"the {NAME} reports scales of {scales}, expected none to be 0: check its firmware.")
+
+    def begin(self) -> None:
+        """Accept any next number and time of the device."""
+        self.sequence = 0
+        self.order, self.measured = FrameOrder(self.rules), Measured()
 
     def _ask(self) -> Info:
         for _ in attempts(1.0):
@@ -144,25 +161,33 @@ class RawHidDriver(PortDriver[HidPort]):
         state = self._newest(time.monotonic() + PATIENCE)
         if state is None:
             return None
-        self.last = state.sequence
         now = time.monotonic_ns()
+        at = self.measured.arrival(state.time, now)
         if state.flags & FAULT:
             raise DeviceError(f"the {NAME} reports a fault. Switch it off and on; check its firmware.")
         if not state.flags & HOMED:
-            return DeviceSample(now, buttons=state.buttons, homed=False)
+            return absent(now, state.buttons)
         axes = self.info.axes
+        why = SATURATED if self.rules.saturated(state.counts[:axes]) else FROZEN if self.measured.frozen(now) else ""
+        if why:
+            self.refused[why] += 1
+            return absent(now, state.buttons)
         where = tuple(n * s for n, s in zip(state.counts[:axes], self.info.per_count, strict=False))
         where += (0.0,) * (3 - axes)
         if self.info.flags & TORQUES:
-            return DeviceSample(now, joints=where, buttons=state.buttons)
-        return DeviceSample(now, position=where, buttons=state.buttons)
+            return DeviceSample(at, joints=where, buttons=state.buttons)
+        return DeviceSample(at, position=where, buttons=state.buttons)
 
     def _newest(self, deadline: float) -> RawState | None:
-        """The newest state with a new sequence number; None if none arrives before `deadline` [s]."""
-        port = self.port
-        while (left := deadline - time.monotonic()) > 0.0:
-            for report in reversed(burst(lambda timeout: port.read(LENGTH, timeout), left)):
+        """The newest state; None if none arrives before `deadline` [s]. Late and repeated ones are left out."""
+        port, newest = self.port, None
+        while newest is None and (left := deadline - time.monotonic()) > 0.0:
+            for report in burst(lambda timeout: port.read(LENGTH, timeout), left):
                 message = unpack(report)
-                if isinstance(message, RawState) and message.sequence != self.last:
-                    return message
-        return None
+                if not isinstance(message, RawState):
+                    continue
+                if self.order.take(message.sequence):
+                    newest = message
+                else:
+                    self.refused[LATE] += 1
+        return newest

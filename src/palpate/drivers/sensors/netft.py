@@ -13,12 +13,13 @@ import time
 import urllib.error
 import urllib.request
 import xml.etree.ElementTree as xml
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from palpate.drivers.connected import PortDriver
 from palpate.drivers.emulate.faults import EmulatedFaults, FaultSchedule
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.frame import FROZEN, LATE, SATURATED, FrameOrder, FrameRules, Measured, absent
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.drivers.transport.burst import burst
@@ -30,6 +31,16 @@ REQUEST, SAMPLE = struct.Struct(">HHI"), struct.Struct(">III6i")
 MAGIC, STOP, STREAM = 0x1234, 0, 2
 PATIENCE = 0.05  # [s] timeout for a sample
 RENEW = 1.0  # [s] of silence after which the stream is requested again
+STATUS: dict[int | str, str] = {
+    1 << 0: "temperature out of range", 1 << 1: "supply voltage out of range", 1 << 2: "broken gage",
+    1 << 3: "busy, which affects the data", 1 << 5: "hardware error", 1 << 7: "calibration not accessible",
+    1 << 27: "gage out of range", 1 << 28: "simulated error", 1 << 29: "calibration checksum",
+    1 << 30: "force or torque out of range", 1 << 31: "error",
+}  # fmt: skip
+"""Bits of the status word: ATI, manual 9610-05-Ethernet Axia-09, table 4.7; 9620-05-C-Ethernet Axia-02, table 5.7. In
+the older Net Box the lower bits have other meanings, and all of them are errors too."""
+LATCHED, ANY = 1 << 16, 1 << 31  # a monitor condition, which the user has set, is no error; it also sets bit 31
+LARGEST_COUNT = (1 << 31) - 1
 FORCES = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665, "gf": 9.80665e-3}
 TORQUES = {
     "Nm": 1.0, "N-m": 1.0, "Nmm": 1e-3, "N-mm": 1e-3, "kNm": 1e3, "kN-m": 1e3, "lbf-in": 0.1129848290276167,
@@ -65,6 +76,11 @@ def scale(text: bytes) -> Scale:
     return Scale(FORCES[units[0]] / force, TORQUES[units[1]] / torque)
 
 
+def encode(values: Sequence[int], status: int = 0, number: int = 0, measured: int = 0) -> bytes:
+    """A sample: six counts, status word, its number, and that of the measurement."""
+    return SAMPLE.pack(number, measured, status, *values)
+
+
 class NetFTDriver(PortDriver[Udp]):
     """The sensor at an address.
 
@@ -76,18 +92,26 @@ class NetFTDriver(PortDriver[Udp]):
     name = NAME
     limits = Limits(0.0, 0.0, float("inf"), silence=2.5 * RENEW)
     size = 0
+    rules = FrameRules(
+        ("N", "N m"), encode, STATUS, valid=(0, LATCHED, LATCHED | ANY), numbers=1 << 32, measured=1 << 32,
+        counts=(-LARGEST_COUNT, LARGEST_COUNT - 1),
+    )  # fmt: skip
 
     def __init__(self, host: str, rdt: int = PORT, web: int = 80) -> None:
         super().__init__(lambda: Udp(host, rdt, NAME))
         self.host, self.web = host, web
-        self.lost = 0  # [1] samples missing in the sequence
+        self.order, self.measured = FrameOrder(self.rules), Measured()
+
+    @property
+    def lost(self) -> int:
+        """[1] Samples missing in the sequence."""
+        return self.order.lost
 
     def open(self) -> None:
         if not self.host:
             raise DeviceError(f"the {NAME} is on the network: give its address as `port`, 192.168.1.1 as delivered.")
         self.scale = scale(self._page())
         self.port = self.connect()
-        self.number = -1
         self._ask(STREAM)
 
     def _page(self) -> bytes:
@@ -103,23 +127,35 @@ class NetFTDriver(PortDriver[Udp]):
 
     def _ask(self, command: int) -> None:
         self.port.write(REQUEST.pack(MAGIC, command, 0))
+        self.order.restart()  # a sensor numbers the samples of each request from 1
         self.asked = time.monotonic()
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        samples = [data for data in burst(self.port.read, PATIENCE) if len(data) == SAMPLE.size]
-        if not samples:
+        newest = None
+        for data in burst(self.port.read, PATIENCE):
+            if len(data) != SAMPLE.size:
+                continue
+            if self.order.take(SAMPLE.unpack(data)[0]):
+                newest = data
+            else:
+                self.refused[LATE] += 1
+        if newest is None:
             if time.monotonic() - self.asked > RENEW:
                 self._ask(STREAM)
             return None
         self.asked = time.monotonic()
-        number, _, _, *counts = SAMPLE.unpack(samples[-1])
-        if self.number >= 0 and number > self.number + 1:
-            self.lost += number - self.number - 1
-        self.number = number
+        return self._sample(*SAMPLE.unpack(newest))
+
+    def _sample(self, _: int, measured: int, status: int, *counts: int) -> DeviceSample:
+        now = time.monotonic_ns()
+        at = self.measured.arrival(measured, now)
+        why = self.rules.fault(status) or (SATURATED if self.rules.saturated(counts) else "")
+        why = why or (FROZEN if self.measured.frozen(now) else "")
+        if why:
+            self.refused[why] += 1
+            return absent(now)
         force, torque = self.scale
-        return DeviceSample(
-            time.monotonic_ns(), wrench=(*(c * force for c in counts[:3]), *(c * torque for c in counts[3:]))
-        )
+        return DeviceSample(at, wrench=(*(c * force for c in counts[:3]), *(c * torque for c in counts[3:])))
 
     def close(self) -> None:
         with contextlib.suppress(DeviceError):
@@ -188,7 +224,7 @@ class EmulatedNetFT:
                 continue
             counts = [round(w * self.COUNTS) for w in self.wrench(now)]
             with contextlib.suppress(OSError):
-                self.socket.sendto(SAMPLE.pack(number & 0xFFFFFFFF, number & 0xFFFFFFFF, 0, *counts), peer)
+                self.socket.sendto(encode(counts, 0, number & 0xFFFFFFFF, number & 0xFFFFFFFF), peer)
 
     def close(self) -> None:
         self._stop.set()
