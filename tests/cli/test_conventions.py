@@ -279,7 +279,7 @@ def test_keys_lists_the_given_key(tmp_path, monkeypatch):
     keys.make("mine"), keys.make("theirs")
     run = CliRunner().invoke
     assert "theirs" not in run(app, ["remote", "keys", "mine"]).stdout
-    for name, expected in (("a/b", "expected a name of letters"), ("third", "there is no key 'third'")):
+    for name, expected in (("a/b", "expected a name of at most 100 letters"), ("third", "there is no key 'third'")):
         refused = run(app, ["remote", "keys", name])
         assert refused.exit_code and expected in refused.output + str(refused.exception)
 

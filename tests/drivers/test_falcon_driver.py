@@ -214,8 +214,8 @@ def test_glitches_are_rejected_and_a_real_jump_is_accepted():
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize(("jump", "accepted"), [(0.2e-3, True), (-0.2e-3, True), (1.5e-3, False), (-1.5e-3, False)])
 def test_a_grip_at_rest_does_not_jump_by_more_than_it_can_move_in_a_millisecond(axis, jump, accepted):
-    """At the 0.4 mm of the documentation, a grip at rest would reach 0.4 m/s within 1 ms: 400 m/s². The path is given at
-    the grip; the emulator's inverse kinematics make the counts of it."""
+    """At the 0.4 mm of the documentation, a grip at rest would reach 0.4 m/s within 1 ms: 400 m/s². The path is that
+    of the grip; the emulator's inverse kinematics make the counts of it."""
     driver, device, time = pair(loaded=True)
     driver.open()
     homed(driver, time)

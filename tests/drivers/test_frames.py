@@ -276,9 +276,10 @@ def test_a_monitor_condition_of_a_net_ft_is_no_error(status):
 
 @pytest.mark.parametrize(
     ("status", "text"),
-    [(0x80000001, "temperature"), (0x80000002, "supply voltage"), (0x80000004, "broken gage"), (0x88000000, "gage out"),
+    [(0x80000001, "temperature"), (0x80000002, "supply voltage"), (0x80000004, "broken gauge"),
+     (0x88000000, "gauge out"),
      (0x10000000, "simulated"), (0xA0000000, "checksum"), (0xC0000000, "force or torque out of range"),
-     (0x80000000, "error"), (0x88010000, "gage out")],
+     (0x80000000, "error"), (0x88010000, "gauge out")],
 )  # fmt: skip
 def test_the_bit_patterns_of_the_manual_are_errors(status, text):
     """ATI, manual 9610-05-Ethernet Axia-09, table 4.9."""

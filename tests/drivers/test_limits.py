@@ -104,7 +104,7 @@ def test_a_raw_hid_device_of_joints_has_limits_of_torque_and_angular_speed():
     still = Guard(limits, ramp=0.0)
     still.note_answer(DeviceSample(1, joints=(0.0,) * 3))
     assert still.apply((5.0, -5.0, 2.5), 2, 2) == approx((0.25, -0.25, 0.125))
-    assert 0.25 / 0.05 == limits.command and 15.0 * 0.1 == approx(limits.speed)
+    assert limits.command == 0.25 / 0.05 and approx(limits.speed) == 15.0 * 0.1
     # While the command falls after an invalid sample it is still a torque.
     still.note_answer(DeviceSample(3, homed=False))
     assert max(map(abs, still.apply((5.0, -5.0, 2.5), 4, 4))) <= 0.25

@@ -221,8 +221,8 @@ def test_a_message_shares_read_only_arrays_and_copies_others():
     "arrange", [np.asfortranarray, lambda a: np.repeat(a, 2, axis=1)[:, ::2], lambda a: a[::-1, ::-1]]
 )
 def test_an_array_in_another_order_in_memory_is_sent_in_the_order_of_its_indices(arrange):
-    """Every other field is of its type already, so that only the order in memory is wrong. The bytes on the wire are read
-    with the package msgpack."""
+    """Every other field is of its type already, so that only the order in memory is wrong. The bytes on the wire are
+    read with the package msgpack."""
     nodes, forces = np.arange(3, dtype="<i4"), arrange(np.arange(9.0).reshape(3, 3))
     for array in (nodes, forces):
         array.setflags(write=False)

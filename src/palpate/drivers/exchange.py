@@ -37,8 +37,8 @@ class Driver(Protocol):
         """Find and initialise the device. DeviceError: not possible; says what to do."""
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        """Send a command and return one answer; None if none arrived within a few periods. If the numbers of a frame are
-        invalid by `rules`, the answer is `frame.absent`.
+        """Send a command and return one answer; None if none arrived within a few periods. The answer is `frame.absent`
+        if the numbers of a frame are invalid by `rules`.
 
         DeviceError: the device is lost.
         """

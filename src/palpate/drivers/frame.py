@@ -14,10 +14,10 @@ from typing import Any
 from palpate.drivers.guard import SILENT, DeviceSample
 
 LATE, FROZEN, SATURATED, FOREIGN = (
-    "late or repeated", "without a new measurement for 20 ms", "with an encoder or gage at the end of its range",
+    "late or repeated", "without a new measurement for 20 ms", "with an encoder or gauge at the end of its range",
     "without numbers",
 )  # fmt: skip
-"""Why a frame is no sample, besides its status."""
+"""Why a frame is no sample, in addition to its status."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class FrameOrder:
 
 
 class Measured:
-    """Detects a measurement that stands still although the frames continue. A device that always sends 0 has no number
+    """Detects a frozen measurement while the frames continue. A device that always sends 0 has no number
     or time of its measurements."""
 
     def __init__(self) -> None:

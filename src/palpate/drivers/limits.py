@@ -3,8 +3,9 @@
 Commands are forces [N], or torques [N m] of the device's arms. This project chose all numbers for careful use; they are
 not from data sheets. The Falcon's torque is that of a motor word of 4096 at 10 000 per N m, the factor of libnifalcon
 (FalconKinematicStamper::getForces), which has no limit there. At (0, 0, 0.11) m, 0.4096 N m per arm give 7 to 17 N,
-consistent with the specified 9 N. A raw-HID device of joints does not state the lengths of its levers: 0.25 N m is 5 N on
-a lever of 0.05 m, and 15 rad/s is 1.5 m/s on one of 0.1 m. `tests/drivers/test_limits.py` compares each number with docs/devices.md.
+consistent with the specified 9 N. A raw-HID device of joints does not state the lengths of its levers:
+0.25 N m is 5 N on a lever of 0.05 m, and 15 rad/s is 1.5 m/s on one of 0.1 m. `tests/drivers/test_limits.py` compares
+each number with docs/devices.md.
 """
 
 import math

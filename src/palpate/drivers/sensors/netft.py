@@ -32,9 +32,9 @@ MAGIC, STOP, STREAM = 0x1234, 0, 2
 PATIENCE = 0.05  # [s] timeout for a sample
 RENEW = 1.0  # [s] of silence after which the stream is requested again
 STATUS: dict[int | str, str] = {
-    1 << 0: "temperature out of range", 1 << 1: "supply voltage out of range", 1 << 2: "broken gage",
+    1 << 0: "temperature out of range", 1 << 1: "supply voltage out of range", 1 << 2: "broken gauge",
     1 << 3: "busy, which affects the data", 1 << 5: "hardware error", 1 << 7: "calibration not accessible",
-    1 << 27: "gage out of range", 1 << 28: "simulated error", 1 << 29: "calibration checksum",
+    1 << 27: "gauge out of range", 1 << 28: "simulated error", 1 << 29: "calibration checksum",
     1 << 30: "force or torque out of range", 1 << 31: "error",
 }  # fmt: skip
 """Bits of the status word: ATI, manual 9610-05-Ethernet Axia-09, table 4.7; 9620-05-C-Ethernet Axia-02, table 5.7. In

@@ -22,7 +22,7 @@ def keys(
     """
     from palpate.launch.run.wire import keys as known
 
-    made = known.make(name or known.NAME) if make else None
+    made = known.make(known.NAME if name is None else name) if make else None
     if name is not None:
         known.load(name)
     paths = {path.stem: path for path in sorted(known.folder().glob("*.json")) if name in (None, path.stem)}
