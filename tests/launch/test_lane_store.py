@@ -85,6 +85,54 @@ def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blo
     assert not ran
 
 
+def spoiled(folder, name):
+    """Each way in which the files of a block may be damaged: what is done to the file of the middle block."""
+    file = folder / name / "c" / "1"
+    file = file if file.is_file() else next(each for each in file.rglob("*") if each.is_file())
+    content = file.read_bytes()
+    yield "removed", file.unlink
+    yield "cut", lambda: file.write_bytes(content[: len(content) // 2])
+    yield "empty", lambda: file.write_bytes(b"")
+    yield "changed", lambda: file.write_bytes(content[:-3] + bytes([content[-3] ^ 1]) + content[-2:])
+    yield "longer", lambda: file.write_bytes(content + b"x")
+    yield "of another block", lambda: file.write_bytes(next(
+        each for each in (folder / name / "c").rglob("*") if each.is_file() and each != file
+    ).read_bytes())  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["contact.force", "controller.force", "notes"])
+def test_blocks_whose_files_were_damaged_are_computed_again(tmp_path, small_blocks, monkeypatch, name):
+    """The call returned at once, and the array had other numbers: fill values for a missing file."""
+    folder, ran = tmp_path / "t.zarr", []
+    whole = touches().run(out=folder, quiet=True).load()
+    files = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    run = lane_blocks.LaneRunner.run
+    monkeypatch.setattr(lane_blocks.LaneRunner, "run", lambda self, *given: ran.append(self) or run(self, *given))
+    ways = [way for way, _ in spoiled(folder, name)]
+    assert len(ways) == 6
+    for way in ways:
+        dict(spoiled(folder, name))[way]()
+        with pytest.warns(
+            RuntimeWarning, match=r"1 of 3 blocks of lanes, the first at lane 4, were changed or removed"
+        ):
+            again = touches().run(out=folder, quiet=True)
+        assert len(ran) == 1, way
+        ran.clear()
+        assert again.load().identical(whole), way
+        assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == files, way
+    assert touches().run(out=folder, quiet=True).load().identical(whole) and not ran
+
+
+@pytest.mark.parametrize("name", ["time", "lane", "tissue.stiffness"])
+def test_a_store_with_damaged_coordinates_is_refused(tmp_path, small_blocks, name):
+    touches().run(out=tmp_path / "t.zarr", quiet=True)
+    next(each for each in (tmp_path / "t.zarr" / name / "c").rglob("*") if each.is_file()).unlink()
+    with pytest.raises(
+        ArgumentError, match=r"the files of its coordinates were changed or removed.* Remove the folder"
+    ):
+        touches().run(out=tmp_path / "t.zarr", quiet=True)
+
+
 def test_a_full_disk_is_one_line_and_loses_no_block(tmp_path, small_blocks):
     """It was a traceback of zarr without the path of the store."""
     touches().run(out=tmp_path / "whole.zarr", quiet=True)

@@ -5,6 +5,7 @@ import json
 import math
 import re
 import resource
+import shutil
 import time
 
 import numba
@@ -168,6 +169,32 @@ def test_a_second_run_computes_missing_points_and_reports_changes(ball, pool, tm
     assert other.table()["peak ball.force"][0] == pytest.approx(hertz(1e4, 1e-3, radius=4e-3))
     assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == [], "the former study is complete"
     assert len(Store(tmp_path, write=False).rows) == 14
+
+
+@pytest.mark.parametrize("what", ["removed", "cut", "empty", "all", "times removed"])
+def test_points_whose_curves_were_damaged_are_computed_again(ball, pool, tmp_path, what):
+    """The rows were kept, and the curves of a missing file were NaN."""
+    study = palpate.Study(ball, OVER, KEEP)
+    whole = study.run(tmp_path, pool).xarray()["curve ball.force"].to_numpy().copy()
+    name = "curve ball.force time" if what == "times removed" else "curve ball.force"
+    file = next(each for each in sorted((tmp_path / "curves.zarr" / name / "c").rglob("*")) if each.is_file())
+    content = file.read_bytes()
+    match what:
+        case "all":
+            shutil.rmtree(tmp_path / "curves.zarr")
+        case "cut":
+            file.write_bytes(content[: len(content) // 2])
+        case "empty":
+            file.write_bytes(b"")
+        case _:
+            file.unlink()
+    with pytest.warns(RuntimeWarning, match=r"the curves of 6 points were changed or removed"):
+        Store(tmp_path, write=False)
+    with pytest.warns(RuntimeWarning, match=r"the curves of 6 points were changed or removed"):
+        assert len(computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool)) == 6
+    again = palpate.Study(ball, OVER, KEEP)
+    assert computed(again, tmp_path, pool) == []
+    assert np.array_equal(again.xarray()["curve ball.force"].to_numpy(), whole)
 
 
 def test_curves_of_different_lengths_are_stored_in_one_folder(ball, pool, tmp_path):

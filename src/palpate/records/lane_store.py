@@ -1,7 +1,13 @@
-"""Results of an ensemble in a zarr store that grows block by block, so that an interrupted run can be continued."""
+"""Results of an ensemble in a zarr store that grows block by block, so that an interrupted run can be continued.
+
+zarr reads a missing file as fill values, and another program may have cut or changed one. So the head of the store has
+a checksum of the files of each block: when a run continues, blocks with other files are computed again.
+"""
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -90,12 +96,16 @@ class LaneStore:
         if lock is None:
             raise ArgumentError(f"out: another run writes to {path}; expected another folder, or wait for its end")
         self._lock = lock
+        self._names = (*(field.name for field in fields), "error", NOTES)
+        self._coordinates = ("lane", "time", *settings)
         try:
             with self._disk_errors():
                 self._open(zarr, {"graph": graph, "coordinates": " ".join(settings), "identity": identity})
                 if "lanes_done" not in self._group.attrs:  # new, or its creation was ended
                     self._create(lanes, time, settings)
-                    self._group.attrs["lanes_done"] = []
+                    self._set({"lanes_done": [], "checksums": "", "created": self._coordinate_sum()})
+                else:
+                    self._check()
         except BaseException:
             self.close()
             raise
@@ -142,6 +152,74 @@ class LaneStore:
                 part = values[first : first + CHUNK]
                 array[first : first + CHUNK] = as_texts(part) if kind is str else as_coordinate(part)
 
+    def _check(self) -> None:
+        """Count blocks whose files were changed since they were written as missing. ArgumentError: the coordinates were
+        changed."""
+        if self._group.attrs.get("created") != self._coordinate_sum():
+            raise ArgumentError(
+                f"out: {self.path}: the files of its coordinates were changed or removed since they were written; "
+                "expected them unchanged. Remove the folder to compute all lanes"
+            )
+        known = self._sums()
+        blocks = [first for first in range(0, self._lanes, self._size) if first not in set(self.missing)]
+        wrong = [first for first in blocks if known.get(first) != self._block_sum(first)]
+        if not wrong:
+            return
+        for first in wrong:
+            for name in self._names:
+                for file in self._files(name, first):
+                    file.unlink()
+        self._note_done([first for first in blocks if first not in wrong], known)
+        warnings.warn(
+            f"{self.path}: the files of {len(wrong)} of {len(blocks)} blocks of lanes, the first at lane {wrong[0]}, "
+            "were changed or removed since they were written. These lanes are computed again",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+
+    def _files(self, name: str, first: int) -> list[Path]:
+        """The files of a variable with the block that begins with this lane: at most one."""
+        folder = self.path / name / "c" / str(first // self._size)
+        return [folder] if folder.is_file() else sorted(file for file in folder.rglob("*") if file.is_file())
+
+    def _block_sum(self, first: int) -> str:
+        """Checksum of the files of a block: their names, lengths and bytes. zarr writes no file of fill values."""
+        return self._sum_of(file for name in self._names for file in self._files(name, first))
+
+    def _coordinate_sum(self) -> str:
+        return self._sum_of(
+            file for name in self._coordinates for file in sorted((self.path / name / "c").rglob("*")) if file.is_file()
+        )
+
+    def _sum_of(self, files: Iterable[Path]) -> str:
+        total = 0
+        for file in files:
+            content = file.read_bytes()
+            total = zlib.crc32(f"{file.relative_to(self.path).as_posix()} {len(content)} ".encode(), total)
+            total = zlib.crc32(content, total)
+        return f"{total:08x}"
+
+    def _sums(self) -> dict[int, str]:
+        """The stored checksum of each block, by its first lane."""
+        pairs = (word.partition(":") for word in str(self._group.attrs.get("checksums", "")).split())
+        return {int(first): value for first, _, value in pairs if first.isdecimal()}
+
+    def _note_done(self, firsts: Iterable[int], sums: Mapping[int, str]) -> None:
+        """Count these blocks as done: `lanes_done` has the ranges, each from a lane up to another one."""
+        joined: list[list[int]] = []
+        for first in sorted(firsts):
+            end = min(first + self._size, self._lanes)
+            if joined and first == joined[-1][1]:
+                joined[-1][1] = end
+            else:
+                joined.append([first, end])
+        text = " ".join(f"{first}:{sums[first]}" for first in sorted(firsts) if first in sums)
+        self._set({"lanes_done": joined, "checksums": text})
+
+    def _set(self, attributes: Mapping[str, Any]) -> None:
+        """Set attributes of the head in one write: `attrs.update` makes one of each."""
+        self._group = self._group.update_attributes(dict(attributes))
+
     @property
     def missing(self) -> list[int]:
         """First lanes of the blocks without results."""
@@ -161,21 +239,16 @@ class LaneStore:
     def write(
         self, first: int, columns: Sequence[np.ndarray], errors: Mapping[int, str], notes: Mapping[int, str]
     ) -> None:
-        """Write the results of a block, then count its lanes as done: `lanes_done` has the ranges, each from a lane up
-        to another one."""
+        """Write the results of a block, then count its lanes as done."""
         with self._disk_errors():
             end = first + len(columns[0])
             for field, column in zip(self._fields, columns, strict=True):
                 self._group[field.name][first:end] = field.decode_words(column)
             for name, texts in (("error", errors), (NOTES, notes)):
                 self._group[name][first:end] = np.array([texts.get(lane, "") for lane in range(first, end)], object)
-            joined: list[list[int]] = []
-            for begin, stop in sorted([*self._group.attrs["lanes_done"], [first, end]]):
-                if joined and begin == joined[-1][1]:
-                    joined[-1][1] = stop
-                else:
-                    joined.append([begin, stop])
-            self._group.attrs["lanes_done"] = joined
+            sums = self._sums() | {first: self._block_sum(first)}
+            missing = set(self.missing) - {first}
+            self._note_done([each for each in range(0, self._lanes, self._size) if each not in missing], sums)
 
     def close(self) -> None:
         """Let other processes write to the store."""

@@ -4,13 +4,14 @@
     curves.zarr       one array (points, samples) per curve and one for its times [s]; NaN after the end of a curve
     recordings/       kept recordings
     study.json        graph, scene, versions and arithmetic of the stored points, by the `base` of the rows
-    log.jsonl         time, place and duration of each computed point
+    log.jsonl         date and duration of each computed point, and a checksum of its curves
     unwritten.jsonl   rows that are not in points.parquet yet, after a kill
 
 Rows are looked up by key and never removed: a study that is changed back finds its old points. Files are written under
 another name and then renamed, so that a full disk or a kill leaves the old files intact. The table is written now and
 then; the curves of a block of points, and then its rows in unwritten.jsonl, when it is computed, so that a kill loses
-no finished block.
+no finished block. A point whose curves do not have the checksum of the log is computed again, because zarr reads a
+missing file as NaN.
 """
 
 import contextlib
@@ -19,6 +20,8 @@ import itertools
 import json
 import math
 import time
+import warnings
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -77,6 +80,7 @@ class Store:
             ) from None
         self.rows = {row["key"]: {k: v for k, v in row.items() if v is not None} for row in rows}
         self._written, self._took, self._changed = time.monotonic(), 0.0, write and self._unwritten.exists()
+        self._drop_damaged()
         self.flush()
 
     def _read(self) -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -126,7 +130,8 @@ class Store:
             for name, (times, values) in one.curves.items():
                 curves.setdefault(f"{name} time", {})[point.slot] = times
                 curves.setdefault(name, {})[point.slot] = values
-            logged += json.dumps({"key": point.key, "seconds": round(one.seconds, 3), "date": when}) + "\n"
+            entry = {"key": point.key, "seconds": round(one.seconds, 3), "date": when, "curves": _curve_sum(one.curves)}
+            logged += json.dumps(entry) + "\n"
             row = rows[point.key] = {
                 "key": point.key, "base": base, "slot": point.slot, **point.labels, **one.numbers,
                 **({"recording": point.recording.name} if point.recording and not one.error else {}),
@@ -166,6 +171,66 @@ class Store:
 
     # -- curves --------------------------------------------------------------------------------------------------
 
+    def _drop_damaged(self) -> None:
+        """Forget the points whose curves are not those of the log."""
+        logged = self._logged() if self.rows else {}
+        wanted = {row["slot"]: sums for key, row in self.rows.items() if (sums := logged.get(key))}
+        if not wanted:
+            return
+        found = self._stored_curves(wanted)
+        damaged = {slot for slot, sums in wanted.items() if sums != _curve_sum(found[slot])}
+        if damaged:
+            self.rows = {key: row for key, row in self.rows.items() if row["slot"] not in damaged}
+            self._changed = self._lock is not None
+            warnings.warn(
+                f"{self.folder}: the curves of {len(damaged)} points were changed or removed since they were written. "
+                "Run the study again to compute these points",
+                RuntimeWarning,
+                stacklevel=2,
+            )
+
+    def _logged(self) -> dict[str, str]:
+        """The checksum of the curves of each point that has curves, by key, from the log. Points of an older log have
+        none."""
+        sums: dict[str, str] = {}
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            check_readable(self.folder / "log.jsonl", LARGEST)
+            for line in (self.folder / "log.jsonl").read_text(encoding="utf-8").splitlines():
+                with contextlib.suppress(ValueError, KeyError, TypeError):  # the last line may be torn
+                    entry = json.loads(line)
+                    sums[entry["key"]] = entry.get("curves") or ""
+        return sums
+
+    def _stored_curves(self, slots: Iterable[int]) -> dict[int, dict[str, tuple[np.ndarray, np.ndarray]]]:
+        """The stored curves of each slot; those that cannot be read are left out. Files that cannot be read are removed
+        if this process may write, because zarr reads a file before it replaces a part of it."""
+        found: dict[int, dict[str, tuple[np.ndarray, np.ndarray]]] = {slot: {} for slot in slots}
+        with contextlib.suppress(Exception):  # zarr raises many types for a damaged store
+            group: Any = zarr.open_group(self.folder / "curves.zarr", mode="r")
+            for name in [name for name in group.array_keys() if f"{name} time" in group]:
+                step = group[name].chunks[0]
+                for first in sorted({slot - slot % step for slot in found}):
+                    if (rows := self._rows(group, name, first, step)) is not None:
+                        times, values = rows
+                        for slot in set(found) & set(range(first, first + min(len(times), len(values)))):
+                            count = int(np.isfinite(times[slot - first]).sum())
+                            if count:
+                                found[slot][name] = times[slot - first][:count], values[slot - first][:count]
+        return found
+
+    def _rows(self, group: Any, name: str, first: int, step: int) -> list[np.ndarray] | None:
+        """Times and values of the curves in one file each, from a row; None if one cannot be read."""
+        read: list[np.ndarray] = []
+        for each in (f"{name} time", name):
+            try:
+                read.append(group[each][first : first + step])
+            except Exception:  # of zarr or of a codec: a file that was cut
+                folder = self.folder / "curves.zarr" / each / "c" / str(first // group[each].chunks[0])
+                for file in list(folder.rglob("*")) if self._lock is not None else ():
+                    with contextlib.suppress(OSError):
+                        file.unlink()
+        return read if len(read) == 2 else None
+
     def _write_curves(self, added: Mapping[str, Mapping[int, np.ndarray]]) -> None:
         group: Any = zarr.open_group(self.folder / "curves.zarr", mode="a") if added else {}
         for name, curves in added.items():
@@ -192,6 +257,16 @@ class Store:
 
     def _disk_errors(self) -> contextlib.AbstractContextManager[None]:
         return disk_errors(self.folder, f"All points in {self._table.name} stay")
+
+
+def _curve_sum(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:
+    """Checksum of the names, times and values of curves; empty without one."""
+    total, given = 0, {name: curve for name, curve in curves.items() if len(curve[0])}
+    for name in sorted(given):
+        total = zlib.crc32(f"{name} {len(given[name][0])} ".encode(), total)
+        for numbers in given[name]:
+            total = zlib.crc32(np.ascontiguousarray(numbers, dtype="<f8").tobytes(), total)
+    return f"{total:08x}" if given else ""
 
 
 def _column(values: list[Any]) -> Any:
