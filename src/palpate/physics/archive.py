@@ -37,9 +37,10 @@ def replacing(path: Path, cached: bool = False) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part{path.suffix}")
+    part.unlink(missing_ok=True)
     try:
-        if cached:
-            os.close(os.open(part, os.O_WRONLY | os.O_CREAT, 0o644))
+        # A new file, never a link that another user has put there in a shared folder.
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644 if cached else 0o666))
         yield part
         part.replace(path)
     finally:

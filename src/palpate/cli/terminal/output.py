@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +17,24 @@ if TYPE_CHECKING:
     from palpate.messages import Message
 
 
-def console(**options: Any) -> Console:
-    """A rich console on standard output, without markup, since paths and hints contain brackets."""
-    from rich.console import Console
+_CONTROLS = {code: chr(0x2400 + code) if code < 0x20 else "\N{REPLACEMENT CHARACTER}" for code in (
+    *range(0x20), *range(0x7F, 0xA0)) if chr(code) not in "\t\n\r"}  # fmt: skip
+"""Control characters and what is printed for them: a terminal would obey those in a file or a report, for example write
+to its clipboard."""
 
-    return Console(**{"highlight": False, "markup": False, **options})
+
+def console(**options: Any) -> Console:
+    """A rich console on standard output, without markup, since paths and hints contain brackets. Control characters in
+    a text are shown, not obeyed."""
+    from rich.console import Console
+    from rich.segment import Segment
+
+    class PlainConsole(Console):
+        def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
+            for segment in super().render(renderable, options):
+                yield segment if segment.control else Segment(segment.text.translate(_CONTROLS), segment.style)
+
+    return PlainConsole(**{"highlight": False, "markup": False, **options})
 
 
 def print_json(data: Any) -> None:
