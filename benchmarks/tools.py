@@ -66,7 +66,7 @@ def compute(tool: str, lanes: int, launch: LaunchFile, folder: Path) -> int:
     """Run a tool; returns the number of touches that it has computed."""
     from palpate.studies import fit_body, rates, search, tune
     from palpate.studies.psychophysics import observer
-    from palpate.studies.psychophysics.opening import open_sitting
+    from palpate.studies.psychophysics.opening import OF_EXPERIMENT, open_sitting
 
     duration = launch.duration or 0.0
     if tool == "study":
@@ -82,8 +82,9 @@ def compute(tool: str, lanes: int, launch: LaunchFile, folder: Path) -> int:
         return lanes
     if tool == "experiment":
         counts = count_calls(observer, "execute", lambda *args: 1)
-        with open_sitting("kidney-stiffness", folder, None, None, [], False, lambda text: None) as sitting:
-            sitting.simulate(None, lambda trial: None)
+        opening = open_sitting("kidney-stiffness", folder, None, None, [], False, lambda text: None, OF_EXPERIMENT)
+        with opening as sitting:
+            sitting.simulate(lambda trial: None)
         return sum(counts)
     counts = [  # of each call of `compare` the reference and the variants; of each recorded touch 1
         count_calls(module, "compare", lambda recording, variants, **given: 1 + len(variants))

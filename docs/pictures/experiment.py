@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 from palpate.studies.psychophysics.analysis import analyse, save
-from palpate.studies.psychophysics.opening import open_sitting
+from palpate.studies.psychophysics.opening import OF_EXPERIMENT, open_sitting
 from palpate.studies.psychophysics.pictures import draw_answers
 from palpate.views.page import serve
 
@@ -26,8 +26,9 @@ def main(folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as results:
         data = Path(results)
         for participant in ("01", "02"):
-            with open_sitting(NAME, data, participant, None, [], True, lambda text: None) as sitting:
-                sitting.simulate(None, lambda trial: None)
+            opening = open_sitting(NAME, data, participant, None, [], True, lambda text: None, OF_EXPERIMENT)
+            with opening as sitting:
+                sitting.simulate(lambda trial: None)
         outcomes = analyse(data)
         save(outcomes, data)
         shutil.copyfile(draw_answers(outcomes, data)[0], target)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from palpate.launch.load.recording import new_folder, recording_name
 from palpate.launch.run.execute import execute
 from palpate.launch.run.notes import warn
 from palpate.physics.errors import ArgumentError, RunError
+from palpate.physics.scratch import ScratchFolder
 from palpate.views.run import Run
 
 
@@ -69,7 +69,7 @@ def run(
         if record is True:
             file = ending.enter_context(new_folder(name)) / f"{name}.mcap"
         elif record is None or record is False:
-            temporary = tempfile.TemporaryDirectory(prefix="palpate-")
+            temporary = ScratchFolder("run")
             file = Path(temporary.name) / f"{name}.mcap"
         else:
             file = recording_name(check_path("record", record), "record")

@@ -1,5 +1,6 @@
 """`palpate experiment` from the shell, with a simulated observer."""
 
+import contextlib
 import json
 import math
 import os
@@ -17,6 +18,7 @@ from palpate.records.verify import verify
 from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import EXPERIMENTS, load
 from palpate.studies.psychophysics.opening import open_sitting
+from palpate.studies.psychophysics.session import Answer
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.sweeps.keep import kept_results
 
@@ -32,6 +34,9 @@ blocks:
   main: {procedure: constant, levels: [2e3, 4e3], repeats: 2}
 observer: {feels: peak contact.force, noise: 1e-9}
 """
+BY_LEVEL = TEXT.replace("feels: peak contact.force, noise: 1e-9", "threshold: 1, spread: 1, duration: 5 ms")
+"""The observer answers by the level, so that its runs are short."""
+MAGNITUDE = TEXT.replace("reference: 3e3\n", "").replace("2afc", "magnitude")
 
 
 def call(*words):
@@ -91,7 +96,7 @@ def test_an_observer_feels_exactly_what_is_in_the_recordings(mine, tmp_path, mon
     monkeypatch.setattr(simulated, "Run", lambda file: read.append(file) or counted(file))
     with open_sitting(str(mine(text)), tmp_path / "out", None, None, [], False, lambda text: None) as sitting:
         settings = simulated.ObserverSettings(feels=feels)
-        observer = simulated.SimulatedObserver(sitting.stimuli, settings, "01", 1, 0)
+        observer = simulated.SimulatedObserver(sitting.stimuli, settings).seat("01", 1, 0)
         felt, ask = [], observer.ask
         monkeypatch.setattr(observer, "ask", lambda trial: felt.append(list(observer._felt)) or ask(trial))
         sitting.run(observer)
@@ -179,13 +184,59 @@ STEPS = "procedure: staircase, start: 4e3, steps:"
         (changed_text("noise: 1e-9", "nose: 1"), "observer: unknown key 'nose'"),
         (changed_text("feels: peak contact.force, ", ""), "expected either `feels`, or `threshold` and `spread`"),
         (changed_text("peak contact.force", "peak contact.fors"), "Did you mean 'force'?"),
+        (changed_text("peak contact.force", "curve contact.force contact.indentation"), "expected"),
+        (TEXT + 'participants: {ann: {age: "3\\t4"}}\n', "found '3\\t4', expected a text for a table: it has a tab"),
+        (TEXT + "participants: {ann: {participant_id: 3}}\n", "expected a text for a table: it is the column of the"),
+        (changed_text("main:", '"ma\\nin":'), "a name is stored in a table: it has a line break"),
+        (changed_text("main:", '"":'), "a name is stored in a table: it is empty"),
+        (MAGNITUDE.replace("feels: peak contact.force", "threshold: 1, spread: 1"), "an observer of magnitudes needs"),
         ("[]", "expected a mapping with graph"),
     ],
 )  # fmt: skip
 def test_errors_are_reported_before_the_first_trial(mine, tmp_path, text, output_text):
     done = call(mine(text), "--simulate", "-o", "out")
     assert done.exit_code == 2 and output_text in done.output, done.output
-    assert "Traceback" not in done.output and not list(tmp_path.glob("out/sourcedata/**/*.mcap"))
+    assert "Traceback" not in done.output and not (tmp_path / "out").exists()
+
+
+class Scripted:
+    """A participant who gives these answers, without runs."""
+
+    def __init__(self, answers):
+        self.answers = list(answers)
+
+    def show(self, trial, title, text, pause=0.0):
+        pass
+
+    def present(self, trial, interval, launch):
+        launch.record.touch()
+
+    def ask(self, trial):
+        return Answer(self.answers.pop(0), 0.5)
+
+
+def test_an_answer_with_a_tab_is_stored_as_its_number_and_the_session_resumes(mine, tmp_path):
+    """Stored as it was typed, the row was unreadable, and resuming dropped it and all later ones."""
+    text = MAGNITUDE
+    given = str(mine(text)), tmp_path / "out", None, None, [], True, lambda text: None
+    with open_sitting(*given) as sitting, contextlib.suppress(IndexError):
+        sitting.run(Scripted(["5\t", " 7", "1_0"]))
+    with open_sitting(*given) as sitting:
+        assert [row["response"] for row in sitting.table.rows] == ["5", "7", "10"] and not sitting.ended
+        sitting.run(Scripted(["2.50"]))
+        assert sitting.table.rows[-1]["response"] == "2.5"
+    with open_sitting(*given[:5], False, lambda text: True) as sitting:
+        assert sitting.participant == "02"  # the session of the first is complete
+
+
+def test_a_corrected_experiment_uses_the_folder_of_the_one_with_the_error(mine, tmp_path):
+    """Also errors of the page's graph: no trial is stored, so the new version replaces the old one."""
+    text = BY_LEVEL
+    other = mine(text.replace("levels", "pause_every: 3, levels"))
+    with open_sitting(str(other), tmp_path / "out", None, None, [], False, lambda text: None):
+        pass
+    assert (tmp_path / "out").exists()
+    assert call(mine(text), "--simulate", "-o", "out").exit_code == 0
 
 
 def test_an_unwritable_folder_is_reported(mine, tmp_path):
@@ -207,14 +258,14 @@ def test_a_damaged_table_is_recovered_up_to_the_last_trial_with_a_note(mine, tmp
 
 
 def test_a_changed_experiment_is_not_resumed(mine):
-    text = TEXT.replace("feels: peak contact.force, noise: 1e-9", "threshold: 1, spread: 1, duration: 5 ms")
+    text = BY_LEVEL
     assert call(mine(text), "--simulate", "-o", "out").exit_code == 0
     done = call(mine(text.replace("4e3", "5e3")), "--simulate", "-o", "out", "--participant", "02")
     assert done.exit_code == 2 and "another version of this experiment" in done.output
 
 
 def test_only_participants_of_the_experiment_file_are_accepted(mine, tmp_path):
-    text = TEXT.replace("feels: peak contact.force, noise: 1e-9", "threshold: 1, spread: 1, duration: 5 ms")
+    text = BY_LEVEL
     file = mine(text + "participants: {ann: {age: 30}, bob: {age: 41}}\n")
     for _ in range(2):
         assert call(file, "--simulate", "-o", "out").exit_code == 0
@@ -262,4 +313,4 @@ def test_the_shipped_experiments_can_be_simulated(file, tmp_path):
     settings = simulated.load(source.sub("observer"))
     with open_sitting(str(file), tmp_path, None, None, [], False, lambda text: None) as sitting:
         assert sitting.trial.total > 40
-        simulated.SimulatedObserver(stimuli, settings, "01", 1, 0)
+        simulated.SimulatedObserver(stimuli, settings)

@@ -75,7 +75,7 @@ class Sessions:
         self.stimuli = Stimuli(self.experiment, source, file)
 
     def outcome(self, number: int) -> Outcome:
-        observer = SimulatedObserver(self.stimuli, self.settings, "01", number, 0)
+        observer = SimulatedObserver(self.stimuli, self.settings).seat("01", number, 0)
         order, rows = schedule(self.stimuli, "01", number), []
         trial = next(order)
         while True:

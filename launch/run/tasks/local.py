@@ -5,7 +5,6 @@ with a secret (`link`). Other users of the machine or the network therefore cann
 """
 
 import contextlib
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import Pipe
@@ -13,6 +12,7 @@ from pathlib import Path
 
 from palpate.compiler.cores import usable_cores
 from palpate.launch.run.tasks.runner import Runner, runner, starts_with
+from palpate.physics.scratch import ScratchFolder
 
 
 def cores() -> int:
@@ -29,7 +29,7 @@ def local(workers: int, log: Path) -> Iterator[ThreadPoolExecutor]:
     ended, end = Pipe(duplex=False)
     runners: list[Runner] = []
     with (
-        tempfile.TemporaryDirectory(prefix="palpate-study-", ignore_cleanup_errors=True) as scratch,
+        ScratchFolder("study") as scratch,
         open(log, "wb") as printed,
         ended,
         end,

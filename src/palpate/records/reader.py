@@ -2,11 +2,13 @@
 
 import tempfile
 from pathlib import Path
-from typing import IO
 
+from palpate.physics.scratch import ScratchFolder
 from palpate.records.differences import Report
 from palpate.records.fill import explain_difference, fill
 from palpate.records.stored import RecordingError, Stored
+
+_FILLED = "all.mcap"
 
 
 class Recording(Stored):
@@ -17,15 +19,16 @@ class Recording(Stored):
 
     def __init__(self, path: str | Path) -> None:
         super().__init__(path)
-        self._filled: IO[bytes] | None = None
-        self.temporary: tempfile.TemporaryDirectory[str] | None = None  # folder of the file, which is removed with this
+        self._filled: ScratchFolder | None = None
+        self.temporary: ScratchFolder | None = None  # folder of the file, which is removed with this
         self.computed = self.as_whole()
 
     def compute(self, tolerance: float | None = None) -> Report:
         """Compute the missing messages of a recording of sources; returns the result of the checks. RecordingError."""
-        filled = tempfile.NamedTemporaryFile(prefix="palpate-", suffix=".mcap")  # noqa: SIM115 - lives with this object
+        filled = ScratchFolder("filled")  # lives with this object
         try:
-            report, _ = fill(self.path, filled, tolerance)
+            with open(Path(filled.name, _FILLED), "w+b") as file:
+                report, _ = fill(self.path, file, tolerance)
         except OSError as error:
             raise RecordingError(f"{self.path}: computing its messages needs space in {tempfile.gettempdir()}: "
                                  f"{error.strerror}; TMPDIR names another folder").as_failure() from None  # fmt: skip
@@ -43,4 +46,4 @@ class Recording(Stored):
                 self._filled = None
                 raise RecordingError(explain_difference(self.path, report, self.about)).as_failure()
         assert self._filled is not None
-        return Path(self._filled.name)
+        return Path(self._filled.name, _FILLED)

@@ -13,7 +13,6 @@ does, with any constants.
 """
 
 import math
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from palpate.nodes.deformation import BeamBundle, MassSpring
 from palpate.physics.bodies import beam_foundation
 from palpate.physics.errors import ArgumentError
 from palpate.physics.materials.voigt import STRAIN_LIMIT
+from palpate.physics.scratch import ScratchFolder
 from palpate.records.changed import change_plan
 from palpate.records.compare import compare
 from palpate.records.player import Player
@@ -81,7 +81,7 @@ def fit_body(
         )
     spec = graph.nodes[name]
     base = list(reference) or [f"{name}.use=deformation.ReducedFE"]
-    with tempfile.TemporaryDirectory() as folder:
+    with ScratchFolder("fit-body") as folder:
         recording = record_touch(launch, Path(folder) / "touch.mcap")
         show("the touch")
         # Compute the touch with the reference and collect indentation and force, or loads and indentations for beams.

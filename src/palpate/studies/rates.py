@@ -10,7 +10,6 @@ counts. Predictions come from motions that the search has not used.
 
 import itertools
 import math
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from pathlib import Path
 from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.errors import ArgumentError
+from palpate.physics.scratch import ScratchFolder
 from palpate.records.changed import change_plan
 from palpate.records.compare import Variant, compare
 from palpate.records.player import Player
@@ -91,7 +91,7 @@ def rates(
     def fresh(count: int) -> Iterator[LaunchFile]:
         return others(launch, reach, itertools.islice(drawn, count))
 
-    with tempfile.TemporaryDirectory() as name:
+    with ScratchFolder("rates") as name:
         folder = Path(name)
         # Search on recordings of the fastest path and of random motions.
         searched = [motions[max(motions)], *fresh(SEARCHED)]

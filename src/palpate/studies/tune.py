@@ -4,7 +4,6 @@ Each candidate computes the touch again (`studies.search`), in parallel with the
 the one closest to full finite elements. The known error of the reference is added to every error.
 """
 
-import tempfile
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -13,6 +12,7 @@ from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.nodes.deformation import bodies
 from palpate.physics.errors import ArgumentError, PalpateError
+from palpate.physics.scratch import ScratchFolder
 from palpate.records.changed import change_plan
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
@@ -59,7 +59,7 @@ class TuneResult(SearchResult):
 def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: None) -> TuneResult:
     """Find the best candidate for a goal, write its launch file and run it."""
     wanted = candidates(launch.load())
-    with tempfile.TemporaryDirectory() as folder:
+    with ScratchFolder("tune") as folder:
         recording = record_touch(launch, Path(folder) / "touch.mcap")
         show("the touch")
         base = reference(recording, wanted)

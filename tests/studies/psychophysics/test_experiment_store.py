@@ -1,10 +1,17 @@
 """The folder of an experiment: rows, recovery after a power cut, participants."""
 
 import json
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from palpate.physics.errors import ArgumentError
+from palpate.studies.psychophysics.cells import decode_row
+from palpate.studies.psychophysics.file import ANSWERS, stored_answer
 from palpate.studies.psychophysics.store import COLUMNS, Table, begin, parse, sessions
 
 ROW = {"block": "main", "track": 1, "level": 4e3, "interval": 2, "response": "first", "hit": 1, "response_time": "0.5"}
@@ -74,6 +81,11 @@ def test_participants_are_listed_once_and_columns_are_added(tmp_path):
     lines = (tmp_path / "participants.tsv").read_text().splitlines()
     assert lines == ["participant_id\tage\thand", "sub-01\t30\tn/a", "sub-02\tn/a\tleft"]
     assert json.loads((tmp_path / "dataset_description.json").read_text())["DatasetType"] == "raw"
+
+
+def test_an_experiment_with_trials_is_not_replaced(filled, tmp_path):
+    begin(tmp_path, "soft", b"a", "01", {})
+    begin(tmp_path, "other", b"b", "01", {})
     with pytest.raises(ArgumentError, match="another version of this experiment"):
         begin(tmp_path, "soft", b"b", "01", {})
 
@@ -82,3 +94,78 @@ def test_sessions_of_a_task_are_found(filled, tmp_path):
     Table(tmp_path, "soft", "01", 7).close()
     Table(tmp_path, "other", "01", 3).close()
     assert sessions(tmp_path, "soft", "01") == [1, 7] and sessions(tmp_path, "soft", "02") == []
+
+
+ANY = st.text(st.characters(codec=None), max_size=8)  # with surrogates, tabs and line breaks
+NUMBERS = st.tuples(st.sampled_from(["", " ", "\t", "\n", "\u2003"]), st.floats().map(repr), ANY).map("".join)
+WORDS = st.sampled_from([word for answers in ANSWERS.values() for word in answers])
+
+
+def read_back(folder):
+    table = Table(folder, "soft", "01", 1)
+    table.close()
+    assert table.recovered is None
+    return table.rows
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.sampled_from(list(ANSWERS)), st.one_of(ANY, NUMBERS, WORDS))
+@example("magnitude", "5\t")
+@example("magnitude", "\n5")
+@example("magnitude", "1_000")
+@example("magnitude", "\uff15")
+@example("magnitude", "1e400")
+@example("2afc", "first\t")
+def test_an_answer_that_is_accepted_is_read_back_equal(response, answer):
+    try:
+        stored = stored_answer(response, answer)
+    except ArgumentError as error:
+        assert f"found {answer!r}, expected" in str(error)
+        return
+    with TemporaryDirectory() as folder:
+        table = Table(Path(folder), "soft", "01", 1)
+        for number in (1, 2):
+            table.add({"trial": number, **ROW, "response": stored})
+        table.close()
+        assert read_back(Path(folder)) == table.rows and [row["response"] for row in table.rows] == [stored] * 2
+    assert stored_answer(response, stored) == stored
+    if response == "magnitude":
+        assert float(stored) == float(answer) and 0.0 < float(answer) < math.inf
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.fixed_dictionaries({}, optional={name: ANY for name in COLUMNS if not name.startswith("recording")}))
+def test_a_row_of_any_texts_is_refused_or_read_back_equal(texts):
+    with TemporaryDirectory() as folder:
+        table = Table(Path(folder), "soft", "01", 1)
+        before = table.path.read_bytes()
+        try:
+            table.add({"trial": 1, **ROW, **texts})
+        except ValueError as error:
+            assert "found" in str(error) or "read back" in str(error)
+            assert table.path.read_bytes() == before and not table.rows
+        table.close()
+        assert read_back(Path(folder)) == table.rows
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.dictionaries(ANY, ANY, max_size=3))
+def test_attributes_of_a_participant_are_refused_or_read_back_equal(about):
+    with TemporaryDirectory() as folder:
+        try:
+            begin(Path(folder), "soft", b"a", "01", about)
+        except ValueError:
+            return
+        begin(Path(folder), "soft", b"a", "02", about)
+        lines = (Path(folder) / "participants.tsv").read_bytes().split(b"\n")[:-1]
+        heads, *rows = map(decode_row, lines)
+        assert heads == list({"participant_id": ""} | about)
+        found = [dict(zip(heads, row, strict=True)) for row in rows]
+        assert found == [about | {"participant_id": f"sub-{number}"} for number in ("01", "02")]
+
+
+def test_an_experiment_without_trials_is_replaced_by_its_corrected_version(tmp_path):
+    begin(tmp_path, "soft", b"a", "01", {})
+    Table(tmp_path, "soft", "01", 1).close()
+    begin(tmp_path, "soft", b"b", "01", {})
+    assert (tmp_path / "code" / "task-soft.yaml").read_bytes() == b"b"

@@ -15,7 +15,6 @@ import pkgutil
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -33,6 +32,7 @@ from palpate.launch.run.work.compiling import compiling
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes.base import CompiledNode
 from palpate.physics.errors import PalpateError
+from palpate.physics.scratch import ScratchFolder
 
 BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
 USUAL = BODIES[:3]
@@ -155,7 +155,7 @@ def compile_usual() -> None:
         second = subprocess.Popen([sys.executable, "-m", __spec__.name, "bodies"], stdin=subprocess.DEVNULL,
                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
     try:
-        with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
+        with ScratchFolder("kernels") as folder:
             compile_all(_report, usual(), Path(folder))
     finally:
         if second is not None:
@@ -173,14 +173,15 @@ def _report(name: str, count: int) -> None:
 
 
 def main(words: Sequence[str]) -> None:
-    folder = Path(tempfile.mkdtemp(prefix="palpate-"))
+    scratch = ScratchFolder("kernels")
+    folder = Path(scratch.name)
 
     def end_if_missing(name: str, count: int) -> None:
         if count:
-            shutil.rmtree(folder, ignore_errors=True)
+            scratch.cleanup()
             os._exit(MISSING)
 
-    try:
+    with scratch:
         match words:
             case ["check"]:
                 compile_all(end_if_missing, usual(), folder)
@@ -198,8 +199,6 @@ def main(words: Sequence[str]) -> None:
                 raise SystemExit(
                     f"found {' '.join(words)!r}, expected nothing, bodies, all, check, or copy and a folder"
                 )
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ http://www.calculix.de. Input files use mm, N and MPa.
 import re
 import shutil
 import subprocess
-import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
@@ -20,6 +19,7 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.physics.materials.hyperelastic import moduli
+from palpate.physics.scratch import ScratchFolder
 from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, ContinuumCurve, Tetrahedra, TissueBlock
 
@@ -46,7 +46,7 @@ def press_block(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCur
     MissingError: CalculiX is not installed. ArithmeticError: it did not converge; quotes the end of its output.
     """
     cut = continuum.tetrahedra(block)
-    with tempfile.TemporaryDirectory() as folder:
+    with ScratchFolder("calculix") as folder:
         whole, status, output = run(deck(cut, levels), Path(folder))
         seconds = whole / len(levels)
         moved = _read(Path(folder) / "run.dat", np.sort(cut.top.ravel()), cut.mesh.points.shape)

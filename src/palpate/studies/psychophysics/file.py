@@ -9,6 +9,7 @@ blocks:
   main: {procedure: staircase, start: 4.5e3, steps: [1.5, 1.25], scale: ratio, rule: 2-down-1-up, reversals: 8}
 """
 
+import math
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,7 +20,9 @@ from palpate.engine.faults import Faults, choices
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.source import YamlSource, read
+from palpate.physics.errors import ArgumentError
 from palpate.studies.files import Text, Whole, fill_struct, locate_file
+from palpate.studies.psychophysics.cells import misfit
 
 EXPERIMENTS = GRAPHS / "experiments"
 ANSWERS: dict[str, dict[str, str]] = {
@@ -139,17 +142,46 @@ def load(path: Path) -> tuple[Experiment, YamlSource]:
     if not given.blocks:
         faults.add("blocks: found none, expected at least one", "", source.place("blocks"))
     given.blocks = {str(name): _block(str(name), source.sub("blocks", name), faults) for name in given.blocks}
-    for name in given.participants if isinstance(given.participants, dict) else ():
-        if not LABEL.fullmatch(name):
-            faults.add(f"participants: found {name!r}, expected letters and digits", "", source.place("participants"))
+    _participants(given, source, faults)
     _answers(given, source, faults)
     _fits(given, source, faults)
     faults.done()
     return given, source
 
 
+def stored_answer(response: str, text: str) -> str:
+    """An answer in the form in which the table stores it and reads it back.
+
+    ArgumentError: it is none of the answers of this kind of response; a magnitude is a finite number above 0.
+    """
+    if ANSWERS[response]:
+        if text in ANSWERS[response]:
+            return text
+        raise ArgumentError(f"found {text!r}, expected one of {', '.join(ANSWERS[response])}")
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if 0.0 < number < math.inf:
+        return repr(number).removesuffix(".0")
+    raise ArgumentError(f"found {text!r}, expected a number above 0")
+
+
+def _participants(given: Experiment, source: YamlSource, faults: Faults) -> None:
+    """Check labels and attributes of the participants, which are the cells of a table."""
+    for name, about in given.participants.items() if isinstance(given.participants, dict) else ():
+        place = source.place("participants", name)
+        if not LABEL.fullmatch(name):
+            faults.add(f"participants: found {name!r}, expected letters and digits", "", place)
+        for text in [str(part) for pair in (about or {}).items() for part in pair]:
+            if why := misfit(text) or ("it is the column of the labels" if text == "participant_id" else ""):
+                faults.add(f"participants: found {text!r}, expected a text for a table: {why}", "", place)
+
+
 def _block(name: str, source: YamlSource, faults: Faults) -> TrialBlock | None:
     data, within = source.data, f"block {name!r}"
+    if why := misfit(name):
+        faults.add(f"{within}: a name is stored in a table: {why}", "", source.place())
     word = data.get("procedure") if isinstance(data, dict) else None
     if not isinstance(word, str) or word not in PROCEDURES:
         faults.add(f"{within}, procedure: found {word!r}", choices("Procedures", str(word), PROCEDURES), source.place())

@@ -74,17 +74,19 @@ def load(source: YamlSource) -> ObserverSettings:
     return given
 
 
-class SimulatedObserver:
-    """Presenter without a participant; each stimulus is computed once. `done` is called after each trial.
+def _ignore(trial: Trial) -> None:
+    pass
 
-    ArgumentError: the graph needs a device, or lacks the quantity that the observer measures.
+
+class SimulatedObserver:
+    """Presenter without a participant; each stimulus is computed once.
+
+    ArgumentError: the graph needs a device, or lacks the quantity that the observer measures, or the observer has no
+    answer of the experiment's kind. Only `seat` depends on the session, so all faults are found before it is opened.
     """
 
-    def __init__(
-        self, stimuli: Stimuli, settings: ObserverSettings, participant: str, session: int, begun: int,
-        done: Callable[[Trial], object] = lambda trial: None,
-    ) -> None:  # fmt: skip
-        self.stimuli, self.settings, self._done = stimuli, settings, done
+    def __init__(self, stimuli: Stimuli, settings: ObserverSettings) -> None:
+        self.stimuli, self.settings = stimuli, settings
         base = stimuli.launch.load()
         devices = [name for name, spec in base.nodes.items() if spec.cls.hardware]
         if devices or stimuli.launch.clock == "real":
@@ -93,12 +95,21 @@ class SimulatedObserver:
         self._feels: tuple[Kept, ...] = kept_results(settings.feels.split(" / "), base) if settings.feels else ()
         if any(one.how == "curve" for one in self._feels):
             raise ArgumentError(f"feels: found {settings.feels!r}, expected a number, such as peak contact.force")
+        if stimuli.experiment.response == "magnitude" and not self._feels:
+            raise ArgumentError("an observer of magnitudes needs `feels`, not a threshold")
         self._prepare = lane.preparation(self._launch, self._feels, {})
-        # A separate random stream: the schedule draws from the same participant and session.
-        entropy = [zlib.crc32(b"observer"), settings.seed, zlib.crc32(participant.encode()), session, begun]
-        self._random = np.random.default_rng(entropy)
+        self._random, self._done = np.random.default_rng(settings.seed), _ignore
         self._known: dict[str, tuple[Path, float]] = {}
         self._felt: list[float] = []
+
+    def seat(
+        self, participant: str, session: int, begun: int, done: Callable[[Trial], object] = _ignore
+    ) -> "SimulatedObserver":
+        """Begin a session after `begun` stored trials; `done` is called after each trial. Returns this observer."""
+        # A separate random stream: the schedule draws from the same participant and session.
+        entropy = [zlib.crc32(b"observer"), self.settings.seed, zlib.crc32(participant.encode()), session, begun]
+        self._random, self._done = np.random.default_rng(entropy), done
+        return self
 
     def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
         pass
@@ -158,8 +169,6 @@ class SimulatedObserver:
 
     def _by_level(self, trial: Trial) -> str:
         kind, given, stimuli = self.stimuli.experiment.response, self.settings, self.stimuli
-        if kind == "magnitude":
-            raise ArgumentError("an observer of magnitudes needs `feels`, not a threshold")
         assert given.threshold is not None and given.spread is not None
         if stimuli.two_sided(trial.block) and trial.level is not None:
             chance = proportion(given.function, trial.level, given.threshold, given.spread, given.lapse, given.lapse)

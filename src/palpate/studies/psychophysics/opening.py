@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.physics.errors import ArgumentError
@@ -21,15 +21,18 @@ if TYPE_CHECKING:
     from palpate.studies.psychophysics.page import ExperimentPage
 
 Sure = Callable[[str], bool | None]  # Asks the user; None: no terminal
+OF_EXPERIMENT = "observer"
+"""The `observer:` of the experiment, where another one is a file."""
 
 
 class Sitting:
     """An open session."""
 
     def __init__(
-        self, stimuli: Stimuli, source: YamlSource, folder: Path, table: Table, participant: str, session: int
-    ) -> None:
-        self.stimuli, self.source, self.folder, self.table = stimuli, source, folder, table
+        self, stimuli: Stimuli, observer: simulated.SimulatedObserver | None, folder: Path, table: Table,
+        participant: str, session: int,
+    ) -> None:  # fmt: skip
+        self.stimuli, self.observer, self.folder, self.table = stimuli, observer, folder, table
         self.participant, self.session = participant, session
         self.order, self.trial = resume_schedule(stimuli, table.rows, table.path, participant, session)
         self.ended = self.trial is None
@@ -40,13 +43,10 @@ class Sitting:
         run(self.stimuli, self.table, self.order, self.trial, presenter)
         self.ended = True
 
-    def simulate(self, file: Path | None, done: Callable[[Trial], object]) -> None:
-        """Run the session with a simulated observer, of a file or of the experiment. ArgumentError, GraphError."""
-        source = self.source.sub("observer") if file is None else read(file)
-        if source.data is None:
-            raise ArgumentError("the experiment has no `observer:`; expected one, or --observer FILE")
-        settings, begun = simulated.load(source), len(self.table.rows)
-        self.run(simulated.SimulatedObserver(self.stimuli, settings, self.participant, self.session, begun, done))
+    def simulate(self, done: Callable[[Trial], object]) -> None:
+        """Run the session with the simulated observer with which it was opened."""
+        assert self.observer is not None
+        self.run(self.observer.seat(self.participant, self.session, len(self.table.rows), done))
 
     def page(self) -> ExperimentPage:
         """The page that runs the session with a participant. PageError."""
@@ -57,23 +57,47 @@ class Sitting:
 
 @contextmanager
 def open_sitting(
-    name: str, out: Path | None, participant: str | None, session: int | None, sets: list[str], resume: bool, sure: Sure
-) -> Iterator[Sitting]:
-    """Open a new session of an experiment, or resume one. GraphError, ArgumentError: it cannot be opened."""
+    name: str, out: Path | None, participant: str | None, session: int | None, sets: list[str], resume: bool,
+    sure: Sure, simulate: Path | Literal["observer"] | None = None,
+) -> Iterator[Sitting]:  # fmt: skip
+    """Open a new session of an experiment, or resume one.
+
+    simulate  a simulated observer: of a file, or `OF_EXPERIMENT`; None: a participant on a page
+
+    GraphError, ArgumentError: it cannot be opened. Nothing is written before the experiment, its observer and its first
+    trial have been checked.
+    """
     path = find(name)
     experiment, source = load(path)
     stimuli = Stimuli(experiment, source, path, sets)
+    observer = _observer(stimuli, source, simulate)
     folder = out or Path("runs", "experiments", path.stem)
     refuse(folder, "study.json", "the results of a study")
     who, number = _choose_session(stimuli, folder, participant, session, resume, sure)
+    resume_schedule(stimuli, [], path, who, number)
     begin(folder, experiment.task, path.read_bytes(), who, _listed_participants(experiment).get(who) or {})
     table = Table(folder, experiment.task, who, number)
     try:
         units = {"Units": stimuli.unit}
         table.describe({"level": {"LongName": stimuli.path, **units}, "reference": units})
-        yield Sitting(stimuli, source, folder, table, who, number)
+        yield Sitting(stimuli, observer, folder, table, who, number)
     finally:
         table.close()
+
+
+def _observer(
+    stimuli: Stimuli, source: YamlSource, simulate: Path | Literal["observer"] | None
+) -> simulated.SimulatedObserver | None:
+    """The simulated observer of a file or of the experiment; checks that of the experiment in any case, because it is
+    stored with the first trial. ArgumentError, GraphError."""
+    settings = None if stimuli.experiment.observer is None else simulated.load(source.sub("observer"))
+    if isinstance(simulate, Path):
+        settings = simulated.load(read(simulate))
+    if simulate is None:
+        return None
+    if settings is None:
+        raise ArgumentError("the experiment has no `observer:`; expected one, or --observer FILE")
+    return simulated.SimulatedObserver(stimuli, settings)
 
 
 def _choose_session(

@@ -1,9 +1,6 @@
 """An experiment on the page of `palpate touch`: texts, intervals with the mouse or a device, questions."""
 
-import contextlib
-import math
 import queue
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -19,7 +16,9 @@ from palpate.launch.run.execute import RunOutcome, execute
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.reports import Prepare
 from palpate.launch.run.work.spawner import Spawner, worker_server
-from palpate.physics.errors import RunError
+from palpate.physics.errors import ArgumentError, RunError
+from palpate.physics.scratch import ScratchFolder
+from palpate.studies.psychophysics.file import stored_answer
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Answer, DisturbedError, Presenter
 from palpate.studies.psychophysics.stimuli import Stimuli
@@ -60,7 +59,7 @@ class ExperimentPage(Live):
 
     def __init__(self, stimuli: Stimuli, session: Callable[[Presenter], None]) -> None:
         self.experiment, self._session = stimuli.experiment, session
-        self._place = tempfile.TemporaryDirectory(prefix="palpate-experiment-")
+        self._place = ScratchFolder("experiment")
         graph, sockets = stimuli.launch.load(), list[Path]()
         self._file: Path | None = None
         self.mouse = not any(spec.cls.hardware for spec in graph.nodes.values())
@@ -118,7 +117,7 @@ class ExperimentPage(Live):
             if panel.get("interval"):
                 self.stopping.set()
             else:
-                _check_answer(panel, order.answer)
+                self._check_answer(panel, order)
                 if self._reloaded:
                     order.seconds = time.monotonic() - self._since
                 self._done.put(order)
@@ -231,6 +230,16 @@ class ExperimentPage(Live):
             total = f" of {trial.total}" if trial.total else ""
             self.say(f"trial {trial.number}{total}{' · ' * bool(what)}{what}")
 
+    def _check_answer(self, panel: dict[str, Any], order: Order) -> None:
+        """Give the answer its stored form. PageError: the panel does not offer this answer."""
+        if panel.get("number"):
+            try:
+                order.answer = stored_answer(self.experiment.response, order.answer)
+            except ArgumentError as error:
+                raise PageError(str(error)) from None
+        elif order.answer not in [button["answer"] for button in panel.get("buttons", ())]:
+            raise PageError(f"found {order.answer!r}, expected one of the answers that are shown")
+
     def _await_answer(self) -> Order:
         """Wait for the participant to complete the panel. ClosedError: the page was closed."""
         while not self._closed.is_set():
@@ -241,14 +250,3 @@ class ExperimentPage(Live):
             if order.shown == self._shown:
                 return order
         raise ClosedError
-
-
-def _check_answer(panel: dict[str, Any], answer: str) -> None:
-    """PageError: the panel does not offer this answer."""
-    if panel.get("number"):
-        with contextlib.suppress(ValueError):
-            if 0.0 < float(answer) < math.inf:
-                return
-        raise PageError(f"found {answer!r}, expected a number above 0")
-    if answer not in [button["answer"] for button in panel.get("buttons", ())]:
-        raise PageError(f"found {answer!r}, expected one of the answers that are shown")

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.physics.errors import ArgumentError, PalpateError
+from palpate.studies.psychophysics.file import stored_answer
 from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.psychophysics.store import NONE, Row, Table
@@ -108,12 +109,13 @@ def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter) -
             break
         except DisturbedError as error:
             presenter.show(trial, f"Trial {trial.number} is repeated", str(error))
-    hit = judge_answer(stimuli, trial, answer.value)
+    response = stored_answer(experiment.response, answer.value)
+    hit = judge_answer(stimuli, trial, response)
     names = [str(file.relative_to(table.folder)) for file in files]
     table.add(
         {
             "trial": trial.number, "block": trial.block, "track": trial.track, "level": _text(trial.level),
-            "reference": _text(stimuli.reference), "interval": trial.interval, "response": answer.value,
+            "reference": _text(stimuli.reference), "interval": trial.interval, "response": response,
             "hit": None if hit is None else int(hit), "response_time": f"{answer.seconds:.3f}", "repeats": repeat,
             "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds"),
             **dict(zip(("recording_1", "recording_2"), names, strict=False)),

@@ -19,6 +19,7 @@ from typing import Any
 from palpate.physics.errors import ArgumentError
 from palpate.physics.writable import lock_file
 from palpate.studies.files import replace
+from palpate.studies.psychophysics.cells import decode_row, encode_row
 
 NONE = "n/a"
 COLUMNS: dict[str, dict[str, Any]] = {
@@ -69,13 +70,17 @@ class Table:
         self._file.close()
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Store a row and the recordings that it lists. OSError: the disk is full."""
+        """Store a row and the recordings that it lists. OSError: the disk is full. ValueError: a text cannot be read
+        back as it is, so nothing is stored."""
+        texts = {name: NONE if row.get(name) is None else str(row[name]) for name in COLUMNS}
+        line = encode_row(list(texts.values()))
+        if (found := _parse_row(line, len(self.rows) + 1)) != texts:
+            raise ValueError(f"{self.path}: the row {texts} would be read back as {found}")
         for name in ("recording_1", "recording_2"):
             if row.get(name, NONE) != NONE:
                 with open(self.folder / row[name], "rb") as recording:
                     os.fsync(recording.fileno())
-        texts = {name: NONE if row.get(name) is None else str(row[name]) for name in COLUMNS}
-        self._write("\t".join(texts.values()))
+        self._write(line)
         self.rows.append(texts)
 
     def recording(self, trial: int, interval: int, repeat: int) -> Path:
@@ -91,8 +96,8 @@ class Table:
         """Write the data dictionary of the columns, with the additions in `about`."""
         write_json(self.path.with_suffix(".json"), {name: text | about.get(name, {}) for name, text in COLUMNS.items()})
 
-    def _write(self, line: str) -> None:
-        data = f"{line}\n".encode()
+    def _write(self, line: bytes) -> None:
+        data = line + b"\n"
         if os.write(self._file.fileno(), data) < len(data):
             raise OSError(f"{self.path}: the row was stored incompletely: the disk is full")
         os.fsync(self._file.fileno())
@@ -104,26 +109,33 @@ class Table:
         if length < len(data):
             number = sum(1 for _ in self.recordings.glob("*_broken-*.tsv")) + 1
             self.recovered = self.recordings / f"{self.name}_broken-{number}.tsv"
-            self.recovered.write_bytes(data)
+            replace(self.recovered, data)
             os.ftruncate(self._file.fileno(), length)
         if not length:
-            self._write("\t".join(COLUMNS))
+            self._write(encode_row(list(COLUMNS)))
         return rows
 
 
 def parse(data: bytes) -> tuple[list[Row], int]:
     """The complete rows at the beginning of a table, and the number of bytes of header and rows."""
     head, *lines = data.split(b"\n")[:-1] or [b""]
-    if head.decode(errors="replace").split("\t") != list(COLUMNS):
+    if decode_row(head) != list(COLUMNS):
         return [], 0
     rows, length = list[Row](), len(head) + 1
     for line in lines:
-        texts = line.decode(errors="replace").split("\t")
-        if len(texts) != len(COLUMNS) or texts[0] != str(len(rows) + 1) or not texts[6]:
+        if (row := _parse_row(line, len(rows) + 1)) is None:
             break
-        rows.append(dict(zip(COLUMNS, texts, strict=True)))
+        rows.append(row)
         length += len(line) + 1
     return rows, length
+
+
+def _parse_row(line: bytes, number: int) -> Row | None:
+    """The row of a trial; None: the line is incomplete, or of another trial."""
+    texts = decode_row(line)
+    if len(texts) != len(COLUMNS) or texts[0] != str(number) or not texts[6]:
+        return None
+    return dict(zip(COLUMNS, texts, strict=True))
 
 
 def table_path(folder: Path, task: str, participant: str, session: int) -> Path:
@@ -139,17 +151,17 @@ def sessions(folder: Path, task: str, participant: str) -> list[int]:
 
 def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping[str, Any]) -> None:
     """Write the files of a data set other than the tables. ArgumentError: the folder belongs to another experiment of
-    this name, or cannot be written."""
+    this name, or cannot be written. An experiment without stored trials is replaced: it may have been corrected."""
     try:
         (folder / "code").mkdir(parents=True, exist_ok=True)
         copy = folder / "code" / f"task-{task}.yaml"
-        if copy.exists() and copy.read_bytes() != text:
+        if copy.exists() and copy.read_bytes() != text and _has_trials(folder, task):
             raise ArgumentError(
                 f"{folder}: its data are of another version of this experiment ({copy}). Use another folder (--out), "
                 "or another `task:`."
             )
         replace(copy, text)
-        (folder / "README").write_text(README, encoding="utf-8")
+        replace(folder / "README", README.encode())
         description = folder / "dataset_description.json"
         if not description.exists():
             made = {"Name": "palpate", "Version": version("palpate")}
@@ -163,19 +175,25 @@ def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping
 def _participant(folder: Path, participant: str, about: Mapping[str, Any]) -> None:
     """Add a participant to the list, once, with the attributes that the experiment gives."""
     file = folder / "participants.tsv"
-    lines = [line.split("\t") for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
+    lines = [decode_row(line) for line in file.read_bytes().splitlines()] if file.exists() else []
     heads, *rows = lines or [["participant_id"]]
     heads = list(dict.fromkeys([*heads, *about]))
     known = {row[0]: dict(zip(heads, row, strict=False)) for row in rows}
-    row = {"participant_id": f"sub-{participant}"} | {key: str(value) for key, value in about.items()}
+    row = {"participant_id": "", **{key: str(value) for key, value in about.items()}}
+    row["participant_id"] = f"sub-{participant}"
     known.setdefault(row["participant_id"], row)
-    text = ["\t".join(heads), *("\t".join(row.get(head, NONE) for head in heads) for row in known.values())]
-    replace(file, ("\n".join(text) + "\n").encode())
+    encode_row([*row, *row.values()])  # other rows, which the user may have edited, may have empty cells
+    table = [heads, *([row.get(head, NONE) for head in heads] for row in known.values())]
+    replace(file, "".join("\t".join(texts) + "\n" for texts in table).encode())
     write_json(file.with_suffix(".json"), {head: {"Description": "See the experiment."} for head in heads[1:]})
 
 
 def tables(folder: Path, task: str | None = None) -> Iterable[Path]:
     return sorted(folder.glob(f"sub-*/ses-*/beh/*_task-{task or '*'}_beh.tsv"))
+
+
+def _has_trials(folder: Path, task: str) -> bool:
+    return any(parse(path.read_bytes())[0] for path in tables(folder, task))
 
 
 def write_json(file: Path, data: Mapping[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -18,6 +17,7 @@ from palpate.launch.run.execute import execute
 from palpate.launch.run.tasks.task import Beat
 from palpate.launch.run.work.compiling import compiling
 from palpate.nodes.logger import Mcap
+from palpate.physics.scratch import ScratchFolder
 from palpate.physics.writable import lock_file
 from palpate.studies.sweeps.keep import Kept
 from palpate.studies.sweeps.point import Computed, Point, kept_of
@@ -32,7 +32,7 @@ def record_point(
     launched  the run with values by path, and its recording
     beat      called while kernels are compiled, and at the start
     """
-    with tempfile.TemporaryDirectory(prefix="palpate-point-") as folder:
+    with ScratchFolder("point") as folder:
         file = Path(folder) / "point.mcap" if point.recording is None else point.recording.with_suffix(".part")
         launch = launched(point.values, file)
         graph = launch.load()

@@ -1,6 +1,5 @@
 """Runs a graph behind a page to touch, and restarts it for another body, an effect or a reset."""
 
-import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from palpate.messages import ForceBand, Friction, Load
 from palpate.nodes.base.effect import effects
 from palpate.nodes.deformation import bodies
 from palpate.physics.errors import PalpateError
+from palpate.physics.scratch import ScratchFolder
 from palpate.views.errors import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
@@ -57,7 +57,7 @@ class Session(Live):
         build: Callable[[Graph, Any], None] = lambda graph, begin: None,
     ) -> None:  # fmt: skip
         self._build = build
-        self.place = tempfile.TemporaryDirectory(prefix="palpate-touch-")
+        self.place = ScratchFolder("touch")
         self.launch, self.sockets = steer_launch(launch, Path(self.place.name))
         self.launch = self.launch.but(overrides=sets, only=only)
         self._graph: Graph | None = self.launch.load()

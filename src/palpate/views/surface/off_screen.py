@@ -4,13 +4,13 @@ import contextlib
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from palpate.physics.scratch import ScratchFolder
 from palpate.views.errors import PictureError
 from palpate.views.surface.moments import Instant
 from palpate.views.surface.render import ball_centres
@@ -34,7 +34,7 @@ class Rendering:
         self, mesh: Any, instants: Sequence[Instant], values: Sequence[np.ndarray], near: Sequence[int], most: float,
         all_of: Sequence[Instant] | None = None,
     ) -> None:  # fmt: skip
-        self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
+        self._folder = ScratchFolder("view")
         self._source, self._target = (Path(self._folder.name) / name for name in ("views.npz", "pixels.npz"))
         scene = instants if all_of is None else all_of
         tips, normals, forces = (

@@ -49,17 +49,18 @@ def experiment(
         return
     if file is None:
         raise typer.BadParameter("expected an EXPERIMENT, such as kidney-stiffness, or --analyse FOLDER")
-    from palpate.studies.psychophysics.opening import open_sitting
+    from palpate.studies.psychophysics.opening import OF_EXPERIMENT, open_sitting
 
-    with open_sitting(file, out, participant, session, list(sets or []), resume, _confirm) as sitting:
+    simulated = observer or (OF_EXPERIMENT if simulate else None)
+    with open_sitting(file, out, participant, session, list(sets or []), resume, _confirm, simulated) as sitting:
         place = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
         for note in [*sitting.notes, place]:
             say(note, err=True)
         with contextlib.suppress(KeyboardInterrupt):  # print the answers so far, then raise it again below
-            if simulate or observer is not None:
+            if simulated is not None:
                 total = 0 if sitting.trial is None else sitting.trial.total
                 with steps(f"experiment {file}", total, silent=as_json, timed=False) as done:
-                    sitting.simulate(observer, lambda trial: done(f"trial {trial.number}"))
+                    sitting.simulate(lambda trial: done(f"trial {trial.number}"))
             elif not sitting.ended:
                 from palpate.cli.terminal.browser import show
 

@@ -2,7 +2,6 @@
 
 from contextlib import chdir
 from dataclasses import dataclass
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.optimize import linprog
@@ -12,6 +11,7 @@ from palpate.physics.extras import missing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.neo_hooke import neo_hooke
+from palpate.physics.scratch import ScratchFolder
 
 SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
 """Scales of the nested copies of the surface; the prisms between them are divided into tetrahedra."""
@@ -173,7 +173,7 @@ def solid(surface: Mesh, edge: float | None = None) -> tuple[TetMesh, Mesh]:
         surface = decimate_mesh(surface, round(FINER * 2.0 * vertices_for(surface, edge)))
     middle, size = surface.vertices.mean(axis=0), float(np.ptp(surface.vertices))
     scaled, triangles = (surface.vertices - middle) / size, np.array(surface.triangles, dtype=np.int32)
-    with TemporaryDirectory() as folder, chdir(folder):  # it leaves a file in the current folder
+    with ScratchFolder("mesh") as folder, chdir(folder):  # it leaves a file in the current folder
         vertices, tets = tetrahedralize(
             scaled, triangles, edge_length_abs=edge / size, epsilon=near, num_threads=1
         )[:2]  # fmt: skip
