@@ -2,6 +2,7 @@
 
 import math
 import os
+import shutil
 import tokenize
 import zipfile
 import zlib
@@ -31,10 +32,16 @@ class ArchiveError(PalpateError, ValueError):
 
 @contextmanager
 def replacing(path: Path, cached: bool = False) -> Iterator[Path]:
-    """A temporary file to write, which replaces `path` on success. On failure it is removed and `path` is unchanged.
+    """A temporary file to write, which replaces `path` on success. On failure, as with a full disk, it is removed and
+    `path` is unchanged. A pipe or a terminal is written directly; behind a link, the file that it names is replaced.
 
     cached  a file of a cache: others may not write to it for any umask, as `trust` expects
     """
+    if not cached:
+        path = Path(os.path.realpath(path))
+        if path.exists() and not path.is_file() and not path.is_dir():
+            yield path
+            return
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part{path.suffix}")
     part.unlink(missing_ok=True)
@@ -42,9 +49,17 @@ def replacing(path: Path, cached: bool = False) -> Iterator[Path]:
         # A new file, never a link that another user has put there in a shared folder.
         os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644 if cached else 0o666))
         yield part
+        if path.is_file() and not cached:
+            shutil.copymode(path, part)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write a text (UTF-8) to a file, complete or not at all. OSError: it cannot be written; the file is unchanged."""
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def read_arrays(path: str | Path, *names: str) -> dict[str, np.ndarray]:

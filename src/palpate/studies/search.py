@@ -18,6 +18,7 @@ import yaml
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import FUSED
 from palpate.launch.run.execute import execute
+from palpate.physics.archive import replace_text
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.compare import Variant, compare
 from palpate.records.reader import Recording
@@ -152,4 +153,4 @@ def write(launch: LaunchFile, chosen: dict[str, Any], comments: Sequence[str], p
     content["set"] = {key: yaml.safe_load(value) for key, _, value in given} | chosen
     head = "".join(f"# {line}\n" for line in comments)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    replace_text(path, head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True))

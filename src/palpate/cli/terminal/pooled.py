@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.physics.archive import replace_text
 
 if TYPE_CHECKING:
     from palpate.models.fit.probes.read import Probes
@@ -34,9 +35,9 @@ def fit_sparse(probes: Probes, rig: Rig, law: str, deepest: float, out: Path, as
         fit = best_law(probes, rig, law, deepest)
     data, texts = report.pooled_data(probes, fit), report.lines(probes, fit)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "scene.yaml").write_text(report.pooled_scene(rig, fit), encoding="utf-8")
-    (out / "report.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    (out / "report.md").write_text(report.markdown(f"{law}, {rig.kind}", data, texts, []), encoding="utf-8")
+    replace_text(out / "scene.yaml", report.pooled_scene(rig, fit))
+    replace_text(out / "report.json", json.dumps(data, indent=1) + "\n")
+    replace_text(out / "report.md", report.markdown(f"{law}, {rig.kind}", data, texts, []))
     if as_json:
         print_json({"ok": True, "out": str(out)} | data)
         return

@@ -20,6 +20,7 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import SURFACES
 from palpate.nodes.deformation.basis_store import about, key, touches
 from palpate.nodes.deformation.reduced_fe import ReducedFE
+from palpate.physics.archive import replace_text
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.geometry.mesh import Mesh
@@ -86,7 +87,7 @@ def make(node: ReducedFE, path: Path, begin: Begin = silent, commit: str | None 
     index = path.with_name(INDEX)
     if index.exists():
         entries = json.loads(index.read_text(encoding="utf-8")) | {path.name: about(path)}
-        index.write_text(json.dumps(entries, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        replace_text(index, json.dumps(entries, indent=1, sort_keys=True) + "\n")
     return missed
 
 

@@ -14,6 +14,7 @@ from palpate.models.fit import report
 from palpate.models.fit.crossvalidation import Protocol, choose
 from palpate.models.fit.curve_fit import FitError
 from palpate.models.fit.sessions import SessionError, Subject, check_stiffness, read_sessions
+from palpate.physics.archive import replace_text
 from palpate.physics.contact.force_band import PUBLISHED, truncated_quantile
 from palpate.physics.contact.force_models import MODELS
 from palpate.physics.writable import check_file
@@ -65,7 +66,7 @@ def fit_sessions(
     notes = report.choice_notes(chosen)
     notes += [f"Ignored columns: {', '.join(ignored)}."] if ignored else []
     with _writing(target):
-        target.write_text(report.model_yaml(chosen, sessions), encoding="utf-8")
+        replace_text(target, report.model_yaml(chosen, sessions))
     return SessionsFit(report.choice_data(chosen), list(report.model_tables(chosen)), notes, target, chosen)
 
 
@@ -82,7 +83,7 @@ def write_example(path: Path) -> None:
         for session, row in enumerate(forces, 1):
             lines += [f"{name},{session},{d * 1e3:g},{f:.4f}" for d, f in zip(DEPTHS, row, strict=True)]
     with _writing(path):
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        replace_text(path, "\n".join(lines) + "\n")
 
 
 def synthetic_sessions(seed: int, sessions: int = 20, together: float = 0.5) -> np.ndarray:

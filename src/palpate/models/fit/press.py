@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
+from palpate.physics.archive import replacing
 from palpate.physics.readable import MOST_TEXT, check_readable
 
 HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
@@ -94,11 +95,10 @@ def add_session(file: Path, subject: str, session: str, press: Loading) -> int:
     SessionError: as `rows_before`.
     """
     rows = rows_before(file, subject, session)
-    ended = not file.is_file() or file.read_bytes()[-1:] in (b"\n", b"")
-    with file.open("a", encoding="utf-8", newline="") as text:
+    before = file.read_bytes().decode() if file.is_file() else ""
+    with replacing(file) as part, part.open("w", encoding="utf-8", newline="") as text:
         writer = csv.writer(text)
-        if not ended:  # the last line lacks a newline
-            text.write("\n")
+        text.write(before if before.endswith("\n") or not before else f"{before}\n")
         if not rows:
             writer.writerow(HEAD)
         for depth, rate, force in zip(press.depth, press.rate, press.force, strict=True):

@@ -15,7 +15,7 @@ import numpy as np
 import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import cos, einsum, power, product, sin
-from palpate.physics.archive import read_arrays
+from palpate.physics.archive import read_arrays, replacing
 from palpate.physics.arrays import Numbers
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.fingertip.beam_bundle import Bundle, bundle, check_count
@@ -58,7 +58,9 @@ class FingertipSurfaces:
 
     def save(self, path: str | Path) -> None:
         """Write an .npz file that `load` reads."""
-        np.savez_compressed(path, **{k: getattr(self, k) for k in FIELDS})
+        path = Path(path)
+        with replacing(path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")) as part:
+            np.savez_compressed(part, **{k: getattr(self, k) for k in FIELDS})
 
     @staticmethod
     def load(path: str | Path) -> FingertipSurfaces:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.compiler.exact import arctan2, cos, einsum, sin
+from palpate.physics.archive import replacing
 from palpate.physics.geometry.pieces import pieces
 
 
@@ -108,7 +109,8 @@ def write_ply(path: str | Path, mesh: Mesh) -> None:
     faces = np.empty(len(mesh.triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, mesh.triangles
     points = np.concatenate([mesh.vertices, mesh.normals], axis=1).astype("<f8")
-    Path(path).write_bytes("\n".join(header).encode() + b"\n" + points.tobytes() + faces.tobytes())
+    with replacing(Path(path)) as part:
+        part.write_bytes("\n".join(header).encode() + b"\n" + points.tobytes() + faces.tobytes())
 
 
 def heights(mesh: Mesh, places: np.ndarray) -> np.ndarray:

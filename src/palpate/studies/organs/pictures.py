@@ -13,6 +13,7 @@ from palpate.studies.organs.report import line
 from palpate.studies.organs.runs import run
 from palpate.studies.organs.search import Found
 from palpate.studies.organs.touches import THICKNESS
+from palpate.views.pictures.style import save
 
 AROUND = 0.03  # [s] before and after the worst tick
 NEAR = 22e-3  # [m] half of the width of a section
@@ -30,7 +31,7 @@ def draw_touches(listed: Sequence[Found], meshes: Path, out: Path) -> dict[str, 
         picture = figure(11.0, 4.8, line(found).replace(" x): ", " x)\n", 1))
         _draw_one(picture, found, meshes)
         files[name] = out / f"{name}.png"
-        picture.savefig(files[name], dpi=110)
+        save(picture, files[name], dpi=110)
     return files
 
 

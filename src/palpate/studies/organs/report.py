@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.physics.archive import replace_text
 from palpate.studies.organs.invariants import INVARIANTS, UNITS
 from palpate.studies.organs.search import Found, Results
 from palpate.studies.organs.zoo import ZOO
@@ -89,9 +90,9 @@ def write_report(results: Results, meshes: Path, out: Path, count: int = 10) -> 
     out.mkdir(parents=True, exist_ok=True)
     files = {"report": out / "organs.txt", "table": out / "organs.json"}
     files["page"] = out / "organs.md"
-    files["page"].write_text(page(results), encoding="utf-8")
-    files["report"].write_text(text(results, meshes, count), encoding="utf-8")
-    files["table"].write_text(json.dumps(plain(results, meshes, count), indent=1), encoding="utf-8")
+    replace_text(files["page"], page(results))
+    replace_text(files["report"], text(results, meshes, count))
+    replace_text(files["table"], json.dumps(plain(results, meshes, count), indent=1))
     return files
 
 

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from scipy import stats
 
+from palpate.physics.archive import replace_text
 from palpate.physics.errors import ArgumentError
 from palpate.physics.readable import MOST_TEXT, check_readable
 from palpate.studies.psychophysics.file import ConstantBlock, Experiment, load
@@ -135,7 +136,7 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         place = folder / "derivatives" / "palpate"
         place.mkdir(parents=True, exist_ok=True)
         files.append(place / f"task-{task}_thresholds.tsv")
-        files[-1].write_text("\n".join(lines) + "\n", encoding="utf-8")
+        replace_text(files[-1], "\n".join(lines) + "\n")
     return files
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.studies.psychophysics.analysis import ALL, Outcome
 from palpate.views.pictures.plot import PREFIXES
-from palpate.views.pictures.style import FINGER, INK, TISSUE, figure, log_ticks, look
+from palpate.views.pictures.style import FINGER, INK, TISSUE, figure, log_ticks, look, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +39,7 @@ def draw_answers(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
                 (_magnitude if one.of == "magnitude" else _function)(axes, one)
                 axes.set_title(f"{one.participant}, {one.block}: {one.trials} trials", fontsize=11)
             files.append(folder / "derivatives" / "palpate" / f"task-{task}_psychometric.png")
-            fig.savefig(files[-1])
+            save(fig, files[-1])
     return files
 
 

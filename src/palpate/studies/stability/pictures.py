@@ -5,7 +5,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from palpate.views.pictures.style import ENERGY, FINGER, NORMAL, SPEED, figure, look
+from palpate.views.pictures.style import ENERGY, FINGER, NORMAL, SPEED, figure, look, save
 
 WALL_LINES = (
     ("passive", NORMAL, "-", "passive, theory"),
@@ -36,7 +36,7 @@ def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
         right.annotate(f"{f:g} Hz", (part[0]["delay"], max(part[0]["stable"], 1.0)), fontsize=9)
     right.set(xlabel="delay [samples]", yscale="log", title=f"B = {least:g} N s/m; thicker: higher rate")
     drawn.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=len(WALL_LINES))
-    drawn.savefig(path)
+    save(drawn, path)
 
 
 def _curve(axes: Axes, rows: list[dict[str, float]], over: str, name: str, mark: str, **look: Any) -> None:

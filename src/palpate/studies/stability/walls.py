@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.physics.archive import replacing
 from palpate.physics.device import stability as theory
 from palpate.physics.device.wall_loop import WallDevice, felt_stiffness, run, settles
 from palpate.physics.errors import ArgumentError
@@ -73,7 +74,7 @@ class StabilityStudy:
             show(f"{f:g} Hz, {d} samples late, damping {b:g} N s/m", f)
         table, picture = folder / "stability.csv", folder / "stability.png"
         folder.mkdir(parents=True, exist_ok=True)
-        with table.open("w", newline="", encoding="utf-8") as file:
+        with replacing(table) as part, part.open("w", newline="", encoding="utf-8") as file:
             write = csv.writer(file)
             write.writerow([f"{name} [{unit}]" for name, unit in COLUMNS.items()])
             write.writerows([[f"{one[name]:.6g}" for name in COLUMNS] for one in rows])

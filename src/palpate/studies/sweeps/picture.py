@@ -14,7 +14,7 @@ from palpate.physics.extras import missing
 from palpate.studies.sweeps.keep import Kept
 from palpate.views.errors import PictureError
 from palpate.views.pictures.plot import PREFIXES
-from palpate.views.pictures.style import FRICTION, INK, NORMAL, figure, look
+from palpate.views.pictures.style import FRICTION, INK, NORMAL, figure, look, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,7 @@ def draw_all(study: Any, folder: Path) -> list[Path]:
     for one in study.keep:
         file = folder / f"{one.text.replace(' ', '-')}.png"
         with contextlib.suppress(PictureError):
-            draw_quantity(study, one.text).savefig(file)
+            save(draw_quantity(study, one.text), file)
             files.append(file)
     return files
 

@@ -22,7 +22,7 @@ from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 from palpate.registry import modules
 from palpate.views.errors import PictureError
-from palpate.views.pictures.style import decimate, entitle, look
+from palpate.views.pictures.style import decimate, entitle, look, save
 
 
 def pictures() -> dict[str, ModuleType]:
@@ -89,7 +89,7 @@ def _draw_all(
                     entitle(drawing, f"{contact}: {drawing.get_suptitle()}")
                 made.append(folder / f"{name}{f'-{contact}' if several else ''}.png")
                 decimate(drawing)
-                drawing.savefig(made[-1])
+                save(drawing, made[-1])
         # Collect the 3-D picture.
         done(1.0 - 1.0 / (len(known) + 2), "deformation")
         if views is not None:
@@ -99,7 +99,7 @@ def _draw_all(
                 warn(str(error))
             else:
                 made.insert(0, folder / "deformation.png")
-                drawing.savefig(made[0])
+                save(drawing, made[0])
     finally:
         if views is not None:
             views.close()

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.records.compare import Variant
 from palpate.views.pictures.style import figure as blank
-from palpate.views.pictures.style import look
+from palpate.views.pictures.style import look, save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,5 +55,5 @@ def readable(name: str) -> str:
 def draw_comparison(variants: Sequence[Variant], path: Path) -> list[Path]:
     picture = figure(variants)
     path.parent.mkdir(parents=True, exist_ok=True)
-    picture.savefig(path, dpi=140)
+    save(picture, path, dpi=140)
     return [path]

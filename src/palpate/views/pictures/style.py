@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.physics.archive import replacing
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -172,8 +174,14 @@ def deformation_bar(figure: Figure, top: float, label: str, **place: Any) -> Non
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
+def save(picture: Figure, path: Path, **how: Any) -> None:
+    """Write a picture, complete or not at all; `how` as of matplotlib's `savefig`. OSError: the file is unchanged."""
+    with replacing(path) as part:
+        picture.savefig(part, **how)
+
+
 def saved(folder: Path, **pictures: Figure) -> list[Path]:
     """Write each picture as `name.png` to the folder."""
     for name, picture in pictures.items():
-        picture.savefig(folder / f"{name}.png")
+        save(picture, folder / f"{name}.png")
     return [folder / f"{name}.png" for name in pictures]

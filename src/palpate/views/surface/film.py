@@ -18,7 +18,7 @@ from palpate.physics.extras import missing
 from palpate.physics.writable import check_file
 from palpate.records.reader import Recording
 from palpate.views.errors import PictureError
-from palpate.views.pictures.style import deformation_bar, look
+from palpate.views.pictures.style import deformation_bar, look, save
 from palpate.views.pictures.style import figure as blank
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, Colour, check, paint_vertices, top
@@ -52,7 +52,7 @@ def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacem
     check(of, [instant.surface], f"{file} at {instant.time:.3f} s")
     for frame in _frames(shown.mesh, [instant], of):
         target.parent.mkdir(parents=True, exist_ok=True)
-        frame.savefig(target)
+        save(frame, target)
     return instant.time
 
 

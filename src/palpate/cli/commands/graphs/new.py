@@ -8,6 +8,7 @@ import typer
 
 from palpate.cli.terminal.options import Force, Json, check_new, one_of, out_option
 from palpate.cli.terminal.output import print_json
+from palpate.physics.archive import replace_text
 
 EXAMPLE = "palpate new graph mine --like kidney"
 NODE = "node"
@@ -59,7 +60,7 @@ def new(
     check_new(files, force)
     out.mkdir(parents=True, exist_ok=True)
     for file, text in files.items():
-        file.write_text(text, encoding="utf-8")
+        replace_text(file, text)
     if as_json:
         print_json({"ok": True, "files": [str(file) for file in files], "next": following})
     else:

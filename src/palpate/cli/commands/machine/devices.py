@@ -8,6 +8,7 @@ import typer
 
 from palpate.cli.terminal.options import Json
 from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.physics.archive import replace_text
 from palpate.physics.errors import RunError
 
 EXAMPLE = "palpate devices --json"
@@ -33,7 +34,7 @@ def _install(as_json: bool) -> None:
     from palpate.drivers.discover import RULE, udev_rules
 
     try:
-        Path(RULE).write_text(udev_rules(), encoding="utf-8")
+        replace_text(Path(RULE), udev_rules())
     except OSError as error:
         cure = "Run it as root: sudo $(which palpate) devices --install-udev"
         raise RunError(f"{RULE}: {error.strerror}. {cure}") from None

@@ -10,6 +10,7 @@ import typer
 from palpate.cli.terminal.options import ENDINGS, ColourOption, File, Json, Trust, check_ending, instant, out_option
 from palpate.cli.terminal.output import print_json, say
 from palpate.cli.terminal.run_summary import standard_pictures
+from palpate.views.pictures.style import save
 
 EXAMPLE = "palpate picture runs/kidney.mcap --at '350 ms'"
 
@@ -72,7 +73,7 @@ def _plot(file: Path, names: list[str], over: str | None, target: Path) -> Path:
     check_ending(target, ENDINGS)
     figure = Run(file).plot(*names, over=over)
     target.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(target)
+    save(figure, target)
     return target
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.physics.archive import replace_text
 from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.output import pareto
@@ -61,7 +62,7 @@ def write(cells: Sequence[Cell], about: dict[str, Any], overview: Path | None, p
         lines += _of_touch([c for c in cells if c.touch == touch])
     lines += ["## Run", "", *(f"* {k}: {_text(v)}" for k, v in about.items()), "", "## Not covered", ""]
     lines += [f"* {text}" for text in NOT_COVERED]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    replace_text(path, "\n".join(lines) + "\n")
 
 
 def _text(value: Any) -> str:

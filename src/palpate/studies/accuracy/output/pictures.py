@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
 from palpate.studies.accuracy.output.pareto import ParetoPoint, best_within, of_bodies, percent
-from palpate.views.pictures.style import FAINT, INK, REGION_A, figure, look
+from palpate.views.pictures.style import FAINT, INK, REGION_A, figure, look, save
 
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
@@ -190,4 +190,4 @@ def _random(axes: Axes, places: Mapping[str, Any], colours: Mapping[str, str]) -
 
 def _save(figure: Figure, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    save(figure, path, dpi=120)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.provenance import machine
+from palpate.physics.archive import replacing
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import of_bodies, summaries
@@ -37,7 +38,7 @@ def table(cells: Sequence[Cell], provenance: dict[str, Any], path: Path) -> None
     """Write a `#` line with the provenance as JSON, then a row per cell: [s], [byte], errors over the peak."""
     names = [*PLAIN, *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         file.write(f"# {json.dumps(provenance, ensure_ascii=False, default=str)}\n")
         rows = csv.DictWriter(file, names)
         rows.writeheader()

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from palpate.physics.archive import replace_text
 from palpate.studies.accuracy.cells import Cell
 
 RESULTS = Path(__file__).parents[1] / "references" / "results.json"
@@ -22,7 +23,7 @@ def save(cells: Sequence[Cell], about: dict[str, Any], path: Path = RESULTS) -> 
         row["errors"] = {QUANTITY: {k: _short(v) for k, v in row["errors"][QUANTITY].items()}}
         rows.append(row | {k: _short(row[k]) for k in ("p50", "p99", "offline")})
     lines = ",\n".join(json.dumps(row) for row in rows)
-    path.write_text(f'{{"about": {json.dumps(about, default=str)},\n"cells": [\n{lines}\n]}}\n', encoding="utf-8")
+    replace_text(path, f'{{"about": {json.dumps(about, default=str)},\n"cells": [\n{lines}\n]}}\n')
 
 
 def load(path: Path = RESULTS) -> tuple[list[Cell], dict[str, Any]]:

@@ -12,7 +12,7 @@ from palpate.models.fit.curve_fit import fit_curve
 from palpate.models.fit.report import Chosen
 from palpate.physics.contact.force_band import truncated_quantile
 from palpate.physics.contact.force_models import MODELS
-from palpate.views.pictures.style import INK, NORMAL, REGION_A, TISSUE, figure, look
+from palpate.views.pictures.style import INK, NORMAL, REGION_A, TISSUE, figure, look, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ def draw_choice(result: Chosen, stem: Path) -> list[Path]:
     drawn = {"fit": _fit(result, name), "models": _models(result, name)}
     files = {stem.with_name(f"{stem.name}-{what}.png"): picture for what, picture in drawn.items()}
     for path, picture in files.items():
-        picture.savefig(path)
+        save(picture, path)
     return list(files)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill, lowest
-from palpate.views.pictures.style import figure, look
+from palpate.views.pictures.style import figure, look, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +47,7 @@ def draw_scan(tip: FingertipSurfaces, path: Path, stack: Stack, outlines: Outlin
              aspect="equal")  # fmt: skip
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     _beams(out.add_subplot(grid[1, 2]), tip, DEPTH, PITCH)
-    out.savefig(path, dpi=110)
+    save(out, path, dpi=110)
 
 
 def _image(axes: Axes, stack: Stack, outlines: Outlines, number: int) -> None:

@@ -11,6 +11,7 @@ import typer
 from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
 from palpate.cli.terminal.output import draw_if_possible, print_json, say
 from palpate.cli.terminal.pooled import show_pooled
+from palpate.physics.archive import replace_text
 
 EXAMPLE = "palpate fit map probes.csv --rig ball --radius '4 mm' -o map"
 
@@ -74,10 +75,10 @@ def map(
     out.mkdir(parents=True, exist_ok=True)
     pictures = draw_if_possible(draw_map, found, out)
     data, texts = report.map_data(found), [*report.lines(found.probes, found.fit), *report.map_lines(found)]
-    (out / "map.csv").write_text(report.map_table(found), encoding="utf-8")
-    (out / "scene.yaml").write_text(report.map_scene(made, found, (out / "map.csv").resolve()), encoding="utf-8")
-    (out / "report.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    (out / "report.md").write_text(report.markdown(f"Map of {file.name}", data, texts, pictures), encoding="utf-8")
+    replace_text(out / "map.csv", report.map_table(found))
+    replace_text(out / "scene.yaml", report.map_scene(made, found, (out / "map.csv").resolve()))
+    replace_text(out / "report.json", json.dumps(data, indent=1) + "\n")
+    replace_text(out / "report.md", report.markdown(f"Map of {file.name}", data, texts, pictures))
     if as_json:
         print_json({"ok": True, "out": str(out)} | data)
         return

@@ -7,6 +7,7 @@ import typer
 
 from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.physics.archive import replace_text
 
 EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
 
@@ -32,7 +33,7 @@ def texture(
     check_new([target], force)
     notes: list[str] = []
     fitted = fit_texture(file, held_out, notes, dialect)
-    target.write_bytes(msgspec.json.format(msgspec.json.encode(fitted)) + b"\n")
+    replace_text(target, msgspec.json.format(msgspec.json.encode(fitted)).decode() + "\n")
     if as_json:
         print_json({"ok": True, "file": str(target), **msgspec.to_builtins(fitted), "notes": notes})
         return

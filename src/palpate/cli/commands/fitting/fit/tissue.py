@@ -11,6 +11,7 @@ import typer
 from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
 from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.cli.terminal.pooled import fit_sparse
+from palpate.physics.archive import replace_text
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
 RIGS = ("ball", "punch", "fingertip", "cylinder")
@@ -96,9 +97,9 @@ def tissue(
     result = data(fit)
     out.mkdir(parents=True, exist_ok=True)
     pictures = draw_if_possible(draw_fit, fit, out)
-    (out / "scene.yaml").write_text(scene(fit), encoding="utf-8")
-    (out / "report.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    (out / "report.md").write_text(markdown(fit, pictures), encoding="utf-8")
+    replace_text(out / "scene.yaml", scene(fit))
+    replace_text(out / "report.json", json.dumps(result, indent=1) + "\n")
+    replace_text(out / "report.md", markdown(fit, pictures))
     if as_json:
         print_json({"ok": True, "out": str(out)} | result)
         return

@@ -27,6 +27,7 @@ def table(
     import numpy as np
 
     from palpate.models.fe.study.press_record import LEVELS, PressRun, check_pair
+    from palpate.physics.archive import replacing
     from palpate.physics.errors import ArgumentError
 
     runs = {"steel": PressRun(steel), "silicone": PressRun(silicone)}
@@ -38,8 +39,8 @@ def table(
     for plate, record in records.items():
         keep = np.concatenate([[True], np.diff(record.force) > 0])
         data |= {f"{plate}.{n}": getattr(record, n)[keep] for n in ("force", "area", "volumes", "indentation")}
-    out.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(out, allow_pickle=False, **data)
+    with replacing(out) as part:
+        np.savez_compressed(part, allow_pickle=False, **data)
     if as_json:
         print_json({"ok": True, "table": str(out), "force": {p: r.force[-1] for p, r in records.items()}})
     else:
