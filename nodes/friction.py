@@ -9,11 +9,12 @@ import msgspec
 from palpate.compiler.kernel import CompiledKernel
 from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Friction, Proximity
+from palpate.messages.sliding import Sliding
 from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import SLID, slid
 from palpate.physics import friction
-from palpate.physics.friction import bristle, coulomb, elastoplastic, lugre, unrest
+from palpate.physics.friction import bristle, components, coulomb, elastoplastic, lugre, unrest
 from palpate.registry import classes
 
 HELD = 1e-9  # [s] step without a new sample: the bristles stay, force and damping follow the load
@@ -140,6 +141,41 @@ class LuGre(_Sliding, law=lugre.LuGre):
 
 class ElastoPlastic(_Sliding, law=elastoplastic.ElastoPlastic):
     __doc__ = elastoplastic.ElastoPlastic.__doc__
+
+
+class Components(CompiledNode):
+    """Contact force along and across the sliding direction: f_n, f_f and f_b (docs/equations/friction.md).
+
+    No shipped graph contains it, since it only measures. At and below the speed `slow` the direction is that of the
+    last faster motion, because counts of an encoder have no direction.
+    """
+
+    slow: Annotated[float, "m/s", msgspec.Meta(ge=0)] = components.SLOW
+
+    State = {"way": (3,), "normal": (3,)}
+    """Sliding direction [1] and the normal [1] of its plane."""
+
+    @kernel
+    def compute(
+        own,
+        friction: Annotated[Friction, Wants("force")],
+        contact: Annotated[Contact, Wants("normal", "force")],
+        proximity: Annotated[Proximity, Wants("slip")],
+        out: Out[Sliding],
+        dt,
+    ):
+        way, normal = vector(own.way), vector(contact.normal)
+        if not contact.force > 0.0:
+            way = (0.0, 0.0, 0.0)
+        along, across, speed, way = components.split(
+            way, vector(own.normal), vector(friction.force), normal, vector(proximity.slip), own.slow
+        )
+        if not contact.force > 0.0:
+            along, across, way = 0.0, 0.0, (0.0, 0.0, 0.0)
+        put(own.way, way)
+        put(own.normal, normal)
+        put(out.direction, way)
+        out.normal, out.along, out.across, out.speed = contact.force, along, across, speed
 
 
 def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:

@@ -3,11 +3,13 @@
 from typing import Annotated
 
 import msgspec
+import numpy as np
 
-from palpate.compiler.records import form, put, unpacking, vector
+from palpate.compiler.records import floats, form, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
-from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import kernel
+from palpate.physics.device.average import MOST
 from palpate.physics.device.falcon import FALCON, HOME, Geometry
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.tracking import TRACK, pose, pose_falcon
@@ -18,20 +20,26 @@ WRONG_DEVICE = 1  # fault: not three numbers
 
 
 class _Tracker(CompiledNode):
-    """Shared by both kinds of device: settings, state of the filter, and clock of the samples."""
+    """Shared by both kinds of device: settings, state of the filter, and clock of the samples.
+
+    average  number of samples of a moving average that replaces the observer between counts; 0: the observer. The
+             kidney study has 8, which delays the position by 3.5 samples, the velocity by 4 (docs/equations/falcon.md)
+    """
 
     origin: Annotated[Vector3, "m"] = ZERO
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
+    average: Annotated[int, "1", msgspec.Meta(ge=0, le=MOST)] = 0
 
     State = {
-        "track": TRACK,
+        "track": TRACK, "window": TABLE,
         "clock": int, "last": (3,),  # [ns] of the last sample; the last position [m]
     }  # fmt: skip
     home = ZERO
 
     def start(self) -> None:
         super().start()
+        self.hold("window", np.zeros((self.average + 1, 4)))
         track = self.own["track"]
         track["reading"] = track["pose"] = self.own["last"] = self.home
 
@@ -75,7 +83,8 @@ class FalconKinematics(_Tracker):
     A sample that implies a speed above `speed_limit` is rejected unless four consecutive samples agree. After a stale
     or repeated sample the pose is unchanged, with dt = 0. `origin` is the position of the device's frame in the world.
     With a `resolution` (about one encoder count at the grip) an observer estimates the angles between counts; 0: as
-    measured. The velocity is the last difference of the positions.
+    measured. The velocity is the last difference of the positions. With `average` both are moving averages instead, as
+    in the kidney study: 8 samples, which delay the position by 3.5 samples.
     """
 
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
@@ -90,7 +99,7 @@ class FalconKinematics(_Tracker):
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("joints", "homed")], out: Out[Pose], dt):
         if read_clock(own, state, state.joints.count, out, dt):
-            given = own.track, own.resolution, own.speed_limit, own.clock
+            given = own.track, own.resolution, own.speed_limit, floats(own.window), own.clock
             seen = pose_falcon(*given, vector(state.joints.values), geometry_of(own.geometry))
             send(own, seen, age_of(own, state), out)
 
@@ -102,12 +111,13 @@ class FalconKinematics(_Tracker):
 
 
 class Cartesian(_Tracker):
-    """Pose of a device that reports a position, with the same observer at `resolution` and the same `speed_limit`."""
+    """Pose of a device that reports a position, with the same observer at `resolution` or moving `average`, and the
+    same `speed_limit`."""
 
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("position", "homed")], out: Out[Pose], dt):
         if read_clock(own, state, state.position.count, out, dt):
-            given = own.track, own.resolution, own.speed_limit, own.clock
+            given = own.track, own.resolution, own.speed_limit, floats(own.window), own.clock
             seen = pose(*given, vector(state.position.values))
             send(own, seen, age_of(own, state), out)
 

@@ -22,6 +22,7 @@ from palpate.physics.device.tracking import (
 )
 
 MS, LIMIT = 1_000_000, 2.0
+OBSERVED = np.zeros((1, 4))  # no moving average
 STEP = 40e-6
 
 
@@ -86,7 +87,7 @@ def fresh(begin=(0.0, 0.0, 0.0)):
 def tracker(step=0.0, begin=(0.0, 0.0, 0.0)):
     """A function that follows time stamps [ns] and positions [m]."""
     state = fresh(begin)
-    return lambda t, *place: pose(state, step, LIMIT, t, place)
+    return lambda t, *place: pose(state, step, LIMIT, OBSERVED, t, place)
 
 
 @pytest.mark.parametrize(("way", "taken"), [(2.0e-4, True), (2.03e-4, False)])
@@ -156,11 +157,11 @@ def test_joint_angles_are_observed_only_if_the_device_has_a_resolution(resolutio
     seen, read = [], []
     for k in range(300):
         joints = tuple(angles + count * (k % 3 == 0))
-        seen.append(pose_falcon(state, resolution, LIMIT, k * MS, joints, geometry)[:3])
+        seen.append(pose_falcon(state, resolution, LIMIT, OBSERVED, k * MS, joints, geometry)[:3])
         read.append(forward_kernel(geometry, *joints, *HOME)[1:])
     if resolution:
         assert np.ptp(seen[200:], axis=0).max() < 0.05 * np.ptp(read[200:], axis=0).max()
     else:
         assert np.array(seen) == approx(np.array(read), abs=1e-12)
-    held = pose_falcon(state, resolution, LIMIT, 301 * MS, (9.0, 9.0, 9.0), geometry)
+    held = pose_falcon(state, resolution, LIMIT, OBSERVED, 301 * MS, (9.0, 9.0, 9.0), geometry)
     assert held[:3] == seen[-1] and held[6] == 0.0  # angles without a position

@@ -5,7 +5,7 @@ samples agree at a new position, the device has moved (its encoders were reset):
 restarts at zero. A clock that was set back is likewise accepted after several stale stamps.
 
 The observer (observer.py) estimates the position between encoder counts. The velocity is the last difference of
-positions, so that its integral is the position.
+positions, so that its integral is the position. A moving average (average.py) may replace both.
 """
 
 import math
@@ -13,6 +13,7 @@ import math
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import put
 from palpate.physics.arrays import Array, Record, Vector3
+from palpate.physics.device import average
 from palpate.physics.device.falcon import forward_kernel
 from palpate.physics.device.observer import AXIS, begin, follow
 
@@ -22,6 +23,7 @@ TRACK = {
     "stale": int,  # consecutive stamps that did not increase
     "rejected": int, "rejected_stamp": int, "rejected_reading": (3,),  # consecutive; the last one, [ns] and [m]
     "axes": (3, AXIS),
+    "window": {"count": int, "at": int},  # of `average.add`
 }  # fmt: skip
 """State of a tracked device."""
 PATIENCE = 4  # consecutive samples that must agree before a jump is accepted
@@ -100,28 +102,44 @@ def between(axes: Record, kind: int, readings: Vector3, count: float, dt: float)
 
 
 @kernel
-def pose(track: Record, resolution: float, limit: float, t: int, place: Vector3):
+def take_average(track: Record, kind: int, t: int, reading: Vector3, window: Array):
+    """`take` with the moving averages of position and velocity over the readings in `window` (`average.add`)."""
+    x, y, z, vx, vy, vz = average.add(window, track.window, kind == ANEW, t * 1e-9, reading)
+    dt = take(track, kind, t, reading, (x, y, z))[6]
+    put(track.velocity, (vx, vy, vz))
+    return x, y, z, vx, vy, vz, dt
+
+
+@kernel
+def pose(track: Record, resolution: float, limit: float, window: Array, t: int, place: Vector3):
     """Process one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 if the sample was rejected.
 
     track, limit, t    as in `judge`
     resolution  [m]    step of the device's position; 0: exact
+    window             of `average.add`; with at least two rows the moving average replaces the observer
     place       [m]    (3)
     """
     kind = judge(track, limit, t, place[0], place[1], place[2])
     if kind == BAD:
         return hold(track)
+    if len(window) > 1:
+        return take_average(track, kind, t, place, window)
     seen = between(track.axes, kind, place, resolution, (t - track.stamp) * 1e-9)
     return take(track, kind, t, place, seen)
 
 
 @kernel
-def pose_falcon(track: Record, resolution: float, limit: float, t: int, angles: Vector3, geometry: Record):
+def pose_falcon(
+    track: Record, resolution: float, limit: float, window: Array, t: int, angles: Vector3, geometry: Record
+):
     """`pose` from a Falcon's joint angles [rad] (3), each with its observer. Angles without a solution are rejected."""
     last = track.reading
     ok, x, y, z = forward_kernel(geometry, angles[0], angles[1], angles[2], last[0], last[1], last[2])
     kind = judge(track, limit, t, x, y, z) if ok else BAD
     if kind == BAD:
         return hold(track)
+    if len(window) > 1:
+        return take_average(track, kind, t, (x, y, z), window)
     a0, a1, a2 = between(
         track.axes, kind, angles, geometry.encoder_count if resolution > 0.0 else 0.0, (t - track.stamp) * 1e-9
     )

@@ -1,4 +1,5 @@
-"""Normal and friction force over time and over the sliding speed, in the parts of a recording that show their relation.
+"""Normal force f_n, friction force f_f and its part across the motion f_b over time; normal and friction force over the
+sliding speed, in the parts of a recording that show their relation.
 
 Region A: the finger slides at constant speed while the normal force varies.
 Region B: the normal force is constant while the sliding speed rises.
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.messages import Friction, Proximity
+from palpate.physics.friction.components import split_rows
 from palpate.views.pictures import style
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 
@@ -34,16 +36,28 @@ SLOW = 1.3  # limit of slow samples, as a multiple of the lowest speed of region
 DIPS_FOR = 2.5  # the same as a multiple of the Stribeck speed: e^(-2.5^2) is 0.002
 
 
-def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
-    """Time [s], normal force [N], friction force [N] and sliding speed [m/s]; None if one was not recorded."""
+def _rows(touch: TouchStreams) -> list[Columns] | None:
+    """Contact, friction and proximity at their common ticks; None if one was not recorded."""
     contact, friction, near = touch.contact, touch[Friction], touch[Proximity]
     if contact is None or friction is None or near is None:
         return None
-    tables: list[Columns] = together(contact, friction, near)
-    if not len(tables[0]["tick"]):
+    tables = together(contact, friction, near)
+    return tables if len(tables[0]["tick"]) else None
+
+
+def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Time [s], normal force [N], friction force [N] and sliding speed [m/s]; None if one was not recorded."""
+    tables = _rows(touch)
+    if tables is None:
         return None
     length = np.linalg.norm(tables[1]["force"], axis=1), np.linalg.norm(tables[2]["slip"], axis=1)
     return tables[0]["time"], tables[0]["force"], *length
+
+
+def across(touch: TouchStreams) -> np.ndarray:
+    """Friction across the sliding direction, f_b [N] (n), at the instants of `sliding`; 0 without contact."""
+    contact, friction, near = _rows(touch) or ({}, {}, {})
+    return split_rows(friction["force"], contact["normal"], near["slip"], contact["force"])[1]
 
 
 def beyond_dip(touch: TouchStreams) -> float:
@@ -80,11 +94,17 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
                 place = axes.get_xaxis_transform()
                 axes.text((begin + end) / 2, 0.97, letter, transform=place, ha="center", va="top", weight="bold")
         touch.over_time(axes, time)
-    for force, colour, label in ((normal, style.NORMAL, "normal force"), (friction, style.FRICTION, "friction force")):
+    aside = across(touch)
+    curves = (
+        (normal, style.NORMAL, "normal force $f_n$"),
+        (friction, style.FRICTION, "friction force $f_f$"),
+        (aside, style.ENERGY, "part across the motion $f_b$"),
+    )
+    for force, colour, label in curves:
         upper.plot(time, force, color=colour, alpha=0.25, linewidth=0.6)
         upper.plot(time, style.mean(force, time), color=colour, label=label)
     style.legend_above(upper)
-    upper.set(ylabel="force [N]", ylim=(0.0, float(normal.max()) * 1.15), xlabel="")
+    upper.set(ylabel="force [N]", ylim=(min(1.15 * float(aside.min()), 0.0), 1.15 * float(normal.max())), xlabel="")
     upper.tick_params(labelbottom=False)
     touching = np.where(normal > 0.0, speed, np.nan) * 1e3
     lower.plot(time, speed * 1e3, color=style.FAINT, linewidth=0.8, label="in free space")

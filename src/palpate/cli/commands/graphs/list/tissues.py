@@ -1,22 +1,28 @@
 """`palpate list tissues`: the published tissues."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.cli.terminal.options import Json, check_ending, out_option
+from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 
 EXAMPLE = "palpate list tissues liver-human"
 
 
 def tissues(
-    name: Annotated[str | None, typer.Argument(help="Show this tissue in full.")] = None, as_json: Json = False
+    name: Annotated[str | None, typer.Argument(help="Show this tissue in full.")] = None,
+    out: Annotated[Path | None, out_option("Picture of its force next to those of the same organ (.png).")] = None,
+    as_json: Json = False,
 ) -> None:
     """List published tissues, or show one with its source.
 
     A scene takes one by its name, `tissue: liver-human`.
     """
+    if out is not None:
+        _draw(name, out, as_json)
+        return
     from palpate.engine.faults import NOWHERE
     from palpate.launch.load.tissues import GRADES, bodies, settings
     from palpate.launch.load.tissues import tissues as known
@@ -60,6 +66,20 @@ def tissues(
     for key, why in left_out.items():
         say(f"{key}: {why}", wrap=True)
     say("palpate list tissues NAME shows one with its source; palpate run kidney --set scene.tissue=NAME", wrap=True)
+
+
+def _draw(name: str | None, out: Path, as_json: bool) -> None:
+    from palpate.views.pictures.models.tissues import draw_tissues
+
+    if name is None:
+        raise typer.BadParameter("needs the NAME of a tissue, such as kidney-assumed", param_hint="--out")
+    check_ending(out)
+    drawn = draw_if_possible(draw_tissues, name, out)
+    if as_json:
+        print_json({"ok": True, "pictures": [str(path) for path in drawn]})
+    else:
+        for path in drawn:
+            say(path)
 
 
 def _format_value(value: object) -> str:
