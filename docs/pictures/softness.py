@@ -12,12 +12,13 @@ from __future__ import annotations
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.views.pictures import draw_pictures
 
-RUNS = {
+RUNS: dict[str, tuple[Any, ...]] = {
     "softness.png": ("softness", "softness", ()),
     "softness-nodule.png": ("nodule", "pins", ()),
     "softness-band.png": ("kidney", "force", ("scene.finger.band=true",)),
@@ -29,8 +30,13 @@ RUNS = {
 
 def main(folder: Path) -> list[Path]:
     """Run, draw, copy."""
+    return copy_pictures(folder, RUNS)
+
+
+def copy_pictures(folder: Path, runs: dict[str, tuple[Any, ...]]) -> list[Path]:
+    """Run graphs and copy one picture of each; `runs` as `RUNS`. Returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    for target, (graph, picture, sets, *scene) in RUNS.items():
+    for target, (graph, picture, sets, *scene) in runs.items():
         with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
             file = Path(scratch) / f"{graph}.mcap"
             outcome = execute(
@@ -40,7 +46,7 @@ def main(folder: Path) -> list[Path]:
                 raise SystemExit("\n".join(map(str, outcome.result.deaths)))
             made = {path.stem: path for path in draw_pictures(file, Path(scratch))}
             shutil.copyfile(made[picture], folder / target)
-    return [folder / target for target in RUNS]
+    return [folder / target for target in runs]
 
 
 if __name__ == "__main__":

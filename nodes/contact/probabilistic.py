@@ -17,22 +17,16 @@ LAW_SETTINGS = ("mean", "mean_parameters", "deviation", "deviation_parameters", 
 """The settings that a fit determines, in the order of `Band`; a file may omit the last one."""
 
 
-class Probabilistic(Node):
-    """Mean force and spread from the indentation (docs/equations/probabilistic-force.md).
+class MeasuredSubject(Node):
+    """Settings of a measured subject's force, and its band at an indentation, for the nodes that compute it.
 
     The laws are fitted to measured sessions. The default is the published subject; `palpate fit force` writes those of
     other subjects to a file: `model` is its path, and `subject` selects one of several subjects. The node copies the
     settings of the file when it is made, so that a recording contains them.
 
-    `depth` is the quantity of the contact that corresponds to the measured indentation: "compression" of the fingertip
-    (a rigid probe on a finger, as published), or "indentation" of the tissue (sessions on tissue). Without contact all
-    outputs are 0.
-
     `draw`: "tick" draws a new force at each step; "session" keeps one rank in the distribution for the whole run, like
     one session of the experiment; "none" draws no force. A draw depends only on `seed` and the tick.
     """
-
-    effect = "band"
 
     model: Annotated[str, "1"] = ""
     subject: Annotated[str, "1"] = ""
@@ -43,7 +37,6 @@ class Probabilistic(Node):
     depth_limit: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = PUBLISHED.limit
     freedom: Annotated[float, "1", msgspec.Meta(ge=0, le=1e6)] = PUBLISHED.freedom
     """Degrees of freedom of Student's t distribution of a new force about the mean; 0: normal distribution."""
-    depth: Annotated[Literal["compression", "indentation"], "1"] = "compression"
     levels: Annotated[Vector, "1"] = (0.025, 0.5, 0.975)
     draw: Annotated[Literal["none", "tick", "session"], "1"] = "none"
     seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
@@ -71,8 +64,8 @@ class Probabilistic(Node):
         self.rank = np.array(self.levels)
         self.session = uniform(self.seed, -1)
 
-    def step(self, contact: Annotated[Contact, Wants("compression", "indentation")], *, dt: float) -> ForceBand:
-        depth = contact.compression if self.depth == "compression" else contact.indentation
+    def force_at(self, depth: float, tick: int) -> ForceBand:
+        """The force at an indentation [m]; all zero when apart."""
         if not depth > 0.0:
             nothing = (0.0,) * len(self.levels)
             return ForceBand(
@@ -84,7 +77,7 @@ class Probabilistic(Node):
             deviation=deviation,
             levels=self.levels,
             quantiles=tuple(truncated_quantile(self.rank, mean, deviation, self.freedom).tolist()),
-            sample=self._sample(mean, deviation, contact.tick),
+            sample=self._sample(mean, deviation, tick),
             valid=inside,
         )
 
@@ -95,6 +88,24 @@ class Probabilistic(Node):
             return 0.0
         rank = self.session if self.draw == "session" else uniform(self.seed, tick)
         return float(truncated_quantile(rank, mean, deviation, self.freedom))
+
+
+class Probabilistic(MeasuredSubject):
+    """Mean force and spread from the indentation (docs/equations/probabilistic-force.md).
+
+    Model, subject and draw are those of a measured subject: the published one, or one of a file of `palpate fit force`.
+
+    `depth` is the quantity of the contact that corresponds to the measured indentation: "compression" of the fingertip
+    (a rigid probe on a finger, as published), or "indentation" of the tissue (sessions on tissue). Without contact all
+    outputs are 0.
+    """
+
+    effect = "band"
+
+    depth: Annotated[Literal["compression", "indentation"], "1"] = "compression"
+
+    def step(self, contact: Annotated[Contact, Wants("compression", "indentation")], *, dt: float) -> ForceBand:
+        return self.force_at(contact.compression if self.depth == "compression" else contact.indentation, contact.tick)
 
 
 def read_law(path: Path, subject: str) -> dict[str, Any]:

@@ -90,4 +90,4 @@ def test_the_pictures_show_each_finger_and_the_grip(pinched, tmp_path, monkeypat
     each = [
         f"{name}-contact-{f}" for name in ("force", "compression", "friction", "device") for f in ("thumb", "index")
     ]
-    assert made == ["grip", *each]
+    assert made == ["path-contact-thumb", "path-contact-index", "grip", *each]

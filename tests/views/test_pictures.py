@@ -353,7 +353,7 @@ def test_all_pictures_of_a_touch_are_made_without_a_display(touch_file, tmp_path
 
 def test_without_pyvista_the_plots_are_drawn_with_one_hint(touch_file, tmp_path, without_3d):
     made, printed = drawn(touch_file, tmp_path)
-    assert made == PLOTS
+    assert made == ["path.png", *PLOTS]
     assert len(printed) == 1 and 'pip install "palpate[view]"' in printed[0]
 
 
@@ -361,7 +361,7 @@ def test_older_pictures_in_the_folder_are_reported(touch_file, tmp_path, without
     for name in ("deformation.png", "force.png", "force-contact-2.png", "mine.png"):
         (tmp_path / name).write_bytes(b"")
     made, printed = drawn(touch_file, tmp_path)
-    assert made == PLOTS
+    assert made == ["path.png", *PLOTS]
     assert f"older pictures in {tmp_path}, not redrawn: deformation.png, force-contact-2.png" in printed
 
 
@@ -404,7 +404,7 @@ def test_the_plots_survive_a_crash_of_the_graphics_driver(touch_file, tmp_path, 
 
     monkeypatch.setattr(off_screen.Rendering, "_begin", crash)
     made, printed = drawn(touch_file, tmp_path)
-    assert made == PLOTS
+    assert made == ["path.png", *PLOTS]
     assert len(printed) == 1 and "libosmesa6" in printed[0] and ("signal 6" in printed[0] or "no context" in printed[0])
 
 
@@ -505,7 +505,7 @@ def test_missing_streams_only_remove_their_pictures(tmp_path, streams, expected,
 def test_the_command_draws_a_recording(touch_file, tmp_path, without_3d):
     result = CliRunner().invoke(app, ["picture", str(touch_file), "-o", str(tmp_path), "--json"])
     assert result.exit_code == 0 and "friction.png" in result.stdout
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(PLOTS)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["path.png", *PLOTS])
 
 
 def test_the_command_rejects_files_that_are_not_recordings(tmp_path):

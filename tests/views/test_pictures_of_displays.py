@@ -56,12 +56,12 @@ def test_a_slide_has_pictures_of_force_phases_and_pad(slide, tmp_path):
 
 def test_a_press_on_the_display_has_pictures_of_pins_and_softness(tmp_path):
     made, printed = drawn(run("softness", tmp_path, duration=2.0), tmp_path)
-    assert made == {"pins", "softness"} and printed == ""
+    assert made == {"pins", "softness", "profiles"} and printed == ""
 
 
 def test_a_nodule_has_pictures_of_force_band_and_pins(nodule, tmp_path, without_3d):
     made, _ = drawn(nodule, tmp_path)
-    assert made == {"force", "compression", "friction", "device", "pins"}
+    assert made == {"path", "force", "compression", "friction", "device", "pins"}
     assert len(force.draw_picture(TouchStreams(Recording(nodule))).axes) == 3
 
 

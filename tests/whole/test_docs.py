@@ -20,6 +20,7 @@ import typer
 import yaml
 from trimesh import Trimesh
 from typer.core import TyperGroup
+from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.cli.terminal.options import choose_launch
@@ -177,6 +178,18 @@ def test_a_command_within_a_sentence_has_options_that_exist(folder):
             if type(error).__name__ != "MissingParameter":  # the sentence names only the command
                 wrong.append(f"{where}: {' '.join(words)}: {error!r}")
     assert not wrong
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "palpate new" in page.read_text(encoding="utf-8")],
+                         ids=lambda page: page.name)  # fmt: skip
+def test_the_files_that_a_page_has_written_do_not_collide(page, tmp_path, monkeypatch):
+    """`palpate new` twice with one name is an error of the second command."""
+    monkeypatch.chdir(tmp_path)
+    where = str(page.relative_to(ROOT))
+    given = [words for at, words in [*PALPATE, *inline()] if at.partition(":")[0] == where and words[1:2] == ["new"]]
+    for words in dict.fromkeys(tuple(words) for words in given if len(words) > 3):
+        done = CliRunner().invoke(app, words[1:])
+        assert done.exit_code == 0, f"{' '.join(words)}: {done.exception}"
 
 
 @pytest.mark.parametrize(("where", "text"), YAML, ids=[where for where, _ in YAML])

@@ -101,7 +101,7 @@ def _draw_marks(axes: Axes, time: np.ndarray, place: np.ndarray, rows: list[int]
 
     axes.plot(*place[rows].T, "o", color=style.INK, markersize=4, markerfacecolor="white", zorder=5)
     for row in rows:
-        axes.annotate(f"{time[row]:.2f} s", place[row], xytext=(4, 5), textcoords="offset points", fontsize=8, zorder=6,
+        axes.annotate(f"{time[row]:.2f} s", place[row], xytext=(4, 5), textcoords="offset points", fontsize=9, zorder=6,
                       path_effects=[withStroke(linewidth=2.2, foreground="white")])  # fmt: skip
 
 

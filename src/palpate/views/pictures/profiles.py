@@ -58,7 +58,7 @@ def _profiles(axes: Axes, node: PinArray, forces: np.ndarray) -> None:
     axes.set(xlabel="distance from the axis [mm]", ylabel="motion [mm]", xlim=(0.0, WIDE * 1e3))
     axes.set_ylim(0.0, ROOM * axes.get_ylim()[1])  # for the legend
     axes.set_title("profiles: actuator + pins")
-    axes.legend(loc="upper right", fontsize=9, ncols=2)
+    axes.legend(loc="upper right", fontsize=10, ncols=2)
 
 
 def _states(axes: Axes, node: PinArray, most: float) -> None:
@@ -73,11 +73,11 @@ def _states(axes: Axes, node: PinArray, most: float) -> None:
     for values, colour, label in curves:
         axes.plot(force, values * 1e3, color=colour, label=label)
     if not state.valid.all():
-        edge = force[int(np.argmin(state.valid))]
-        axes.axvspan(edge, most, color=FAINT, alpha=0.45, linewidth=0, zorder=0, label=f"{OUTSIDE}, from {edge:.2g} N")
+        edge = force[max(int(np.argmin(state.valid)) - 1, 0)]
+        axes.axvspan(edge, most, color=FAINT, alpha=0.45, linewidth=0, zorder=0, label=f"{OUTSIDE}, above {edge:.2g} N")
     axes.set(xlabel="normal force [N]", ylabel="motion, radius [mm]", xlim=(0.0, most), ylim=(0.0, None))
     axes.set_title("states")
-    axes.legend(loc="upper left", fontsize=9)
+    axes.legend(loc="upper left", fontsize=10)
 
 
 def _table(axes: Axes, state: PadContact, forces: np.ndarray) -> None:

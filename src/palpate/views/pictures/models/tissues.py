@@ -74,16 +74,16 @@ def _draw_law(
 
 
 def _label(name: str, record: Mapping[str, Any]) -> str:
-    rate = str(record["rate"])
-    more = "" if record["grade"] == "assumed" or rate in ("not read", "any") else f", {rate}"
-    return f"{name}: {record['state']}{more}; G = {record['shear']}" + (
-        f" ± {record['spread']}" if "spread" in record else ""
-    )
+    rate, spread = str(record["rate"]), f" ± {record['spread']}" if "spread" in record else ""
+    state = f"{record['state']}, {rate}" if rate not in ("not read", "any") else record["state"]
+    if record["grade"] == "assumed":
+        state = record["source"]
+    return f"{name}: {state}; G = {record['shear']}{spread}"
 
 
 def _legend(out: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
-    out.legend(handles, labels, loc="outside lower left", ncols=2, fontsize=9)
+    out.legend(handles, labels, loc="outside lower left", ncols=2, fontsize=10)
 
 
 def plane_modulus(record: Mapping[str, Any]) -> float:
