@@ -35,7 +35,8 @@ RUNS = {
 RATE, COUNT = 1025.0, 60e-6  # [Hz] mean rate of the kidney study; [m] resolution of its device
 SPEED = 20e-3  # [m/s] of the finger whose velocity is drawn
 AMPLITUDE = 2e-3  # [m] of the motion for gain and delay
-FREQUENCIES = np.geomspace(1.0, 250.0, 40)  # [Hz]
+FREQUENCIES = np.geomspace(1.0, 250.0, 70)  # [Hz]
+NULL = RATE / 8.0  # [Hz] of the average, above which its phase jumps
 FILTERS = {
     "as measured": ({"resolution": 0.0}, FAINT),
     "moving average, 8": ({"average": 8}, FRICTION),
@@ -71,11 +72,12 @@ def moving_average(path: Path) -> None:
     for label, (settings, colour) in FILTERS.items():
         found = np.array([response(frequency, settings) for frequency in FREQUENCIES])
         gain.plot(FREQUENCIES, 20.0 * np.log10(np.maximum(abs(found), 1e-3)), color=colour, label=label)
-        delay.plot(FREQUENCIES, np.degrees(np.unwrap(np.angle(found))), color=colour, label=label)
+        below = (NULL if "average" in settings else np.inf) > FREQUENCIES
+        delay.plot(FREQUENCIES[below], np.degrees(np.unwrap(np.angle(found[below]))), color=colour, label=label)
         _velocity(noise, label, settings, colour)
-    corner = 0.44596 * RATE / 8.0
+    corner = 0.44596 * NULL
     gain.axvline(corner, color=INK, linewidth=0.8, linestyle=":")
-    gain.text(corner * 1.05, -27.0, f"−3 dB of the average\n{corner:.0f} Hz", fontsize=9)
+    gain.text(corner * 0.95, 2.0, f"−3 dB of the average\n{corner:.0f} Hz", fontsize=9, ha="right")
     gain.set(xlabel="frequency [Hz]", ylabel="gain of the position [dB]", ylim=(-30.0, 6.0), xlim=(1.0, 250.0))
     delay.set(xlabel="frequency [Hz]", ylabel="phase of the position [°]", ylim=(-200.0, 20.0), xlim=(1.0, 250.0))
     for axes in (gain, delay):

@@ -29,8 +29,9 @@ BETWEEN = 5  # points checked between two points of the path
 
 
 def place_organ(
-    read: Callable[[Sequence[str | Override]], Graph], overrides: Sequence[str | Override], organ: OrganFile
-) -> tuple[list[Override], str]:
+    read: Callable[[Sequence[str | Override]], Graph], overrides: Sequence[str | Override], organ: OrganFile,
+    follow: bool = True,
+) -> tuple[list[Override], str]:  # fmt: skip
     """Overrides that replace the organ of a scene by this one, before those of the user, and a note on its position.
 
     The top of the organ moves to the point where the hand's path first touches the scene's surface. Each point of the
@@ -39,6 +40,7 @@ def place_organ(
 
     read       the graph with these overrides
     overrides  of the user
+    follow     change the path of the hand; False: the motion is recorded, so only the organ moves
 
     MeshError: a graph without a surface and a hand. SettingError: the mesh is unusable.
     """
@@ -73,7 +75,7 @@ def place_organ(
     size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(mesh.vertices, axis=0))
     lies = ", ".join(f"{1e3 * v:.3g}" for v in top + moved)
     text = f"{organ.file} in {unit}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
-    if path:
+    if path and follow:
         scale, points = _follow(Mesh(mesh.vertices + moved, mesh.triangles), original, points, anchor)
         values["scene", "hand"] = scene["hand"] | _hand(path, points)
         narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""

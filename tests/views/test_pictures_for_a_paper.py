@@ -16,7 +16,8 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Friction, Ledger, Pins, Slip, fields
 from palpate.records.reader import Recording
 from palpate.views import pictures
-from palpate.views.pictures import compare, compression, deformation, energy, force, grip, pins, style
+from palpate.views.pictures import compression, deformation, energy, force, grip, pins, style
+from palpate.views.pictures.models import compare
 from palpate.views.pictures.touch import TouchStreams
 
 

@@ -98,7 +98,7 @@ def test_the_path_is_where_the_finger_was_coloured_by_its_force(tmp_path):
         assert len(pressed.get_segments()) == (contact["force"][1:] > 0.0).sum()
 
 
-def test_marks_of_the_path_are_the_ends_and_extremes_of_touches_that_stand_apart():
+def test_marks_of_the_path_are_the_ends_and_extremes_of_touches_with_a_distance():
     time = np.arange(200) * 1e-3
     force = np.where((time >= 0.05) & (time < 0.15), np.sin((time - 0.05) / 0.1 * np.pi), 0.0)
     place = np.stack([1e3 * time, 0.0 * time, 0.0 * time], axis=1)  # 1 mm per tick

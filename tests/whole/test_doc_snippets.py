@@ -2,15 +2,16 @@
 
 import ast
 import importlib
+from textwrap import dedent
 
 import pytest
 from test_docs import ROOT, blocks, folder  # noqa: F401 - the folder with the files that the pages mention
 
-PYTHON = [(where, text) for where, language, text in blocks() if language == "python"]
+PYTHON = [(where, dedent(text)) for where, language, text in blocks() if language == "python"]
 PARTS = {
     "docs/add_a_node.md": "excerpts of a file; tests/whole/test_docs.py compares its two complete nodes",
     "docs/your_organ.md": "the reader's mesh",
-    "docs/fit_tissue.md": "the reader's presses; tests/models/fit",
+    "docs/effects.md": "an excerpt of a class",
 }
 """Pages whose blocks do not run one after the other, and why."""
 IDS = [where for where, _ in PYTHON]
@@ -31,7 +32,7 @@ def test_a_block_parses_and_what_it_imports_exists(where, text):
 
 @pytest.mark.parametrize(("where", "text"), PYTHON, ids=IDS)
 def test_the_functions_of_palpate_that_a_block_calls_exist(where, text):
-    """`palpate.run`, `palpate.Ensemble`: names of the public door."""
+    """`palpate.run`, `palpate.Ensemble`: names of the public API."""
     import palpate
 
     used = {n.attr for n in ast.walk(ast.parse(text))

@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 SOURCES = sorted(path for folder in ("src/palpate", "launch", "nodes") for path in (ROOT / folder).rglob("*.py"))
 WRITERS = {"write_text", "write_bytes", "savefig", "savez", "savez_compressed", "save", "to_csv", "export"}
 DIRECTLY = {
-    "src/palpate/compiler/kernel_files.py": "has a temporary name of its own, relative to an opened folder",
+    "src/palpate/compiler/kernel_files.py": "writes under a temporary name, relative to an opened folder",
     "src/palpate/views/surface/off_screen.py": "a temporary folder, read by a child process",
     "src/palpate/views/surface/render.py": "the same, written by the child process",
     "src/palpate/views/page/steered.py": "a temporary folder of the page",

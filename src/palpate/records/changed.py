@@ -1,6 +1,7 @@
 """The plan of a replay: the recorded one, with other settings, or that of another graph."""
 
 import copy
+import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -10,8 +11,11 @@ from palpate.engine.imports import UntrustedError, check_trusted, full_name
 from palpate.engine.plan import Plan
 from palpate.launch.load.classes import body, is_shipped
 from palpate.launch.load.effects import trim_fields
+from palpate.launch.load.files import Override
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
+from palpate.launch.load.organ import place_organ
+from palpate.launch.load.organ_file import OrganFile
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.load.values.source import YamlSource
@@ -45,6 +49,17 @@ def change_plan(recording: Recording, overrides: Sequence[str] = (), graph: str 
     return _with_fields(plan(loaded), recorded.get("wanted", {}))
 
 
+def organ_overrides(recording: Recording, organ: OrganFile, overrides: Sequence[str] = ()) -> tuple[list[str], str]:
+    """Overrides, as of `--set`, that put a mesh file in the place of the recorded organ, and a note on its position.
+
+    Its top lies where the path of the recorded scene first touches. The recorded motion does not follow its surface.
+
+    RecordingError, GraphError, MeshError, SettingError: the organ or the overrides do not fit the recording.
+    """
+    changes, note = place_organ(lambda changed: _recorded_graph(recording, changed), overrides, organ, follow=False)
+    return [f"{'.'.join(change.keys)}={json.dumps(change.value.data)}" for change in changes], note
+
+
 def _with_fields(planned: Plan, recorded: Mapping[str, Collection[str]]) -> Plan:
     """The plan with all recorded fields, except those of effects that are off now."""
     nodes = planned.graph.nodes
@@ -65,7 +80,7 @@ def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> N
             )
 
 
-def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
+def _recorded_graph(recording: Recording, overrides: Sequence[str | Override]) -> Graph:
     recorded = recording.about.get("plan", {})
     if not recorded.get("source"):
         raise RecordingError(f"{recording.path}: it does not contain its graph; give one with --graph GRAPH")
@@ -76,7 +91,7 @@ def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
     except UntrustedError as error:
         raise RecordingError(f"{recording.path}: {error}") from None
 
-    def with_overrides(given: Sequence[str]) -> Graph:
+    def with_overrides(given: Sequence[str | Override]) -> Graph:
         return load(
             recorded["path"],
             overrides=given,
@@ -86,8 +101,12 @@ def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
         )
 
     graph = with_overrides(overrides)
-    _keep_settings(graph, with_overrides(()), plan_of(recording).graph, {path.partition("=")[0] for path in overrides})
+    _keep_settings(graph, with_overrides(()), plan_of(recording).graph, {_path_of(override) for override in overrides})
     return graph
+
+
+def _path_of(override: str | Override) -> str:
+    return override.partition("=")[0] if isinstance(override, str) else ".".join(override.keys)
 
 
 def _keep_settings(graph: Graph, defaults: Graph, recorded: Graph, overridden: Collection[str]) -> None:

@@ -12,8 +12,9 @@ from palpate.engine.health import Histogram
 from palpate.engine.imports import full_name
 from palpate.engine.plan import Plan
 from palpate.engine.slot import Output
+from palpate.launch.load.organ_file import OrganFile
 from palpate.messages import Contact, Force, Message, Surface
-from palpate.records.changed import change_plan, no_idle, sources
+from palpate.records.changed import change_plan, no_idle, organ_overrides, sources
 from palpate.records.player import Player
 from palpate.records.reader import Recording
 from palpate.records.segment_player import live_player
@@ -90,6 +91,7 @@ def compare(
     variants: Sequence[Sequence[str]],
     *,
     reference: Sequence[str] | None = None,
+    organ: OrganFile | None = None,
     show: Callable[[int, int], None] = lambda tick, last: None,
     on_tick: Callable[[Sequence[Player]], None] = lambda players: None,
 ) -> list[Variant]:
@@ -97,17 +99,22 @@ def compare(
 
     variants   overrides of each, as for `palpate run --set`; an empty one is the recorded graph
     reference  overrides of the reference; None: the first of the variants
+    organ      mesh file in the place of the recorded organ, of all variants, but not of a given reference
     show       called repeatedly with the tick and the last tick
     on_tick    called at each tick with the players of the returned variants
 
     RecordingError, GraphError: an override does not fit. NodeError: a node raised.
     """
     # Plan the variants and make their players.
-    wanted = [tuple(given) for given in ([reference] if reference is not None else []) + list(variants)]
+    moved = () if organ is None else tuple(organ_overrides(recording, organ)[0])
+    label = () if organ is None else (f"organ={organ.file.name}",)
+    wanted = [((*label, *given), (*moved, *given)) for given in variants]
+    if reference is not None:
+        wanted.insert(0, (tuple(reference), tuple(reference)))
     if not wanted or (reference is None and len(wanted) < 2):
         raise RecordingError("comparing takes two variants, such as --set tissue.use=A --set tissue.use=B")
     original = change_plan(recording)
-    computed = [_variant(recording, given, original) for given in wanted]
+    computed = [_variant(recording, name, given, original) for name, given in wanted]
     drivers = set(sources(recording, original))
     present = recording.ticks()
     players = []
@@ -147,7 +154,7 @@ def compare(
     return computed
 
 
-def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -> Variant:
+def _variant(recording: Recording, name: tuple[str, ...], overrides: tuple[str, ...], original: Plan) -> Variant:
     plan = change_plan(recording, overrides)
     nodes = original.graph.nodes
     swapped = tuple(
@@ -158,7 +165,7 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
         or any(nodes[name].settings.get(key, value) != value for key, value in plan.graph.nodes[name].settings.items())
         or nodes[name].every != plan.graph.nodes[name].every
     )
-    return Variant(" ".join(overrides) or RECORDED, overrides, plan, swapped)
+    return Variant(" ".join(name) or RECORDED, overrides, plan, swapped)
 
 
 def _sent_message(outputs: dict[type[Message], Output], kind: type[Message], tick: int) -> Any:

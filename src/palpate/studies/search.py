@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import FUSED
 from palpate.launch.run.execute import execute
@@ -143,14 +144,21 @@ def record_touch(launch: LaunchFile, file: Path) -> Recording:
     return Recording(file)
 
 
+def _entry(override: str | Override) -> tuple[str, Any]:
+    """Path and value of an override, also of a launch file or of an organ."""
+    if isinstance(override, str):
+        path, _, value = override.partition("=")
+        return path.strip(), yaml.safe_load(value)
+    return ".".join(override.keys), override.value.data
+
+
 def write(launch: LaunchFile, chosen: dict[str, Any], comments: Sequence[str], path: Path) -> None:
     """Write the launch file of the choice, with these comments at its head."""
     content: dict[str, Any] = {"graph": str(launch.graph.resolve())}
     if launch.scene is not None:
         content["scene"] = str(launch.scene.resolve()) if isinstance(launch.scene, Path) else launch.scene
     content |= {name: getattr(launch, name) for name in ("clock", "duration") if getattr(launch, name) is not None}
-    given = [text.partition("=") for text in launch.overrides if isinstance(text, str)]
-    content["set"] = {key: yaml.safe_load(value) for key, _, value in given} | chosen
+    content["set"] = dict(_entry(override) for override in launch.overrides) | chosen
     head = "".join(f"# {line}\n" for line in comments)
     path.parent.mkdir(parents=True, exist_ok=True)
     replace_text(path, head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True))

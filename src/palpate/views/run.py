@@ -56,7 +56,7 @@ class Comparison:
 
     def plot(self) -> Figure:
         """Force and indentation of every variant over time, and their differences from the first."""
-        from palpate.views.pictures.compare import figure
+        from palpate.views.pictures.models.compare import figure
 
         return figure(self.variants)
 

@@ -63,7 +63,7 @@ def test_gain_and_delay_are_those_of_the_mean(frequency):
     x, v = response(frequency)
     assert abs(x) == approx(sinc(frequency), rel=1e-6)
     assert -np.angle(x) == approx(2 * math.pi * frequency * 3.5 / FS, abs=1e-6)
-    # the velocity: the mean of differences, whose own gain is sin(x)/x, delayed by half a sample more
+    # the velocity: the mean of differences; a difference has the gain sin(x)/x and a delay of half a sample
     x = math.pi * frequency / FS
     assert abs(v) == approx(sinc(frequency) * math.sin(x) / x, rel=1e-6)
     assert -np.angle(v) == approx(2 * math.pi * frequency * 4.0 / FS, abs=1e-6)

@@ -12,6 +12,7 @@ import typer
 
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
+    from palpate.launch.load.organ_file import OrganFile
 
 
 def _names(incomplete: str) -> list[str]:
@@ -173,32 +174,39 @@ def launch_file(launch: LaunchFile, out: Path | None, what: str) -> Path:
     return file
 
 
-def with_organ_file(
-    launch: LaunchFile, file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
-) -> LaunchFile:
-    """Put the organ of a mesh file, or of the launch file or scene, in the place of the run's organ. MeshError,
+def organ_file(
+    file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
+) -> tuple[OrganFile | None, tuple[str, ...]]:
+    """The organ of `--organ`, `--unit`, `--piece` and `--repair`, and a note on its repair; None: not given. MeshError,
     SettingError: unusable organ."""
     if file is None:
         for option, given in (("--unit", unit), ("--piece", piece), ("--repair", repair)):
             if given:
                 raise typer.BadParameter(f"{option} needs --organ FILE")
-    else:
-        from palpate.launch.load.organ_file import OrganFile
+        return None, ()
+    from palpate.launch.load.organ_file import OrganFile
 
-        if piece not in (None, "all") and not str(piece).isdecimal():
-            raise typer.BadParameter(f"--piece: found {piece!r}, expected all or a number from 1")
-        organ = OrganFile(file, unit, int(piece) if piece is not None and piece.isdecimal() else piece)
-        if repair:
-            from palpate.models.build.repair import repair_mesh
+    if piece not in (None, "all") and not str(piece).isdecimal():
+        raise typer.BadParameter(f"--piece: found {piece!r}, expected all or a number from 1")
+    organ = OrganFile(file, unit, int(piece) if piece is not None and piece.isdecimal() else piece)
+    if not repair:
+        return organ, ()
+    from palpate.models.build.repair import repair_mesh
 
-            if not silent:
-                typer.echo(f"repairing {file} ...", err=True)
-            written, steps = repair_mesh(file, organ.in_unit(), organ.setting)
-            text = f"{file}: {', '.join(steps)}; written to {written}" if steps else f"{file} needs no repair"
-            launch = dataclasses.replace(launch, notes=(text,))
-            organ = OrganFile(written, "m") if steps else organ
-        launch = launch.but(organ=organ)
-    launch = launch.settle_organ()
+    if not silent:
+        typer.echo(f"repairing {file} ...", err=True)
+    written, steps = repair_mesh(file, organ.in_unit(), organ.setting)
+    text = f"{file}: {', '.join(steps)}; written to {written}" if steps else f"{file} needs no repair"
+    return (OrganFile(written, "m") if steps else organ), (text,)
+
+
+def with_organ_file(
+    launch: LaunchFile, file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
+) -> LaunchFile:
+    """Put the organ of a mesh file, or of the launch file or scene, in the place of the run's organ. MeshError,
+    SettingError: unusable organ."""
+    organ, notes = organ_file(file, unit, piece, repair, silent)
+    launch = dataclasses.replace(launch.but(organ=organ), notes=(*launch.notes, *notes)).settle_organ()
     for line in () if silent else launch.notes:
         typer.echo(line, err=True)
     return launch

@@ -26,16 +26,16 @@ MOST = 64
 
 
 @kernel
-def add(window: Array, state: Record, anew: bool, time: float, reading: Vector3):
+def add(window: Array, state: Record, restart: bool, time: float, reading: Vector3):
     """Add a reading, and compute the averages: (x, y, z, vx, vy, vz) [m], [m/s].
 
     window   (N+1,4)  readings [m] and their times [s], a ring
     state             `count` of readings in the window and the row `at` of the newest one, changed in place
-    anew              forget the earlier readings: the position has jumped, and the velocity is 0
+    restart           forget the earlier readings: the position has jumped, and the velocity is 0
     time     [s]      of the reading [m] (3)
     """
     size = len(window)
-    if anew:
+    if restart:
         state.count = 0
     state.at = (state.at + 1) % size
     state.count = min(state.count + 1, size)

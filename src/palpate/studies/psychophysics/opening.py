@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from palpate.launch.load.organ_file import OrganFile
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.physics.errors import ArgumentError
 from palpate.studies.files import refuse
@@ -58,18 +59,19 @@ class Sitting:
 @contextmanager
 def open_sitting(
     name: str, out: Path | None, participant: str | None, session: int | None, sets: list[str], resume: bool,
-    sure: Sure, simulate: Path | Literal["observer"] | None = None,
+    sure: Sure, simulate: Path | Literal["observer"] | None = None, organ: OrganFile | None = None,
 ) -> Iterator[Sitting]:  # fmt: skip
     """Open a new session of an experiment, or resume one.
 
     simulate  a simulated observer: of a file, or `OF_EXPERIMENT`; None: a participant on a page
+    organ     mesh file instead of the organ of the scene
 
     GraphError, ArgumentError: it cannot be opened. Nothing is written before the experiment, its observer and its first
     trial have been checked.
     """
     path = find(name)
     experiment, source = load(path)
-    stimuli = Stimuli(experiment, source, path, sets)
+    stimuli = Stimuli(experiment, source, path, sets, organ)
     observer = _observer(stimuli, source, simulate)
     folder = out or Path("runs", "experiments", path.stem)
     refuse(folder, "study.json", "the results of a study")

@@ -11,6 +11,7 @@ from palpate.engine.graph import Graph
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.launchfile import find as find_launch
+from palpate.launch.load.organ_file import OrganFile
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.nodes.base import settings
@@ -31,14 +32,17 @@ class Stimuli:
     GraphError: lists all faults of paths and values, before anything runs.
     """
 
-    def __init__(self, experiment: Experiment, source: YamlSource, file: Path, sets: Sequence[str] = ()) -> None:
+    def __init__(
+        self, experiment: Experiment, source: YamlSource, file: Path, sets: Sequence[str] = (),
+        organ: OrganFile | None = None,
+    ) -> None:  # fmt: skip
         self.experiment, self._source, self.faults = experiment, source, Faults()
         scene: Any = experiment.scene
         if isinstance(scene, str):
             scene = find_file(scene, SCENES, file.parent, source.place("scene"), "scene")
         self.launch: LaunchFile = (
             find_launch(graph_of(file, experiment.graph))
-            .but(scene=scene, overrides=[*overrides(experiment.set, "set"), *sets])
+            .but(scene=scene, overrides=[*overrides(experiment.set, "set"), *sets], organ=organ)
             .settle_organ()
         )
         base = self.launch.load()

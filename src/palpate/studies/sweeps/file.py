@@ -14,7 +14,7 @@ import msgspec
 
 from palpate.engine.faults import Location
 from palpate.launch.load.files import GRAPHS
-from palpate.launch.load.organ_file import organ_of
+from palpate.launch.load.organ_file import OrganFile, organ_of
 from palpate.launch.load.values.lines import quantity
 from palpate.launch.load.values.source import read
 from palpate.studies.files import Text, Whole, fill_struct, graph_of, locate_file
@@ -47,7 +47,9 @@ def find(name: str) -> Path:
     return locate_file(name, STUDIES, "study")
 
 
-def load(path: Path, sensitivity: str | None = None, samples: int | None = None) -> Study:
+def load(
+    path: Path, sensitivity: str | None = None, samples: int | None = None, organ: OrganFile | None = None
+) -> Study:
     """The study that a file describes. The other arguments replace its entries.
 
     GraphError: the file is invalid. ArgumentError: the study is invalid.
@@ -55,7 +57,7 @@ def load(path: Path, sensitivity: str | None = None, samples: int | None = None)
     given = fill_struct(_File, read(path), "graph, over and keep")
     values = msgspec.structs.asdict(given)
     sets = overrides(values.pop("set"), "set")
-    values["organ"] = None if given.organ is None else organ_of(given.organ, Location(str(path)))
+    values["organ"] = organ or (None if given.organ is None else organ_of(given.organ, Location(str(path))))
     values |= {"graph": graph_of(path, given.graph), "limit": None if given.limit == "none" else given.limit}
     values |= {
         "sensitivity": sensitivity or given.sensitivity,

@@ -26,7 +26,7 @@ LIGHT = np.array([0.35, 0.35, 0.87])  # [1] direction to the light, in the axes 
 SHADES = (0.72, 0.97)  # [1] grey of a face away from and towards the light
 MARKS = 8  # instants with a label
 APART = 0.06  # [1] least distance of two labels, as a fraction of the wider view
-LIGHTEST = 0.2  # [1] of the scale of colours that begins the path's: lighter ones do not stand out from the organ
+LIGHTEST = 0.2  # [1] of the scale of colours that begins the path's: lighter ones are hard to see on the organ
 ROOM = 0.08  # [1] margin of a view, as a fraction of its size
 POINTS = 4000  # of the path
 

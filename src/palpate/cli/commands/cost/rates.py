@@ -27,6 +27,10 @@ def rates(
     ] = "1 %",
     sets: options.Sets = None,
     scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    repair: options.RepairOption = False,
     duration: options.Duration = None,
     speeds: Annotated[
         str,
@@ -48,6 +52,7 @@ def rates(
     share, _ = read_error(error)
     fast = study.read_speeds(speeds)
     launch = options.choose_launch(graph, sets, scene).but(duration=duration)
+    launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
     planned = launch.plan()
     study.effects_of(planned)
     file = options.launch_file(launch, out, "rates")

@@ -40,6 +40,10 @@ def tune(
     ] = None,
     sets: options.Sets = None,
     scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    repair: options.RepairOption = False,
     duration: options.Duration = None,
     out: Annotated[Path | None, options.out_option("Launch file to write; default runs/GRAPH-tuned.yaml.")] = None,
     as_json: options.Json = False,
@@ -56,6 +60,7 @@ def tune(
         raise typer.BadParameter("expected --budget '0.5 ms', --error '2 % force', or both")
     goal = study.Goal(budget, *(read_error(error, study.QUANTITIES) if error is not None else (None, "force")))
     launch = options.choose_launch(graph, sets, scene).but(duration=duration)
+    launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
     file = options.launch_file(launch, out, "tuned")
     loaded = launch.load()
     bodies, length = len(study.candidates(loaded)), launch.duration or 0.0

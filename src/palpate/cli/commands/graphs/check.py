@@ -1,18 +1,22 @@
 """`palpate check`: check a graph and report all its faults."""
 
-from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, choose_launch
+from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console, print_json, say
 
 EXAMPLE = "palpate check kidney --scene frictionless"
 
 
 def check(
-    graph: Graph,
-    sets: Sets = None,
-    scene: SceneOption = None,
-    place: PlaceOption = None,
-    fused: Fused = False,
-    as_json: Json = False,
+    graph: options.Graph,
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    repair: options.RepairOption = False,
+    place: options.PlaceOption = None,
+    fused: options.Fused = False,
+    as_json: options.Json = False,
 ) -> None:
     """Check a graph, its scene and its placement.
 
@@ -20,7 +24,8 @@ def check(
     """
     from palpate.launch.load.plan import check_stored
 
-    run = choose_launch(graph, sets, scene, place, fused)
+    run = options.choose_launch(graph, sets, scene, place, fused)
+    run = options.with_organ_file(run, organ, unit, piece, repair, silent=as_json)
     plan = run.plan()
     check_stored(plan)
     groups = run.placement(plan).groups

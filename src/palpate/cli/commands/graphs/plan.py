@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, choose_launch
+from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console, print_json, table
 from palpate.launch.run.progress import steps
 
@@ -27,16 +27,20 @@ PROVED = (
 
 
 def plan(
-    graph: Graph,
-    sets: Sets = None,
-    scene: SceneOption = None,
-    place: PlaceOption = None,
-    fused: Fused = False,
+    graph: options.Graph,
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    repair: options.RepairOption = False,
+    place: options.PlaceOption = None,
+    fused: options.Fused = False,
     ablate: Annotated[
         Path | None,
         typer.Option(help="A recorded touch: compute it again with each effect toggled, and show what changes."),
     ] = None,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Show what runs, what does not and why, and after a run the cost per effect.
 
@@ -45,7 +49,10 @@ def plan(
     from palpate.launch.load.effect_costs import effect_costs
     from palpate.records.times import step_times
 
-    run = choose_launch(graph, sets, scene, place, fused)
+    if ablate is not None and organ is not None:
+        raise typer.BadParameter("--ablate computes a recorded touch again, on its organ; leave out --organ")
+    run = options.choose_launch(graph, sets, scene, place, fused)
+    run = options.with_organ_file(run, organ, unit, piece, repair, silent=as_json)
     planned = run.plan()
     times, source = step_times(planned, ablate)
     placement = run.placement(planned, times)

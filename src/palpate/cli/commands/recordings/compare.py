@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.cli.terminal import options
 from palpate.cli.terminal.options import File, Json, NoPictures, Trust, check_ending, out_option
 from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.launch.run.progress import ticks
@@ -26,6 +27,10 @@ def compare(
     reference: Annotated[
         str | None, typer.Option(help='"recorded" or changed values; default: the first of several variants.')
     ] = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    repair: options.RepairOption = False,
     out: Annotated[Path | None, out_option("PNG; FILE-compare.png if left out.")] = None,
     no_pictures: NoPictures = False,
     trust: Trust = None,
@@ -34,18 +39,22 @@ def compare(
     """Compute a recorded touch with several variants of its graph.
 
     Prints differences in force, indentation and shape, and step times. A single variant is compared with the graph as
-    it was recorded.
+    it was recorded. With --organ all variants, but not a given reference, are computed on the organ of a mesh file.
     """
     import shlex
 
+    from palpate.records.changed import organ_overrides
     from palpate.records.compare import RECORDED
     from palpate.records.compare import compare as work
     from palpate.records.reader import Recording
     from palpate.records.stored import report_damage
-    from palpate.views.pictures.compare import draw_comparison
+    from palpate.views.pictures.models.compare import draw_comparison
 
     wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
     wanted = [[] if given == [RECORDED] else given for given in wanted]
+    replaced, notes = options.organ_file(organ, unit, piece, repair, silent=as_json)
+    if replaced is not None and not wanted:
+        wanted = [[]]
     if not wanted:
         raise typer.BadParameter("expected --set or --variant, such as --set tissue.use=deformation.ReducedFE")
     base = None if reference is None else [] if reference == RECORDED else shlex.split(reference)
@@ -55,8 +64,11 @@ def compare(
     if not no_pictures:
         check_ending(target)
     recording = Recording(file)
+    if replaced is not None and not as_json:
+        for line in (*notes, organ_overrides(recording, replaced)[1]):
+            say(line, err=True)
     with report_damage(file), ticks("computing", silent=as_json) as show:
-        outcomes = work(recording, wanted, reference=base, show=show)
+        outcomes = work(recording, wanted, reference=base, organ=replaced, show=show)
     paths = [] if no_pictures else draw_if_possible(draw_comparison, outcomes, target)
     if as_json:
         print_json({"ok": True, "complete": recording.complete, "ending": recording.ending,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.cli.terminal import options
 from palpate.cli.terminal.options import Host, Json, NoOpen, Port, Sets, out_option
 from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.launch.run.progress import steps
@@ -34,6 +35,10 @@ def experiment(
     observer: Annotated[Path | None, typer.Option(help="Simulate the observer of this file (.yaml).")] = None,
     analyse: Annotated[Path | None, typer.Option(help="Folder of data to analyse: print and draw the results.")] = None,
     sets: Sets = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    repair: options.RepairOption = False,
     port: Port = 0,
     host: Host = "127.0.0.1",
     no_open: NoOpen = False,
@@ -52,7 +57,11 @@ def experiment(
     from palpate.studies.psychophysics.opening import OF_EXPERIMENT, open_sitting
 
     simulated = observer or (OF_EXPERIMENT if simulate else None)
-    with open_sitting(file, out, participant, session, list(sets or []), resume, _confirm, simulated) as sitting:
+    replaced, notes = options.organ_file(organ, unit, piece, repair, silent=as_json)
+    for line in () if as_json else notes:
+        say(line, err=True)
+    given = list(sets or [])
+    with open_sitting(file, out, participant, session, given, resume, _confirm, simulated, replaced) as sitting:
         place = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
         for note in [*sitting.notes, place]:
             say(note, err=True)

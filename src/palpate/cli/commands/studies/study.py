@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.cli.terminal import options
 from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.launch.run.notes import lines
@@ -31,6 +32,10 @@ def study(
     ] = None,
     sensitivity: Annotated[str | None, typer.Option(help="sobol or morris: which parameter matters.")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    repair: options.RepairOption = False,
     retry: Annotated[bool, typer.Option("--retry", help="Recompute points that failed before.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Compute more than 100,000 points.")] = False,
     as_json: Json = False,
@@ -44,10 +49,13 @@ def study(
     from palpate.studies.sweeps.file import find, load
 
     path = find(file)
+    replaced, notes = options.organ_file(organ, unit, piece, repair, silent=as_json)
+    for line in () if as_json else notes:
+        say(line, err=True)
     folder = out or Path("runs", "studies", path.stem)
     opened = cluster_or_local(scheduler, workers, folder / "workers.log", lambda text: say(text, "yellow", err=True))
     with opened as executor:  # its processes start while the study is loaded
-        found = load(path, sensitivity, samples)
+        found = load(path, sensitivity, samples, replaced)
         _run(found, path.stem, folder, executor, as_json, retry=retry, yes=yes)
     _print(found, folder, as_json)
     if any(row["error"] for row in found.rows()):

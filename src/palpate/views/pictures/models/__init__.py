@@ -1,1 +1,1 @@
-"""Pictures of fits and of scanned fingertips."""
+"""Pictures of fits, scanned fingertips, published tissues, and compared variants: not of one recording."""

@@ -21,6 +21,10 @@ def body(
     ] = None,
     sets: options.Sets = None,
     scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    repair: options.RepairOption = False,
     duration: options.Duration = None,
     out: Annotated[Path | None, options.out_option("Launch file to write; default runs/GRAPH-fitted.yaml.")] = None,
     as_json: options.Json = False,
@@ -33,6 +37,7 @@ def body(
     from palpate.studies import fit_body as study
 
     launch = options.choose_launch(graph, sets, scene).but(duration=duration)
+    launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
     launch.load()
     file = options.launch_file(launch, out, "fitted")
     length = launch.duration or 0.0
