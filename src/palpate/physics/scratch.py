@@ -40,7 +40,7 @@ class ScratchFolder(tempfile.TemporaryDirectory[str]):
         if getattr(self, "_process", None) == os.getpid():
             self.cleanup()
         elif hasattr(self, "_process"):  # a forked process drops its copy of this object
-            self._finalizer.detach()
+            self._finalizer.detach()  # type: ignore[attr-defined]
 
 
 def _locked(folder: Path) -> int | None:

@@ -98,7 +98,8 @@ class SimulatedObserver:
         if stimuli.experiment.response == "magnitude" and not self._feels:
             raise ArgumentError("an observer of magnitudes needs `feels`, not a threshold")
         self._prepare = lane.preparation(self._launch, self._feels, {})
-        self._random, self._done = np.random.default_rng(settings.seed), _ignore
+        self._random = np.random.default_rng(settings.seed)
+        self._done: Callable[[Trial], object] = _ignore
         self._known: dict[str, tuple[Path, float]] = {}
         self._felt: list[float] = []
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from palpate.studies.psychophysics.page import ExperimentPage
 
 Sure = Callable[[str], bool | None]  # Asks the user; None: no terminal
-OF_EXPERIMENT = "observer"
+OF_EXPERIMENT: Literal["observer"] = "observer"
 """The `observer:` of the experiment, where another one is a file."""
 
 

@@ -6,7 +6,7 @@ import contextlib
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -56,7 +56,7 @@ def experiment(
         raise typer.BadParameter("expected an EXPERIMENT, such as kidney-stiffness, or --analyse FOLDER")
     from palpate.studies.psychophysics.opening import OF_EXPERIMENT, open_sitting
 
-    simulated = observer or (OF_EXPERIMENT if simulate else None)
+    simulated: Path | Literal["observer"] | None = observer or (OF_EXPERIMENT if simulate else None)
     replaced, notes = options.organ_file(organ, unit, piece, repair, silent=as_json)
     for line in () if as_json else notes:
         say(line, err=True)
