@@ -31,6 +31,7 @@ RUNS = {
     ("remote", None): 0.5,
     ("fingertip-slide", None): 0.05,
     ("softness", None): 0.1,
+    ("digit", None): 0.7,
 }
 """Graphs and scenes, and durations [s] in which the finger touches."""
 IN_PLACE = {
@@ -47,6 +48,7 @@ NOT_RUN = {
     "actuator.SoundCard": "an observer that needs a sound card",
     "device.Mouse": "needs a program that sends the mouse; tests/views",
     "device.Replayed": "needs a recording; tests/records",
+    "friction.Components": "in no shipped graph; tests/physics/friction/test_components.py",
     "kinematics.Cartesian": "follows a device; tests/drivers",
     "tactile.Flow": "in no shipped graph; tests/nodes/test_fingertip_effects.py",
 }
