@@ -21,7 +21,7 @@ def tissues(
     A scene takes one by its name, `tissue: liver-human`.
     """
     if out is not None:
-        _draw(name, out, as_json)
+        _draw_tissue(name, out, as_json)
         return
     from palpate.engine.faults import NOWHERE
     from palpate.launch.load.tissues import GRADES, bodies, settings
@@ -68,7 +68,7 @@ def tissues(
     say("palpate list tissues NAME shows one with its source; palpate run kidney --set scene.tissue=NAME", wrap=True)
 
 
-def _draw(name: str | None, out: Path, as_json: bool) -> None:
+def _draw_tissue(name: str | None, out: Path, as_json: bool) -> None:
     from palpate.views.pictures.models.tissues import draw_tissues
 
     if name is None:
