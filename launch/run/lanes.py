@@ -87,6 +87,13 @@ def check_compiled(planned: Plan) -> None:
                 f"{name}: {node!r} ({kind.__name__}) runs in Python; lanes run compiled nodes alone. Leave it out of "
                 "the graph, give it the compiled form (docs/add_a_node.md), or use palpate.run or palpate.Study"
             )
+        for edge in planned.edges[node]:
+            if edge.loop and planned.order.index(edge.producer) <= planned.order.index(node):
+                raise ArgumentError(
+                    f"{name}: input {edge.port!r} of {node!r} holds an earlier message of {edge.producer!r}, which runs"
+                    " before it in each tick; a lane keeps only the newest. Leave out `loop: true`, or use palpate.run"
+                    " or palpate.Study"
+                )
 
 
 class LaneRun:

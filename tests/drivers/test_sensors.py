@@ -1,6 +1,7 @@
 """The force sensor: its bytes, and its node with an emulator on a real socket."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ from pytest import approx
 
 from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.sensors import netft
 from palpate.drivers.transport.burst import MOST
 from palpate.launch.testing import FakeBus
 from palpate.messages import Pose
-from palpate.nodes.sensor import NetFT
+from palpate.nodes.sensor import NetFT, measured
 
 
 def pressing(now):
@@ -105,3 +107,27 @@ def test_a_sensor_node_sends_the_measured_force():
         assert np.all(np.array(forces) >= 0.0)
     finally:
         node.stop()
+
+
+@pytest.mark.parametrize(("rate", "oldest"), [(0.0, 20_000_000), (1000.0, 20_000_000), (50.0, 59_999_000)])
+def test_the_force_of_a_silent_sensor_is_zero_and_counted(monkeypatch, rate, oldest):
+    node, clock = NetFT(tare=0.0), [0]
+    monkeypatch.setattr(measured, "time", SimpleNamespace(monotonic_ns=lambda: clock[0]))
+    node.steps, node.seconds, node.reported, node.go = 0, 0.0, False, None
+    node.clock = node.bias = 0.0
+    node.expired, node.noted, node.ended = 0, False, False
+    sent = DeviceSample(time=0, wrench=(0.0, 0.0, -3.0, 0.0, 0.0, 0.0))
+    node.exchange = SimpleNamespace(
+        sample=lambda: sent, command=lambda _: None, notes=list, rate=rate, stop=lambda: None, lost=None
+    )
+    for age in (0, oldest):
+        clock[0] = age
+        assert node.step(None, dt=1e-3).force == 3.0 and node.notes() == []
+    for age in (oldest + 2_000, 2_000_000_000):
+        clock[0] = age
+        assert node.step(None, dt=1e-3).force == 0.0
+    assert node.notes() == ["the sensor is silent: the force counts as zero until it answers again"]
+    sent = sent._replace(time=clock[0])
+    assert node.step(None, dt=1e-3).force == 3.0 and node.notes() == []
+    node.stop()
+    assert node.notes() == ["the force of 2 of 5 steps is zero, because the sensor was silent"] and node.notes() == []

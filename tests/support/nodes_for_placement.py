@@ -52,7 +52,7 @@ class Two(One):
         one = mix(self.state, first, second, third)
         same = one[0] > 0.3 and self.sent
         self.sent = True
-        return Torque(torques=one), None if same else Force(force=one, state="", energy=self.state[1])  # type: ignore[return-value]
+        return Torque(torques=one), None if same else Force(force=one, state="free", energy=self.state[1])  # type: ignore[return-value]
 
 
 @kernel

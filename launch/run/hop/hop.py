@@ -44,8 +44,8 @@ FAR = 1 << 62  # a tick after all others
 
 
 def suits(parts: Sequence[Slot | CompiledSegment]) -> bool:
-    """Whether all nodes of a worker are compiled."""
-    return bool(parts) and all(isinstance(part, CompiledSegment) for part in parts)
+    """Whether all nodes of a worker are compiled, and the host passes no messages between them."""
+    return bool(parts) and all(isinstance(part, CompiledSegment) and not part.receives for part in parts)
 
 
 def load(real: bool) -> Any:

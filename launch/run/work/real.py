@@ -161,9 +161,12 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
         state = OLD if message is None else _stands(worker, slot, port, message, tick)
         without = without or lacks(state, port.port.optional)
         if not slot.joined:
-            slot.health.held += message is not None and state not in (FRESH, MISSED)
             if without:
+                slot.health.held += message is not None and state not in (FRESH, MISSED)
                 return None
+            if message is not None:
+                slot.health.held += state != FRESH
+                slot.health.absent += state == OLD
             message = message if state != OLD else None
         messages.append(message)
     return messages

@@ -22,7 +22,7 @@ from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
 from palpate.launch.run.work.compiling import compiling
-from palpate.messages import MessageError, pack, unpack
+from palpate.messages import Health, MessageError, pack, unpack
 from palpate.nodes.base import Block, CompiledNode, Node
 
 BURST = 16  # ticks between two bursts to the observers
@@ -42,6 +42,15 @@ def permitted_age(job: Job, slot: Slot, port: Input) -> float:
     age = max(RELEASED if slot.node.paced else HELD, 3 * period)
     chained = job.links > 1 and not (slot.node.paced or port.port.optional)
     return max(age / job.links, period) if chained else age
+
+
+def _absences(slot: Slot) -> str:
+    """The note on steps without an optional input that had expired."""
+    wired = [f"{port.port.name} of {port.producer}" for port in slot.inputs if port.port.optional and port.stream]
+    return (
+        f"{slot.name}: optional inputs ({', '.join(wired)}) were absent in {slot.health.absent} steps, because their"
+        " last message was too old: the sender was silent, or the machine stalled"
+    )
 
 
 class EndedError(Exception):
@@ -205,6 +214,11 @@ class Worker:
         """Send buffered frames and the last report; observers first, so that the report counts all their messages."""
         self._flush()
         self.sign_of_life()
+        if self.bus is not None:
+            self.bus.final = [pack(self._health(slot, slot.health.report())) for slot in self.slots]
+        for slot in self.slots:
+            if slot.health.absent:
+                self.report(Note(_absences(slot), slot.name))
         self._flush()
 
     # -- messages ------------------------------------------------------------------------------------------------
@@ -476,11 +490,15 @@ class Worker:
         if not far and not self.audience.begun:
             return
         for slot in self.slots:
-            last = slot.outputs[0].last if slot.outputs else None
-            health = message(slot.name, last.time if last is not None else 0, self._since, nodes[slot.name])
+            health = self._health(slot, nodes[slot.name])
             self.audience.pass_health(health)
             if far and self.bus is not None:
                 self.bus.keep(frame(HEALTH, pack(health)))
+
+    def _health(self, slot: Slot, counters: Counters) -> Health:
+        """The health of a node as a message."""
+        last = slot.outputs[0].last if slot.outputs else None
+        return message(slot.name, last.time if last is not None else 0, self._since, counters)
 
     def pass_notes(self) -> None:
         """Report the new notes of all nodes."""

@@ -49,6 +49,7 @@ def gather_inputs(row, now, at, clock):
                 if state == MISSED:
                     return False, 0, at
                 row.held += state != FRESH
+                row.absent += state == OLD and line.optional
                 there = state != OLD
             if not there and not line.optional:
                 return False, 0, at

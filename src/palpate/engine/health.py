@@ -82,15 +82,16 @@ class HealthCounters:
     overdue  real clock: outputs sent after the next tick had begun
     lost     driving messages that were skipped or did not arrive within the period
     held     inputs older than the tick requires
+    absent   those of them that were optional and too old to be used, so that the step ran without them
     asleep   steps at which the node was at rest and its last output was sent again
     counted  steps that were not timed one by one
     """
 
-    __slots__ = ("age", "asleep", "counted", "held", "late", "lost", "overdue", "state", "step", "tick")
+    __slots__ = ("absent", "age", "asleep", "counted", "held", "late", "lost", "overdue", "state", "step", "tick")
 
     def __init__(self) -> None:
         self.step, self.age = Histogram(), Histogram()
-        self.late = self.lost = self.held = self.asleep = self.overdue = self.counted = 0
+        self.late = self.lost = self.held = self.absent = self.asleep = self.overdue = self.counted = 0
         self.tick = -1
         self.state = "ready"
 
@@ -98,7 +99,7 @@ class HealthCounters:
         """The counters for transmission, with the forces of the node's last output."""
         return Counters(
             self.tick, self.step.count + self.counted + self.asleep, self.late, self.lost, self.held, self.asleep,
-            self.state, self.step.report(), self.age.report(), forces or {}, self.overdue,
+            self.state, self.step.report(), self.age.report(), forces or {}, self.overdue, self.absent,
         )  # fmt: skip
 
 
@@ -116,6 +117,7 @@ class Counters(msgspec.Struct, frozen=True):
     age: dict[str, float]
     forces: dict[str, float] = {}
     overdue: int = 0
+    absent: int = 0
 
 
 def message(node: str, time: int, since: int, counters: Counters) -> messages.Health:

@@ -16,7 +16,7 @@ import numpy as np
 from palpate.engine.slot import Input, NodeError, Output, RecordOutput, Slot
 from palpate.engine.table import CLOCK, INPUT, OUTPUT, RAISED, ROW
 from palpate.engine.wire_plan import wire_plan
-from palpate.messages import Message, check_finite
+from palpate.messages import Message, MessageError, check_finite
 from palpate.messages.record import blank, layout, reader, writer
 from palpate.nodes.base import InputError, inputs
 from palpate.nodes.base.block import ENTRY, Block
@@ -79,10 +79,13 @@ class CompiledSegment:
         self._clock["entry"], self._clock["most"] = self._entries.ctypes.data, len(self._entries)
         for slot in slots:
             for port in slot.inputs:
-                port.inside = isinstance(port.output, RecordOutput) and port.output.joined
+                port.inside = isinstance(port.output, RecordOutput) and port.output.joined and not port.behind
         self._border = [
             (place, slot) for place, slot in enumerate(slots) if any(not (p.inside or p.dead) for p in slot.inputs)
         ]
+        self._repeated = [output for slot in slots for output in slot.outputs if output.repeats]
+        self.receives = any(port.behind for slot in slots for port in slot.inputs)
+        """Whether the host passes it messages of this worker, so that compiled code cannot run several ticks alone."""
         self._inlets: dict[int, list[tuple[Any, Any, Any, Any] | None]] = {}
         self._lines = [self._fill(place, slot, rate, permitted) for place, slot in enumerate(slots)]
         self._run = table_runner(real)
@@ -200,7 +203,9 @@ class CompiledSegment:
             messages = host.gather(slot, tick)
             self._skip[place] = messages is None
             if messages is not None:
-                self._take(place, messages)
+                self._take(place, slot, messages)
+        for output in self._repeated:
+            output.previous = output.last  # before the steps of this tick overwrite its record
         self._at[0] = host.at
         if self.measures_nodes(tick):
             self._time_tick(tick)
@@ -250,15 +255,18 @@ class CompiledSegment:
         self._call(tick, 1)
         self.hand_over()
 
-    def _take(self, place: int, messages: Sequence[Message | None]) -> None:
-        for inlet, message in zip(self._inlets[place], messages, strict=True):
+    def _take(self, place: int, slot: Slot, messages: Sequence[Message | None]) -> None:
+        for inlet, port, message in zip(self._inlets[place], slot.inputs, messages, strict=True):
             if inlet is None:
                 continue
             write, memory, there, _ = inlet
             if message is None:
                 there[0] = False
             else:
-                write(message, memory)
+                try:
+                    write(message, memory)
+                except MessageError as error:
+                    raise NodeError(port.producer, f"message of tick {message.tick}", error) from None
 
     def _call(self, tick: int, ticks: int) -> None:
         end = tick + ticks
@@ -335,8 +343,9 @@ class CompiledSegment:
             health.counted += int(row["steps"])
             health.asleep += int(row["asleep"])
             health.held += int(row["held"])
+            health.absent += int(row["absent"])
             health.lost += int(row["lost"])
-            row["steps"] = row["asleep"] = row["held"] = row["lost"] = 0
+            row["steps"] = row["asleep"] = row["held"] = row["absent"] = row["lost"] = 0
 
 
 def table_runner(real: bool) -> Callable[..., Any]:
@@ -424,7 +433,13 @@ def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], CompiledSegment
     """Join consecutive compiled slots of a worker into segments. A node that waits for a message of another process
     begins a new segment, because this message may be the response to an earlier node."""
     parts: list[Slot | list[Slot]] = []
+    sent: set[Output] = set()  # by the nodes so far
     for slot in slots:
+        sent.update(slot.outputs)
+        for port in slot.inputs:
+            port.behind = port.loop and port.output in sent
+            if port.behind and port.output is not None:
+                port.output.repeats = True
         compiled = isinstance(slot.node, CompiledNode) and type(slot.node).step is CompiledNode.step
         for output in slot.outputs:
             if isinstance(output, RecordOutput):

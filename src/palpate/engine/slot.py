@@ -54,11 +54,12 @@ class Output:
     send      sends a payload to them, after the start of the run
     period    divisor of the ticks whose messages are observed, if all observers are in this process
     finite    the fast check of a message; `check` raises MessageError if it is wrong
+    repeats   whether a later node of this worker reads the message of the tick before (`Input.behind`)
     """
 
     __slots__ = (
-        "check", "external", "finite", "kind", "last", "listeners", "observed", "period", "previous", "send", "stream",
-        "topic",
+        "check", "external", "finite", "kind", "last", "listeners", "observed", "period", "previous", "repeats", "send",
+        "stream", "topic",
     )  # fmt: skip
 
     def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
@@ -67,14 +68,15 @@ class Output:
         self.topic = stream.encode() + b"\0"
         self.last: Message | None = None
         self.previous: Message | None = None
-        self.observed = False
+        self.observed = self.repeats = False
         self.send: Callable[[bytes], None] | None = None
         self.listeners: list[ObserverSlot] = []
         self.period = 1
 
 
 class RecordOutput(Output):
-    """An output of a compiled node. While a segment runs the node, reading `last` converts the record to a message.
+    """An output of a compiled node. While a segment runs the node, reading `last` converts the record to a message, and
+    `previous` is kept only if the output `repeats`.
 
     record  the message, written by the kernel
     used    ticks of the inputs that it was computed from
@@ -127,8 +129,8 @@ class Input:
     """
 
     __slots__ = (
-        "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue", "rank",
-        "stream", "waits",
+        "behind", "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue",
+        "rank", "stream", "waits",
     )  # fmt: skip
 
     def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
@@ -137,6 +139,9 @@ class Input:
         self.stream, self.producer, self.every, self.rank = given.stream, given.producer, given.every, given.rank
         self.loop, self.waits, self.dead = given.loop, given.waits, job is None
         self.inside = False  # whether a segment of this worker reads it from the record of the sender
+        self.behind = False
+        """Whether it reads the message of an earlier tick from a node of this worker that runs before its own node, or
+        from that node itself: the record of the sender then has the message of this tick."""
         self.feed: RemoteStream | None = None
         self.queue: deque[Message] = deque()
         self.message: Message | None = None

@@ -11,7 +11,7 @@ ROW = np.dtype([
     ("every", "<i8"), ("due", "<i8"), ("missed", "<i8"), ("last", "<i8"),
     ("begun", "<i8"), ("time", "<i8"), ("nominal", "<f8"),
     ("follows", "?"), ("hardware", "?"), ("blocked", "?"), ("skip", "?"), ("stepped", "?"),
-    ("steps", "<i8"), ("asleep", "<i8"), ("held", "<i8"), ("lost", "<i8"),
+    ("steps", "<i8"), ("asleep", "<i8"), ("held", "<i8"), ("absent", "<i8"), ("lost", "<i8"),
 ], align=True)  # fmt: skip
 """
 output   address of the lines of its outputs;  numbers, numbered  address and length of the list of addresses of the
@@ -21,7 +21,7 @@ every    divisor;  due, missed, last  first tick of its next step, number of the
 begun    whether it has stepped;  time [ns] of its last step;  nominal [s] dt of the first step
 follows  the time of a step is that of its driving message
 hardware, blocked  as in a `Slot`;  skip  the host has no inputs for it;  stepped  in this tick
-steps, asleep, held, lost  counts since the last `CompiledSegment.count`
+steps, asleep, held, absent, lost  counts since the last `CompiledSegment.count`
 """
 INPUT = np.dtype([
     ("record", "<i8"), ("absent", "<i8"), ("put", "<i8"),

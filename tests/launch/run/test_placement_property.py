@@ -1,5 +1,6 @@
-"""Placement never changes the messages: random graphs of small nodes with divisors, optional inputs, several outputs
-and loops, in Python and compiled, in random groupings, compared with the same graph in one process."""
+"""Placement never changes the messages: random graphs of small nodes with divisors, optional inputs, several outputs,
+loops, and messages of earlier ticks from nodes that run before, in Python and compiled, in random groupings, compared
+with the same graph in one process."""
 
 import random
 from pathlib import Path
@@ -14,7 +15,8 @@ TICKS = 60
 
 
 def graph(rng: random.Random, compiled: float) -> tuple[str, list[str]]:
-    """A random graph as text, and its nodes. A node reads earlier nodes, and any node with its third input.
+    """A random graph as text, and its nodes. A node reads earlier nodes, and any node with its third input. The second
+    paced node reads a message of an earlier tick from a node that runs before it.
 
     compiled  share of compiled nodes
     """
@@ -29,7 +31,8 @@ def graph(rng: random.Random, compiled: float) -> tuple[str, list[str]]:
     for name in names:
         wires = [f"first: {rng.choice(torques)}"]
         if rng.random() < 0.6:
-            wires.append(f"second: {rng.choice(torques)}")
+            sender = rng.choice(torques)
+            wires.append(f"second: {{from: {sender}, loop: true}}" if rng.random() < 0.3 else f"second: {sender}")
         if forces and rng.random() < 0.6:
             wires.append(f"third: {rng.choice(forces)}")
         every = rng.choice([1, 1, 1, 2, 3, 7])
@@ -37,7 +40,8 @@ def graph(rng: random.Random, compiled: float) -> tuple[str, list[str]]:
         lines.append(f"  {name}: {{use: {use}, every: {every}, in: {{{', '.join(wires)}}}}}")
         torques.append(f"{name}.Torque" if kinds[name] == "Two" else name)
     head = f"nodes:\n  n0: {{use: nodes_for_placement.{form()}Clock, in: {{back: {torques[-1]}}}}}\n"
-    return head + "\n".join(lines) + "\n  log: {use: logger.Mcap, in: all}\n", ["n0", *names]
+    lines.append(f"  m0: {{use: nodes_for_placement.{form()}Clock, in: {{back: {rng.choice(torques)}}}}}")
+    return head + "\n".join(lines) + "\n  log: {use: logger.Mcap, in: all}\n", ["n0", *names, "m0"]
 
 
 def run(folder: Path, place: Path | str | None) -> dict[str, list[bytes]]:
