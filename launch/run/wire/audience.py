@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import msgspec
+
 from palpate.engine.imports import load_class
 from palpate.engine.job import Job
 from palpate.engine.schedule import needed_tick
@@ -10,6 +12,8 @@ from palpate.launch.run.hop.blocks import block_of
 from palpate.launch.run.wire.bus import END, HEALTH
 from palpate.messages import Health, Message, MessageError, unpack
 from palpate.nodes.base import Block, Observer, Stream
+
+FINAL = msgspec.msgpack.Decoder(list[bytes])
 
 
 class Audience:
@@ -55,7 +59,10 @@ class Audience:
                 self.pass_health(unpack(payload, Health))
                 return -1
             if stream == END:
-                group = payload.decode(errors="replace")
+                name, _, final = payload.partition(b"\0")
+                for health in FINAL.decode(final) if final else ():
+                    self.pass_health(unpack(health, Health))
+                group = name.decode(errors="replace")
                 self.ended.add(group)
                 if self._leave is not None:
                     self._leave(group)
@@ -64,7 +71,7 @@ class Audience:
             if block is not None:
                 return self._hear_block(stream, block)
             tick = unpack(payload, Message).tick
-        except MessageError:  # not of this run
+        except (MessageError, msgspec.MsgspecError):  # not of this run
             return -1
         for slot in self.slots:
             if stream in slot.streams and tick > slot.last[stream]:

@@ -33,13 +33,18 @@ from palpate.physics.errors import RunError
 
 HEALTH = "!health"  # stream of each outlet for observers with the health of the nodes
 END = "!end"
-"""End-of-stream marker of each outlet for observers; the payload is the group."""
+"""End-of-stream marker of each outlet for observers; the payload is the group. For the observers of the run a zero byte
+and the last health of its nodes follow, so that messages that were dropped at the end are counted."""
 LONGEST_ORDER = 1 << 26  # [bytes]
 BEHIND = 5
 """Multiple of `HIGH_WATER` that is buffered for the run's observers on the real clock, 5 s of 20 streams at 1 kHz: a
 log process gets little processor time next to a browser that draws in software."""
 AHEAD = 200  # frames buffered for the run's observers on simulated time; one may contain 0.1 MB of messages
 BLOCKS = 4000  # blocks of 10 ms buffered for the run's observers on the real clock
+QUEUED = 1 << 25
+"""[bytes] Longest queue of frames between this group and an observer of the run, at each of its two ends; twice as much
+if the frames grow. So a slow observer keeps up to 64 MB for each group that it reads, and each group as much for it."""
+FEWEST = 2  # frames of a queue, however large they are
 LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that accepts the connection and stays silent
 
 
@@ -114,6 +119,9 @@ class Bus:
         self._kept: list[bytes] = []  # for observers of the run
         self._shown: list[bytes] = []  # for other programs
         self._blocks = True  # whether observers of the run get blocks
+        self._longest = {zmq.SNDHWM: 0, zmq.RCVHWM: 0}  # [bytes] of a frame to and from observers, so far
+        self.final: list[bytes] = []
+        """The last health of the nodes here, encoded; set it before `close`."""
         self._topics: tuple[bytes, ...] = ()
 
     def _socket(self, kind: int, linger: int) -> zmq.Socket:
@@ -232,9 +240,17 @@ class Bus:
     def overheard(self, wait: bool) -> bytes | None:
         """Return the next frame for the observers here, or None; `wait`: wait for one, up to `POLL_INTERVAL`."""
         try:
-            return self._observed.recv(0 if wait else zmq.NOBLOCK)
+            data: bytes = self._observed.recv(0 if wait else zmq.NOBLOCK)
         except zmq.Again:
             return None
+        if len(data) > self._longest[zmq.RCVHWM]:
+            self._bound_queue(self._observed, zmq.RCVHWM, len(data))
+        return data
+
+    def _bound_queue(self, socket: zmq.Socket, limit: int, longest: int) -> None:
+        """Permit only as many frames of this length [bytes] as `QUEUED` permits."""
+        self._longest[limit] = longest
+        socket.set(limit, min(int(socket.get(limit)), max(FEWEST, QUEUED // longest)))
 
     # -- streams of this group -----------------------------------------------------------------------------------
 
@@ -357,6 +373,8 @@ class Bus:
         self._public.publish(shown)
         kept, self._kept = self._kept, []
         for place, data in enumerate(kept):
+            if len(data) > self._longest[zmq.SNDHWM]:
+                self._bound_queue(self._observers, zmq.SNDHWM, len(data))
             while True:
                 try:
                     self._send(data)
@@ -412,7 +430,10 @@ class Bus:
                 self._observers.set(zmq.XPUB_NODROP, 1)
                 self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
                 end = frame(END, self.group.encode())
-                self.keep(end)
+                self._shown.append(end)
+                if self.final:
+                    end += b"\0" + msgspec.msgpack.encode(self.final)
+                self._kept.append(end)
                 self.flush()
                 self.update_listeners()
                 self._wait_taken(end)

@@ -24,8 +24,8 @@ WIRINGS = ("forward", "named", "paced", "early", "itself")
 
 
 def graph(folder: Path, sender: str, reader: str) -> Path:
-    """A graph of all wirings. `forward`, `named` (`loop: true`) and `paced` read a sender that runs before them, `early`
-    one that runs after it, `itself` its own messages."""
+    """A graph of all wirings. `forward`, `named` (`loop: true`) and `paced` read a sender that runs before them,
+    `early` one that runs after it, `itself` its own messages."""
     lines = ["n0: {use: nodes_for_placement.Clock}"]
     for a, b in EVERY:
         sends, reads = f"nodes_for_placement.{sender}", f"nodes_for_placement.{reader}"

@@ -1,0 +1,120 @@
+"""A logger that is too slow or stopped: what it did not receive is counted per stream, at the end of a run too, and the
+frames that wait for it take bounded memory."""
+
+import os
+import threading
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from palpate.cli.__main__ import app
+from palpate.engine.job import Job, ObserverJob, StreamJob
+from palpate.launch.run.wire import bus as bus_module
+from palpate.launch.run.wire.addresses import RunFolder
+from palpate.launch.run.wire.audience import Audience
+from palpate.launch.run.wire.bus import END, HEALTH, Bus, frame
+from palpate.messages import Health, Torque, pack
+from palpate.records.format.mcap_file import lacking
+from palpate.records.reader import Recording
+
+RUN = f"slow-{os.getpid()}"
+STEPS, TICKS_OF_HEALTH = 6000, 200
+BOUND = 100_000  # [bytes]
+KERNEL = 1_000_000  # [bytes] of the buffers of a Unix socket, roughly
+LONG = "x" * 1000  # a name, which makes messages long
+
+
+def torque(tick: int) -> bytes:
+    sent = Torque(torques=(1.0, 2.0, float(tick)), tick=tick, time=tick * 1_000_000, source=LONG, used=(tick,))
+    return frame("node", pack(sent))
+
+
+def health(steps: int) -> bytes:
+    numbers = dict.fromkeys(("since", "late", "lost", "held"), 0)
+    times = dict.fromkeys(("median", "p99", "longest", "age"), 1e-6)
+    return pack(Health(tick=steps - 1, time=0, source="node", used=(), steps=steps, state="ready", **numbers, **times))
+
+
+class Group:
+    """A worker of a run on the real clock that sends, and a logger that reads it, without processes."""
+
+    def __init__(self, folder: str, record: str) -> None:
+        self.sender, self.reader = (
+            Bus(RUN, name, f"ipc://{folder}/c", f"ipc://{folder}/r", real=True) for name in ("nodes", "log")
+        )
+        stream = StreamJob("palpate.messages.device.Torque", "node")
+        observer = ObserverJob("log", "palpate.nodes.logger.Mcap", {"path": record}, {"node": stream})
+        about = {"clock": "real", "plan": {"rate": 1000.0}}
+        self.audience = Audience(Job("log", (), (observer,), clock="real", about=about), self.reader.end_group)
+        self.audience.start(self.audience.slots[0], {})
+        address = self.sender.bind(None)["observers"][0]
+        self.sender.sends(["node"])
+        self.reader.connect(address, ["node", HEALTH, END], observed=True, secured=False, group="nodes")
+        self.sender.wait_linked({"node": 1, END: 1}, lambda: None)
+        self.received = 0  # [bytes]
+
+    def read(self) -> bool:
+        """Read one frame in the logger."""
+        data = self.reader.overheard(wait=True)
+        if data is not None:
+            self.received += len(data)
+            self.audience.handle_frame(data)
+        return data is not None
+
+    def close(self) -> None:
+        self.reader.context.destroy(linger=0)
+        self.sender.context.destroy(linger=0)
+
+
+@pytest.fixture
+def group(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(bus_module, "QUEUED", BOUND)
+    folder = RunFolder(RUN)
+    made = Group(str(tmp_path), str(tmp_path / "run.mcap"))
+    yield made
+    made.close()
+    folder.close()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5], ids=["stopped", "slow", "half as fast"])
+def test_what_a_slow_logger_does_not_receive_is_counted(group, tmp_path, share):
+    for tick in range(STEPS):
+        group.sender.keep(torque(tick))
+        if tick % TICKS_OF_HEALTH == 0:
+            group.sender.keep(frame(HEALTH, health(tick + 1)))
+        group.sender.flush()
+        if int(tick * share) != int((tick - 1) * share):
+            group.read()
+    before = group.received
+    group.sender.final = [health(STEPS)]
+    closing = threading.Thread(target=group.sender.close, args=(True,), daemon=True)
+    closing.start()
+    until = time.monotonic() + 60.0
+    while "nodes" not in group.audience.ended and time.monotonic() < until:
+        group.read()
+    assert "nodes" in group.audience.ended
+    assert group.received - before <= 4 * BOUND + KERNEL, "more waited for the logger than its bound"
+    while closing.is_alive() and time.monotonic() < until:  # the leaving reader must poll its socket
+        group.reader.overheard(wait=True)
+    assert not closing.is_alive()
+
+    log = group.audience.slots[0].node
+    log.stop()
+    recording = Recording(tmp_path / "run.mcap")
+    counts = recording.counts["node"]
+    assert counts["lost"] > 0 and counts["count"] + counts["lost"] == STEPS
+    assert sum(1 for _ in recording.payloads()) == counts["count"]
+    text = f"lacks messages that did not reach it in time: node {counts['lost']}"
+    assert text in lacking(tmp_path / "run.mcap") and any(text in note for note in log.notes())
+    shown = CliRunner().invoke(app, ["info", str(tmp_path / "run.mcap")])
+    assert str(counts["lost"]) in shown.output
+
+
+def test_a_large_message_still_has_a_queue(group):
+    group.sender.keep(frame("node", b"x" * 10 * BOUND))
+    group.sender.flush()
+    assert group.sender._observers.get(bus_module.zmq.SNDHWM) == bus_module.FEWEST
+    assert group.reader.overheard(wait=True) is not None
+    assert group.reader._observed.get(bus_module.zmq.RCVHWM) == bus_module.FEWEST
