@@ -10,6 +10,30 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
 STOPPING = "stopping; Ctrl-C again ends the run at once\n"
 
 
+class StoppedError(KeyboardInterrupt):
+    """SIGTERM or a closed terminal; `number` of the signal. Raised even where Ctrl-C is ignored, as in the background of
+    a script; by its type `NodeError` distinguishes it from a KeyboardInterrupt that a node raised."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
+def signal_of(error: KeyboardInterrupt) -> int:
+    """The number of the signal that an exception stands for."""
+    return error.number if isinstance(error, StoppedError) else int(signal.SIGINT)
+
+
+@contextlib.contextmanager
+def until_ctrl_c() -> Iterator[None]:
+    """Ctrl-C ends the block normally. SIGTERM and a closed terminal still raise StoppedError."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        if isinstance(error, StoppedError):
+            raise
+
+
 @contextlib.contextmanager
 def interrupts(handler: Callable[[int], None], numbers: Sequence[int] = ENDING) -> Iterator[None]:
     """Call `handler` with the number of each of these signals while the block runs; only in the main thread."""

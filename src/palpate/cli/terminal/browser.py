@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+import signal
 import threading
 import time
 import webbrowser
@@ -24,8 +24,8 @@ The connection is not encrypted: use it only in a network that you trust."""
 def show(
     source: FrameSource, verb: str, port: int, host: str, no_open: bool, over: Callable[[], bool] = lambda: False
 ) -> None:
-    """Serve the page of a source until Ctrl-C, or until it is over."""
-    from palpate.launch.run.interrupts import interrupts
+    """Serve the page of a source until Ctrl-C, or until it is over. StoppedError: SIGTERM, or the terminal closed."""
+    from palpate.launch.run.interrupts import StoppedError, interrupts
     from palpate.views.page import serve
     from palpate.views.page.server import LOOPBACK
 
@@ -41,6 +41,8 @@ def show(
                 time.sleep(0.1)
     finally:
         page.close()
+    if signals and signals[0] != signal.SIGINT:
+        raise StoppedError(signals[0])
 
 
 class RunPage:
@@ -71,7 +73,9 @@ class RunPage:
 
     def stay(self) -> None:
         """Serve the page until its last viewer leaves, or Ctrl-C."""
-        with contextlib.suppress(KeyboardInterrupt):
+        from palpate.launch.run.interrupts import until_ctrl_c
+
+        with until_ctrl_c():
             typer.echo("the view stays open until you close it or press Ctrl-C", err=True)
             while not self._server.deserted:
                 time.sleep(0.2)

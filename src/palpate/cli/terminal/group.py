@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 
 from palpate.cli import commands
 from palpate.cli.terminal.output import print_json, say
-from palpate.launch.run.interrupts import interrupts
+from palpate.launch.run.interrupts import StoppedError, interrupts, signal_of
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.registry import modules
 
@@ -57,7 +57,7 @@ class Verbs(TyperGroup):
                 return super().invoke(ctx)
         except KeyboardInterrupt as error:
             say("; ".join(["stopped", *getattr(error, "__notes__", ())]), "red", err=True)
-            raise typer.Exit(128 + numbers[-1]) from None
+            raise typer.Exit(128 + (error.number if isinstance(error, StoppedError) else numbers[-1])) from None
         except Exception as error:
             # Print palpate's errors here; leave errors and exits of click to click.
             known = isinstance(error, PalpateError)
@@ -74,26 +74,23 @@ class Verbs(TyperGroup):
             raise typer.Exit(reported.exit_code) from None
 
 
-class StoppedError(KeyboardInterrupt):
-    """SIGTERM or a closed terminal. Raised even where Ctrl-C is ignored, as in the background of a script; by its type
-    `NodeError` distinguishes it from a KeyboardInterrupt that a node raised."""
-
-
 @contextlib.contextmanager
 def _interruptible(numbers: list[int]) -> Iterator[None]:
-    """Raise KeyboardInterrupt for SIGTERM and SIGHUP as well, and append their numbers to the list.
+    """Raise StoppedError for SIGTERM and SIGHUP, and append their numbers to the list.
 
-    Python discards exceptions raised in some callbacks, so an interrupt that is lost there is sent again.
+    Python discards exceptions raised in some callbacks, so a signal that is lost there is sent again, and raised at the
+    latest at the end.
     """
-    before = sys.unraisablehook
+    before, lost = sys.unraisablehook, list[KeyboardInterrupt]()
 
     def end(number: int) -> None:
         numbers.append(number)
-        raise StoppedError
+        raise StoppedError(number)
 
     def handle_unraisable(error: Any) -> None:
         if issubclass(error.exc_type, KeyboardInterrupt):
-            again = threading.Timer(RETRY, os.kill, (os.getpid(), signal.SIGINT))
+            lost.append(error.exc_value or KeyboardInterrupt())
+            again = threading.Timer(RETRY, os.kill, (os.getpid(), signal_of(lost[-1])))
             again.daemon = True  # do not delay the end of the program
             again.start()
         else:
@@ -103,6 +100,8 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
     try:
         with interrupts(end, [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]):
             yield
+            if lost:
+                raise lost[0]
     finally:
         sys.unraisablehook = before
 

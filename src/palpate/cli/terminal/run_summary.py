@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.cli.terminal.output import console, print_json, say
+from palpate.launch.run.interrupts import signal_of
 
 if TYPE_CHECKING:
     from palpate.launch.run.execute import RunOutcome
@@ -108,9 +108,9 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
         return standard_pictures(outcome.recording, folder, silent)
     except (RecordingError, PictureError, OSError) as error:
         outcome.result.notes.append(f"no pictures: {error}")
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         outcome.result.notes.append("no pictures: interrupted")
-        outcome.result.signal = signal.SIGINT
+        outcome.result.signal = signal_of(error)
     return []
 
 

@@ -32,6 +32,7 @@ def echo(
     `echo FILE STREAM` reads a recording, `echo STREAM` a running graph. Arrays are shortened to their size and largest
     magnitude. Ctrl-C ends it.
     """
+    from palpate.launch.run.interrupts import StoppedError
     from palpate.launch.run.wire.discover import messages_of
 
     is_file = second is not None or Path(first).suffix == ".mcap" or Path(first).is_file()
@@ -43,7 +44,9 @@ def echo(
                 typer.echo(_json(message))
             else:
                 out.print(line(message))
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
+        if isinstance(error, StoppedError):
+            raise
         raise typer.Exit from None
 
 

@@ -10,6 +10,7 @@ import typer
 
 from palpate.cli.terminal.options import File, Json, Sets, Trust
 from palpate.cli.terminal.output import print_json
+from palpate.launch.run.interrupts import until_ctrl_c
 from palpate.launch.run.progress import ticks
 from palpate.physics.errors import TROUBLE
 
@@ -84,7 +85,7 @@ def replay(
             if record is not None:
                 stack.enter_context(claim_file(record, force))
             if loop:
-                stack.enter_context(contextlib.suppress(KeyboardInterrupt))
+                stack.enter_context(until_ctrl_c())
             player.run()
             while loop:
                 player.run()

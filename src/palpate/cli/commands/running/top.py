@@ -28,6 +28,7 @@ def top(
     """
     from rich.live import Live
 
+    from palpate.launch.run.interrupts import StoppedError
     from palpate.launch.run.wire.bus import HEALTH
     from palpate.launch.run.wire.discover import find, receive_messages
     from palpate.messages import Health, unpack
@@ -49,7 +50,9 @@ def top(
                 left, latest = left - min(moment - latest, LONGEST_GAP), moment
                 if left < 0.0:
                     break
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
+        if isinstance(error, StoppedError):
+            raise
         raise typer.Exit from None
     if not rows:
         raise RunError(f"run {live_run.name} has ended")

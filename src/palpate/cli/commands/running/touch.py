@@ -43,6 +43,7 @@ def touch(
     options.one_of("--record-only", record_only, "all", "sources")
     from palpate.bases import build_missing
     from palpate.launch.load.recording import new_folder
+    from palpate.launch.run.interrupts import StoppedError
     from palpate.views.page.session import Session
 
     launch = options.with_organ_file(
@@ -54,10 +55,16 @@ def touch(
             launch, folder, list(sets or []), record_only, lambda graph, begin: build_missing(graph, begin=begin)
         )
         session.keep = not no_record
-        show(session, "touch", port, host, no_open)
+        stopped: StoppedError | None = None
+        try:
+            show(session, "touch", port, host, no_open)
+        except StoppedError as error:  # the recordings are complete
+            stopped = error
     for file in session.kept:
         typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
     for trouble in session.troubles:
         typer.echo(trouble, err=True)
+    if stopped is not None:
+        raise stopped
     if session.troubles:
         raise typer.Exit(TROUBLE)

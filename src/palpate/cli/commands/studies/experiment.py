@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import sys
 from pathlib import Path
@@ -65,7 +64,8 @@ def experiment(
         place = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
         for note in [*sitting.notes, place]:
             say(note, err=True)
-        with contextlib.suppress(KeyboardInterrupt):  # print the answers so far, then raise it again below
+        stopped = KeyboardInterrupt()
+        try:
             if simulated is not None:
                 total = 0 if sitting.trial is None else sitting.trial.total
                 with steps(f"experiment {file}", total, silent=as_json, timed=False) as done:
@@ -76,6 +76,8 @@ def experiment(
                 page = sitting.page()
                 show(page, "do", port, host, no_open, lambda: page.ended)
                 page.check()
+        except KeyboardInterrupt as error:  # print the answers so far, then raise it again
+            stopped = error
         count = len(sitting.table.rows)
     if as_json:
         print_json({"ok": sitting.ended, "folder": str(sitting.folder), "participant": sitting.participant,
@@ -84,7 +86,7 @@ def experiment(
         what = f"over: palpate experiment --analyse {sitting.folder}" if sitting.ended else "the same command resumes"
         say(f"{count} trials; {what}")
     if not sitting.ended:
-        raise KeyboardInterrupt
+        raise stopped
 
 
 def _confirm(text: str) -> bool | None:
