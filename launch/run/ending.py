@@ -61,9 +61,10 @@ class Ending:
         The process of a worker whose nodes have ended continues until the observers have received its messages.
         """
         left = [m for m in self._members.values() if not (m.state == "gone" or (m.state == "done" and m.clean_exit))]
-        if self._real and not any(member.job.leads for member in left):
+        stepping = [member for member in left if not member.observes]
+        if self._real and not any(member.job.leads for member in stepping):
             self._control.send_order("*", Stop())
-        if not any(member.job.nodes for member in left):
+        if not any(member.job.nodes for member in stepping):
             lost = [
                 group for group, member in self._members.items() if not member.clean_exit and member.state == "gone"
             ]

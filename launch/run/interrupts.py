@@ -11,8 +11,8 @@ STOPPING = "stopping; Ctrl-C again ends the run at once\n"
 
 
 class StoppedError(KeyboardInterrupt):
-    """SIGTERM or a closed terminal; `number` of the signal. Raised even where Ctrl-C is ignored, as in the background of
-    a script; by its type `NodeError` distinguishes it from a KeyboardInterrupt that a node raised."""
+    """SIGTERM or a closed terminal; `number` of the signal. Raised even where Ctrl-C is ignored, as in the background
+    of a script; by its type `NodeError` distinguishes it from a KeyboardInterrupt that a node raised."""
 
     def __init__(self, number: int) -> None:
         super().__init__()

@@ -238,6 +238,9 @@ class Launcher:
                 if self.printed is not silent:
                     self.result.live.add(text)
                 self.printed(text + "\n")
+            case reports.Observes():
+                member.observes = True
+                self._ending.follow()
             case reports.NodesEnded(clean_exit):
                 member.flushed, member.clean_exit = True, clean_exit
                 if member.alive:

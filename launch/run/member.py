@@ -31,6 +31,7 @@ class WorkerHandle:
     secured    whether they are encrypted
     paused     the tick after which it waits for the number of the last tick
     flushed    its nodes have ended, and their messages are being delivered
+    observes   its nodes have ended, and its observers still receive messages
     clean_exit its nodes have ended without failure, and all their messages were delivered
     awaits     stream and tick of the message that it waits for
     awaited    number of heartbeats since that message was sent; None: not known to be sent
@@ -47,6 +48,7 @@ class WorkerHandle:
     secured: bool = False
     paused: int | None = None
     flushed: bool = False
+    observes: bool = False
     clean_exit: bool = False
     awaits: tuple[str, int] | None = None
     awaited: int | None = None
@@ -92,7 +94,7 @@ class WorkerHandle:
     def reset_state(self) -> None:
         """Reset the state for a new process."""
         self.state, self.pid, self.paused = "starting", None, None
-        self.flushed = self.clean_exit = self.compiling = False
+        self.flushed = self.observes = self.clean_exit = self.compiling = False
         self.reset_silence()
 
 

@@ -133,6 +133,10 @@ class Note(msgspec.Struct, frozen=True, tag=True):
     time: float = 0.0
 
 
+class Observes(msgspec.Struct, frozen=True, tag=True):
+    """The nodes of a worker have ended, and its observers still receive messages of other groups."""
+
+
 class NodesEnded(msgspec.Struct, frozen=True, tag=True):
     """All nodes have ended; their messages are being delivered, after a clean exit with an end-of-stream marker."""
 
@@ -140,7 +144,9 @@ class NodesEnded(msgspec.Struct, frozen=True, tag=True):
 
 
 Order = Take | Connect | Go | Gone | End | Stop | Close | Quit | Beat
-Report = Hello | Starting | Compiling | InCall | Ready | Linked | Alive | Paused | NodeFault | Note | NodesEnded
+Report = (
+    Hello | Starting | Compiling | InCall | Ready | Linked | Alive | Paused | NodeFault | Note | Observes | NodesEnded
+)
 
 
 class Addressed(msgspec.Struct, frozen=True):

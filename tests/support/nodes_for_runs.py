@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.messages import Force, Friction, Load, Pose, Torque
 from palpate.nodes.base import Node, Observer
+from palpate.nodes.logger import Mcap
 
 
 class Source(Node):
@@ -231,6 +232,16 @@ class Slow(Observer):
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         time.sleep(self.pause)
+
+
+class SlowLogger(Mcap):
+    """A logger that pauses at each message."""
+
+    pause: Annotated[float, "s"] = 0.0
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        time.sleep(self.pause)
+        super().observe(stream, tick, payload)
 
 
 def replayed() -> bool:

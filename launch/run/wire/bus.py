@@ -41,10 +41,12 @@ BEHIND = 5
 log process gets little processor time next to a browser that draws in software."""
 AHEAD = 200  # frames buffered for the run's observers on simulated time; one may contain 0.1 MB of messages
 BLOCKS = 4000  # blocks of 10 ms buffered for the run's observers on the real clock
-QUEUED = 1 << 25
-"""[bytes] Longest queue of frames between this group and an observer of the run, at each of its two ends; twice as much
-if the frames grow. So a slow observer keeps up to 64 MB for each group that it reads, and each group as much for it."""
-FEWEST = 2  # frames of a queue, however large they are
+QUEUED = 1 << 26
+"""[bytes] Longest queue of frames between this group and an observer of the run, at each of its two ends, while the
+frames in it have their mean length; at most `VARIED` times as much, if all of them are as long as the longest."""
+VARIED = 4
+FEWEST = 2  # frames of a queue, however long they are
+AVERAGED = 256  # frames in the running mean of their length
 LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that accepts the connection and stays silent
 
 
@@ -58,6 +60,24 @@ def split(data: bytes) -> tuple[str, bytes]:
     if not zero:
         raise ValueError(f"not a frame: no zero byte among {len(data)} bytes")
     return topic.decode(), payload
+
+
+class _QueueBound:
+    """Limits the number of frames that a socket queues, which libzmq counts in frames, so that they take at most about
+    `QUEUED` bytes. `most`: limit for short frames."""
+
+    def __init__(self, socket: zmq.Socket, limit: int) -> None:
+        self._socket, self._limit, self.most = socket, limit, int(socket.get(limit))
+        self._mean = self._longest = self._frames = 0
+
+    def count(self, length: int) -> None:
+        """Count a frame of this length [bytes]."""
+        self._mean += (length - self._mean) // AVERAGED if self._frames else length
+        self._frames += 1
+        if length > self._longest or self._frames % AVERAGED == 0:
+            self._longest = max(self._longest, length)
+            each = max(self._mean, self._longest // VARIED, 1)
+            self._socket.set(self._limit, max(FEWEST, min(self.most, QUEUED // each)))
 
 
 class Bus:
@@ -119,7 +139,7 @@ class Bus:
         self._kept: list[bytes] = []  # for observers of the run
         self._shown: list[bytes] = []  # for other programs
         self._blocks = True  # whether observers of the run get blocks
-        self._longest = {zmq.SNDHWM: 0, zmq.RCVHWM: 0}  # [bytes] of a frame to and from observers, so far
+        self._sent, self._heard = _QueueBound(self._observers, zmq.SNDHWM), _QueueBound(self._observed, zmq.RCVHWM)
         self.final: list[bytes] = []
         """The last health of the nodes here, encoded; set it before `close`."""
         self._topics: tuple[bytes, ...] = ()
@@ -243,14 +263,8 @@ class Bus:
             data: bytes = self._observed.recv(0 if wait else zmq.NOBLOCK)
         except zmq.Again:
             return None
-        if len(data) > self._longest[zmq.RCVHWM]:
-            self._bound_queue(self._observed, zmq.RCVHWM, len(data))
+        self._heard.count(len(data))
         return data
-
-    def _bound_queue(self, socket: zmq.Socket, limit: int, longest: int) -> None:
-        """Permit only as many frames of this length [bytes] as `QUEUED` permits."""
-        self._longest[limit] = longest
-        socket.set(limit, min(int(socket.get(limit)), max(FEWEST, QUEUED // longest)))
 
     # -- streams of this group -----------------------------------------------------------------------------------
 
@@ -320,7 +334,8 @@ class Bus:
     def sends_blocks(self) -> None:
         """Send the messages of all streams in blocks; call it before `bind`."""
         if self.real:
-            self._observers.set(zmq.SNDHWM, min(HIGH_WATER, BLOCKS))
+            self._sent.most = min(HIGH_WATER, BLOCKS)
+            self._observers.set(zmq.SNDHWM, self._sent.most)
 
     def sends(self, streams: Iterable[str]) -> None:
         """Set the streams that observers can subscribe to here."""
@@ -373,8 +388,7 @@ class Bus:
         self._public.publish(shown)
         kept, self._kept = self._kept, []
         for place, data in enumerate(kept):
-            if len(data) > self._longest[zmq.SNDHWM]:
-                self._bound_queue(self._observers, zmq.SNDHWM, len(data))
+            self._sent.count(len(data))
             while True:
                 try:
                     self._send(data)
@@ -393,6 +407,19 @@ class Bus:
             changed = True
             self._listener(note)
         return changed
+
+    def _end(self) -> bytes:
+        """The end-of-stream marker for the observers of the run."""
+        final = b"\0" + msgspec.msgpack.encode(self.final) if self.final else b""
+        return frame(END, self.group.encode()) + final
+
+    def offer_end(self) -> None:
+        """On the real clock, after the last message of the nodes here and while observers here still receive: send the
+        end-of-stream marker if all observers have room for it, since two groups may wait for the markers of each other.
+        `close` sends it again."""
+        with contextlib.suppress(zmq.Again):
+            self._observers.set(zmq.XPUB_NODROP, 1)
+            self._observers.send(self._end(), zmq.NOBLOCK)
 
     def _wait_taken(self, end: bytes) -> None:
         """Wait until libzmq has delivered everything: remote nodes close their inlets, observers disconnect. Messages
@@ -429,14 +456,11 @@ class Bus:
             if clean_exit:
                 self._observers.set(zmq.XPUB_NODROP, 1)
                 self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
-                end = frame(END, self.group.encode())
-                self._shown.append(end)
-                if self.final:
-                    end += b"\0" + msgspec.msgpack.encode(self.final)
-                self._kept.append(end)
+                self._shown.append(frame(END, self.group.encode()))
+                self._kept.append(self._end())
                 self.flush()
                 self.update_listeners()
-                self._wait_taken(end)
+                self._wait_taken(self._end())
         self._outlet.close()
         self._public.close()
         if self._keeper is not None:

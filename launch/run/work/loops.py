@@ -3,6 +3,7 @@
 import gc
 
 from palpate.engine.clock import Silence
+from palpate.launch.run.reports import Observes
 from palpate.launch.run.work.real import run_real
 from palpate.launch.run.work.simulated import run_simulated
 from palpate.launch.run.work.worker import EndedError, Worker
@@ -34,6 +35,9 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         elif worker.slots:
             run_simulated(worker, origin)
         if worker.audience.slots and worker.bus is not None:
+            if worker.slots:
+                worker.end_streams()
+                worker.report(Observes())
             observe(worker, senders)
     except EndedError:
         pass
@@ -50,21 +54,22 @@ QUIET = 500_000_000  # [ns] without a frame after which killed senders have no m
 
 def observe(worker: Worker, senders: set[str]) -> None:
     """Pass messages to the observers until all streams have ended: the last message of each has arrived, or all senders
-    have sent their end-of-stream marker. Killed senders send none: then the end is `QUIET` without a frame, as on the
-    real clock for observers that share a process with nodes.
+    have sent their end-of-stream marker. Killed senders send none: then the end is `QUIET` without a frame.
 
     senders  the groups that the observers read
     """
     audience, silence = worker.audience, Silence()
+    waited_for = worker.slots and worker.job.clock == "real"
     while not audience.has_all(worker.last):
         if worker.overhear(wait=True):
             silence.reset()
-        elif silence.poll() > QUIET and worker.slots and worker.job.clock == "real":
-            return  # other groups may wait for the end of the nodes here, and so send no marker
-        elif worker.stopping or audience.ended >= senders:
-            left = senders - audience.ended
-            if left <= audience.lost and (not left or silence.poll() > QUIET):
-                return
+        else:
+            if worker.stopping or audience.ended >= senders:
+                left = senders - audience.ended
+                if left <= audience.lost and (not left or silence.poll() > QUIET):
+                    return
+            if waited_for:
+                worker.offer_end()
         worker.drain()
         worker.check_orders()
         worker.housekeep()

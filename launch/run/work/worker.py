@@ -210,12 +210,21 @@ class Worker:
                     slot.node.replaces()
         self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
 
-    def finish(self) -> None:
-        """Send buffered frames and the last report; observers first, so that the report counts all their messages."""
+    def end_streams(self) -> None:
+        """After the last step: send all messages, and the last health of the nodes."""
         self._flush()
         self.sign_of_life()
         if self.bus is not None:
             self.bus.final = [pack(self._health(slot, slot.health.report())) for slot in self.slots]
+
+    def offer_end(self) -> None:
+        """Send the end of the streams to observers that have room for it, while the observers here still receive."""
+        if self.bus is not None:
+            self.bus.offer_end()
+
+    def finish(self) -> None:
+        """Send buffered frames and the last report; observers first, so that the report counts all their messages."""
+        self.end_streams()
         for slot in self.slots:
             if slot.health.absent:
                 self.report(Note(_absences(slot), slot.name))

@@ -6,10 +6,13 @@ import threading
 import time
 
 import pytest
+from graphs_for_runs import write_graph
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.engine.job import Job, ObserverJob, StreamJob
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.execute import execute
 from palpate.launch.run.wire import bus as bus_module
 from palpate.launch.run.wire.addresses import RunFolder
 from palpate.launch.run.wire.audience import Audience
@@ -118,3 +121,28 @@ def test_a_large_message_still_has_a_queue(group):
     assert group.sender._observers.get(bus_module.zmq.SNDHWM) == bus_module.FEWEST
     assert group.reader.overheard(wait=True) is not None
     assert group.reader._observed.get(bus_module.zmq.RCVHWM) == bus_module.FEWEST
+
+
+TWO = """
+nodes:
+  source: {use: nodes_for_runs.Source, in: {torque: sum}}
+  spring: {use: nodes_for_runs.Spring, in: {pose: source}}
+  drag:   {use: nodes_for_runs.Drag, in: {pose: source, force: spring}}
+  spread: {use: nodes_for_runs.Spread, in: {force: spring, friction: drag}}
+  sum:    {use: nodes_for_runs.Sum, in: {load: spread, friction: drag}}
+  one:    {use: nodes_for_runs.Slow, in: all}
+  log:    {use: nodes_for_runs.SlowLogger, in: all, pause: 0.002}
+"""
+
+
+def test_observers_in_groups_of_nodes_receive_all_messages_of_the_other_group(tmp_path):
+    """Two groups that read each other; the logger is slower than the run, so its messages wait until the end."""
+    place = tmp_path / "place.yaml"
+    place.write_text("a: [source, spring, drag, one]\nb: [spread, sum, log]\n")
+    launch = LaunchFile(graph=write_graph(tmp_path, TWO), duration=0.5, clock="real", place=place)
+    outcome = execute(launch.but(record=tmp_path / "run.mcap"))
+    assert outcome.result.ok, outcome.result.deaths
+    steps = {node: health["steps"] for node, health in outcome.result.health.items()}
+    observed = steps.pop("one"), steps.pop("log")
+    assert Recording(tmp_path / "run.mcap").counts == {n: {"count": c, "lost": 0} for n, c in steps.items()}
+    assert observed == (sum(steps.values()),) * 2

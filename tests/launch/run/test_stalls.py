@@ -46,7 +46,7 @@ def test_silence_adds_up_over_polls(time):
 
 
 def test_an_observer_receives_frames_in_transit_during_a_stall(time):
-    """The stall is longer than the silence that marks the end of a stream on the real clock."""
+    """The stall is longer than the silence that marks the end of the streams of a killed sender."""
     comes = iter([(20, True), (3000, False), (20, True)])
     received = []
 
@@ -58,9 +58,9 @@ def test_an_observer_receives_frames_in_transit_during_a_stall(time):
 
     nothing = lambda: None  # noqa: E731
     worker = SimpleNamespace(
-        slots=[None], job=SimpleNamespace(clock="real"), last=None, stopping=False,
-        audience=SimpleNamespace(has_all=lambda last: False, ended=set(), lost=set()),
-        overhear=overhear, drain=nothing, check_orders=nothing, housekeep=nothing,
+        slots=[None], job=SimpleNamespace(clock="real"), last=None, stopping=True,
+        audience=SimpleNamespace(has_all=lambda last: False, ended=set(), lost={"other"}),
+        overhear=overhear, offer_end=nothing, drain=nothing, check_orders=nothing, housekeep=nothing,
     )  # fmt: skip
     observe(worker, {"other"})
     assert received[:3] == [True, False, True]
