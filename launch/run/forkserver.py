@@ -53,6 +53,10 @@ class ForkServer:
     def alive(self) -> bool:
         return self.process.poll() is None
 
+    @property
+    def pid(self) -> int:
+        return self.process.pid
+
     def register(self, poller: zmq.Poller) -> None:
         """Wake this poller on answers and output."""
         poller.register(self.socket.fileno(), zmq.POLLIN)

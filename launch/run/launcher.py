@@ -19,6 +19,7 @@ import zmq
 from palpate.engine.clock import Silence, now
 from palpate.engine.job import Job, members
 from palpate.launch.run import reports
+from palpate.launch.run.activity import ENDED, Activity
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
@@ -29,9 +30,7 @@ from palpate.launch.run.wire.addresses import has_unix_sockets
 from palpate.launch.run.wire.discover import Running
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.wire.wires import ControlChannel, blocked_by, listeners, read_streams
-from palpate.launch.run.work.compiling import LONGEST
 from palpate.launch.run.work.spawner import Spawner, worker_server
-from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
 
 HEAD_START = 40_000_000  # [ns] from the order `Go` to tick 0, so that every worker has received it
@@ -39,8 +38,6 @@ BEAT = 0.5  # [s] between heartbeats to workers on other machines
 GRACE = 0.1  # [s] from the death of a node on the real clock to the shutdown, so that the device gets zero force
 LAST_REPORT = 5.0  # [s] to wait for the last report of a worker that has sent one
 MOST_REPORTS = 1000  # handled in a row, so that a flood of reports does not block the launcher
-LIMITS = {"starting": START_PATIENCE, "ready": math.inf, "linked": math.inf}
-"""[s] Longest silence of a worker in these states; `ready` and `linked` workers wait and send nothing."""
 
 
 def silent(text: str) -> None:
@@ -167,6 +164,7 @@ class Launcher:
     def _fork(self, member: WorkerHandle) -> None:
         self._control.expect(member.job.group)
         member.reset_state()
+        member.starter = self.forkserver.pid
         control = self._control
         self.forkserver.ask(
             reports.Start(member.job, self.run_id, control.control, control.reports, self.key, control.guarded)
@@ -208,11 +206,15 @@ class Launcher:
     def _take(self, member: WorkerHandle, report: reports.Report) -> None:
         if member.state == "gone" and not isinstance(report, reports.Alive):
             return  # the end of its process was handled before
-        if not self._ending.closed or not isinstance(report, reports.Alive) or self._progress(report):
+        silent = self._ending.closed and isinstance(report, reports.Alive) and not self._progress(report)
+        if not (silent or isinstance(report, reports.Pulse)):
             member.reset_silence()
         match report:
             case reports.Hello():
+                member.taken = True
                 self._control.send_order(f"join-{member.job.group}", reports.Take(member.job, self.run_id))
+            case reports.Pulse(found):
+                self._take_pulse(member, found)
             case reports.Starting(node, kernels):
                 member.busy, member.kernels = node, kernels
             case reports.Compiling(active):
@@ -248,6 +250,13 @@ class Launcher:
                     self._ending.follow()
                 if member.joined:  # its process is on another machine, so the last report marks its end
                     self._is_gone(member)
+
+    def _take_pulse(self, member: WorkerHandle, found: Activity) -> None:
+        """Note what the process of a worker on another machine does; its end is a failure."""
+        member.take_pulse(found)
+        if found.state == ENDED and member.alive:
+            self._report_death(member, NodeFault("", "process", "its process ended without a report"))
+            self._is_gone(member)
 
     def _progress(self, report: reports.Alive) -> bool:
         """Whether observers still receive messages after the end of all nodes."""
@@ -409,12 +418,10 @@ class Launcher:
     def _check_hung(self) -> None:
         """Kill workers that are silent for too long."""
         for group, member in self.members.items():
-            if not member.alive or (member.state == "starting" and member.joined):
-                continue
-            limit = LIMITS.get(member.state, self.patience)
-            if member.compiling:
-                limit = max(limit, LONGEST)
-            if member.silence() <= limit:
+            if not member.alive or (member.joined and member.state == "starting" and not member.taken):
+                continue  # nobody has started it by hand yet
+            text = member.hang(self.patience)
+            if not text:
                 continue
             self.forkserver.ask(reports.Kill(group, reports.ASK))  # prints its traceback, reports its node
             before, until = len(self._tail), time.monotonic() + 0.5
@@ -427,7 +434,6 @@ class Launcher:
                 continue
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
-            text = f"no sign of life for {limit:g} s: it hangs or was suspended"
             self._report_death(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, reports.KILL))
             if member.joined:

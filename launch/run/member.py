@@ -1,19 +1,20 @@
 """The launcher's state of a worker, with detection of hangs and of lost messages."""
 
-import contextlib
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from palpate.engine import clock
 from palpate.engine.job import Job, members
+from palpate.launch.run.activity import Activity, Silence, activity
+from palpate.launch.run.work.compiling import LONGEST
+from palpate.launch.run.work.watchdog import START_PATIENCE
 
 ALIVE = ("starting", "ready", "linked", "running")
 LONGEST_GAP = 1e-9 * clock.LONGEST_GAP  # [s] counted at most between two checks
-DISK_PATIENCE = 120.0  # [s] of waiting for a disk that do not count as silence
-QUIET = 0.3  # [s] of silence after which the kernel is asked what a worker waits for
+QUIET = 0.3  # [s] of silence after which the process table is read
+PULSELESS = 2.0  # [s] without a pulse after which it is unknown what a process on another machine does
 
 
 @dataclass
@@ -35,6 +36,11 @@ class WorkerHandle:
     clean_exit its nodes have ended without failure, and all their messages were delivered
     awaits     stream and tick of the message that it waits for
     awaited    number of heartbeats since that message was sent; None: not known to be sent
+    starter    id of the process that starts it, while `pid` is None
+    look       returns what the process with an id does
+    silent     time without a sign of life
+    pulse      what its process on another machine did last
+    taken      it was started by hand and has its job
     """
 
     job: Job
@@ -52,8 +58,13 @@ class WorkerHandle:
     clean_exit: bool = False
     awaits: tuple[str, int] | None = None
     awaited: int | None = None
-    _silence: float = 0.0
-    _at_disk: float = 0.0
+    starter: int | None = None
+    look: Callable[[int], Activity | None] = activity
+    silent: Silence = field(default_factory=Silence)
+    pulse: Activity | None = None
+    taken: bool = False
+    _pulsed: bool = False  # whether the pulse is newer than the last look
+    _passed: float = 0.0  # [s] since the last look, as far as it counts
     _checked: float = field(default_factory=time.monotonic)
 
     @property
@@ -65,8 +76,7 @@ class WorkerHandle:
         return ", ".join(given.name for given in members(self.job))
 
     def reset_silence(self) -> None:
-        self._silence = self._at_disk = 0.0
-        self._checked = time.monotonic()
+        self.silent, self._passed, self._checked = Silence(), 0.0, time.monotonic()
 
     def waits(self, awaits: tuple[str, int] | None) -> None:
         """Note the message that it waits for, from a heartbeat."""
@@ -77,36 +87,56 @@ class WorkerHandle:
         self.awaits = awaits
 
     def silence(self) -> float:
-        """Time without a sign of life [s]; call this often.
+        """Time without a sign of life [s], see `Silence`; call this often.
 
-        Each call counts at most `LONGEST_GAP`, so time in which the launcher was not scheduled does not count. Nor do
-        the first `DISK_PATIENCE` in which a disk blocks the worker: the kernel would not kill it, and its recording
-        would be lost.
+        Each call counts at most `LONGEST_GAP`, so time in which the launcher was not scheduled does not count.
         """
         moment = time.monotonic()
-        passed, self._checked = min(moment - self._checked, LONGEST_GAP), moment
-        if self.pid is not None and self._silence > QUIET and at_the_disk(self.pid):
-            self._at_disk += passed
+        self._passed, self._checked = self._passed + min(moment - self._checked, LONGEST_GAP), moment
+        if self.joined and self.silent.total > QUIET:
+            if self._pulsed:
+                self._count(self.pulse)
+            elif self._passed > PULSELESS:
+                self._count(None)
         else:
-            self._silence += passed
-        return self._silence + max(0.0, self._at_disk - DISK_PATIENCE)
+            pid = self.pid if self.pid is not None else self.starter
+            self._count(self.look(pid) if pid is not None and self.silent.total > QUIET else None)
+        return self.silent.total
+
+    def _count(self, found: Activity | None) -> None:
+        """Count the time since the last look; None: it is unknown what its process did."""
+        self.silent.add(self._passed, found)
+        self._passed, self._pulsed = 0.0, False
+
+    def take_pulse(self, pulse: Activity) -> None:
+        """Note what the process of a worker on another machine does."""
+        self.pulse, self._pulsed = pulse, True
+
+    def hang(self, patience: float) -> str:
+        """Why it counts as hung, "" if it does not. `patience` [s]: longest silence while it runs or awaits an order.
+
+        Before tick 0 its nodes may compute for long, so only the time in which it does nothing counts there.
+        """
+        self.silence()
+        silent, starting = self.silent, self.state == "starting"
+        if silent.stopped and silent.stopped + min(silent.idle, 2.0 * QUIET) > patience:
+            return f"no sign of life for {patience:g} s: a signal has stopped its process"
+        limit = START_PATIENCE if starting else patience
+        longest = max(limit, LONGEST) if self.compiling or starting else limit
+        idle = silent.total - silent.busy
+        if idle > (longest if self.compiling else limit):
+            limit = longest if self.compiling else limit
+        elif silent.total > longest:
+            limit = longest
+        else:
+            return ""
+        return f"no sign of life for {limit:g} s: it hangs or was suspended"
 
     def reset_state(self) -> None:
         """Reset the state for a new process."""
         self.state, self.pid, self.paused = "starting", None, None
         self.flushed = self.observes = self.clean_exit = self.compiling = False
         self.reset_silence()
-
-
-def at_the_disk(pid: int) -> bool:
-    """Whether a thread of a process is in an uninterruptible wait for a disk and no other thread runs. A separate
-    thread writes the recording, and the others wait for it."""
-    states = set()
-    with contextlib.suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            with contextlib.suppress(OSError, IndexError):
-                states.add((task / "stat").read_text(errors="replace").rpartition(")")[2].split()[0])
-    return "D" in states and "R" not in states
 
 
 def find_loss(

@@ -10,6 +10,7 @@ import msgspec
 
 from palpate.engine.health import Counters
 from palpate.engine.job import Job
+from palpate.launch.run.activity import Activity
 from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.keys import Key
 
@@ -99,6 +100,12 @@ class InCall(msgspec.Struct, frozen=True, tag=True):
     node: str
 
 
+class Pulse(msgspec.Struct, frozen=True, tag=True):
+    """What the process of a worker on another machine does, from a second process there, about twice a second."""
+
+    found: Activity
+
+
 class Ready(msgspec.Struct, frozen=True, tag=True):
     """All nodes are built. endpoints: addresses by outlet; refused: privileges that the system denied."""
 
@@ -145,7 +152,19 @@ class NodesEnded(msgspec.Struct, frozen=True, tag=True):
 
 Order = Take | Connect | Go | Gone | End | Stop | Close | Quit | Beat
 Report = (
-    Hello | Starting | Compiling | InCall | Ready | Linked | Alive | Paused | NodeFault | Note | Observes | NodesEnded
+    Hello
+    | Starting
+    | Compiling
+    | InCall
+    | Pulse
+    | Ready
+    | Linked
+    | Alive
+    | Paused
+    | NodeFault
+    | Note
+    | Observes
+    | NodesEnded
 )
 
 

@@ -108,6 +108,40 @@ class Turn(Node):
         return Torque(torques=(1.0, 0.0, 0.0))
 
 
+class Starting(Spring):
+    """Behaves in a chosen way in `start`; a slow one computes until a file exists."""
+
+    how: Annotated[str, "1"] = "slow"
+    file: Annotated[str, "1"] = ""
+
+    def start(self) -> None:
+        match self.how:
+            case "exit":
+                os._exit(7)
+            case "kill":
+                os.kill(os.getpid(), signal.SIGKILL)
+            case "stop":
+                os.kill(os.getpid(), signal.SIGSTOP)
+            case "exception":
+                raise RuntimeError("cannot start")
+            case "slow":
+                compute_until(self.file)
+
+
+class StartingDrag(Drag):
+    """A slow start: it computes until a file exists."""
+
+    file: Annotated[str, "1"] = ""
+
+    def start(self) -> None:
+        compute_until(self.file)
+
+
+def compute_until(file: str) -> None:
+    while not Path(file).exists():
+        sum(range(10_000))
+
+
 class Faulty(Spring):
     """Fails in a chosen way at a chosen step, and writes its tick to a file if one is given."""
 

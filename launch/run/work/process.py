@@ -6,16 +6,19 @@ import os
 import signal
 import socket
 import sys
+import time
 import traceback
+from collections.abc import Iterator
 from types import FrameType
 
 import msgspec
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from palpate.engine.clock import real_time
+from palpate.engine.clock import Silence, now, real_time
 from palpate.engine.slot import NodeError
 from palpate.launch.run import reports
+from palpate.launch.run.activity import ENDED, Activity, activity
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.addresses import has_unix_sockets
@@ -26,8 +29,13 @@ from palpate.launch.run.work.fused import death
 from palpate.launch.run.work.loops import run
 from palpate.launch.run.work.offered import refusal
 from palpate.launch.run.work.watchdog import running_node
-from palpate.launch.run.work.worker import EndedError, Worker
+from palpate.launch.run.work.worker import ORPHANED, REPORT, EndedError, Worker
 from palpate.physics.errors import RunError
+
+WAIT = 200  # [ms] for an order before tick 0, between two heartbeats
+PULSE = 0.5  # [s] between two reports of what a worker that was started by hand does
+LAST_PULSE = 0.5  # [s] from its end to the report of it, so that its own last report arrives before
+LINGER = 1000  # [ms] to send this report
 
 
 def serve(start: reports.Start, alone: bool = False) -> int:
@@ -56,7 +64,7 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         endpoints = bus.bind(job.host)
         bus.report(reports.Ready(endpoints, refused, bool(job.host and start.key)))
         with contextlib.suppress(EndedError):
-            begun = _link(bus, elsewhere=alone)
+            begun = _link(bus, alone)
             run(worker, *begun)
         worker.stop()
         clean_exit = begun is not None
@@ -97,22 +105,32 @@ def _answer_when_silent(bus: Bus) -> None:
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False, chain=True)
 
 
-def _link(bus: Bus, elsewhere: bool) -> tuple[int, set[str]]:
-    """Connect to the other workers and wait for the start. Returns the time of tick 0 [ns] and the groups that the
-    observers here read. EndedError: the run ended before. RunError: a launcher `elsewhere` names a local socket."""
+def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
+    """Connect to the other workers and wait for the start, with heartbeats. Returns the time of tick 0 [ns] and the
+    groups that the observers here read. EndedError: the run ended before. RunError, for a worker that was started by
+    hand (`alone`): nothing was heard of the launcher, or it names a local socket."""
     senders: set[str] = set()
+    launcher, reported = Silence(), now()
 
     def poll(wait: int = 0) -> reports.Order | None:
+        nonlocal reported
         order = bus.order(wait)
         if isinstance(order, reports.Stop | reports.Quit | reports.Close):
             raise EndedError
+        if order is not None:
+            launcher.reset()
+        elif alone and launcher.poll() > ORPHANED:
+            raise RunError("the launcher sent nothing for 5 s; it has ended, or the network was interrupted")
+        if now() - reported > REPORT:
+            reported = now()
+            bus.report(reports.Alive({}))
         return order
 
     while True:
-        match poll(1000):
+        match poll(WAIT):
             case reports.Connect(sources, observed):
                 for source in sources:
-                    if elsewhere and not source.address.startswith("tcp://"):
+                    if alone and not source.address.startswith("tcp://"):
                         raise RunError(f"the launcher names {source.address}, expected an address tcp://host:port")
                     bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}
@@ -173,7 +191,54 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
                 outgoing.send(msgspec.msgpack.encode(reports.Addressed(group, fault)), zmq.NOBLOCK)
             raise RunError(f"the launcher at {address}: {fault}")
     job = msgspec.structs.replace(take.job, host=take.job.host or _address_towards(host))
-    return serve(reports.Start(job, take.run, orders_at, reports_at, key, key is not None), alone=True)
+    with _pulse(reports_at, group, key):
+        return serve(reports.Start(job, take.run, orders_at, reports_at, key, key is not None), alone=True)
+
+
+@contextlib.contextmanager
+def _pulse(address: str, group: str, key: Key | None) -> Iterator[None]:
+    """While the block runs, a second process reports to the launcher what this one does: also while this one computes
+    without reports, is stopped, or has been killed. No effect without `fork`."""
+    if not hasattr(os, "fork"):
+        yield
+        return
+    watched = os.getpid()
+    helper = os.fork()
+    if not helper:
+        try:
+            _report_activity(watched, address, group, key)
+        finally:
+            os._exit(0)
+    try:
+        yield
+    finally:
+        os.kill(helper, signal.SIGKILL)
+        os.waitpid(helper, 0)
+
+
+def _report_activity(watched: int, address: str, group: str, key: Key | None) -> None:
+    """Report what the parent does until it has ended."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for number in range(3):  # a reader of the parent's output does not wait for this process
+        os.dup2(nowhere, number)
+    with zmq.Context() as context, context.socket(zmq.PUSH) as outgoing:
+        outgoing.set(zmq.LINGER, LINGER)
+        if key is not None:
+            key.secure(outgoing, server=False)
+        outgoing.connect(address)
+        found: Activity | None = None
+        while found is None or found.state != ENDED:
+            time.sleep(PULSE)
+            found = activity(watched)
+            if os.getppid() != watched:
+                time.sleep(LAST_PULSE)
+                found = Activity(ENDED)
+            if found is not None:
+                report = msgspec.msgpack.encode(reports.Addressed(group, reports.Pulse(found)))
+                with contextlib.suppress(zmq.Again):
+                    outgoing.send(report, zmq.NOBLOCK)
 
 
 def _address_towards(host: str) -> str:

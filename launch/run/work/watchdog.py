@@ -9,6 +9,7 @@ from threading import current_thread, main_thread
 from types import FrameType
 
 from palpate.engine.slot import ObserverSlot, Slot
+from palpate.launch.run.activity import waited_for_processor
 from palpate.launch.run.work.compiling import LONGEST, compiler_watched
 from palpate.launch.run.work.worker import Worker
 
@@ -27,16 +28,18 @@ def watch_call(patience: float | None, last: float | None = None) -> Iterator[No
     watchdog.
 
     A timer signal checks the running call, so that the loop has no overhead. Each check counts at most a quarter of the
-    patience, so that a stalled machine does not count as a hang. Compiled code that never returns, or a system call
-    that waits for a disk, blocks the handler: then the process prints a traceback and exits after `last` [s] (default:
-    `LAST` or twice the patience, whichever is longer). While the compiler works on a function, both limits are at least
-    `LONGEST`. No effect outside the main thread and without timer signals.
+    patience, so that a stalled machine does not count as a hang, and no time in which this thread waited for a
+    processor. During a `start` processor time has the limit `LONGEST`: it may compute for long. Compiled code that
+    never returns, or a system call that waits for a disk, blocks the handler: then the process prints a traceback and
+    exits after `last` [s] (default: `LAST` or twice the patience, whichever is longer). While the compiler works on a
+    function, both limits are at least `LONGEST`. No effect outside the main thread and without timer signals.
     """
     if patience is None or not hasattr(signal, "setitimer") or current_thread() is not main_thread():
         yield
         return
     before: object = None
-    spent, checked = 0.0, time.monotonic()
+    spent, checked, waited, used = 0.0, time.monotonic(), waited_for_processor(), time.process_time()
+    computed = 0.0
     end = max(2.0 * patience, LAST) if last is None else last
 
     working = False
@@ -46,21 +49,27 @@ def watch_call(patience: float | None, last: float | None = None) -> Iterator[No
             faulthandler.dump_traceback_later(max(end, 2.0 * LONGEST) if working else end, exit=True)
 
     def compiler_changed(active: bool) -> None:
-        nonlocal working, spent, checked
-        working, spent, checked = active, 0.0, time.monotonic()
+        nonlocal working, spent, computed, checked
+        working, spent, computed, checked = active, 0.0, 0.0, time.monotonic()
         kill_later()
 
     def check(_: int, frame: FrameType | None) -> None:
-        nonlocal before, spent, checked
+        nonlocal before, spent, computed, checked, waited, used
         kill_later()
         moment, here = time.monotonic(), _running(frame)
-        spent += min(moment - checked, 2.0 * patience / CHECKS)
-        checked = moment
+        passed = min(moment - checked, 2.0 * patience / CHECKS)
+        delay, work = waited_for_processor() - waited, time.process_time() - used
+        checked, waited, used = moment, waited + delay, used + work
+        work = min(work, passed)
+        computed += work
+        spent += max(0.0, passed - delay - work)
+        starts = isinstance(here, tuple) and here[0] is Worker.start.__code__
         limit = max(patience, LONGEST) if working else patience
+        longest = max(patience, LONGEST) if working or starts else patience
         if here is None or here != before:
-            before, spent = here, 0.0
-        elif spent >= limit:
-            raise HangError(f"no sign of life for {limit:g} s")
+            before, spent, computed = here, 0.0, 0.0
+        elif spent >= limit or spent + computed >= longest:
+            raise HangError(f"no sign of life for {limit if spent >= limit else longest:g} s")
 
     known = signal.signal(signal.SIGALRM, check)
     left, _ = signal.setitimer(signal.ITIMER_REAL, patience / CHECKS, patience / CHECKS)

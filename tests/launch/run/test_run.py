@@ -120,7 +120,9 @@ def free_port() -> int:
         return port
 
 
-def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda running, far: None):
+def with_a_group_joined_by_hand(
+    tmp_path, monkeypatch, duration, watch=lambda running, far: None, graph=GRAPH, patience=5.0
+):
     """The outcome of the run, and the exit code of the group's process, which has no folder in common with the run, as
     on another machine; `watch` also gets this process."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
@@ -134,8 +136,13 @@ def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda ru
     (tmp_path / "there").mkdir(mode=0o700)
     there = {"PYTHONPATH": path, "XDG_RUNTIME_DIR": str(tmp_path / "there")}
     with subprocess.Popen(command, env=os.environ | there, start_new_session=True) as far:
-        launch = LaunchFile(graph=write_graph(tmp_path), place=place, duration=duration, record=tmp_path / "run.mcap")
-        outcome = execute(launch, network=Network(address), watch=lambda running: watch(running, far))
+        launch = LaunchFile(
+            graph=write_graph(tmp_path, graph), place=place, duration=duration, record=tmp_path / "run.mcap"
+        )
+        outcome = execute(
+            launch, network=Network(address), watch=lambda running: watch(running, far), patience=patience
+        )
+        far.poll() is None and outcome.result.deaths and far.kill()  # one that was stopped
         return outcome, far.wait(60)
 
 

@@ -157,7 +157,7 @@ def test_a_fused_run_survives_a_stall_of_a_minute(monkeypatch, patience, least):
 def test_an_observer_may_be_slow_for_many_messages_but_not_for_one(monkeypatch, stuck):
     """A process without processor time may take seconds for the messages of one batch."""
     moment = [0.0]
-    monkeypatch.setattr(watchdog, "time", SimpleNamespace(monotonic=lambda: moment[0]))
+    monkeypatch.setattr(watchdog, "time", SimpleNamespace(monotonic=lambda: moment[0], process_time=lambda: 0.0))
 
     def observe(stream: str, tick: int, payload: bytes) -> None:
         for _ in range(20 if stuck and tick == 3 else 1):
