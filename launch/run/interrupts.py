@@ -20,7 +20,7 @@ class StoppedError(KeyboardInterrupt):
 
 
 def signal_of(error: KeyboardInterrupt) -> int:
-    """The number of the signal that an exception stands for."""
+    """The number of the signal that caused an exception."""
     return error.number if isinstance(error, StoppedError) else int(signal.SIGINT)
 
 

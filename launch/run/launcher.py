@@ -19,7 +19,6 @@ import zmq
 from palpate.engine.clock import Silence, now
 from palpate.engine.job import Job, members
 from palpate.launch.run import reports
-from palpate.launch.run.activity import ENDED, Activity
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
@@ -30,6 +29,7 @@ from palpate.launch.run.wire.addresses import has_unix_sockets
 from palpate.launch.run.wire.discover import Running
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.wire.wires import ControlChannel, blocked_by, listeners, read_streams
+from palpate.launch.run.work.activity import ENDED, Activity
 from palpate.launch.run.work.spawner import Spawner, worker_server
 from palpate.launch.run.work.worker import REPORT
 
@@ -206,8 +206,8 @@ class Launcher:
     def _take(self, member: WorkerHandle, report: reports.Report) -> None:
         if member.state == "gone" and not isinstance(report, reports.Alive):
             return  # the end of its process was handled before
-        silent = self._ending.closed and isinstance(report, reports.Alive) and not self._progress(report)
-        if not (silent or isinstance(report, reports.Pulse)):
+        unchanged = self._ending.closed and isinstance(report, reports.Alive) and not self._progress(report)
+        if not (unchanged or isinstance(report, reports.Pulse)):
             member.reset_silence()
         match report:
             case reports.Hello():
@@ -419,7 +419,7 @@ class Launcher:
         """Kill workers that are silent for too long."""
         for group, member in self.members.items():
             if not member.alive or (member.joined and member.state == "starting" and not member.taken):
-                continue  # nobody has started it by hand yet
+                continue  # it has yet to be started by hand
             text = member.hang(self.patience)
             if not text:
                 continue

@@ -7,7 +7,7 @@ from typing import Any
 
 from palpate.engine import clock
 from palpate.engine.job import Job, members
-from palpate.launch.run.activity import Activity, Silence, activity
+from palpate.launch.run.work.activity import Activity, Silence, activity
 from palpate.launch.run.work.compiling import LONGEST
 from palpate.launch.run.work.watchdog import START_PATIENCE
 

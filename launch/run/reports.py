@@ -10,9 +10,9 @@ import msgspec
 
 from palpate.engine.health import Counters
 from palpate.engine.job import Job
-from palpate.launch.run.activity import Activity
 from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.keys import Key
+from palpate.launch.run.work.activity import Activity
 
 
 class Take(msgspec.Struct, frozen=True, tag=True):

@@ -18,12 +18,12 @@ from zmq.utils.monitor import recv_monitor_message
 from palpate.engine.clock import Silence, now, real_time
 from palpate.engine.slot import NodeError
 from palpate.launch.run import reports
-from palpate.launch.run.activity import ENDED, Activity, activity
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.addresses import has_unix_sockets
 from palpate.launch.run.wire.bus import LONGEST_ORDER, Bus, split
 from palpate.launch.run.wire.keys import Key
+from palpate.launch.run.work.activity import ENDED, Activity, activity
 from palpate.launch.run.work.compiling import compiler_watched
 from palpate.launch.run.work.fused import death
 from palpate.launch.run.work.loops import run
@@ -34,7 +34,7 @@ from palpate.physics.errors import RunError
 
 WAIT = 200  # [ms] for an order before tick 0, between two heartbeats
 PULSE = 0.5  # [s] between two reports of what a worker that was started by hand does
-LAST_PULSE = 0.5  # [s] from its end to the report of it, so that its own last report arrives before
+LAST_PULSE = 0.5  # [s] from its end to the report of it, so that its last report arrives before
 LINGER = 1000  # [ms] to send this report
 
 
@@ -108,7 +108,7 @@ def _answer_when_silent(bus: Bus) -> None:
 def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
     """Connect to the other workers and wait for the start, with heartbeats. Returns the time of tick 0 [ns] and the
     groups that the observers here read. EndedError: the run ended before. RunError, for a worker that was started by
-    hand (`alone`): nothing was heard of the launcher, or it names a local socket."""
+    hand (`alone`): the launcher sends nothing, or names a local socket."""
     senders: set[str] = set()
     launcher, reported = Silence(), now()
 
@@ -221,8 +221,8 @@ def _report_activity(watched: int, address: str, group: str, key: Key | None) ->
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     nowhere = os.open(os.devnull, os.O_RDWR)
-    for number in range(3):  # a reader of the parent's output does not wait for this process
-        os.dup2(nowhere, number)
+    for stream in range(3):  # a reader of the parent's output does not wait for this process
+        os.dup2(nowhere, stream)
     with zmq.Context() as context, context.socket(zmq.PUSH) as outgoing:
         outgoing.set(zmq.LINGER, LINGER)
         if key is not None:

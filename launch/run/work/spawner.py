@@ -25,7 +25,7 @@ class Spawner:
     """Starts and ends workers, with the methods of `ForkServer`."""
 
     alive = True
-    pid: int | None = None  # each worker is started at once, and then known by its own
+    pid: int | None = None  # each worker is started at once, and then known by its number
 
     def __init__(self) -> None:
         self._workers: dict[str, subprocess.Popen[bytes]] = {}

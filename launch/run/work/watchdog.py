@@ -9,7 +9,7 @@ from threading import current_thread, main_thread
 from types import FrameType
 
 from palpate.engine.slot import ObserverSlot, Slot
-from palpate.launch.run.activity import waited_for_processor
+from palpate.launch.run.work.activity import waited_for_processor
 from palpate.launch.run.work.compiling import LONGEST, compiler_watched
 from palpate.launch.run.work.worker import Worker
 

@@ -140,8 +140,8 @@ class Input:
         self.loop, self.waits, self.dead = given.loop, given.waits, job is None
         self.inside = False  # whether a segment of this worker reads it from the record of the sender
         self.behind = False
-        """Whether it reads the message of an earlier tick from a node of this worker that runs before its own node, or
-        from that node itself: the record of the sender then has the message of this tick."""
+        """Whether it reads the message of an earlier tick, and the sender runs before its node in this worker, or is
+        that node: the record of the sender then has the message of this tick."""
         self.feed: RemoteStream | None = None
         self.queue: deque[Message] = deque()
         self.message: Message | None = None

@@ -17,7 +17,11 @@ from palpate.engine import clock
 from palpate.engine.job import Job, NodeJob
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run import member, reports
-from palpate.launch.run.activity import (
+from palpate.launch.run.execute import RunOutcome, execute
+from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.member import WorkerHandle
+from palpate.launch.run.work import process
+from palpate.launch.run.work.activity import (
     COMPUTES,
     DISK,
     ENDED,
@@ -28,10 +32,6 @@ from palpate.launch.run.activity import (
     activity,
     waited_for_processor,
 )
-from palpate.launch.run.execute import RunOutcome, execute
-from palpate.launch.run.launcher import Launcher
-from palpate.launch.run.member import WorkerHandle
-from palpate.launch.run.work import process
 from palpate.launch.run.work.compiling import LONGEST
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import EndedError
@@ -58,7 +58,7 @@ def table(folder: Path, main: str, used: int, *threads: str) -> Path:
         ("t", ("t",), WAITS),
     ],
 )  # fmt: skip
-def test_the_process_table_says_what_a_process_does(tmp_path, main, threads, state):
+def test_the_process_table_contains_what_a_process_does(tmp_path, main, threads, state):
     found = activity(7, table(tmp_path, main, 100, *threads))
     assert found == Activity(state, pytest.approx(300 * TICK))
 
@@ -97,7 +97,7 @@ def test_a_real_process_is_seen_to_compute_to_wait_and_to_be_stopped():
 FIRST = {  # of each behaviour, time [s] after which a worker hangs: in `starting`; in `ready`, `linked`, `running`
     "computes": (LONGEST, PATIENCE),
     "waits for a processor": (NEVER, NEVER),
-    "a tenth of a processor": (10 * LONGEST, 10 * PATIENCE),
+    "10 % of a processor": (10 * LONGEST, 10 * PATIENCE),
     "stopped": (PATIENCE, PATIENCE),
     "waits": (START_PATIENCE, PATIENCE),
     "waits for the disk": (Silence.DISK_PATIENCE + START_PATIENCE, Silence.DISK_PATIENCE + PATIENCE),
@@ -106,13 +106,13 @@ FIRST = {  # of each behaviour, time [s] after which a worker hangs: in `startin
 
 
 def seen(behaviour: str, moment: float) -> Activity | None:
-    """What the process table says at a time [s]."""
+    """What the process table contains at a time [s]."""
     match behaviour:
         case "computes":
             return Activity(COMPUTES, moment)
         case "waits for a processor":
             return Activity(COMPUTES, 3.0)
-        case "a tenth of a processor":
+        case "10 % of a processor":
             return Activity(COMPUTES if round(moment / STEP) % 2 else WAITS, 0.1 * moment)
         case "stopped":
             return Activity(STOPPED, 3.0)
@@ -180,7 +180,7 @@ def test_pulses_that_stop_say_nothing(moment):
     assert hung_after(handle, moment)[0] == pytest.approx(PATIENCE + member.PULSELESS, abs=1.0)
 
 
-def test_a_group_that_nobody_has_started_by_hand_is_awaited(moment):
+def test_a_group_that_has_yet_to_be_started_by_hand_is_awaited(moment):
     handle = WorkerHandle(JOB, joined=True)
     handle.reset_silence()
     faults: list[str] = []
@@ -277,7 +277,7 @@ def test_a_joined_worker_that_ends_before_tick_0_ends_the_run_with_its_name(tmp_
             os.kill(far.pid, number)
 
     graph = GRAPH.replace("nodes_for_runs.Drag,", f"nodes_for_runs.StartingDrag, file: {tmp_path / 'go'},")
-    outcome, code = with_a_group_joined_by_hand(tmp_path, monkeypatch, 0.1, watch, graph, patience=1.0)
+    outcome, code = with_a_group_joined_by_hand(tmp_path, monkeypatch, 0.1, watch, graph, patience=1.0, stops=True)
     (death,) = outcome.result.deaths
     assert death.node == "spring, drag, spread" or death.node == "drag"
     assert ("stopped" if number == signal.SIGSTOP else "ended") in death.text and code == -signal.SIGKILL

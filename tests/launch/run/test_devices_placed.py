@@ -14,6 +14,7 @@ from palpate.records.reader import Recording
 from palpate.records.samples import RecordedStream
 
 SCATTER = 0.15  # [1] of the peak between two runs: the emulated hand moves on while a loaded machine stalls the loop
+BUSY, TRIALS = 0.05, 3  # share of late ticks above which a run is repeated, and number of runs
 PLACES = ("fused", "auto", None)
 BOTH = ("device.port=emulator",)
 PRESS = "scene.hand.path=[{hold: 0.4}, {to: [0, 0, 0.1002], time: 0.3}, {hold: 0.5}]"
@@ -72,6 +73,15 @@ def test_a_sensor_next_to_a_compiled_node_receives_its_pose(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("graph", GRAPHS)
 def test_the_peak_force_does_not_depend_on_the_placement(tmp_path, graph):
-    peaks = [peak(check(run(graph, place, tmp_path)), GRAPHS[graph][2]) for place in PLACES]
-    print(graph, peaks)
-    assert min(peaks) > 0.1 and max(peaks) - min(peaks) <= SCATTER * max(peaks), peaks
+    peaks = {}
+    for place in PLACES:
+        for _ in range(TRIALS):
+            outcome = run(graph, place, tmp_path)
+            recording, verdict = check(outcome), outcome.verdict
+            if verdict is not None and verdict.late + verdict.overdue <= BUSY * verdict.due:
+                peaks[str(place)] = peak(recording, GRAPHS[graph][2])
+                break
+    if len(peaks) < len(PLACES):
+        pytest.skip("this machine is too busy: it leaves out more than 5 % of the ticks, while the hand moves on")
+    assert min(peaks.values()) > 0.1, peaks
+    assert max(peaks.values()) - min(peaks.values()) <= SCATTER * max(peaks.values()), peaks

@@ -99,7 +99,8 @@ def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, .
     counts = {}
     for slot in worker.slots:
         health = slot.health
-        counts[slot.name] = health.step.count + health.counted, health.asleep, health.lost, health.held, health.tick
+        lacks = health.lost, health.held, health.absent
+        counts[slot.name] = health.step.count + health.counted, health.asleep, *lacks, health.tick
     worker.stop()
     return payloads, counts
 

@@ -1,5 +1,5 @@
-"""Every wiring between two nodes of a process delivers the message that the rules name, whatever the two nodes are made
-of: Python or compiled, forward, held from a node before or behind, from itself, with divisors, on both clocks."""
+"""Every wiring between two nodes of a process delivers the message that the rules name: nodes in Python and compiled,
+edges forward, held from a node before or behind and from the node itself, with divisors, on both clocks."""
 
 from itertools import product
 from pathlib import Path
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.engine.schedule import needed_tick
+from palpate.engine.segment import CompiledSegment
 from palpate.launch.load.graph import load
 from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
@@ -25,7 +26,7 @@ WIRINGS = ("forward", "named", "paced", "early", "itself")
 
 def graph(folder: Path, sender: str, reader: str) -> Path:
     """A graph of all wirings. `forward`, `named` (`loop: true`) and `paced` read a sender that runs before them,
-    `early` one that runs after it, `itself` its own messages."""
+    `early` one that runs after it, `itself` those of the reader."""
     lines = ["n0: {use: nodes_for_placement.Clock}"]
     for a, b in EVERY:
         sends, reads = f"nodes_for_placement.{sender}", f"nodes_for_placement.{reader}"
@@ -48,7 +49,10 @@ def graph(folder: Path, sender: str, reader: str) -> Path:
 class Run:
     """The graph in this process on ticks of our choice; `used[stream]`: by tick, the ticks of the inputs."""
 
-    def __init__(self, path: Path, clock: str, ticks: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(
+        self, path: Path, clock: str, ticks: list[int], monkeypatch: pytest.MonkeyPatch, silent: range = range(0)
+    ) -> None:
+        """`silent`: ticks at which the nodes `s...` do not step."""
         planned = plan(load(path))
         (job,) = jobs(planned, fuse_nodes(planned), clock=clock)
         self.worker = worker = Worker(job, None, lambda report: None)
@@ -63,6 +67,7 @@ class Run:
                 monkeypatch.setattr(worker, "tick", -1)
                 real = _RealClock(worker, worker.slots[0], 0)
                 for tick in ticks:
+                    self.block(tick in silent)
                     real.run(tick, tick * 1_000_000)
             else:
                 simulated = SimulatedClock(worker)
@@ -70,6 +75,14 @@ class Run:
                     simulated.run(tick)
         finally:
             worker.stop()
+
+    def block(self, blocked: bool) -> None:
+        for slot in self.worker.slots:
+            if slot.name.startswith("s-"):
+                slot.blocked = blocked
+        for part in self.worker.parts:
+            if isinstance(part, CompiledSegment):
+                part.refresh()
 
     def note(self) -> None:
         for stream, output in self.worker.outputs.items():
@@ -108,6 +121,25 @@ def test_an_optional_input_is_absent_only_before_the_first_message(tmp_path, mon
         for (a, b), wiring in product(EVERY, WIRINGS):
             given = [ticks[0 if wiring == "paced" else 1] for ticks in used[f"{wiring}-{a}-{b}"].values()]
             assert given.count(-1) == (wiring != "forward") and -1 not in given[1:], (wiring, a, b, given)
+
+
+@pytest.mark.parametrize(("sender", "reader"), list(product(FORMS, FORMS)))
+def test_steps_without_an_expired_input_are_counted(tmp_path, monkeypatch, sender, reader):
+    """A sender that falls silent for 20 ms; its messages are held for 7 ms, 9 ms by a paced reader."""
+    run = Run(graph(tmp_path, sender, reader), "real", list(range(TICKS)), monkeypatch, silent=range(10, 30))
+    for part in run.worker.parts:
+        if isinstance(part, CompiledSegment):
+            part.count()
+    for slot in run.worker.slots:
+        wiring, *tag = slot.name.split("-")
+        if wiring not in ("forward", "named", "paced"):
+            continue
+        used = [ticks[0 if wiring == "paced" else 1] for ticks in run.used[slot.name].values()]
+        absent = used[used[0] < 0 :].count(-1)
+        assert slot.health.absent == absent > 0, slot.name
+        if tag == ["1", "1"]:
+            back = 30 + (wiring != "forward")
+            assert absent == back - 1 - (9 + (9 if wiring == "paced" else 7)), slot.name
 
 
 def test_a_lane_refuses_a_message_that_its_table_does_not_keep(tmp_path):
