@@ -7,13 +7,14 @@ from typing import Any
 
 from palpate.engine import clock
 from palpate.engine.job import Job, members
-from palpate.launch.run.work.activity import Activity, Silence, activity
+from palpate.launch.run.work.activity import Activity, SilentTime, activity
 from palpate.launch.run.work.compiling import LONGEST
 from palpate.launch.run.work.watchdog import START_PATIENCE
 
 ALIVE = ("starting", "ready", "linked", "running")
 LONGEST_GAP = 1e-9 * clock.LONGEST_GAP  # [s] counted at most between two checks
 QUIET = 0.3  # [s] of silence after which the process table is read
+LOOK = 0.4  # [s] between two looks at the process table, which has a file for each thread
 PULSELESS = 2.0  # [s] without a pulse after which it is unknown what a process on another machine does
 
 
@@ -60,7 +61,7 @@ class WorkerHandle:
     awaited: int | None = None
     starter: int | None = None
     look: Callable[[int], Activity | None] = activity
-    silent: Silence = field(default_factory=Silence)
+    silent: SilentTime = field(default_factory=SilentTime)
     pulse: Activity | None = None
     taken: bool = False
     _pulsed: bool = False  # whether the pulse is newer than the last look
@@ -76,7 +77,7 @@ class WorkerHandle:
         return ", ".join(given.name for given in members(self.job))
 
     def reset_silence(self) -> None:
-        self.silent, self._passed, self._checked = Silence(), 0.0, time.monotonic()
+        self.silent, self._passed, self._checked = SilentTime(), 0.0, time.monotonic()
 
     def waits(self, awaits: tuple[str, int] | None) -> None:
         """Note the message that it waits for, from a heartbeat."""
@@ -87,7 +88,7 @@ class WorkerHandle:
         self.awaits = awaits
 
     def silence(self) -> float:
-        """Time without a sign of life [s], see `Silence`; call this often.
+        """Time without a sign of life [s], see `SilentTime`; call this often.
 
         Each call counts at most `LONGEST_GAP`, so time in which the launcher was not scheduled does not count.
         """
@@ -98,7 +99,7 @@ class WorkerHandle:
                 self._count(self.pulse)
             elif self._passed > PULSELESS:
                 self._count(None)
-        else:
+        elif self._passed > LOOK or self.silent.total <= QUIET:
             pid = self.pid if self.pid is not None else self.starter
             self._count(self.look(pid) if pid is not None and self.silent.total > QUIET else None)
         return self.silent.total

@@ -55,7 +55,7 @@ def waited_for_processor(file: Path = Path("/proc/self/schedstat")) -> float:
         return 0.0
 
 
-class Silence:
+class SilentTime:
     """Time of a process without a sign of life [s], by its cause. Time in which it waits for a processor does not
     count, nor do the first `DISK_PATIENCE` in which a disk blocks it: the kernel would not kill it, and its recording
     would be lost.

@@ -48,7 +48,7 @@ def _absences(slot: Slot) -> str:
     """The note on steps without an optional input that had expired."""
     wired = [f"{port.port.name} of {port.producer}" for port in slot.inputs if port.port.optional and port.stream]
     return (
-        f"{slot.name}: optional inputs ({', '.join(wired)}) were absent in {slot.health.absent} steps, because their"
+        f"optional inputs ({', '.join(wired)}) were absent in {slot.health.absent} steps of {slot.name}, because their"
         " last message was too old: the sender was silent, or the machine stalled"
     )
 

@@ -28,7 +28,7 @@ from palpate.launch.run.work.activity import (
     STOPPED,
     WAITS,
     Activity,
-    Silence,
+    SilentTime,
     activity,
     waited_for_processor,
 )
@@ -100,7 +100,7 @@ FIRST = {  # of each behaviour, time [s] after which a worker hangs: in `startin
     "10 % of a processor": (10 * LONGEST, 10 * PATIENCE),
     "stopped": (PATIENCE, PATIENCE),
     "waits": (START_PATIENCE, PATIENCE),
-    "waits for the disk": (Silence.DISK_PATIENCE + START_PATIENCE, Silence.DISK_PATIENCE + PATIENCE),
+    "waits for the disk": (SilentTime.DISK_PATIENCE + START_PATIENCE, SilentTime.DISK_PATIENCE + PATIENCE),
     "unknown": (START_PATIENCE, PATIENCE),
 }
 

@@ -56,7 +56,8 @@ def run(
     """Run a graph: live view, recording, summary, pictures.
 
     Ctrl-C or SIGTERM ends the run cleanly. Exit code 1 if a node failed or the recording is incomplete; with
-    --strict also if a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM.
+    --strict also if a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM, 129 after
+    the terminal has closed.
     """
     from palpate.launch.run.work.spawner import worker_server
 
