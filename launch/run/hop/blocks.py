@@ -1,4 +1,4 @@
-"""Blocks of messages of one stream for observers in other processes: one frame for all messages of many ticks.
+"""Blocks of messages of one stream for observers in other processes: a frame for the messages of many ticks.
 
 A frame is the stream's name, a zero byte, `MARK`, the number of messages, their entries (`nodes.base.block`), and their
 bytes with margins. `MARK` begins no msgpack value, so a frame with one message differs. Only workers of a run on one
@@ -18,6 +18,7 @@ from palpate.nodes.base.block import ENTRY, MARGIN
 
 MARK = b"\xc1"
 COUNT = 4  # [bytes]
+LONGEST = 1 << 16  # [bytes] of the messages in a frame
 
 
 @cache
@@ -29,11 +30,19 @@ def picker() -> Any:
     return entry_point(pick, 0, 0, 0, 0, 0)
 
 
-def frame_of(block: Block, number: int, output: Output) -> bytes:
-    """The frame with the messages of one stream of a block; empty: no message."""
+def frames_of(block: Block, number: int, output: Output) -> list[bytes]:
+    """The messages of one stream of a block as frames of about `LONGEST` bytes at most, so that their number bounds the
+    memory of a queue; a longer message has a frame of its length."""
     entries = block.entries[block.entries["number"] == number]
     if not len(entries):
-        return b""
+        return []
+    total = np.cumsum(entries["end"] - entries["begin"])
+    if total[-1] <= LONGEST:
+        return [_frame(block, entries, output)]
+    return [_frame(block, part, output) for part in np.split(entries, np.flatnonzero(np.diff(total // LONGEST)) + 1)]
+
+
+def _frame(block: Block, entries: np.ndarray, output: Output) -> bytes:
     places = np.empty(len(entries), ENTRY)
     data = np.empty(int((entries["end"] - entries["begin"]).sum()) + len(entries) * MARGIN, np.uint8)
     picker()(entries.ctypes.data, len(entries), block.memory.ctypes.data, places.ctypes.data, data.ctypes.data)
@@ -50,7 +59,7 @@ def block_of(stream: str, payload: bytes) -> Block | None:
     if not count or len(payload) < after:
         return None
     entries, memory = np.frombuffer(payload, ENTRY, count, begin), np.frombuffer(payload, np.uint8, offset=after)
-    # As `frame_of` makes it: one message after the other, each after its margin.
+    # As `_frame` makes it: one message after the other, each after its margin.
     lengths = entries["end"] - entries["begin"]
     begins = np.cumsum(lengths + MARGIN) - lengths
     whole = (lengths >= 0).all() and (entries["begin"] == begins).all() and entries["end"][-1] == len(memory)

@@ -21,7 +21,7 @@ import zmq
 
 from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.engine.slot import Output
-from palpate.launch.run.hop.blocks import frame_of
+from palpate.launch.run.hop.blocks import frames_of
 from palpate.launch.run.reports import ORDERS, Addressed, NodesEnded, Note, Order, Report
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import HIGH_WATER, LONGEST_FRAME, Inlet, TcpInlet
@@ -369,8 +369,7 @@ class Bus:
         for other programs and other machines."""
         kept = [self._shown] if self._public.has_reader(output.topic) else []
         if self._blocks:
-            data = frame_of(block, number, output)
-            self._kept += [data] if data else []
+            self._kept += frames_of(block, number, output)
         else:
             kept.append(self._kept)
         for stream, _, payload in block.messages() if kept else ():

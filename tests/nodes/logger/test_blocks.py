@@ -6,6 +6,8 @@ import threading
 import numpy as np
 import pytest
 
+from palpate.engine.slot import Output
+from palpate.launch.run.hop import blocks
 from palpate.messages import DeviceState, Health, pack
 from palpate.nodes.base import Block, Observer, Stream
 from palpate.nodes.base.block import ENTRY, MARGIN
@@ -57,6 +59,25 @@ def test_a_block_is_recorded_like_its_single_messages(tmp_path, clock, settings)
     assert files[Mcap.observe_block] == files[Observer.observe_block]
     rows, counts = files[Mcap.observe_block]
     assert len(rows) > 60 and counts["fast"]["lost"] == len(gone) and "left" not in counts
+
+
+@pytest.mark.parametrize("longest", [1, 400, 1 << 16])
+def test_a_block_is_sent_in_frames_of_bounded_length(monkeypatch, longest):
+    """Their number limits the memory of a queue. A message that is longer has a frame of its length."""
+    monkeypatch.setattr(blocks, "LONGEST", longest)
+    given = block(range(50), {3, 7}, size=30)
+    single = max(len(payload) for _, _, payload in given.messages())
+    for number, name in enumerate(STREAMS):
+        received = []
+        frames = blocks.frames_of(given, number, Output(name, DeviceState, external=False))
+        for frame in frames:
+            topic, _, payload = frame.partition(b"\0")
+            found = blocks.block_of(name, payload)
+            assert topic == name.encode() and found is not None
+            assert found.entries["end"][-1] <= max(longest, single) + single + MARGIN * len(found.entries)
+            received += found.messages()
+        assert received == [message for message in given.messages() if message[0] == name]
+        assert (len(frames) > 1) == (longest < 1 << 16)
 
 
 def test_a_slow_disk_loses_messages_of_a_live_run_and_never_stops_it(tmp_path, monkeypatch):
