@@ -14,7 +14,7 @@ from palpate.launch.run.work.watchdog import START_PATIENCE
 ALIVE = ("starting", "ready", "linked", "running")
 LONGEST_GAP = 1e-9 * clock.LONGEST_GAP  # [s] counted at most between two checks
 QUIET = 0.3  # [s] of silence after which the process table is read
-LOOK = 0.4  # [s] between two looks at the process table, which has a file for each thread
+LOOK = 0.4  # [s] between two readings of the process table, which has a file for each thread
 PULSELESS = 2.0  # [s] without a pulse after which it is unknown what a process on another machine does
 
 
@@ -64,8 +64,8 @@ class WorkerHandle:
     silent: SilentTime = field(default_factory=SilentTime)
     pulse: Activity | None = None
     taken: bool = False
-    _pulsed: bool = False  # whether the pulse is newer than the last look
-    _passed: float = 0.0  # [s] since the last look, as far as it counts
+    _pulsed: bool = False  # whether the pulse is newer than the last reading
+    _passed: float = 0.0  # [s] since the last reading, as far as it counts
     _checked: float = field(default_factory=time.monotonic)
 
     @property
@@ -105,7 +105,7 @@ class WorkerHandle:
         return self.silent.total
 
     def _count(self, found: Activity | None) -> None:
-        """Count the time since the last look; None: it is unknown what its process did."""
+        """Count the time since the last reading; None: it is unknown what its process did."""
         self.silent.add(self._passed, found)
         self._passed, self._pulsed = 0.0, False
 

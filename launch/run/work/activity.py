@@ -69,7 +69,7 @@ class SilentTime:
 
     def __init__(self) -> None:
         self.idle = self.busy = self.stopped = self.at_disk = 0.0
-        self.used: float | None = None  # processor time at the last look
+        self.used: float | None = None  # processor time at the last reading
 
     @property
     def total(self) -> float:
