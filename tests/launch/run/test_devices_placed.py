@@ -18,11 +18,11 @@ BUSY, TRIALS = 0.05, 3  # share of late ticks above which a run is repeated, and
 PLACES = ("fused", "auto", None)
 BOTH = ("device.port=emulator",)
 PRESS = "scene.hand.path=[{hold: 0.4}, {to: [0, 0, 0.1002], time: 0.3}, {hold: 0.5}]"
-GRAPHS = {  # overrides, duration [s], stream with a field `force`
+GRAPHS = {  # overrides, duration [s] of the whole motion, stream with a field `force`
     "indentation": (("sensor.port=emulator", *BOTH, PRESS), 1.2, "sensor"),
-    "falcon": (BOTH, 2.5, "contact"),
-    "cartesian": (BOTH, 2.5, "contact"),
-    "falcons": (("device-thumb.port=emulator", "device-index.port=emulator"), 3.0, "contact-thumb"),
+    "falcon": (BOTH, 6.5, "contact"),
+    "cartesian": (BOTH, 6.5, "contact"),
+    "falcons": (("device-thumb.port=emulator", "device-index.port=emulator"), 5.0, "contact-thumb"),
 }
 
 
