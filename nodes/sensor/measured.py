@@ -1,6 +1,5 @@
 """Real force sensors, for the force of a real indentation."""
 
-import time
 from typing import Annotated, Any, ClassVar
 
 import msgspec
@@ -11,7 +10,6 @@ from palpate.nodes.base.wired import EMULATOR, Wired
 from palpate.nodes.sensor.force_sensor import direction
 
 Wrench = tuple[float, ...]
-EXPIRED = 0.02  # [s] age at which a sample no longer counts; 3 periods of a slow sensor, as for the inputs of nodes
 
 
 class NetFT(Wired):
@@ -22,10 +20,8 @@ class NetFT(Wired):
     foot    position of the sensor in the world
     tare    [s] time without contact at the start; its mean force is subtracted. It lasts at least until a sample
 
-    While the sensor reports an error or is silent for more than 0.1 s, the force is 0, and a note counts these samples.
-
-    A sample older than 20 ms, or than 3 periods of the sensor if longer, does not count: the force is zero until a new
-    one arrives, and a note says for how many steps.
+    While the sensor reports an error, or its last sample is older than 20 ms, or than 3 of its periods if longer, the
+    force is 0, and a note counts these samples or steps.
 
     With `port: emulator` and a pose, the finger presses an emulated sample with Hunt and Crossley's law: its surface is
     at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d').
@@ -49,8 +45,6 @@ class NetFT(Wired):
         self.clock = 0.0
         self.bias, self.seen, self.last = 0.0, 0, -1
         self.pressed = 0.0  # [N] by the finger, on the emulated sample
-        self.expired = 0  # steps whose newest sample was too old
-        self.noted = self.ended = False
         super().start()
 
     def sensed_wrench(self, now: int) -> Wrench:
@@ -70,9 +64,7 @@ class NetFT(Wired):
         sample = self.talk((), dt)
         self.clock += dt
         force = 0.0
-        if sample is not None and self._has_expired(sample.time):
-            self.expired += 1
-        elif sample is not None and sample.wrench:
+        if sample is not None and sample.wrench:
             press = -sum(f * n for f, n in zip(sample.wrench[:3], self.normal, strict=True))
             if self.clock <= self.tare or (self.tare > 0.0 and not self.seen):
                 if sample.time != self.last:
@@ -85,24 +77,6 @@ class NetFT(Wired):
             compression=0.0, indentation=0.0, compression_rate=0.0, indentation_rate=0.0,
         )  # fmt: skip
 
-    def _has_expired(self, arrival: int) -> bool:
-        """Whether a sample that arrived at this time [ns] is too old to be the force now."""
-        rate = self.exchange.rate
-        return (time.monotonic_ns() - arrival) * 1e-9 > max(EXPIRED, 3.0 / rate if rate > 0.0 else 0.0)
-
-    def notes(self) -> list[str]:
-        """Also that the sensor is silent, and at the end for how many steps."""
-        notes = super().notes()
-        if not hasattr(self, "exchange") or not self.expired:
-            return notes
-        if not self.noted:
-            self.noted = True
-            notes.append("the sensor is silent: the force counts as zero until it answers again")
-        if self.ended:
-            self.ended = False
-            notes.append(f"the force of {self.expired} of {self.steps} steps is zero, because the sensor was silent")
-        return notes
-
     def driver(self) -> Driver:
         from palpate.drivers.sensors.netft import EmulatedNetFT
         from palpate.drivers.sensors.netft import NetFTDriver as Sensor
@@ -113,7 +87,6 @@ class NetFT(Wired):
         return self.emulated.driver()
 
     def stop(self) -> None:
-        self.ended = True
         try:
             super().stop()
         finally:

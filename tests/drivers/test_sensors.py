@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from palpate.drivers import exchange
 from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
@@ -14,7 +15,7 @@ from palpate.drivers.sensors import netft
 from palpate.drivers.transport.burst import MOST
 from palpate.launch.testing import FakeBus
 from palpate.messages import Pose
-from palpate.nodes.sensor import NetFT, measured
+from palpate.nodes.sensor import NetFT
 
 
 def pressing(now):
@@ -111,23 +112,20 @@ def test_a_sensor_node_sends_the_measured_force():
 
 @pytest.mark.parametrize(("rate", "oldest"), [(0.0, 20_000_000), (1000.0, 20_000_000), (50.0, 59_999_000)])
 def test_the_force_of_a_silent_sensor_is_zero_and_counted(monkeypatch, rate, oldest):
-    node, clock = NetFT(tare=0.0), [0]
-    monkeypatch.setattr(measured, "time", SimpleNamespace(monotonic_ns=lambda: clock[0]))
-    node.steps, node.seconds, node.reported, node.go = 0, 0.0, False, None
-    node.clock = node.bias = 0.0
-    node.expired, node.noted, node.ended = 0, False, False
-    sent = DeviceSample(time=0, wrench=(0.0, 0.0, -3.0, 0.0, 0.0, 0.0))
-    node.exchange = SimpleNamespace(
-        sample=lambda: sent, command=lambda _: None, notes=list, rate=rate, stop=lambda: None, lost=None
-    )
+    driver, clock = netft.NetFTDriver("127.0.0.1"), [0]
+    monkeypatch.setattr(exchange, "time", SimpleNamespace(monotonic_ns=lambda: clock[0]))
+    link = exchange.Exchange(driver, NetFT(tare=0.0).guard(driver))
+    link.rate, link._newest = rate, (DeviceSample(time=0, wrench=(0.0, 0.0, -3.0, 0.0, 0.0, 0.0)), ((), ()))
     for age in (0, oldest):
         clock[0] = age
-        assert node.step(None, dt=1e-3).force == 3.0 and node.notes() == []
+        assert link.sample().wrench[2] == -3.0 and link.notes() == []
     for age in (oldest + 2_000, 2_000_000_000):
         clock[0] = age
-        assert node.step(None, dt=1e-3).force == 0.0
-    assert node.notes() == ["the sensor is silent: the force counts as zero until it answers again"]
-    sent = sent._replace(time=clock[0])
-    assert node.step(None, dt=1e-3).force == 3.0 and node.notes() == []
-    node.stop()
-    assert node.notes() == ["the force of 2 of 5 steps is zero, because the sensor was silent"] and node.notes() == []
+        assert link.sample().wrench == ()
+    silent = "steps in which the sensor was silent: no force"
+    assert link.notes() == [f"the {netft.NAME}: 2 {silent}; more are counted"]
+    link.sample()
+    link._newest = DeviceSample(time=clock[0], wrench=(0.0, 0.0, -3.0, 0.0, 0.0, 0.0)), ((), ())
+    assert link.sample().wrench[2] == -3.0 and link.notes() == []
+    link.stop()
+    assert link.notes() == [f"the {netft.NAME}: 3 {silent}"] and link.notes() == []

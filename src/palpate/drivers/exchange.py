@@ -13,7 +13,7 @@ from typing import ClassVar, Protocol
 from palpate.drivers.connected import LEAST
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.frame import FrameRules, absent
-from palpate.drivers.guard import DeviceSample, Guard, ahead
+from palpate.drivers.guard import SILENT, DeviceSample, Guard, ahead
 from palpate.drivers.limits import Limits
 
 RETRY = 0.5  # [s] between two attempts to reconnect
@@ -63,7 +63,7 @@ class Exchange:
         self.lost: DeviceError | None = None  # the error, while waiting for a lost device
         self._notes: list[str] = []
         self._reported: dict[str, int] = {}
-        self._outage, self._outages = 0, 0  # time of the last sample before an outage of a sensor, and their number
+        self._silent = 0  # requests for the force of a sensor while it was silent
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.answers = 0
@@ -85,11 +85,15 @@ class Exchange:
             raise self._fault
         sample, rates = self._newest
         now = time.monotonic_ns()
-        if sample is not None and not self.driver.size and now - sample.time > PAUSE * 1e9:
-            if self._outage != sample.time:
-                self._outage, self._outages = sample.time, self._outages + 1
+        if sample is not None and not self.driver.size and now - sample.time > self._longest() * 1e9:
+            self._silent += 1
             return absent(now)  # the last force of a sensor is not the present one
         return sample if sample is None or not sample.homed else ahead(sample, rates, now)
+
+    def _longest(self) -> float:
+        """Age [s] from which the sample of a sensor does not count: SILENT, or 3 periods of a slow sensor, as for the
+        inputs of nodes."""
+        return max(SILENT, 3.0 / self.rate if self.rate > 0.0 else 0.0)
 
     def notes(self) -> list[str]:
         """New lines for the user; each is returned once."""
@@ -101,8 +105,8 @@ class Exchange:
         refused = getattr(self.driver, "refused", None)  # a driver of a user may have none
         counted: dict[str, int] = dict(refused) if isinstance(refused, Counter) else {}
         counts = {f"answers {why}: left out": count for why, count in counted.items()}
-        if self._outages:
-            counts[f"outages of more than {PAUSE:g} s: no force meanwhile"] = self._outages
+        if self._silent:
+            counts["steps in which the sensor was silent: no force"] = self._silent
         ended, notes = self._stop.is_set(), []
         for text, count in counts.items():
             if text not in self._reported or (ended and count > self._reported[text]):
