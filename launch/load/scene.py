@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from palpate.engine.faults import Faults, Location, choices
+from palpate.engine.faults import Faults, Location, choices, written
 from palpate.launch.load.values.source import YamlSource, scalar
 from palpate.launch.load.values.units import Dimension, is_quantity, parse, split
 
@@ -79,7 +79,8 @@ def _paths(data: Any, head: str) -> Iterator[str]:
 def condition(text: Any, scene: Scene, faults: Faults, place: Location, node: str) -> str | None:
     """Why a `when:` is false; None if it is true. An invalid condition is a fault.
 
-    Forms: `path`, `not path`, `path > 0` (also >= < <= == !=), with a path of the scene; or true or false.
+    Forms: `path`, `not path`, of a switch, true or false; `path > 0` (also >= < <= == !=), whose sides are of one kind,
+    with a path of the scene; or true or false.
     """
     if isinstance(text, bool):
         return None if text else f"when is false ({place})"
@@ -96,18 +97,35 @@ def condition(text: Any, scene: Scene, faults: Faults, place: Location, node: st
         return None
     value = scene.fill(scene.get(path), faults, place, {"node": node})
     fact = f"{path} is {_words(value)} ({scene.place(path)})"
-    left, dimension = _measure(value)
     if sign is None:
-        return None if bool(left) != bool(negate) else fact
+        if not isinstance(value, bool):
+            faults.add(f"{path}: found {written(value)}, expected true or false, because it switches the node",
+                       _switch_cure(path, value), scene.place(path), node=node)  # fmt: skip
+            return None
+        return None if value is not bool(negate) else fact
+    left, dimension = _measure(value)
     other, expected = _measure(scalar(right.strip("'\"")))
-    try:
-        if None not in (dimension, expected) and dimension != expected:
-            raise TypeError
-        holds = _COMPARE[sign](left, other)
-    except TypeError:
+    if not _comparable(left, other, sign) or (None not in (dimension, expected) and dimension != expected):
         faults.add(f"when: found {text!r}; {_words(value)} and {right} cannot be compared", "", place, node=node)
         return None
-    return None if holds else f"{path} {sign} {right} is false: {fact}"
+    return None if _COMPARE[sign](left, other) else f"{path} {sign} {right} is false: {fact}"
+
+
+def _switch_cure(path: str, value: Any) -> str:
+    """What to write instead of a value that is no boolean."""
+    word = scalar(value.strip()) if isinstance(value, str) else None
+    key = path.rpartition(".")[2]
+    if isinstance(word, bool):
+        return f"Write it without quotes: {key}: {_words(word)}."
+    compared = f" Or compare it: when: {path} > 0." if isinstance(_measure(value)[0], int | float) else ""
+    return f"Without quotes: {key}: true, or on, yes; {key}: false, or off, no.{compared}"
+
+
+def _comparable(left: Any, right: Any, sign: str) -> bool:
+    """Whether both sides of a comparison are numbers or texts; or with == and != booleans, or one of them null."""
+    one, other = ("number" if type(side) in (int, float) else type(side) for side in (left, right))
+    equality = sign in ("==", "!=")
+    return (one == other and (equality or one in ("number", str))) or (equality and None in (left, right))
 
 
 def _words(value: Any) -> str:

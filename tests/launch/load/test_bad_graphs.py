@@ -158,6 +158,12 @@ BAD = {
     ),
     "when is not read": ("when: tissue.friction", "when: a > > 3", ["when:"]),
     "when compares dimensions": ("when: tissue.friction", "when: tissue.stiffness > 3 mm", ["cannot be compared"]),
+    "when is a number": (
+        "when: tissue.friction",
+        "when: tissue.stiffness",
+        ["tissue.stiffness: found '0.4 kN/m', expected true or false", "when: tissue.stiffness > 0"],
+    ),
+    "when compares kinds": ("when: tissue.friction", "when: tissue.cells == many", ["cannot be compared"]),
     "when compares words": ("when: tissue.friction", "when: finger > 3", ["cannot be compared"]),
     "a second contact on one body": (
         "  motor:",
