@@ -6,7 +6,7 @@
 import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,7 +27,7 @@ from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, calibration_notes, check_offers, check_taken, resolve
 from palpate.launch.load.values.source import YamlSource
-from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, unknown, wires
+from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, unknown, wires, wires_of
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
 from palpate.nodes.base.carrier import Carrier
@@ -128,6 +128,7 @@ def load(
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
     # Check that each value of the scene is used, and switch the effects.
     notes: list[str] = []
+    by_value: tuple[str, ...] = ()
     if not unclear:
         check_offers(offers, world, faults)
         scene_changes = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
@@ -146,9 +147,7 @@ def load(
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, connections, faults)
-        notes += unlike_surfaces(may, connections)
-        notes += unknown_delays(may, connections, contents.rate)
-        notes += restless(may, connections, contents.rate)
+        by_value = tuple(value_notes(nodes, contents.rate))
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:
@@ -158,10 +157,30 @@ def load(
     found_wanted = _parse_wanted(holder, kinds, unclear, faults)
     notes += _half_emulated(nodes)
     recorded = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
-    graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, tuple(notes), organ)
+    graph = Graph(
+        Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, tuple(notes), organ, by_value
+    )
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
+
+
+def value_notes(nodes: dict[str, NodeSpec], rate: float) -> Iterator[str]:
+    """The notes on a graph that depend on the values of settings of its nodes."""
+    may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
+    connections = list(wires_of(may))
+    yield from unlike_surfaces(may, connections)
+    yield from unknown_delays(may, connections, rate)
+    yield from restless(may, connections, rate)
+
+
+def notes_with(graph: Graph, values: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """The notes on a graph with these settings of its nodes, by name, instead of its settings."""
+    nodes = {
+        name: replace(spec, settings=dict(values[name])) if name in values else spec
+        for name, spec in graph.nodes.items()
+    }
+    return (*graph.other_notes, *value_notes(nodes, graph.rate))
 
 
 def _half_emulated(nodes: dict[str, NodeSpec]) -> Iterator[str]:

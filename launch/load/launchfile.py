@@ -98,7 +98,7 @@ class LaunchFile:
         graph = self.read()
         if graph.organ is not None and not self.notes:
             return self.settle_organ(graph).load()
-        graph.notes += self.notes
+        graph.other_notes += self.notes
         return graph
 
     def read(self) -> Graph:

@@ -1,6 +1,6 @@
 """The edges: the inputs of every node, their types, and which edges close a loop."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -8,7 +8,8 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.engine.faults import Faults, Location, choices
+from palpate.engine.faults import NOWHERE, Faults, Location, choices
+from palpate.engine.graph import NodeSpec
 from palpate.launch.load.classes import senders, takers
 from palpate.launch.load.values.lines import fill
 from palpate.launch.load.values.source import YamlSource
@@ -31,6 +32,14 @@ class Wire:
     driving: bool
     held: bool
     named: bool | None
+
+
+def wires_of(nodes: Mapping[str, NodeSpec]) -> Iterator[Wire]:
+    """The edges between nodes of a loaded graph, in its order."""
+    for name, spec in nodes.items():
+        ports = {} if spec.observer else {port.name: port for port in inputs(spec.cls)}
+        for edge in spec.edges:
+            yield Wire(name, ports[edge.port], edge.producer, edge.stream, NOWHERE, False, edge.loop, None)
 
 
 class _InputEntry(msgspec.Struct, rename={"sender": "from"}):

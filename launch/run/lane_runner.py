@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate.compiler.cores import usable_cores
 from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapt_block
+from palpate.engine.slot import NodeError
 from palpate.launch.run.lanes import LaneRun, Prepared
 from palpate.physics.errors import PalpateError
 
@@ -58,7 +59,7 @@ class Outcome:
     """The failures and notes of lanes, by their row.
 
     failures  cause; their values are NaN from the tick of the failure on
-    notes     lines for the user, each with the name of its node
+    notes     lines for the user, each with the name of its node, "": about the graph
     """
 
     failures: dict[int, Exception] = field(default_factory=dict)
@@ -109,21 +110,27 @@ class LaneRunner:
         rows, numbers, ran = iter(range(len(columns[0]))), iter(range(self._threads)), [0] * self._threads
         lock = threading.Lock()  # one thread at a time runs Python code
 
-        def begin(seat: int, row: int) -> LaneRun | None:
-            """Place the lane of a row; None: it has failed."""
+        def begin(seat: int, row: int) -> list[tuple[int, int, LaneRun, Prepared]]:
+            """Place the lane of a row; empty: it has failed."""
             try:
                 one = prepare(row)
                 run = self.start(one, columns)
                 run.place(seat, one, row)
             except PalpateError as error:
                 _fail(found, columns, row, 0, error)
-                return None
-            return run
+                return []
+            return [(seat, row, run, one)]
 
-        def end(seat: int, row: int, run: LaneRun) -> None:
+        def end(seat: int, row: int, run: LaneRun, one: Prepared) -> None:
             if (error := run.lanes.failure(seat)) is not None:
                 _fail(found, columns, row, -(-int(run.lanes.ticks[seat]) // keep.every), error)
-            elif notes := run.lanes.notes(seat):
+                return
+            try:
+                notes = [("", text) for text in one.notes] + run.lanes.notes(seat)
+            except NodeError as fault:
+                _fail(found, columns, row, keep.rows, fault)
+                return
+            if notes:
                 found.notes[row] = notes
 
         # Each thread places some lanes, then runs them in calls that take about `BLOCK` seconds at most. The compiled
@@ -134,10 +141,10 @@ class LaneRunner:
             while not stopped():
                 with lock:
                     given = list(enumerate(islice(rows, batch), number * BATCH))
-                    placed = [(seat, row, run) for seat, row in given if (run := begin(seat, row)) is not None]
+                    placed = [each for seat, row in given for each in begin(seat, row)]
                 if not given:
                     return
-                for seat, _, run in placed:
+                for seat, _, run, _ in placed:
                     now = 0
                     while now < keep.ticks and not stopped():
                         count, begun = min(block, keep.ticks - now), time.perf_counter()

@@ -13,6 +13,7 @@ import numpy as np
 from palpate.engine.faults import GraphError, Location
 from palpate.launch.load.dependencies import content, files_of, texts
 from palpate.launch.load.files import Override
+from palpate.launch.load.graph import notes_with
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.lanes import Prepared, prepare
@@ -91,7 +92,8 @@ class Preparation:
             for place, name in places:
                 settings = {**nodes[place].settings, name: values[path]}
                 nodes[place] = msgspec.structs.replace(nodes[place], settings=settings)
-        return Prepared(one.graph, msgspec.structs.replace(one.job, nodes=tuple(nodes)))
+        notes = notes_with(one.graph, {node.name: node.settings for node in nodes})
+        return Prepared(one.graph, msgspec.structs.replace(one.job, nodes=tuple(nodes)), notes)
 
     def _load_once(self, values: Mapping[str, Any]) -> Prepared:
         key = repr(values)

@@ -34,10 +34,12 @@ class Prepared:
 
     graph  the checked graph
     job    all nodes that the recorded streams need
+    notes  lines for the user about the graph with these settings
     """
 
     graph: Graph
     job: Job
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def structure(self) -> list[Any]:
@@ -72,7 +74,7 @@ def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | 
     if launch.clock == "real":
         raise ArgumentError(f"{graph.path.stem}: lanes need simulated time, but clock: real; run it with palpate.run")
     (job,) = jobs(planned, fuse_nodes(planned))
-    return Prepared(graph, msgspec.structs.replace(job, observers=()))
+    return Prepared(graph, msgspec.structs.replace(job, observers=()), graph.notes)
 
 
 def check_compiled(planned: Plan) -> None:

@@ -13,6 +13,7 @@ from palpate.physics.errors import PalpateWarning
 if TYPE_CHECKING:
     import numpy as np
 
+GRAPH = "graph"  # instead of a node, in the text of a note about the graph
 _NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")
 
 
@@ -114,10 +115,10 @@ def lines(notes: Iterable[RunNote], what: str = "lane") -> list[str]:
 
 
 def write_notes(notes: Iterable[tuple[int, str, str]]) -> dict[int, str]:
-    """Text of the notes (lane, node, text) of each lane that has some: a line each, "node: text"."""
+    """Text of the notes (lane, node, text) of each lane that has some: a line each, "node: text", or "graph: text"."""
     found: dict[int, list[str]] = {}
     for lane, node, text in notes:
-        found.setdefault(lane, []).append(f"{node}: {' '.join(text.split())}")
+        found.setdefault(lane, []).append(f"{node or GRAPH}: {' '.join(text.split())}")
     return {lane: sys.intern("\n".join(texts)) for lane, texts in found.items()}
 
 
@@ -125,7 +126,7 @@ def read_notes(written: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str, s
     """The notes (lane, node, text) in texts of `write_notes`."""
     for lane, text in written:
         for node, _, line in (each.partition(": ") for each in text.split("\n")):
-            yield lane, node, line
+            yield lane, "" if node == GRAPH else node, line
 
 
 def warn(notes: Iterable[RunNote], level: int = 3, what: str = "lane") -> None:

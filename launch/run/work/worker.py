@@ -179,6 +179,8 @@ class Worker:
             try:
                 node.stop()
                 self.pass_notes()
+            except NodeError as error:
+                fault = fault or error
             except BaseException as error:
                 fault = fault or NodeError(name, "stop", error)
         if fault:
@@ -514,5 +516,9 @@ class Worker:
         time = nanoseconds(self.tick, self.job.rate) * 1e-9 if self.tick > 0 else 0.0
         nodes = [*((s.name, s.node) for s in self.slots), *((s.name, s.node) for s in self.audience.begun)]
         for name, node in nodes:
-            for text in node.notes():
+            try:
+                notes = node.notes()
+            except Exception as error:
+                raise NodeError(name, "notes", error) from error
+            for text in notes:
                 self.report(Note(text, name, time))

@@ -97,8 +97,8 @@ class Graph:
     wanted   streams that must be computed; None: unspecified
     effects  effects that the user switched on or off
     source   content of the graph file without the scene, after all overrides
-    notes    one line for each part of the scene that no class in use reads
     organ    the scene's key `organ:` and its place; None: it has none
+    other_notes, value_notes  lines for the user, of `value_notes` those that depend on values of settings
     """
 
     path: Path
@@ -108,8 +108,14 @@ class Graph:
     wanted: tuple[str, ...] | None = None
     source: dict[str, Any] = field(default_factory=dict)
     effects: dict[str, EffectChoice] = field(default_factory=dict)
-    notes: tuple[str, ...] = field(default=(), compare=False)
+    other_notes: tuple[str, ...] = field(default=(), compare=False)
     organ: tuple[Any, Location] | None = field(default=None, compare=False)
+    value_notes: tuple[str, ...] = field(default=(), compare=False)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Lines for the user, about values of the scene that no class reads and settings that do not fit together."""
+        return (*self.other_notes, *self.value_notes)
 
     @property
     def streams(self) -> dict[str, type[Message]]:

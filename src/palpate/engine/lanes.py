@@ -9,6 +9,7 @@ import hashlib
 import weakref
 from bisect import bisect_right
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from palpate.engine.slot import NodeError, make
 from palpate.engine.table import CLOCK, LANE, TAP
 from palpate.messages.record import address_of
 from palpate.nodes.base import Node
+from palpate.nodes.base.compiled import record
 
 WORD, LINE = 8, 64
 """[bytes] Alignment of the arrays of a table, and of the parts of a block."""
@@ -75,6 +77,14 @@ class NodeImage:
         self.pieces = [(b, image[b : min(e, at)].copy()) for b, e in used.reshape(-1, 2).tolist()]
         self.bytes = OBJECT + sum(len(piece) for _, piece in self.pieces)
 
+    @cached_property
+    def reader(self) -> Any:
+        """A node with these settings that has not started, which reads notes from the records of lanes."""
+        node: Any = make(self.job)
+        node._record = np.zeros(1, record(type(node)))
+        node.own = node._record[0]
+        return node
+
     def start_node(self) -> Any:
         """The node after its start. NodeError: the start failed."""
         node: Any = make(self.job)
@@ -114,8 +124,6 @@ class Lanes:
         self._blocks: list[np.ndarray | None] = [None] * count
         self._bases, self._nodes = np.zeros(count, np.int64), list[Sequence[NodeImage]]([()] * count)
         self._parts = [np.zeros(0, np.int64)] * count
-        self._noting: list[tuple[NodeImage, Any] | None] = [None] * len(segment.slots)
-        # for each node the last image whose notes were read, with a started node, whose record `notes` replaces
         self._image_table()
         sources = [self._places[address_of(record)] + record.dtype.fields[name][1] for record, name in fields]  # type: ignore[index]
         self._sources = np.array(sources, np.int64)
@@ -218,26 +226,13 @@ class Lanes:
         node._record[:] = self.own(lane, place)
         return failure(self.segment.slots[place], node, base, base + self._clock)
 
-    def notes(self, lane: int, *, start: bool = True) -> list[tuple[str, str]]:
-        """Lines for the user about a lane, each with the name of its node.
-
-        start  read them with a node that was started with the settings of the lane; otherwise with that of the segment,
-               which takes microseconds, and a line that names a setting names that of the segment
-        """
+    def notes(self, lane: int) -> list[tuple[str, str]]:
+        """Lines for the user about a lane, each with the name of its node. NodeError: a node failed to make them."""
         lines = []
         for place, image in enumerate(self._nodes[lane]):
             lines += [(image.job.name, text) for text in image.notes]
-            node: Any = self.segment.slots[place].node
-            if type(node).notes is Node.notes:
-                continue
-            own = self.own(lane, place)
-            texts = _notes(node, own)  # the record decides whether there is a line, the settings are only named in it
-            if texts and start:
-                known = self._noting[place]
-                if known is None or known[0] is not image:
-                    known = self._noting[place] = image, image.start_node()
-                texts = _notes(known[1], own)
-            lines += [(image.job.name, text) for text in texts]
+            if type(self.segment.slots[place].node).notes is not Node.notes:
+                lines += [(image.job.name, text) for text in _notes(image, self.own(lane, place))]
         return lines
 
     @property
@@ -259,15 +254,23 @@ def _pooled(array: np.ndarray, pool: Pool) -> np.ndarray:
     return same
 
 
-def _notes(node: Any, own: np.ndarray) -> list[str]:
+def _notes(image: NodeImage, own: np.ndarray) -> list[str]:
+    """Lines for the user of a node with this record. NodeError: the node failed to make them."""
+    try:
+        return _read_notes(image.reader, own)
+    except Exception:  # a custom node may read what its start has computed
+        node = image.start_node()
+    try:
+        return _read_notes(node, own)
+    except Exception as error:
+        raise NodeError(image.job.name, "notes", error) from error
+
+
+def _read_notes(node: Any, own: np.ndarray) -> list[str]:
     """Lines for the user of a node, with this record."""
-    record = node._record.view(np.uint8)  # copies of fields would take 0.1 ms
-    before = record.copy()
     node._notes, node._noted = [], set()
-    record[:] = own.view(np.uint8)
-    lines: list[str] = node.notes()
-    record[:] = before
-    return lines
+    node._record.view(np.uint8)[:] = own.view(np.uint8)  # copies of fields would take 0.1 ms
+    return list(node.notes())
 
 
 def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:

@@ -78,8 +78,9 @@ class VectorTouch(VectorEnv):
         self.observation_space = batch_space(first.observation_space, num_envs)
         self.action_space = batch_space(first.action_space, num_envs)
         self.units = first.units
-        self.notes: list[RunNote] = []
+        self.notes = [RunNote(text) for text in plan.graph.notes]
         """As of `Touch.notes`, each with `lane`, the number of the environment."""
+        warn(self.notes)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -201,7 +202,7 @@ class VectorTouch(VectorEnv):
             return
         known = {note.kind for note in self.notes}
         time = float(self._times()[lane])
-        found = [RunNote(text, node, time, lane) for node, text in self._lanes.notes(lane, start=False)]
+        found = [RunNote(text, node, time, lane) for node, text in self._lanes.notes(lane)]
         new = [note for note in first_of_each_kind(found) if note.kind not in known]
         self.notes += new
         warn(new, level=5, what="environment")

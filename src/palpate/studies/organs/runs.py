@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -96,4 +96,4 @@ def _with_hands(first: Prepared, touch: Touch) -> Prepared:
         msgspec.structs.replace(node, settings={**node.settings, **changed.get(node.name, {})})
         for node in first.job.nodes
     )
-    return Prepared(first.graph, msgspec.structs.replace(first.job, nodes=nodes))
+    return replace(first, job=msgspec.structs.replace(first.job, nodes=nodes))

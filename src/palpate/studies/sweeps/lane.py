@@ -125,8 +125,7 @@ def _run(
                 continue
             kept = {key: column[lane] for key, column in zip([*heads, *names], columns, strict=True)}
             one, end = members[place], nanoseconds(ticks, members[place].job.rate) * 1e-9
-            notes = [note if isinstance(note, RunNote) else RunNote(note) for note in one.graph.notes]
-            notes += [RunNote(text, node, end) for node, text in found.notes.get(lane, ())]
+            notes = [RunNote(text, node, end if node else 0.0) for node, text in found.notes.get(lane, ())]
             try:
                 results = kept_of(keep, _streams(one, kept, names), notes)
             except Exception as error:
