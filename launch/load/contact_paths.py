@@ -233,6 +233,10 @@ class ContactPaths:
             self._pressing[name] = [n for n in found if n in self.names and n != name]
         return self._pressing[name]
 
+    def bodies(self, contact: str) -> list[str]:
+        """The bodies that a contact presses."""
+        return [wire.producer for wire in self._hears(contact)]
+
     def _hears(self, contact: str) -> list[Wire]:
         return self._of(self._solver(contact), Surface)
 

@@ -21,6 +21,7 @@ from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import choose_effects as chosen_effects
 from palpate.launch.load.files import GRAPHS, ORGAN, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.network import unknown_delays
+from palpate.launch.load.overlapping import overlaps
 from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.resting import restless
 from palpate.launch.load.scene import Scene, condition
@@ -147,6 +148,9 @@ def load(
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, connections, faults)
+        for each in overlaps(may, connections):
+            if each.same:
+                faults.add(each.text, each.cure, nodes[each.organ.collision].place, node=each.organ.collision)
         by_value = tuple(value_notes(nodes, contents.rate))
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
@@ -172,6 +176,7 @@ def value_notes(nodes: dict[str, NodeSpec], rate: float) -> Iterator[str]:
     yield from unlike_surfaces(may, connections)
     yield from unknown_delays(may, connections, rate)
     yield from restless(may, connections, rate)
+    yield from (each.text for each in overlaps(may, connections) if not each.same)
 
 
 def notes_with(graph: Graph, values: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.compiler.cores import usable_cores
-from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapt_block
 from palpate.engine.slot import NodeError
+from palpate.launch.run.lane_threads import FIRST, LaneThreads, adapt_block
 from palpate.launch.run.lanes import LaneRun, Prepared
 from palpate.physics.errors import PalpateError
 

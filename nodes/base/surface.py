@@ -90,7 +90,7 @@ class OnThinnedSurface(OnSurface):
 
     def mesh(self) -> Mesh:
         """The mesh of these vertices, the same object for all nodes of a process with these settings."""
-        return _thinned_mesh(*self._surface, _content(self.surface), self.spacing)
+        return _thinned_mesh(*self._surface, content_of(self.surface), self.spacing)
 
     def whole(self) -> Mesh:
         """The mesh of all vertices: that of a subset may have holes."""
@@ -127,10 +127,10 @@ def surface_mesh(
 
     SettingError: unknown surface, or a file that cannot be used.
     """
-    return _placed_mesh(surface, vertices, position, rotation, file_unit, piece, refine, _content(surface))
+    return _placed_mesh(surface, vertices, position, rotation, file_unit, piece, refine, content_of(surface))
 
 
-def _content(surface: str) -> bytes:
+def content_of(surface: str) -> bytes:
     """Digest of the surface's file; b"" for a built-in surface, and for a file too large for `read_mesh`."""
     from palpate.nodes.base.mesh_formats import LARGEST_FILE  # imports this package
 

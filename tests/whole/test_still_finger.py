@@ -79,9 +79,9 @@ def test_every_body_is_quiet_under_a_still_finger_with_the_encoder(tmp_path, bod
 def test_a_finger_that_slid_on_to_a_rigid_ball_rests_within_a_second(tmp_path, rate):
     """After it stops it creeps and slips, for a time that depends on where it lies between two counts."""
     for shift in 60e-6 * np.random.default_rng(1).random((3, 2)):
-        furrow, ball = (f"[{shift[0]}, {y + shift[1]}, {z}]" for y, z in ((0.027, 0.094), (0.045, 0.1)))
+        furrow, ball = (f"[{shift[0]}, {y + shift[1]}, {z}]" for y, z in ((0.030, 0.088), (0.0515, 0.1)))
         path = f"[{{to: {furrow}, time: 0.4}}, {{to: {ball}, time: 0.8, shape: linear}}, {{hold: 1.2}}]"
-        sets = (f"scene.hand.path={path}", "scene.hand.begin=[0, 0.027, 0.114]", f"rate={rate}")
+        sets = (f"scene.hand.path={path}", "scene.hand.begin=[0, 0.030, 0.114]", f"rate={rate}")
         bodies = ("kidney.use=deformation.Rigid", "liver.use=deformation.Rigid")
         launch = find("organs").but(record=tmp_path / "run.mcap", overrides=(*sets, *bodies), place="fused",
                                     duration=2.4, wanted=("controller",))  # fmt: skip
