@@ -13,7 +13,7 @@ import msgspec
 from palpate.compiler.records import floats, integers, longs, put, vector
 from palpate.messages import Pose, Proximity
 from palpate.messages.record import array_handle
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
+from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Out, SettingError
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, refinement, surface_patch
 from palpate.physics.geometry import mesh as meshes
@@ -32,7 +32,7 @@ of each cause; number of causes as a bit mask."""
 class _Nearest(Placed, CompiledNode):
     """Settings and reports of both nodes."""
 
-    thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05)] = 4e-3
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05), Agrees(Pose, Proximity)] = 4e-3
     """Fingertip tissue in front of the bone edge, h0."""
     hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
     """The foot point changes to another part of the surface when that part is nearer by this distance."""

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.compiler.angles import cos, sin
 from palpate.compiler.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
-from palpate.nodes.base import Node, SettingError, Switch, part
+from palpate.nodes.base import Agrees, Node, SettingError, Switch, part
 from palpate.nodes.base.samples import since
 from palpate.physics.fingertip.anatomy import Anatomy
 from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, BundleState, step
@@ -29,9 +29,9 @@ class Slide(Node):
 
     paced = True
 
-    thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0), Agrees(Pose)] = 5e-3
     """Of the tissue in front of the bone edge; contact starts at this distance of the bone edge from the plate."""
-    plate: Annotated[float, "m"] = 0.0  # Height of the plate
+    plate: Annotated[float, "m", Agrees(Pose)] = 0.0  # Height of the plate
     depth: Annotated[float, "m", msgspec.Meta(ge=0)] = 2e-3
     press: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 4e-3
     hold: Annotated[float, "s", msgspec.Meta(ge=0)] = 1.0
@@ -74,9 +74,9 @@ class BundleContact(Node):
     """Inclination of the finger to the plate."""
     pitch: Annotated[float, "m", msgspec.Meta(gt=0)] = 1.2e-3
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 2.5e-3  # Largest depth: the pad is meshed for it
-    thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0), Agrees(Pose)] = 5e-3
     """Of the tissue in front of the bone edge, whose position is the pose."""
-    plate: Annotated[float, "m"] = 0.0  # Height of the plate, which is z = constant, the finger above it
+    plate: Annotated[float, "m", Agrees(Pose)] = 0.0  # Height of the plate, which is z = constant, the finger above it
     friction: Annotated[float, "1", msgspec.Meta(ge=0), Switch("friction")] = 0.7
     lateral: Annotated[Literal["shear", "cantilever"], "1"] = "shear"
     tissue_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = TISSUE.modulus

@@ -8,9 +8,9 @@ import msgspec
 
 from palpate.compiler.kernel import CompiledKernel
 from palpate.compiler.records import one, put, vector
-from palpate.messages import Contact, Friction, Proximity
+from palpate.messages import Contact, Friction, Load, Proximity
 from palpate.messages.sliding import Sliding
-from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
+from palpate.nodes.base import Agrees, CompiledNode, Node, Out, Part, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import SLID, slid
 from palpate.physics import friction
@@ -18,6 +18,7 @@ from palpate.physics.friction import bristle, components, coulomb, elastoplastic
 from palpate.registry import classes
 
 HELD = 1e-9  # [s] step without a new sample: the bristles stay, force and damping follow the load
+AGREES = {"mu_static": (Agrees(Load, Friction),)}  # with the margin of a grip
 SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 
 
@@ -49,7 +50,7 @@ class _Sliding(CompiledNode):
         """
         if law is not None:
             settings = typing.get_type_hints(law, include_extras=True)
-            cls.__annotations__ = {name: _setting(hint) for name, hint in settings.items()}
+            cls.__annotations__ = {name: _setting(hint, *AGREES.get(name, ())) for name, hint in settings.items()}
             values = law._field_defaults | {"law": law, "compute": _compute(law)}  # type: ignore[attr-defined]
             values["spring"] = next(
                 (name for name in ("stiffness", "bristle_stiffness") if name in settings), cls.spring
@@ -124,11 +125,11 @@ def _stores_nothing(law, z, load):
     return 0.0
 
 
-def _setting(hint: Any) -> Any:
-    """Turn `Annotated[float, unit, "> 0"]` into a setting, whose limit is a `msgspec.Meta`."""
+def _setting(hint: Any, *marks: Any) -> Any:
+    """Turn `Annotated[float, unit, "> 0"]` into a setting, whose limit is a `msgspec.Meta`, with these marks."""
     kind, unit, *limits = typing.get_args(hint)
     bounds: dict[str, Any] = {SIGNS[sign]: float(bound) for sign, bound in (limit.split() for limit in limits)}
-    return Annotated[kind, unit, msgspec.Meta(**bounds)] if bounds else hint
+    return Annotated[kind, unit, *([msgspec.Meta(**bounds)] if bounds else limits), *marks]
 
 
 class Coulomb(_Sliding, law=coulomb.Coulomb):

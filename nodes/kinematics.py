@@ -7,12 +7,12 @@ import numpy as np
 
 from palpate.compiler.records import floats, form, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
-from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
+from palpate.nodes.base import TABLE, Agrees, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import kernel
 from palpate.physics.device.average import MOST
 from palpate.physics.device.falcon import FALCON, HOME, Geometry
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.tracking import TRACK, pose, pose_falcon
+from palpate.physics.device.tracking import COUNT, TRACK, pose, pose_falcon
 
 ZERO = (0.0, 0.0, 0.0)
 geometry_of = unpacking(Geometry)
@@ -26,9 +26,9 @@ class _Tracker(CompiledNode):
              kidney study has 8, which delays the position by 3.5 samples, the velocity by 4 (docs/equations/falcon.md)
     """
 
-    origin: Annotated[Vector3, "m"] = ZERO
+    origin: Annotated[Vector3, "m", Agrees(DeviceState, Pose)] = ZERO
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
-    resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=1e-3)] = 0.0
     average: Annotated[int, "1", msgspec.Meta(ge=0, le=MOST)] = 0
 
     State = {
@@ -82,12 +82,12 @@ class FalconKinematics(_Tracker):
 
     A sample that implies a speed above `speed_limit` is rejected unless four consecutive samples agree. After a stale
     or repeated sample the pose is unchanged, with dt = 0. `origin` is the position of the device's frame in the world.
-    With a `resolution` (about one encoder count at the grip) an observer estimates the angles between counts; 0: as
-    measured. The velocity is the last difference of the positions. With `average` both are moving averages instead, as
-    in the kidney study: 8 samples, which delay the position by 3.5 samples.
+    With a `resolution`, the motion of the grip by one encoder count, an observer estimates the angles between counts;
+    0: as measured. The velocity is the last difference of the positions. With `average` both are moving averages
+    instead, as in the kidney study: 8 samples, which delay the position by 3.5 samples.
     """
 
-    resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=1e-3)] = COUNT
 
     State = _Tracker.State | {"geometry": form(Geometry)}
     home = HOME
@@ -135,7 +135,7 @@ class FalconStatics(CompiledNode):
     kinematics.FalconKinematics.
     """
 
-    origin: Annotated[Vector3, "m"] = ZERO
+    origin: Annotated[Vector3, "m", Agrees(DeviceState, Pose)] = ZERO
 
     State = {"geometry": form(Geometry)}
 

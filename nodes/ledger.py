@@ -32,8 +32,8 @@ class Energy(CompiledNode):
 
     bound  energy that a part, or the whole display, may generate. Above it the ledger trips for the rest of the run,
            and the controller reduces the force to zero. 0: the ledger never trips
-    delay  samples between the motion from which a force was computed and the motion on which it acts: the `delay` of
-           the controller
+    delay  samples between the motion from which a force was computed and the motion on which it acts, by the device;
+           the loader sets it to the `delay` of the controller, less that of a network
     """
 
     effect = "energy"

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.compiler.records import floats, form, lend_first, put, unpacking, vector
 from palpate.messages import Contact, Friction, Load
-from palpate.nodes.base import ARRAY, CompiledNode, Out, SettingError, Wants
+from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, fade_value
 from palpate.nodes.base.area import WithArea
 from palpate.nodes.base.kernels import ieee_kernel
@@ -47,8 +47,8 @@ class Kernel(CompiledNode, WithArea):
     `area` law the radius follows the force, and the pressure is that of Hertz.
     """
 
-    kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1"] = "biweight"
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1", Agrees(Load)] = "biweight"
+    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
 
     State = {
         "spreader": form(Spreader), "friction": FADED,

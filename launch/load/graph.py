@@ -14,13 +14,14 @@ import msgspec
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
+from palpate.launch.load.agreeing import agree
 from palpate.launch.load.classes import ClassError, body, find_class
 from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_surfaces
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import choose_effects as chosen_effects
 from palpate.launch.load.files import GRAPHS, ORGAN, Override, apply, find_file, read_extended, read_scene
-from palpate.launch.load.network import unknown_delays
+from palpate.launch.load.network import device_delays, unknown_delays, unlike_delays
 from palpate.launch.load.overlapping import overlaps
 from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.resting import restless
@@ -148,6 +149,15 @@ def load(
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, connections, faults)
+        places = {
+            name: {offer.key: offer.place for offer in offered.get(name, ()) if offer.taken}
+            | {key: draft.line.place(key) for key in draft.set_keys}
+            for name, draft in drafts.items()
+        }
+        agree(may, connections, places, faults)
+        for balance, delay in device_delays(may, connections, contents.rate):
+            if "delay" not in places[balance.name]:
+                balance.settings["delay"] = delay
         for each in overlaps(may, connections):
             if each.same:
                 faults.add(each.text, each.cure, nodes[each.organ.collision].place, node=each.organ.collision)
@@ -175,6 +185,7 @@ def value_notes(nodes: dict[str, NodeSpec], rate: float) -> Iterator[str]:
     connections = list(wires_of(may))
     yield from unlike_surfaces(may, connections)
     yield from unknown_delays(may, connections, rate)
+    yield from unlike_delays(may, connections, rate)
     yield from restless(may, connections, rate)
     yield from (each.text for each in overlaps(may, connections) if not each.same)
 

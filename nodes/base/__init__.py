@@ -2,7 +2,7 @@
 
 from palpate.nodes.base.block import Block
 from palpate.nodes.base.compiled import ARRAY, TABLE, CompiledNode
-from palpate.nodes.base.effect import Calibrated, Effect, Part, Switch, effects, part
+from palpate.nodes.base.effect import Agrees, Calibrated, Effect, Part, Switch, effects, part
 from palpate.nodes.base.node import (
     InputError,
     Node,
@@ -20,7 +20,7 @@ from palpate.nodes.base.node import (
 )
 
 __all__ = [
-    "ARRAY", "TABLE", "Block", "Calibrated", "CompiledNode", "Effect", "InputError", "Node", "Observer", "Out", "Part",
-    "Port", "Setting", "SettingError", "Stream", "Switch", "Wants", "convert", "effects", "inputs", "outputs", "part",
-    "settings",
+    "ARRAY", "TABLE", "Agrees", "Block", "Calibrated", "CompiledNode", "Effect", "InputError", "Node", "Observer",
+    "Out", "Part", "Port", "Setting", "SettingError", "Stream", "Switch", "Wants", "convert", "effects", "inputs",
+    "outputs", "part", "settings",
 ]  # fmt: skip

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
+from palpate.messages import Message
 from palpate.messages.docs import summary
 from palpate.nodes.base.node import Node, settings
 
@@ -48,6 +49,22 @@ class Calibrated:
 
     default: str  # tissue of the default
     command: str  # command that fits the setting to another tissue
+
+
+class Agrees:
+    """Mark of a setting that describes one thing in several nodes, such as the patch under the finger in the node that
+    spreads the load and in the body that carries it:
+
+    radius: Annotated[float, "m", Agrees(Load)] = 8e-3
+
+    messages  types of the messages along which it agrees with the setting of the same name in the sender, also through
+              nodes without this setting, and in other readers of the same sender
+
+    The loader gives all of them the value that is set for one of them, and refuses different ones.
+    """
+
+    def __init__(self, *messages: type[Message]) -> None:
+        self.messages = messages
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.records import put, vector
-from palpate.messages import Vector3
+from palpate.messages import Proximity, Vector3
 from palpate.nodes.base.compiled import CompiledNode
+from palpate.nodes.base.effect import Agrees
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.node import SettingError, Wants
 from palpate.nodes.base.samples import SLID, slid
@@ -26,16 +27,18 @@ last sample of the position, at its speed [m]; whether the finger pressed in the
 
 
 class WithTexture(CompiledNode):
-    """Settings of a node that needs the texture of the surface; all these nodes of a graph need the same values."""
+    """Settings of a node that needs the texture of the surface; all these nodes of a finger have the same values."""
 
-    spectrum: Annotated[tuple[tuple[float, float], ...], "1/m, 1"] = ((50.0, 1.0), (200.0, 1.0), (2000.0, 0.01))
-    wavelength: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
-    profile: Annotated[str, "1"] = ""
-    map: Annotated[Literal["friction", "relief"], "1"] = "friction"
-    shortest: Annotated[float, "m", Positive] = 0.2e-3
-    roughness: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.05
-    direction: Annotated[Vector3, "1"] = (0.0, 0.0, 0.0)
-    seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
+    spectrum: Annotated[tuple[tuple[float, float], ...], "1/m, 1", Agrees(Proximity)] = (
+        (50.0, 1.0), (200.0, 1.0), (2000.0, 0.01),
+    )  # fmt: skip
+    wavelength: Annotated[float, "m", msgspec.Meta(ge=0), Agrees(Proximity)] = 0.0
+    profile: Annotated[str, "1", Agrees(Proximity)] = ""
+    map: Annotated[Literal["friction", "relief"], "1", Agrees(Proximity)] = "friction"
+    shortest: Annotated[float, "m", Positive, Agrees(Proximity)] = 0.2e-3
+    roughness: Annotated[float, "1", msgspec.Meta(ge=0, le=10), Agrees(Proximity)] = 0.05
+    direction: Annotated[Vector3, "1", Agrees(Proximity)] = (0.0, 0.0, 0.0)
+    seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1), Agrees(Proximity)] = 0
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)

@@ -7,10 +7,10 @@ import msgspec
 
 from palpate.compiler.exact import hypot
 from palpate.compiler.records import floats, nth
-from palpate.messages import Load
+from palpate.messages import Friction, Load
 from palpate.messages.grip import Grip as GripMessage
 from palpate.messages.record import ROOM
-from palpate.nodes.base import CompiledNode, Out
+from palpate.nodes.base import Agrees, CompiledNode, Out
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.physics.contact.grip import grip_force
 
@@ -22,7 +22,7 @@ class Grip(CompiledNode):
     `mu_static` is the coefficient at which a sticking finger begins to slip, that of the friction law.
     """
 
-    mu_static: Annotated[float, "1", msgspec.Meta(gt=0)] = 0.7
+    mu_static: Annotated[float, "1", msgspec.Meta(gt=0), Agrees(Load, Friction)] = 0.7
 
     State = {"foot": (ROOM, 3), "forces": (ROOM, 3), "one": (3,), "rubbed": (3,)}
     """Points [m] and forces [N] of the fingers that press; force of one [N]; sum along the surface [N]."""

@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.records import one, put, vector
-from palpate.messages import Contact, Proximity, Surface
-from palpate.nodes.base import CompiledNode, InputError, Out, Part, Switch, Wants
+from palpate.messages import Contact, Pose, Proximity, Surface
+from palpate.nodes.base import Agrees, CompiledNode, InputError, Out, Part, Switch, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of, since
 from palpate.nodes.contact import finger
@@ -59,10 +59,10 @@ class Series(CompiledNode):
     finger_hertz_slope: Annotated[float, "Pa/m", Positive] = 5.672e6
     finger_hertz_hardening: Annotated[float, "1/m", Positive] = 466.6
     finger_hertz_radius: Annotated[float, "m", Positive] = 9.84e-3
-    second_order: Annotated[bool, "1"] = False
+    second_order: Annotated[bool, "1", Agrees(Surface)] = False
     """Whether the damping uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
     whole motion dissipates energy, but a single step may return some nJ. Set it for the body too."""
-    thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 4e-3
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0), Agrees(Pose, Proximity)] = 4e-3
     """Of the soft tissue in front of the bone; a greater compression is outside the range of every law and is reported;
     0: unknown."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.compiler.exact import row_times
 from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
-from palpate.nodes.base import ARRAY, TABLE, Calibrated, CompiledNode, Out, Part, SettingError, Switch
+from palpate.nodes.base import ARRAY, TABLE, Agrees, Calibrated, CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.nodule import WithNodule
@@ -41,7 +41,7 @@ class BeamBundle(CompiledNode, WithNodule):
     relaxations: Annotated[Vector, "s", Switch("relaxation"), OF_TISSUE] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
     """Of the patch of the terminal law before the first load: that of `spread.Kernel`."""
 
     shape = Part(

@@ -10,7 +10,7 @@ from palpate.compiler.exact import exp, log, row_times
 from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
+from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.measured_map import measured_factor
@@ -50,12 +50,12 @@ class MassSpring(CompiledNode, WithNodule):
     damping: Annotated[float, "s/m", NotNegative, Switch("relaxation")] = 5.0
     retardation: Annotated[float, "s", NotNegative, Switch("relaxation")] = 0.0
     """Kelvin-Voigt: viscosity over modulus."""
-    second_order: Annotated[bool, "1"] = False
+    second_order: Annotated[bool, "1", Agrees(Surface)] = False
     """Whether the retardation uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
     whole motion dissipates energy, but a single step may return some nJ. Set it for the contact too."""
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
     """Of the patch under each of several fingers, and of the patch of the stiffness map."""
     stiffness_map: Annotated[Literal["uniform", "basis"], "1"] = "uniform"
     """With "basis" K varies over the surface like the stiffness of deformation.ReducedFE, from its stored basis

@@ -11,7 +11,7 @@ from palpate.compiler.entry_point import NO_FLOATS
 from palpate.compiler.exact import einsum, exp
 from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
-from palpate.nodes.base import CompiledNode, Out, Part, SettingError, Switch
+from palpate.nodes.base import Agrees, CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, unknown_vertex, vertex_error
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.node import once_per_class
@@ -67,7 +67,7 @@ class ReducedFE(CompiledNode, WithNodule):
     poisson: Annotated[float, "1", msgspec.Meta(ge=0, lt=0.5)] = 0.45
     retardation: Annotated[float, "s", msgspec.Meta(ge=0), Switch("relaxation")] = 0.02
     """Kelvin-Voigt: viscosity over modulus."""
-    second_order: Annotated[bool, "1"] = False
+    second_order: Annotated[bool, "1", Agrees(Surface)] = False
     """Whether the viscosity uses the rate at the end of a step, as fast taps need, instead of its mean rate. Then a
     whole motion dissipates energy, but a single step may return some nJ. Set it for the contact too.
     The sampled model ignores it."""
@@ -82,7 +82,7 @@ class ReducedFE(CompiledNode, WithNodule):
     coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
     """Approximate number of vertices of the condensed surface. At the default, a file gets more, up to 1500, if its
     edges would exceed 8 mm. A file with at most 1.25 times as many keeps its vertices."""
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
     """Of the patch of the terminal law before the first load."""
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
     """Distance from the foot point within which the displacement of every vertex is sent; of fewer vertices beyond."""

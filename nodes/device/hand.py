@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.records import floats, form, integers, unpacking
-from palpate.messages import Vector3
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node, SettingError
+from palpate.messages import DeviceState, Pose, Vector3
+from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Node, SettingError
 from palpate.nodes.base.kernels import kernel
 from palpate.physics.device.falcon import FALCON, HOME, Geometry, directions
 from palpate.physics.device.grip import GRIP, LINEAR, MINIMUM_JERK, MOTION, grip_kernel
@@ -65,7 +65,7 @@ class HeldGrip(Node):
     """
 
     begin: Annotated[Vector3, "m"] = HOME
-    origin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
+    origin: Annotated[Vector3, "m", Agrees(DeviceState, Pose)] = (0.0, 0.0, 0.0)
     mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.2
     damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
     hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0

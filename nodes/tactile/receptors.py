@@ -6,8 +6,8 @@ from typing import Annotated, Any
 import msgspec
 
 from palpate.compiler.records import floats, integers
-from palpate.messages import MessageError
-from palpate.nodes.base import CompiledNode, SettingError
+from palpate.messages import MessageError, Subsurface
+from palpate.nodes.base import Agrees, CompiledNode, SettingError
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.physics.afferents import population
 from palpate.physics.afferents.calibrated import CONSTANTS
@@ -42,7 +42,7 @@ class WithReceptors(CompiledNode):
     densities: Annotated[tuple[float, float, float], "1/m^2"] = DENSITIES  # Of SA1, RA1 and PC
     depths: Annotated[tuple[float, float, float], "m"] = DEPTHS  # Of their receptors
     units: Annotated[str, "1"] = ""  # CSV file with type, x, y, depth [m], in place of densities
-    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45  # Of the skin: that of tactile.Stress
+    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5), Agrees(Subsurface)] = 0.45  # Of the skin
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.compiler.records import floats, integers, lend, put, vector
 from palpate.messages import Contact, Friction, Load, Proximity, Subsurface
 from palpate.messages.record import array_handle
-from palpate.nodes.base import ARRAY, TABLE, Out, SettingError, Wants
+from palpate.nodes.base import ARRAY, TABLE, Agrees, Out, SettingError, Wants
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.textured import FRICTION, PATH, SLIDES, SLIP, WithTexture, advance, meet, slide
 from palpate.nodes.tactile.receptors import WithReceptors, find_receptors
@@ -34,8 +34,9 @@ class Relief(WithReceptors, WithTexture):
 
     effect = "tactile"
 
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch
-    kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1"] = "biweight"  # Shape of the pressure
+    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3  # Of the patch
+    kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1", Agrees(Load)] = "biweight"
+    """Shape of the pressure."""
     skin_young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 50e3
     """Young's modulus of the skin: that of the published model of the afferents (docs/equations/relief.md)."""
     receptor_seed: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 1

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.compiler.exact import product
 from palpate.compiler.records import floats, lend, put, vector
 from palpate.messages import Load, Subsurface, Vector
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
+from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Out, Part, SettingError, Wants
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.physics.contact import subsurface
 from palpate.physics.contact.deflection import surface_under_patch
@@ -21,17 +21,18 @@ class Stress(CompiledNode):
     """Stress, equivalent stress and strain energy density below the patch, at the depths of mechanoreceptors.
 
     The stress of an elastic half-space under the load of spread.Kernel: a constant matrix times its force. It is that
-    of the tissue or, with `young` and `poisson` of the skin, that of the finger. `radius` and `kernel` must be those of
+    of the tissue or, with `young` and `poisson` of the skin, that of the finger. `radius` and `kernel` are those of
     spread.Kernel. The axes of the patch turn with its normal by the smallest rotation, also in the air, so that the
     receptors do not turn about the normal. `every: 10` runs the node at 10 % of the rate.
     """
 
     effect = "tactile"
 
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch
-    kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1"] = "biweight"  # Shape of the pressure
+    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3  # Of the patch
+    kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1", Agrees(Load)] = "biweight"
+    """Shape of the pressure."""
     young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 19e3  # Only affects the strain energy density
-    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
+    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5), Agrees(Subsurface)] = 0.45
     depths: Annotated[Vector, "m"] = (0.5e-3, 1e-3, 2e-3)
     spacing: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
     """Between points of a depth, which lie on a square grid; 0: a quarter of the radius of the patch, or less."""

@@ -109,7 +109,9 @@ class Stepper:
             raise ArgumentError(f"{name}: stepping needs simulated time, but {what}; run it with palpate.run")
         ticks = max(1, round(launch.duration * graph.rate)) if launch.duration is not None else None
         (self.job,) = jobs(self.plan, fuse_nodes(self.plan), ticks=ticks)  # of all nodes that run
-        self._notes = [RunNote(text) for text in graph.notes]
+        self.graph_notes = [RunNote(text) for text in graph.notes]
+        """The notes about the graph that `notes` has yet to return."""
+        self._notes: list[RunNote] = []
         self._worker = Worker(self.job, None, self._keep_note)
         self._clock = SimulatedClock(self._worker)
         self.rate, self.last = graph.rate, self._worker.last
@@ -152,7 +154,8 @@ class Stepper:
         """The new lines for the user, about the graph and of the nodes; each is returned once. `restart` discards those
         of the nodes that were not yet returned."""
         self._worker.pass_notes()
-        notes, self._notes = self._notes, []
+        notes = self.graph_notes + self._notes
+        self.graph_notes, self._notes = [], []
         return notes
 
     def stop(self) -> None:

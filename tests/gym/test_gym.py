@@ -24,6 +24,7 @@ from palpate.gym.scripted import Approach, Search, score  # noqa: E402
 from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.touch import ROOM, SPEED  # noqa: E402
 from palpate.gym.vector import VectorTouch  # noqa: E402
+from palpate.launch.run.notes import lines  # noqa: E402
 from palpate.nodes.base import SettingError  # noqa: E402
 from palpate.physics.errors import ArgumentError, PalpateError, PalpateWarning  # noqa: E402
 
@@ -223,7 +224,7 @@ def test_notes_on_validity_are_kept_and_each_kind_warns_once():
         found.append([str(each.message) for each in caught if issubclass(each.category, PalpateWarning)])
     (deep_note,) = [note for note in env.notes if "the fingertip is compressed by" in note.text]
     assert deep_note.node == "contact" and 0.0 < deep_note.time < 0.61
-    assert found == [[f"{note.node}: {note}" for note in env.notes], []]
+    assert found == [lines(env.notes), []] and env.notes[0].startswith("tissue (Rigid) does not take")
     assert len({note.kind for note in env.notes}) == len(env.notes)
     env.close()
 
@@ -238,7 +239,8 @@ def test_parallel_environments_have_the_notes_of_single_ones():
         while not one.step(deep)[3]:
             pass
         one.close()
-    envs = VectorTouch(Touch, 3, **given)
+    with pytest.warns(PalpateWarning, match="tissue \\(Rigid\\) does not take"):
+        envs = VectorTouch(Touch, 3, **given)
     for episode in range(2):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -247,9 +249,9 @@ def test_parallel_environments_have_the_notes_of_single_ones():
                 pass
             envs.reset(seed=0)
         found = [str(each.message) for each in caught if issubclass(each.category, PalpateWarning)]
-        assert found == ([f"environment 0, {note.node}: {note}" for note in envs.notes] if episode == 0 else [])
+        assert found == (lines(envs.notes, "environment")[1:] if episode == 0 else [])
     assert {note.kind for note in envs.notes} == {note.kind for note in one.notes}
-    assert {note.lane for note in envs.notes} == {0}
+    assert [note.lane for note in envs.notes] == [None] + [0] * (len(envs.notes) - 1)
     envs.close()
 
 

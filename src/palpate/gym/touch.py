@@ -99,6 +99,10 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         devices = _simulated_hands(launch.load())
         launch = replace(launch, overrides=tuple(map(_without_path, launch.overrides)))
         self.stepper = Stepper(launch.but(overrides=[f"{name}.use=device.Steered" for name in devices]))
+        replaced = tuple(
+            f"{name} ({Steered.__name__})" for name in devices
+        )  # the path of the hand, which actions replace
+        self.stepper.graph_notes = [note for note in self.stepper.graph_notes if not note.startswith(replaced)]
         self.hands = [_hand(self.stepper.plan, name) for name in devices]
         self.ticks, self.duration = ticks, duration
         self.step_time = ticks / self.stepper.rate

@@ -78,8 +78,8 @@ class VectorTouch(VectorEnv):
         self.observation_space = batch_space(first.observation_space, num_envs)
         self.action_space = batch_space(first.action_space, num_envs)
         self.units = first.units
-        self.notes = [RunNote(text) for text in plan.graph.notes]
-        """As of `Touch.notes`, each with `lane`, the number of the environment."""
+        self.notes = list(first.stepper.graph_notes)
+        """As of `Touch.notes`, those of a node with `lane`, the number of the environment."""
         warn(self.notes)
 
     def reset(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
+import palpate
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
@@ -135,3 +136,34 @@ def test_an_outage_does_not_count_as_motion_of_the_hand():
     assert bus.publish(force)[-1].hand == approx(-1e-3)
     assert at(0.5).hand == approx(-1e-3)
     assert at(0.501).hand == approx(-2e-3)
+
+
+TWO = """
+    extends: palpate-two
+    nodes:
+      ledger: {use: ledger.Energy, in: {force: [controller-1, controller-2], contact: [contact-1, contact-2],
+               pose: [finger-1, finger-2], friction: [friction-1, friction-2], body: tissue}}
+"""
+HANDS = {"kidney": ["controller", "finger"], TWO: ["controller-1", "finger-1", "controller-2", "finger-2"]}
+
+
+@pytest.mark.parametrize(("graph", "sets", "late"), [
+    ("kidney", ["tissue.stiffness=3000", "scene.energy.ledger=on"], 0),
+    ("kidney", ["tissue.use=deformation.ReducedFE", "scene.energy.ledger=on"], 0),
+    ("kidney", ["tissue.stiffness=1500", "scene.energy.ledger=on", "device.delay=2", "controller.delay=2"], 2),
+    (TWO, [], 0),
+], ids=["stiff", "reduced", "late", "two fingers"])  # fmt: skip
+def test_the_work_of_the_hand_is_that_of_the_streams(graph, sets, late, write):
+    """Sum of -F dx of the messages of controller and finger, with the delay of the device's reports."""
+    nodes = HANDS[graph]
+    streams, hand = {name: [] for name in nodes}, 0.0
+    for tick in palpate.steps(write("two.yaml", TWO) if graph is TWO else graph, sets=sets, duration=1.2):
+        for name in nodes:
+            message = tick[name]
+            streams[name].append(message.force if isinstance(message, Force) else message.position)
+        hand = tick["ledger"].hand
+    work = 0.0
+    for controller, finger in zip(nodes[::2], nodes[1::2], strict=True):
+        force, motion = np.array(streams[controller]), np.diff(streams[finger], axis=0)
+        work -= float((force[: len(motion) - late] * motion[late:]).sum())
+    assert abs(work) > 1e-4 and hand == approx(work, rel=1e-9)

@@ -29,6 +29,7 @@ TRACK = {
 PATIENCE = 4  # consecutive samples that must agree before a jump is accepted
 MOST_STALE = 9  # stamps in a row that do not increase before the clock counts as set back
 BAD, TAKEN, ANEW = range(3)
+COUNT = 60e-6  # [m] motion of the grip of a Falcon by one encoder count, roughly
 SLACK = 2e-4  # [m] a few encoder counts, allowed for any time between two samples
 
 
@@ -132,7 +133,10 @@ def pose(track: Record, resolution: float, limit: float, window: Array, t: int, 
 def pose_falcon(
     track: Record, resolution: float, limit: float, window: Array, t: int, angles: Vector3, geometry: Record
 ):
-    """`pose` from a Falcon's joint angles [rad] (3), each with its observer. Angles without a solution are rejected."""
+    """`pose` from a Falcon's joint angles [rad] (3), each with its observer. Angles without a solution are rejected.
+
+    An encoder count of a Falcon is taken as `COUNT` at the grip; a device with other encoders has another resolution.
+    """
     last = track.reading
     ok, x, y, z = forward_kernel(geometry, angles[0], angles[1], angles[2], last[0], last[1], last[2])
     kind = judge(track, limit, t, x, y, z) if ok else BAD
@@ -140,9 +144,8 @@ def pose_falcon(
         return hold(track)
     if len(window) > 1:
         return take_average(track, kind, t, (x, y, z), window)
-    a0, a1, a2 = between(
-        track.axes, kind, angles, geometry.encoder_count if resolution > 0.0 else 0.0, (t - track.stamp) * 1e-9
-    )
+    count = geometry.encoder_count * (resolution / COUNT)
+    a0, a1, a2 = between(track.axes, kind, angles, count, (t - track.stamp) * 1e-9)
     seen = x, y, z
     if not (a0 == angles[0] and a1 == angles[1] and a2 == angles[2]):
         ok, sx, sy, sz = forward_kernel(geometry, a0, a1, a2, x, y, z)

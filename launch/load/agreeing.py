@@ -1,0 +1,96 @@
+"""Settings that describe one thing in several nodes, such as the patch under the finger (`nodes.base.Agrees`).
+
+If one of them is set, the others take its value; different values are refused.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from palpate.engine.faults import Faults, Location, written
+from palpate.engine.graph import NodeSpec
+from palpate.launch.load.wiring import Wire
+from palpate.nodes.base import Agrees, Setting, SettingError, settings
+
+Given = Mapping[str, Mapping[str, Location]]
+"""By node, the settings that its line or the scene sets, with their places."""
+
+
+def agree(nodes: Mapping[str, NodeSpec], wires: Iterable[Wire], given: Given, faults: Faults) -> None:
+    """Give all settings that describe one thing the value that one of them has. A fault for different ones."""
+    incoming: dict[str, list[Wire]] = {}
+    for wire in wires:
+        if wire.producer in nodes and wire.consumer in nodes:
+            incoming.setdefault(wire.consumer, []).append(wire)
+    marked = {name: dict(_marks(spec)) for name, spec in nodes.items()}
+    for setting in dict.fromkeys(setting for marks in marked.values() for setting in marks):
+        for group in _groups([name for name in nodes if setting in marked[name]], setting, marked, incoming):
+            _settle(setting, [nodes[name] for name in group], given, faults)
+
+
+def _marks(spec: NodeSpec) -> Iterator[tuple[str, Agrees]]:
+    """The marked settings of a node."""
+    for setting in settings(spec.cls).values():
+        if mark := mark_of(setting):
+            yield setting.name, mark
+
+
+def mark_of(setting: Setting) -> Agrees | None:
+    """The mark of a setting that agrees with those of other nodes."""
+    return next((mark for mark in setting.marks if isinstance(mark, Agrees)), None)
+
+
+def _groups(
+    names: Sequence[str], setting: str, marked: Mapping[str, Mapping[str, Agrees]], incoming: Mapping[str, list[Wire]]
+) -> Iterator[list[str]]:
+    """The nodes whose settings describe one thing: those that a sender with it reaches, or the same sender."""
+    leader: dict[str, str] = {}
+
+    def find(name: str) -> str:
+        while leader.setdefault(name, name) != name:
+            name = leader[name]
+        return name
+
+    for name in names:
+        messages, stack, seen = marked[name][setting].messages, [name], {name}
+        while stack:
+            at = stack.pop()
+            senders = [wire.producer for wire in incoming.get(at, ()) if issubclass(wire.port.type, messages)]
+            if at != name and (setting in marked[at] or not senders):
+                leader[find(name)] = find(at)
+                continue
+            stack += [sender for sender in senders if sender not in seen]
+            seen.update(senders)
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(find(name), []).append(name)
+    yield from (group for group in groups.values() if len(group) > 1)
+
+
+def _settle(setting: str, group: Sequence[NodeSpec], given: Given, faults: Faults) -> None:
+    """Set one value in all nodes of a group; a fault if those that are given, or else the defaults, differ."""
+    if any(spec.settings.get(setting) is None for spec in group):
+        return  # it has a fault
+    chosen = [spec for spec in group if setting in given.get(spec.name, {})] or list(group)
+    value, first = chosen[0].settings[setting], chosen[0]
+    other = next((spec for spec in chosen if spec.settings[setting] != value), None)
+    if other is not None:
+        unit = settings(first.cls)[setting].unit
+        both = " and ".join(_describe(spec, setting, given) for spec in (first, other))
+        faults.add(
+            f"found {both}, expected one value, because both describe the same thing",
+            f"Set it for both, or for one of them only: {', '.join(f'{spec.name}.{setting}' for spec in group)}.",
+            given.get(other.name, {}).get(setting, other.place), node=other.name, setting=setting, unit=unit,
+        )  # fmt: skip
+        return
+    for spec in group:
+        if spec.settings[setting] != value:
+            before, spec.settings[setting] = spec.settings[setting], value
+            try:
+                spec.cls(**spec.settings)
+            except SettingError as error:
+                spec.settings[setting] = before
+                faults.add(f"{error}, the value of {first.name}", "", given[first.name][setting], node=spec.name)
+
+
+def _describe(spec: NodeSpec, setting: str, given: Given) -> str:
+    place = given.get(spec.name, {}).get(setting)
+    return f"{written(spec.settings[setting])} in {spec.name}" + (f" ({place})" if place else "")
