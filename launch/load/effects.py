@@ -11,6 +11,7 @@ from palpate.engine.faults import Faults, choices
 from palpate.engine.graph import EffectChoice, NodeSpec
 from palpate.launch.load.classes import catalogue
 from palpate.launch.load.values.source import YamlSource
+from palpate.messages.wording import written
 from palpate.nodes.base import Effect, Node, effects
 from palpate.nodes.base.effect import switch
 
@@ -37,14 +38,15 @@ def choose_effects(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict
     for source in (graph, scene):
         given = source.data.get(KEY)
         if given is not None and not isinstance(given, dict):
-            faults.add(f"effects: found {given!r}, expected a mapping such as {{friction: off}}", "", source.place(KEY))
+            text = f"effects: found {written(given)}, expected a mapping such as {{friction: off}}"
+            faults.add(text, "", source.place(KEY))
             continue
         for name, value in (given or {}).items():
             place = source.place(KEY, str(name))
             if isinstance(value, bool):
                 switched[str(name)] = EffectChoice(value, place)
             else:
-                faults.add(f"effects, {name}: found {value!r}, expected on or off", "", place)
+                faults.add(f"effects, {name}: found {written(value)}, expected on or off", "", place)
     return switched
 
 

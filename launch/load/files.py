@@ -12,6 +12,7 @@ import palpate.graphs
 from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, nearest, short
 from palpate.launch.load.tissues import fill_in
 from palpate.launch.load.values.source import YamlSource, merge, parse, paths, read
+from palpate.messages.wording import written
 
 GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"
@@ -50,15 +51,15 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> Ya
     """
     source = read(path)
     if not isinstance(source.data, dict):
-        kind = "nothing" if source.data is None else type(source.data).__name__
-        raise GraphError([Fault(f"found {kind}, expected a mapping of keys to values", place=Location(str(path), 1))])
+        found = "nothing" if source.data is None else written(source.data)
+        raise GraphError([Fault(f"found {found}, expected a mapping of keys to values", place=Location(str(path), 1))])
     fill_in(source, *(("tissue",) if folder == SCENES else ("scene", "tissue")))
     base_name = source.data.pop("extends", None)
     place = source.place("extends")
     if base_name is None:
         return source
     if not isinstance(base_name, str):
-        raise GraphError([Fault(f"extends: found {base_name!r}, expected the name of one file", place=place)])
+        raise GraphError([Fault(f"extends: found {written(base_name)}, expected the name of one file", place=place)])
     base = find_file(base_name, folder, path.parent, place, "extends: file")
     if base in (*inside, path):
         chain = " -> ".join(p.name for p in (*inside, path, base))
@@ -126,7 +127,7 @@ def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, 
             faults.done()
         return read_extended(SCENES / f"{close[0]}.yaml", SCENES)
     if named is not None:
-        faults.add(f"scene: found {named!r}, expected a file or a mapping", "", graph.place("scene"))
+        faults.add(f"scene: found {written(named)}, expected a file or a mapping", "", graph.place("scene"))
     return YamlSource({}, {(): graph.place("scene")})
 
 

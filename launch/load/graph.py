@@ -14,7 +14,8 @@ import msgspec
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
-from palpate.launch.load.agreeing import agree
+from palpate.launch.load.checks.agreeing import agree
+from palpate.launch.load.checks.overlapping import overlaps
 from palpate.launch.load.classes import ClassError, body, find_class
 from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_surfaces
 from palpate.launch.load.effects import KEY as EFFECTS
@@ -22,15 +23,15 @@ from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import choose_effects as chosen_effects
 from palpate.launch.load.files import GRAPHS, ORGAN, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.network import device_delays, unknown_delays, unlike_delays
-from palpate.launch.load.overlapping import overlaps
 from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.resting import restless
 from palpate.launch.load.scene import Scene, condition
-from palpate.launch.load.values.lines import fill, quantity
+from palpate.launch.load.values.lines import BOOLEAN, fill, quantity
 from palpate.launch.load.values.settings import Offer, calibration_notes, check_offers, check_taken, resolve
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, unknown, wires, wires_of
 from palpate.messages import Message
+from palpate.messages.wording import written
 from palpate.nodes.base import Node, Observer, inputs, settings
 from palpate.nodes.base.carrier import Carrier
 
@@ -255,7 +256,7 @@ def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name) or name in RESERVED:
             faults.add(f"{name!r} cannot name a node", f"Letters, digits, _ and -; not {', '.join(RESERVED)}.", place)
         if not isinstance(line.data, dict):
-            faults.add(f"found {line.data!r}, expected {{use: module.Class, in: ...}}", "", place, node=name)
+            faults.add(f"found {written(line.data)}, expected {{use: module.Class, in: ...}}", "", place, node=name)
             unclear.add(name)
             continue
         keys = {key: value for key, value in line.data.items() if key in LINE}
@@ -321,7 +322,7 @@ def _listen(name: str, line: YamlSource, kinds: Kinds, unclear: set[str], faults
     if given == "all":
         return None
     if not isinstance(given, list):
-        faults.add(f"in: found {given!r}, expected `all` or a list of streams", "", line.place("in"), node=name)
+        faults.add(f"in: found {written(given)}, expected `all` or a list of streams", "", line.place("in"), node=name)
         return ()
     return _streams(given, "in", line, kinds, unclear, faults, name)
 
@@ -345,7 +346,7 @@ def _parse_wanted(holder: YamlSource, kinds: Kinds, unclear: set[str], faults: F
     if isinstance(given, str):
         given = [given]
     if not isinstance(given, list):
-        faults.add(f"wanted: found {given!r}, expected a list of streams", "", holder.place("wanted"))
+        faults.add(f"wanted: found {written(given)}, expected a list of streams", "", holder.place("wanted"))
         return None
     return _streams(given, "wanted", holder, kinds, unclear, faults, "")
 
@@ -360,6 +361,7 @@ def _streams(
         if not streams and str(item).partition(".")[0] not in unclear:
             known = [stream for streams_of_node in kinds.values() for stream in streams_of_node]
             place = source.place(key, index)
-            faults.add(f"{key}: there is no stream {item!r}", choices("Streams", str(item), known), place, node=node)
+            cure = BOOLEAN if isinstance(item, bool) else choices("Streams", str(item), known)
+            faults.add(f"{key}: there is no stream {written(item)}", cure, place, node=node)
         selected |= dict.fromkeys(streams)
     return tuple(selected)

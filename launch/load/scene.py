@@ -5,9 +5,10 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from palpate.engine.faults import Faults, Location, choices, written
+from palpate.engine.faults import Faults, Location, choices
 from palpate.launch.load.values.source import YamlSource, scalar
 from palpate.launch.load.values.units import Dimension, is_quantity, parse, split
+from palpate.messages.wording import written
 
 _COMPARE = {
     ">=": operator.ge, "<=": operator.le, "==": operator.eq, "!=": operator.ne, ">": operator.gt, "<": operator.lt,

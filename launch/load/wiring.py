@@ -11,7 +11,7 @@ import msgspec
 from palpate.engine.faults import NOWHERE, Faults, Location, choices
 from palpate.engine.graph import NodeSpec
 from palpate.launch.load.classes import senders, takers
-from palpate.launch.load.values.lines import fill
+from palpate.launch.load.values.lines import BOOLEAN, fill
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
 from palpate.messages.record import ROOM
@@ -102,6 +102,9 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
             where = line.place("in", port.name, number)
             at_sender = partial(at_port, place=where)
             written = YamlSource(one if isinstance(one, dict) else {"from": one}, {(): where})
+            if isinstance(one, bool):
+                at_sender(f"found {'true' if one else 'false'}, expected the name of a node", BOOLEAN)
+                continue
             read = fill(_InputEntry, written, faults, node=name, port=port.name)
             stream = None if read is None else _match(port, read.sender, kinds, unclear, at_sender)
             if read is None or stream is None:

@@ -18,6 +18,7 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.lanes import Prepared, prepare
 from palpate.messages.record import layout
+from palpate.nodes.base import plain
 from palpate.physics.errors import ArgumentError, PalpateError
 
 KNOWN = 256  # Maximum number of loaded graphs that a `Preparation` keeps
@@ -29,8 +30,7 @@ Values = Sequence[Any] | np.ndarray
 
 def value_of(values: Values, place: int) -> Any:
     """Return the value of this lane as plain data."""
-    found = values[place]
-    return found.tolist() if isinstance(found, np.ndarray | np.generic) else found
+    return plain(values[place])
 
 
 def digest_values(values: Values) -> list[Any]:

@@ -16,11 +16,12 @@ from palpate.nodes.base.node import (
     convert,
     inputs,
     outputs,
+    plain,
     settings,
 )
 
 __all__ = [
     "ARRAY", "TABLE", "Agrees", "Block", "Calibrated", "CompiledNode", "Effect", "InputError", "Node", "Observer",
     "Out", "Part", "Port", "Setting", "SettingError", "Stream", "Switch", "Wants", "convert", "effects", "inputs",
-    "outputs", "part", "settings",
+    "outputs", "part", "plain", "settings",
 ]  # fmt: skip

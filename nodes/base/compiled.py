@@ -30,8 +30,9 @@ import numpy as np
 from palpate.compiler.fields import field_list
 from palpate.messages import Message, MessageError
 from palpate.messages.record import KINDS, ROOM, array_handle, blank, layout, reader, writer
+from palpate.messages.wording import words_of
 from palpate.nodes.base.effect import Part
-from palpate.nodes.base.node import OUT, Node, Port, inputs, once_per_class, outputs, settings, words_of
+from palpate.nodes.base.node import OUT, Node, Port, inputs, once_per_class, outputs, settings
 
 ARRAY, TABLE = array_handle(1), array_handle(2)
 """Types of fields of a state: an array with one or two axes, set by `CompiledNode.hold`."""

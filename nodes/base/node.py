@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Health, Message
+from palpate.messages.wording import reword, written
 from palpate.nodes.base.block import Block
 from palpate.physics.errors import MISUSE, PalpateError
 
@@ -238,26 +239,22 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     return by_name
 
 
-def words_of(hint: Any) -> tuple[str, ...]:
-    """The words of a Literal type; otherwise empty."""
-    parts = typing.get_args(hint)
-    if typing.get_origin(hint) is typing.Literal:
-        return parts
-    return next((words for part in parts if (words := words_of(part))), ())
+def plain(value: Any) -> Any:
+    """A value from a notebook with its numbers and arrays of numpy, at any depth, as numbers and lists of Python."""
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist()) if value.dtype == object else value.tolist()
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def convert(setting: Setting, value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):  # from a notebook
-        value = value.tolist()
+    value = plain(value)
     try:
         return msgspec.convert(value, setting.type)
     except msgspec.ValidationError as error:
-        text = str(error).replace("`", "")
-        if "unknown field" in text and isinstance(setting.type, type) and issubclass(setting.type, msgspec.Struct):
-            text += f"; expected {', '.join(setting.type.__struct_fields__)}"
-        if "enum" in text and (words := words_of(setting.type)):
-            text += f"; expected {' or '.join(map(str, words))}"
-        raise SettingError(f"setting {setting.name!r} [{setting.unit}]: found {value!r}. {text}.") from None
+        found = f"found {written(value)}; {reword(error, setting.type)}"
+        raise SettingError(f"setting {setting.name!r} [{setting.unit}]: {found}") from None
 
 
 @once_per_class

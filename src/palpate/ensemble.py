@@ -37,7 +37,7 @@ from palpate.launch.run.tasks.spread import Executor, Finished, spread
 from palpate.launch.run.tasks.task import Ended, about
 from palpate.messages import Field, fields
 from palpate.messages.record import layout
-from palpate.nodes.base import settings
+from palpate.nodes.base import plain, settings
 from palpate.physics.errors import ArgumentError, PalpateWarning, RunError
 from palpate.records.lane_store import NOTES, KeptField, LaneStore, as_coordinate
 from palpate.records.samples import Samples
@@ -332,16 +332,14 @@ def _unit(path: str, base: Graph) -> str:
 
 def _each(path: str, given: Any, lanes: int) -> Values:
     """One value per lane. ArgumentError: the number of values is wrong."""
-    plain = (
-        given.tolist() if isinstance(given, np.generic) or (isinstance(given, np.ndarray) and not given.ndim) else given
-    )
-    if isinstance(plain, str | Mapping) or not isinstance(plain, Sequence | np.ndarray):
-        return [plain] * lanes
-    if len(plain) != lanes:
-        raise ArgumentError(f"over {path!r}: found {len(plain)} values, expected {lanes}, one for each lane, or one")
-    if isinstance(plain, np.ndarray) and plain.dtype.kind in "biuf":
-        return plain.copy()
-    return [value_of(plain, place) for place in range(lanes)]
+    several = isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0)
+    if isinstance(given, str) or not several:
+        return [plain(given)] * lanes
+    if len(given) != lanes:
+        raise ArgumentError(f"over {path!r}: found {len(given)} values, expected {lanes}, one for each lane, or one")
+    if isinstance(given, np.ndarray) and given.dtype.kind in "biuf":
+        return given.copy()
+    return [value_of(given, place) for place in range(lanes)]
 
 
 def _kept_field(text: str, graph: Graph) -> tuple[str, Field]:

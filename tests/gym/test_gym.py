@@ -419,7 +419,7 @@ def test_invalid_arguments_of_a_vector_environment_are_reported():
     with pytest.raises(ArgumentError, match="call reset"):
         envs.step(np.zeros((2, 3)))
     envs.reset(seed=[1, 2], options={"tissue": {"stiffness": 1234.0}})
-    with pytest.raises(ArgumentError, match=r"expected \(2, 3\) finite"):
+    with pytest.raises(ArgumentError, match="environment 0 and 1 more: found"):
         envs.step(np.full((2, 3), np.nan))
     with pytest.raises(ArgumentError, match="seed: found 1"):
         envs.reset(seed=[1])
@@ -496,3 +496,37 @@ def test_a_closed_vector_environment_is_reported(presses):
     for call in (envs.reset, lambda: envs.step(STILL)):
         with pytest.raises(ArgumentError, match="the environments are closed"):
             call()
+
+
+def test_max_episode_steps_truncate_parallel_environments_as_single_ones():
+    given = {"max_episode_steps": 4, "duration": 0.2}
+    still = np.zeros((2, 3), np.float32)
+    one = gymnasium.make("palpate/Touch-v0", **given)
+    many = gymnasium.make_vec("palpate/Touch-v0", num_envs=2, vectorization_mode="vector_entry_point", **given)
+    one.reset(seed=1)
+    many.reset(seed=1)
+    for episode in range(2):
+        for step in range(1, 5):
+            single, parallel = one.step(still[0]), many.step(still)
+            assert single[3] == parallel[3][0] == parallel[3][1] == (step == 4), (episode, step)
+        one.reset()
+        assert not many.step(still)[3].any()
+    one.close()
+    many.close()
+    for wrong in (0, 2.5, True, "9"):
+        with pytest.raises(ArgumentError, match=r"max_episode_steps: found .*expected a whole number from 1"):
+            VectorTouch(Touch, 2, max_episode_steps=wrong)
+
+
+def test_an_action_that_is_not_finite_names_its_environment():
+    envs = VectorTouch(Touch, 4, duration=0.1)
+    envs.reset(seed=0)
+    actions = np.zeros((4, 3), np.float32)
+    actions[2, 1] = np.nan
+    with pytest.raises(ArgumentError, match=r"actions: environment 2: found \[0.0, nan, 0.0\], expected finite"):
+        envs.step(actions)
+    actions[3, 0] = np.inf
+    with pytest.raises(ArgumentError, match="environment 2 and 1 more"):
+        envs.step(actions)
+    envs.step(np.zeros((4, 3)))
+    envs.close()

@@ -292,7 +292,7 @@ def test_a_sample_out_of_range_is_a_row_at_any_position(write, pool, tmp_path, s
     assert computed(study, tmp_path / "out", pool) == list(range(5))
     table = study.table()
     bad = table["ball.radius"] <= lowest
-    assert bad.any() and list(table["error"].str.contains("Expected float > 0.0")) == list(bad)
+    assert bad.any() and list(table["error"].str.contains("expected a number > 0")) == list(bad)
     assert table["peak ball.force"].notna().tolist() == list(~bad)
 
 
@@ -308,7 +308,7 @@ def test_a_list_may_begin_with_a_value_out_of_range(write, pool, tmp_path):
     [
         ({"ball.radius": {"norm": [0.0, 1e-3]}, "ball.yuong": {"norm": [1e3, 1.0]}}, "setting 'yuong': unknown"),
         ({"ball.radius": {"norm": ["0 s", "1 s"]}}, "a time; expected a length"),
-        ({"ball.radius": [-1e-3]}, "found -0.001. Expected float > 0.0"),
+        ({"ball.radius": [-1e-3]}, "found -0.001; expected a number > 0"),
     ],
 )
 def test_an_error_independent_of_the_values_is_reported_before_anything_runs(write, over, printed):

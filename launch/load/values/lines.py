@@ -10,8 +10,10 @@ import msgspec
 from palpate.engine.faults import Faults, choices
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert
-from palpate.nodes.base.node import words_of
+from palpate.messages.wording import words_of, written
 
+BOOLEAN = "YAML reads on, off, yes and no as true and false. Put a name in quotes: 'on'."
+ALIASES = {"over": "vary", "vary": "over"}  # what varies, in a study and in an experiment
 Line = TypeVar("Line", bound=msgspec.Struct)
 
 
@@ -36,7 +38,9 @@ def fill(kind: type[Line], line: YamlSource, faults: Faults, within: str = "", *
         place = line.place(key)
         if key not in known:
             text = f"{within}: unknown key {key!r}" if within else f"unknown key {key!r}"
-            faults.add(text, choices("Keys", key, known), place, **about)
+            other = ALIASES.get(key)
+            cure = f"It is {other!r} here." if other in known else choices("Keys", key, known)
+            faults.add(text, cure, place, **about)
             continue
         field = known[key]
         meta = next(_marks(field.type), msgspec.Meta())
@@ -51,7 +55,10 @@ def fill(kind: type[Line], line: YamlSource, faults: Faults, within: str = "", *
             expected = f", expected {meta.description}" if meta.description else ""
             words = words_of(field.type)
             cure = choices(f"{key.capitalize()}s", str(value), words) if words else ""
-            faults.add(f"{name}{f' [{unit}]' if unit else ''}: found {value!r}{expected}", cure, place, **about)
+            if isinstance(value, bool) and str in typing.get_args(field.type):
+                cure = f"{cure} {BOOLEAN}".strip()
+            text = f"{name}{f' [{unit}]' if unit else ''}: found {written(value)}{expected}"
+            faults.add(text, cure, place, **about)
         refused |= field.required and field.name not in given
     return None if refused else kind(**given)
 

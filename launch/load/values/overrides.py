@@ -7,7 +7,7 @@ from typing import Any
 from palpate.engine.faults import GraphError, Location
 from palpate.launch.load.files import TOP, Override
 from palpate.launch.load.values.source import YamlSource, parse
-from palpate.nodes.base import SettingError
+from palpate.nodes.base import SettingError, plain
 from palpate.physics.errors import ArgumentError
 
 LONG = 80  # longest Python text quoted in a fault
@@ -66,7 +66,7 @@ def _text(name: str, value: Any) -> str:
     if isinstance(value, str):
         return value
     try:
-        return json.dumps(value.tolist() if hasattr(value, "tolist") else value)
+        return json.dumps(plain(value))
     except TypeError:
         raise ArgumentError(
             f"{name}: found {type(value).__name__}, expected a number, a text, a list or a dict"

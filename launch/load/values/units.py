@@ -74,6 +74,18 @@ _NAMES = {
     _unit(1, 0, 1, -1): "a damping", _unit(1, -3, 1): "a density", _unit(1, -1, 1, -1): "a viscosity",
     _unit(1, -1): "a number per length", _unit(1, -1, 0, 1): "a time per length",
 }  # fmt: skip
+_WRITTEN = {
+    "m": ("meter", "meters", "metre", "metres"), "g": ("gram", "grams"), "s": ("sec", "secs", "second", "seconds"),
+    "Hz": ("hertz",), "N": ("newton", "newtons"), "Pa": ("pascal", "pascals"), "J": ("joule", "joules"),
+    "W": ("watt", "watts"), "V": ("volt", "volts"), "A": ("amp", "amps", "ampere", "amperes"), "in": ("inch", "inches"),
+    "L": ("liter", "liters", "litre", "litres"), "min": ("mins", "minute", "minutes"), "rad": ("radian", "radians"),
+    "h": ("hr", "hrs", "hour", "hours"), "deg": ("degree", "degrees"), "%": ("percent", "pct"),
+}  # fmt: skip
+"""Units as people write them out, for errors."""
+_WRITTEN_PREFIX = {
+    "giga": "G", "mega": "M", "kilo": "k", "centi": "c", "milli": "m", "micro": "u", "nano": "n", "pico": "p", "m": "m",
+    "k": "k", "u": "u", "n": "n",
+}  # fmt: skip
 _SUPER = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _NUMBER = re.compile(r"\s*([-+−]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+−]?[0-9]+)?)\s*(.*)", re.DOTALL)
 _TOKEN = re.compile(
@@ -194,7 +206,20 @@ def symbol(name: str) -> Unit:
     if name[0] in _PREFIX and name[1:] in _PREFIXED:
         return _unit(Fraction(10) ** _PREFIX[name[0]]) * _PREFIXED[name[1:]]
     known = ", ".join([*_PREFIXED, *(p for p in _PLAIN if p != "1")])
+    if meant := _meant(name):
+        raise UnitError(f"unit {name!r}: unknown; did you mean {' or '.join(map(repr, meant))}?")
     raise UnitError(f"unit {name!r}: unknown; known are {known}, with the prefixes {' '.join(_PREFIX)}")
+
+
+def _meant(name: str) -> list[str]:
+    """The symbols of a unit that is written out or in another case, such as "sec", "millimeters" or "kpa"."""
+    word = name.lower().rstrip(".")
+    for prefix, before in (*_WRITTEN_PREFIX.items(), ("", "")):
+        for unit, words in _WRITTEN.items():
+            if word.startswith(prefix) and word.removeprefix(prefix) in words:
+                return [before + unit]
+    symbols = [before + unit for unit in _PREFIXED for before in ("", *_PREFIX)] + [*_PLAIN]
+    return [known for known in symbols if known.lower() == word][::-1]  # small ones first: mm, Mm
 
 
 def describe(unit: Unit) -> str:

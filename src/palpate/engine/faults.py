@@ -2,7 +2,7 @@
 
 import difflib
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
@@ -114,19 +114,6 @@ def choices(label: str, name: str, known: Iterable[str]) -> str:
     more = f" and {len(names) - 30} more" if len(names) > 30 else ""
     listed = f"{label}: {', '.join(names[:30]) or 'none'}{more}."
     return f"Did you mean {close[0]!r}? {listed}" if close else listed
-
-
-def written(value: Any) -> str:
-    """A value as a YAML file has it, for an error: null, true, 3, 'a text', [1, 2], {key: value}."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{key}: {written(item)}' for key, item in value.items())}}}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(written, value))}]"
-    return repr(value)
 
 
 def short(file: str) -> str:

@@ -38,6 +38,7 @@ class VectorTouch(VectorEnv):
     task      class of the environments, a subclass of `Touch`
     num_envs  number of environments
     threads   None: one per core
+    max_episode_steps  number of steps after which an episode is truncated, as by `gymnasium.make`; None: its duration
     given     arguments of the task, except `render_mode`
 
     After the end of an episode the next `step` resets the environment and ignores its action (`NEXT_STEP`).
@@ -47,9 +48,19 @@ class VectorTouch(VectorEnv):
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}
 
-    def __init__(self, task: type[Touch], num_envs: int = 1, threads: int | None = None, **given: Any) -> None:
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise ArgumentError(f"num_envs: found {num_envs!r}, expected a whole number from 1")
+    def __init__(
+        self,
+        task: type[Touch],
+        num_envs: int = 1,
+        threads: int | None = None,
+        max_episode_steps: int | None = None,
+        **given: Any,
+    ) -> None:
+        for name, number in (("num_envs", num_envs), ("max_episode_steps", max_episode_steps)):
+            missing = number is None and name == "max_episode_steps"
+            if not missing and (isinstance(number, bool) or not isinstance(number, int) or number < 1):
+                raise ArgumentError(f"{name}: found {number!r}, expected a whole number from 1")
+        self._most, self._steps = max_episode_steps, np.zeros(num_envs, np.int64)
         self.num_envs, first = num_envs, task(**given)
         self.tasks = [first, *(_alike(first) for _ in range(num_envs - 1))]
         """The environments, whose nodes do not run."""
@@ -128,8 +139,14 @@ class VectorTouch(VectorEnv):
         if self._over is None:
             raise ArgumentError("step: there is no episode; call reset() first")
         actions = np.asarray(actions, float)
-        if actions.shape != self.action_space.shape or not np.isfinite(actions).all():
+        if actions.shape != self.action_space.shape:
             raise ArgumentError(f"actions: found {actions.shape}, expected {self.action_space.shape} finite numbers")
+        wrong = np.flatnonzero(~np.isfinite(actions.reshape(self.num_envs, -1)).all(axis=1))
+        if len(wrong):
+            more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+            raise ArgumentError(
+                f"actions: environment {wrong[0]}{more}: found {actions[wrong[0]].tolist()}, expected finite numbers"
+            )
         speeds = np.clip(actions.reshape(self.num_envs, -1), -SPEED, SPEED)
         restarted = self._over
         for goals, speed in zip(self._goals, speeds, strict=True):
@@ -172,6 +189,7 @@ class VectorTouch(VectorEnv):
     def _begin(self, lane: int, seed: int | None, options: Mapping[str, Any] | None) -> None:
         """Begin an episode in an environment, with one tick."""
         self._note(lane)
+        self._steps[lane] = 0
         task = self.tasks[lane]
         changes, images, pool = task.begin(seed, options), list(self._base), Pool()
         there: Changes = {}
@@ -243,7 +261,10 @@ class VectorTouch(VectorEnv):
                     infos[key] = np.zeros(count, type(value) if isinstance(value, bool | int | float) else object)
                     infos[f"_{key}"] = np.zeros(count, bool)
                 infos[key][lane], infos[f"_{key}"][lane] = value, True
+        self._steps += ~restarted
         late = ~over & ~restarted & (times >= self.tasks[0].duration)
+        if self._most is not None:  # as gymnasium's TimeLimit, also at the end of an episode
+            late |= ~restarted & (self._steps >= self._most)
         self._over = over | late
         return self._observe_all(), rewards, over, late, infos
 

@@ -3,7 +3,7 @@
 import pytest
 
 from palpate.engine.faults import GraphError
-from palpate.launch.load.agreeing import mark_of
+from palpate.launch.load.checks.agreeing import mark_of
 from palpate.launch.load.classes import catalogue
 from palpate.launch.load.graph import load
 from palpate.nodes.base import settings
@@ -72,7 +72,7 @@ def test_settings_that_agree_have_one_default():
 
 
 def test_the_patch_of_the_spread_is_that_of_the_body():
-    """Only the radius of the body was noted, and that of the spread changed nothing of it."""
+    """Only the radius of the body caused a note; that of the spread did not reach the body."""
     for sets in (["spread.radius=4 mm"], ["tissue.radius=4 mm"], ["spread.radius=4 mm", "tissue.radius=4 mm"]):
         nodes = load("kidney", overrides=sets).nodes
         assert nodes["spread"].settings["radius"] == nodes["tissue"].settings["radius"] == 4e-3

@@ -149,7 +149,7 @@ BAD = {
     ),
     "every": ("when: tissue.friction", "every: 0", ["node 'friction'", "every: found 0", "from 1"]),
     "every is no number": ("when: tissue.friction", "every: 1.5", ["every: found 1.5", "whole number"]),
-    "every is a boolean": ("when: tissue.friction", "every: true", ["every: found True"]),
+    "every is a boolean": ("when: tissue.friction", "every: true", ["every: found true"]),
     "restart": ("when: tissue.friction", "restart: often", ["restart: found 'often'", "true or false"]),
     "when is unknown": (
         "when: tissue.friction",

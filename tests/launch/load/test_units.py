@@ -54,7 +54,7 @@ def test_millimetres_give_the_same_float_as_the_plain_number(number):
         ("6 s", "m", ["'6 s' [s], a time", "expected a length"]),
         ("6 N", "Pa", ["a force", "expected a pressure"]),
         ("6 m^7", "m", ["m^7", "expected a length"]),
-        ("6 mn", "m", ["'mn': unknown", "mol"]),
+        ("6 mn", "m", ["'mn': unknown", "did you mean 'mN'"]),
         ("many", "m", ["'many'", "'6 mm'"]),
         ("6 mm/", "m", ["missing at its end"]),
         ("6 (mm", "m", ["a ) is missing"]),

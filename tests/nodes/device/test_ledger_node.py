@@ -143,6 +143,7 @@ TWO = """
     nodes:
       ledger: {use: ledger.Energy, in: {force: [controller-1, controller-2], contact: [contact-1, contact-2],
                pose: [finger-1, finger-2], friction: [friction-1, friction-2], body: tissue}}
+      controller-1: {in: {ledger: ledger}}
 """
 HANDS = {"kidney": ["controller", "finger"], TWO: ["controller-1", "finger-1", "controller-2", "finger-2"]}
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from palpate.launch.load.values.units import UnitError, parse, split
+from palpate.nodes.base import plain
 from palpate.physics.errors import ArgumentError
 
 GRIDS: dict[str, Any] = {"linspace": np.linspace, "geomspace": np.geomspace}
@@ -83,7 +84,7 @@ def _listed_values(name: str, paths: tuple[str, ...], given: list[Any], names: l
     for row in rows:
         if not isinstance(row, Sequence) or isinstance(row, str) or len(row) != len(paths):
             raise ArgumentError(f"over {name}: found {_short(row)}, expected {len(paths)} values in a list, one a path")
-        values.append(tuple(value.tolist() if hasattr(value, "tolist") else value for value in row))
+        values.append(tuple(plain(value) for value in row))
     labels = [tuple(map(label, row)) for row in values] if names is None else [(n,) * len(paths) for n in names]
     if len(set(map(repr, labels))) < len(labels):
         twice = next(one for one in labels if labels.count(one) > 1)

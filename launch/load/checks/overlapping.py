@@ -12,7 +12,6 @@ from palpate.engine.graph import NodeSpec
 from palpate.launch.load.contact_paths import ContactPaths
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Pose, Proximity
-from palpate.nodes.base.surface import content_of, rotation_matrix, surface_mesh
 from palpate.physics.errors import PalpateError
 
 TOUCHES = 1e-4  # [m] depth up to which organs only touch
@@ -101,6 +100,8 @@ def _pair(one: Organ, other: Organ, nodes: dict[str, NodeSpec]) -> Iterator[Over
 
 def _settings(given: dict[str, Any]) -> SurfaceAt | None:
     """The surface of a collision, as arguments of `surface_mesh`; None: it has none, or one with a fault."""
+    from palpate.nodes.base.surface import content_of  # numba and scipy, which few graphs need
+
     names = "surface", "position", "rotation"
     if any(given.get(name) is None for name in names):
         return None
@@ -112,7 +113,8 @@ def _settings(given: dict[str, Any]) -> SurfaceAt | None:
 def _find(one: SurfaceAt, other: SurfaceAt) -> tuple[float, tuple[float, float, float], bool] | None:
     """The thickness [m] of the overlap of two surfaces, its place [m], and whether they coincide; None: they do not
     overlap, or one of them cannot be read."""
-    from palpate.physics.geometry.overlap import Solid, coincide, overlap  # numba and scipy, which few graphs need
+    from palpate.nodes.base.surface import rotation_matrix
+    from palpate.physics.geometry.overlap import Solid, coincide, overlap
 
     try:
         solids = [
@@ -128,10 +130,11 @@ def _find(one: SurfaceAt, other: SurfaceAt) -> tuple[float, tuple[float, float, 
 
 @lru_cache(maxsize=8)
 def _shape(surface: str, vertices: int, file_unit: str, piece: int, refine: float, content: bytes) -> Any:
-    """A surface in its frame, whose tables are kept: the places of lanes differ, their surfaces seldom.
+    """A surface in its frame, whose tables are kept: the places of lanes differ, their surfaces rarely.
 
     content  digest of its file
     """
+    from palpate.nodes.base.surface import surface_mesh
     from palpate.physics.geometry.overlap import Shape
 
     return Shape(surface_mesh(surface, vertices, file_unit=file_unit, piece=piece, refine=refine))

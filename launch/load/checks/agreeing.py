@@ -5,9 +5,10 @@ If one of them is set, the others take its value; different values are refused.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from palpate.engine.faults import Faults, Location, written
+from palpate.engine.faults import Faults, Location
 from palpate.engine.graph import NodeSpec
 from palpate.launch.load.wiring import Wire
+from palpate.messages.wording import written
 from palpate.nodes.base import Agrees, Setting, SettingError, settings
 
 Given = Mapping[str, Mapping[str, Location]]
