@@ -1,4 +1,4 @@
-"""Derivatives of the kidney's force from differences of two runs, with the encoder of the device and with exact positions.
+"""Derivatives of the kidney's force from differences of two runs, with the encoder and with exact positions.
 
     python benchmarks/derivatives.py [--setting tissue.retardation] [--field contact.force]
 

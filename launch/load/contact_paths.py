@@ -50,15 +50,10 @@ MESH = ("surface", "vertices", "position", "rotation", "file_unit", "piece", "re
 
 
 def unlike_surfaces(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterator[str]:
-    """A note for each body whose mesh or law of the contact area differs from that of the node that spreads its
-    load."""
+    """A note for each body whose mesh differs from that of the node that spreads its load."""
     for wire in wires:
         if issubclass(wire.port.type, Load) and wire.producer in nodes and wire.consumer in nodes:
             both = [nodes[name].settings.items() for name in (wire.producer, wire.consumer)]
-            one, other = ({key: value for key, value in given if key.startswith("area")} for given in both)
-            if one and other and one != other and {one["area"], other["area"]} != {"fixed"}:
-                text = f"{wire.producer} has the contact area {one['area']!r}, {wire.consumer} {other['area']!r}"
-                yield f"{text}, or other settings of it: set it in scene.surface, for both"
             one, other = ({key: value for key, value in given if key in MESH} for given in both)
             differ = [key for key in one if key in other and one[key] != other[key]]
             if differ and "surface" in other:  # a node without a mesh may have a setting of this name

@@ -4,23 +4,25 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from palpate.messages import Vector
+from palpate.messages import Load, Vector
+from palpate.nodes.base.effect import Agrees
 from palpate.nodes.base.node import SettingError
 from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.physics.contact.area import FIXED, AreaLaw, ball, fingertip, of_table
 
 
 class WithArea(OnThinnedSurface):
-    """Settings of the area law; spread.Kernel and the body need the same values."""
+    """Settings of the area law, the same in spread.Kernel and in the body."""
 
-    area: Annotated[Literal["fixed", "ball", "fingertip", "table"], "1"] = "fixed"
+    area: Annotated[Literal["fixed", "ball", "fingertip", "table"], "1", Agrees(Load)] = "fixed"
     """Radius of the contact as a function of the force: constant, of a rigid ball, of a fingertip, or the table
     `area_radii` at `area_forces` (docs/equations/spread.md)."""
-    area_radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the ball, or of curvature of the fingertip
-    area_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 23.8e3
+    area_radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
+    """Of the ball, or of curvature of the fingertip."""
+    area_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0), Agrees(Load)] = 23.8e3
     """E/(1 - nu²) of the tissue, for the ball and the fingertip."""
-    area_forces: Annotated[Vector, "N"] = ()
-    area_radii: Annotated[Vector, "m"] = ()
+    area_forces: Annotated[Vector, "N", Agrees(Load)] = ()
+    area_radii: Annotated[Vector, "m", Agrees(Load)] = ()
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)

@@ -16,6 +16,7 @@ PAIRS = [
     ("texture", "kernel", "cosine", ["spread", "stress", "relief"]),
     ("nodule", "poisson", 0.3, ["stress", "afferents"]),
     ("texture", "poisson", 0.3, ["stress", "relief", "afferents"]),
+    ("kidney", "area_radius", 0.006, ["spread", "tissue"]),
     ("kidney", "thickness", 0.003, ["collision", "contact"]),
     ("remote", "thickness", 0.003, ["collision", "contact"]),
     ("organs", "thickness", 0.003, ["collision-kidney", "collision-liver", "contact-kidney", "contact-liver"]),
@@ -65,8 +66,9 @@ def test_settings_that_agree_have_one_default():
     thick = defaults.pop("thickness")
     assert {"fingertip.Slide", "fingertip.BundleContact"} == set(thick.pop("0.005")) and len(thick) == 1
     assert set(defaults) == {
-        "radius", "kernel", "poisson", "second_order", "origin", "mu_static", "plate", "spectrum", "wavelength",
-        "profile", "map", "shortest", "roughness", "direction", "seed",
+        "area", "area_radius", "area_modulus", "area_forces", "area_radii", "radius", "kernel", "poisson", "second_order",
+        "origin", "mu_static", "plate", "spectrum", "wavelength", "profile", "map", "shortest", "roughness", "direction",
+        "seed",
     }  # fmt: skip
     assert {name: len(found) for name, found in defaults.items()} == dict.fromkeys(defaults, 1)
 
