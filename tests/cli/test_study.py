@@ -60,7 +60,7 @@ def test_a_study_file_yields_a_table_and_pictures_and_a_second_run_is_stored(min
     ("text", "output_text"),
     [
         ("- 1", "expected a mapping with graph, over and keep"),
-        ("graph: ball.yaml", "over: found None"),
+        ("graph: ball.yaml", "over: missing"),
         (STUDY + "samplse: 4", "mine.yaml:7: unknown key 'samplse'"),
         (
             STUDY.replace("keep:", "keep: peak ball.force #"),

@@ -57,7 +57,8 @@ def fill(kind: type[Line], line: YamlSource, faults: Faults, within: str = "", *
             cure = choices(f"{key.capitalize()}s", str(value), words) if words else ""
             if isinstance(value, bool) and str in typing.get_args(field.type):
                 cure = f"{cure} {BOOLEAN}".strip()
-            text = f"{name}{f' [{unit}]' if unit else ''}: found {written(value)}{expected}"
+            found = "missing" if value is None else f"found {written(value)}"
+            text = f"{name}{f' [{unit}]' if unit else ''}: {found}{expected}"
             faults.add(text, cure, place, **about)
         refused |= field.required and field.name not in given
     return None if refused else kind(**given)

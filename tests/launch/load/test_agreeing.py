@@ -66,9 +66,9 @@ def test_settings_that_agree_have_one_default():
     thick = defaults.pop("thickness")
     assert {"fingertip.Slide", "fingertip.BundleContact"} == set(thick.pop("0.005")) and len(thick) == 1
     assert set(defaults) == {
-        "area", "area_radius", "area_modulus", "area_forces", "area_radii", "radius", "kernel", "poisson", "second_order",
-        "origin", "mu_static", "plate", "spectrum", "wavelength", "profile", "map", "shortest", "roughness", "direction",
-        "seed",
+        "area", "area_radius", "area_modulus", "area_forces", "area_radii", "radius", "kernel", "poisson",
+        "second_order", "origin", "mu_static", "plate", "spectrum", "wavelength", "profile", "map", "shortest",
+        "roughness", "direction", "seed",
     }  # fmt: skip
     assert {name: len(found) for name, found in defaults.items()} == dict.fromkeys(defaults, 1)
 

@@ -30,7 +30,7 @@ BAD = {
         ["whole.yaml:7", "'finger'", "'raduis'", "Did you mean 'radius'"],
     ),
     "unknown setting of a scene": ("h0: 3e-3", "raduis: 3", ["whole.yaml:4", "finger.raduis", "Did you mean 'radius'"]),
-    "wrong type of a setting": ("radius: 6 mm", "radius: [1]", ["'radius'", "[m]", "found [1]", "float"]),
+    "wrong type of a setting": ("radius: 6 mm", "radius: [1]", ["'radius'", "[m]", "found [1]", "expected a number"]),
     "limit of a setting": ("radius: 6 mm", "radius: -6 mm", ["'radius'", "[m]", "> 0"]),
     "unit of a setting": (
         "radius: 6 mm",
@@ -60,7 +60,7 @@ BAD = {
         ["setting 'h0'", "'finger.h1'", "Did you mean 'finger.h0'"],
     ),
     "dollar refers to itself": ("h0: 3e-3", "h0: $finger.h0", ["'$finger.h0'", "back to itself"]),
-    "no use": ("use: graph_nodes.Rub, ", "", ["node 'friction'", "use: found None", "module.Class"]),
+    "no use": ("use: graph_nodes.Rub, ", "", ["node 'friction'", "use: missing", "module.Class"]),
     "use without module": ("graph_nodes.Rub", "Rub", ["use: found 'Rub'", "module.Class"]),
     "unknown module": ("graph_nodes.Rub", "graph_noodles.Rub", ["module 'graph_noodles' not found", "Looked in"]),
     "unknown class": ("graph_nodes.Rub", "graph_nodes.Rob", ["no class 'Rob'", "Did you mean 'Rub'", "send Friction"]),
@@ -108,14 +108,14 @@ BAD = {
     "an input without a sender": (
         "body: tissue",
         "body: {loop: true}",
-        ["input 'body'", "found None", "the name of a node"],
+        ["input 'body'", "from: missing", "the name of a node"],
     ),
     "an input from a name of no letters": (
         "body: tissue",
         "body: {from: ''}",
         ["no node ''", "Nodes that send Surface"],
     ),
-    "a rate of null": ("nodes:", "rate: null\nnodes:", ["rate [Hz]: found None", "above 0"]),
+    "a rate of null": ("nodes:", "rate: null\nnodes:", ["rate [Hz]: missing", "above 0"]),
     "loop is not a boolean": ("body: tissue", "body: {from: tissue, loop: 3}", ["loop: found 3", "true or false"]),
     "driving input named as loop": (
         "force: control",

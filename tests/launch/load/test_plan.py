@@ -185,7 +185,7 @@ def test_a_placement_groups_nodes(whole, write):
         ("a: {nodes: [near]}\nb: {nodes: [near]}", ["'near' is in group 'a' already"]),
         ("a: {nodes: [near], cores: 1}", ["'cores'", "Did you mean 'core'"]),
         ("a: {nodes: [near], core: -1}", ["core: found -1"]),
-        ("a: {nodes: [near], core: true}", ["core: found True"]),
+        ("a: {nodes: [near], core: true}", ["core: found true"]),
         ("a: {nodes: [near], core: []}", ["core: found []"]),
         ("a: {nodes: [near], priority: 100}", ["priority: found 100", "1 to 99"]),
         ("a: {nodes: [near], host: 'a b'}", ["host: found 'a b'", "tcp://"]),

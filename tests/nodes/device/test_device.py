@@ -230,7 +230,7 @@ def test_start_is_a_reset():
         ([{}], r"either 'to' with 'time', or 'hold' - at \$\[0\]"),
         ([{"hold": 0.0}], "more than 0"),
         ([{"to": [0, 0, 0.1], "time": -1}], "more than 0"),
-        ([{"to": [0, 0.1], "time": 1}], r"length 3, got 2 - at \$\[0\].to"),
+        ([{"to": [0, 0.1], "time": 1}], r"expected a list of 3 at \[0\].to"),
         ([{"hold": 1.0}, {"hold": 1.0, "shape": "linear"}], r"neither 'time' nor 'shape' - at \$\[1\]"),
         ([{"to": [0, 0, 0.1], "tiem": 1}], r"unknown key 'tiem' at \[0\]; expected to, time"),
         ([{"to": [0, 0, 0.1], "time": 1, "shape": "cubic"}], r"'cubic' - at \$\[0\].shape"),
