@@ -7,7 +7,7 @@ from effectless import HARDWARE, candidates, effectless
 
 from palpate.launch.load.files import GRAPHS
 
-SAMPLE = 6
+SAMPLE = 4
 RUN = sorted(file.stem for file in GRAPHS.glob("*.yaml") if file.stem not in HARDWARE)
 
 
