@@ -1,4 +1,4 @@
-"""Which numeric settings of the shipped graphs change nothing: each of them ten times as large, and a tenth.
+"""Which numeric settings of the shipped graphs change nothing: at 10 and 0.1 times the value.
 
 python tests/support/effectless.py [GRAPH ...]       # prints those that change no byte and are not refused
 """
@@ -72,7 +72,7 @@ def streams(graph: str, changes: list[str]) -> bytes | None:
 
 
 def effectless(graph: str, chosen: list[tuple[str, str, float]]) -> list[str]:
-    """The settings that change no byte at ten times or a tenth of their value."""
+    """The settings that change no byte at 10 and 0.1 times their value."""
     usual: dict[str, bytes | None] = {}
     lost = []
     for node, name, value in chosen:

@@ -1,4 +1,4 @@
-"""Each numeric setting of a shipped graph has an effect, or is refused, at ten times and a tenth of its value."""
+"""Each numeric setting of a shipped graph has an effect, or is refused, at 10 and 0.1 times its value."""
 
 import random
 
