@@ -5,6 +5,7 @@ import pytest
 from drawing import needs_drawing
 
 from palpate.nodes.base.surface import surface_mesh
+from palpate.views.pictures.style import deformation_table
 from palpate.views.surface.render import ARROW, ARROW_SHARE, ball_centres, render
 
 SHAFT = np.array([0x1F, 0x3B, 0x57])
@@ -24,7 +25,7 @@ def test_no_arrow_is_cut_at_the_border_of_its_picture(count):
         "vertices": mesh.vertices, "triangles": mesh.triangles, "displacement": np.zeros((1, *mesh.vertices.shape)),
         "values": np.zeros((1, len(mesh.vertices))), "tips": tips, "normals": normals, "forces": force,
         "near": np.arange(count - 1), "most": np.array(1e-3), "balls": ball_centres(tips[0], normals[0]),
-        "pulls": force[0], "greatest": np.array(float(np.linalg.norm(force[0, 0]))),
+        "pulls": force[0], "colours": deformation_table(), "greatest": np.array(float(np.linalg.norm(force[0, 0]))),
     }  # fmt: skip
     drawn = render(views)
     for picture in [*drawn["wide"], *drawn["close"]]:

@@ -3,9 +3,8 @@
 import contextlib
 import json
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -245,27 +244,24 @@ class Stored:
         self.streams[channel.topic] = stream
         self.channels[channel.id] = channel.topic
 
-    def raw(self) -> Iterator[tuple[str, int, int, bytes]]:
-        """Stream, tick, time [ns] and encoded bytes of each message, in recorded order, up to a truncation or
-        damage."""
-        channels = self.channels
+    def raw(self, names: Container[str] | None = None) -> Iterator[tuple[str, int, int, bytes]]:
+        """Stream, tick, time [ns] and encoded bytes of each message of these streams (None: all), in recorded order, up
+        to a truncation or damage."""
+        channels = {key: name for key, name in self.channels.items() if names is None or name in names}
         try:
             for chunk in read_records(self.file()):
                 if not isinstance(chunk, bytes):
                     continue
-                for channel, tick, time, payload in messages(chunk):
-                    name = channels.get(channel)
-                    if name is not None:
-                        yield name, tick, time, payload
+                for channel, tick, time, payload in messages(chunk, channels):
+                    yield channels[channel], tick, time, payload
         except Broken as damage:
             self.damage = damage
 
     def payloads(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
         """Stream, time [ns] and encoded bytes of each message of these streams (default: all), in recorded order."""
         wanted = {self.find_stream(name).name for name in names} or set(self.streams)
-        for name, _, time, payload in self.raw():
-            if name in wanted:
-                yield name, time, payload
+        for name, _, time, payload in self.raw(wanted):
+            yield name, time, payload
 
     def ticks(self) -> dict[str, np.ndarray]:
         """The sorted ticks of the messages of each stream.
@@ -299,9 +295,7 @@ class Stored:
         order = zip(ticks, counts, strict=True)
         due, count = next(order, (None, 0))
         waiting: dict[int, dict[str, bytes]] = {}
-        for name, tick, _, payload in self.raw():
-            if name not in present:
-                continue
+        for name, tick, _, payload in self.raw(present):
             waiting.setdefault(tick, {})[name] = payload
             while due is not None and len(waiting.get(due, ())) == count:
                 yield int(due), waiting.pop(due)
@@ -311,9 +305,9 @@ class Stored:
         """The messages of one stream, or those within these times [s]. RecordingError: unknown stream, or a message
         that does not fit its type."""
         kind = self.find_stream(name).type
-        begin, end = (-np.inf, np.inf) if within is None else (within[0] * 1e9 - 0.5, within[1] * 1e9 + 0.5)
-        for stream, tick, time, payload in self.raw():
-            if stream != name or time < begin:
+        begin, end = _nanoseconds(within)
+        for _, tick, time, payload in self.raw({name}):
+            if time < begin:
                 continue
             if time > end:  # the messages of a stream are sorted by time
                 return
@@ -325,21 +319,27 @@ class Stored:
 
         within  [s] times of the first and last message to decode; None: all
         """
-        stream_messages = self.messages(name, within)
-        plain = [
-            field.name for field in fields(self.find_stream(name).type) if field.dtype is None and field.type is not str
-        ]
-        blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("tick", "time", *plain)}
-        while block := list(islice(stream_messages, BLOCK)):  # a million decoded messages would need 1 GB
-            for name in list(blocks):
-                values = [getattr(m, name) for m in block]
-                if len({len(v) if isinstance(v, tuple) else -1 for v in values}) == 1:
-                    blocks[name].append(np.array(values))
-                else:
-                    del blocks[name]
-        columns = {name: np.concatenate(rows or [np.zeros(0)]) for name, rows in blocks.items()
-                   if len({row.shape[1:] for row in rows}) <= 1}  # fmt: skip
-        return columns | {"tick": columns["tick"].astype(np.int64), "time": columns["time"] / 1e9}
+        return self.tables([name], within)[name]
+
+    def tables(
+        self, names: Iterable[str], within: tuple[float, float] | None = None, texts: bool = False
+    ) -> dict[str, dict[str, np.ndarray]]:
+        """The `columns` of several streams by name, for which the file is read once; with `texts` also those of text.
+
+        RecordingError: unknown stream, or a message that does not fit its type.
+        """
+        tables = {name: _Table(self.find_stream(name).type, texts) for name in names}
+        begin, end = _nanoseconds(within)
+        ended: set[str] = set()
+        for name, tick, time, payload in self.raw(tables):
+            table = tables[name]
+            if begin <= time <= end:
+                table.add(self.decode(name, tick, payload, table.kind))
+            elif time > end:  # the messages of a stream are sorted by time
+                ended.add(name)
+                if len(ended) == len(tables):
+                    break
+        return {name: table.columns() for name, table in tables.items()}
 
     def decode(self, name: str, tick: int, payload: bytes, kind: type[M]) -> M:
         """Decode a message of a stream. RecordingError: it does not fit its type."""
@@ -369,6 +369,47 @@ class Stored:
         if name not in self.streams:
             raise RecordingError(f"{self.path}: no stream {name!r}. {choices('Streams', name, self.streams)}")
         return self.streams[name]
+
+
+class _Table:
+    """Collects messages of one type into columns, one per field of plain values; with `texts` also of texts."""
+
+    def __init__(self, kind: type[Message], texts: bool) -> None:
+        self.kind = kind
+        plain = [field for field in fields(kind) if field.dtype is None and (texts or field.type is not str)]
+        self._vectors = {field.name for field in plain if field.shape}
+        self._blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("tick", "time", *(f.name for f in plain))}
+        self._waiting: list[Message] = []
+
+    def add(self, message: Message) -> None:
+        self._waiting.append(message)
+        if len(self._waiting) == BLOCK:  # a million decoded messages would need 1 GB
+            self._convert()
+
+    def _convert(self) -> None:
+        for name in list(self._blocks):
+            values = [getattr(message, name) for message in self._waiting]
+            if name in self._vectors and len({len(value) if isinstance(value, tuple) else -1 for value in values}) > 1:
+                del self._blocks[name]
+            else:
+                self._blocks[name].append(np.array(values))
+        self._waiting.clear()
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """A column per field, the time in s; without vectors whose length changes."""
+        if self._waiting:
+            self._convert()
+        columns = {
+            name: np.concatenate(rows or [np.zeros(0)])
+            for name, rows in self._blocks.items()
+            if len({row.shape[1:] for row in rows}) <= 1
+        }
+        return columns | {"tick": columns["tick"].astype(np.int64), "time": columns["time"] / 1e9}
+
+
+def _nanoseconds(within: tuple[float, float] | None) -> tuple[float, float]:
+    """Times [s] as the bounds [ns] of messages."""
+    return (-np.inf, np.inf) if within is None else (within[0] * 1e9 - 0.5, within[1] * 1e9 + 0.5)
 
 
 def last_tick(present: Mapping[str, np.ndarray]) -> int:

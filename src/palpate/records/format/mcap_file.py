@@ -9,7 +9,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
@@ -223,14 +223,19 @@ def read_records(path: str | Path) -> Iterator[Header | Schema | Channel | Metad
         yield from McapRecords(file)
 
 
-def messages(chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
-    """Channel, tick, time [ns] and encoded bytes of the messages in a decompressed chunk."""
-    for at, kind, content in _inside(chunk):
-        if kind == Opcode.MESSAGE:
-            if len(content) < _HEAD.size:
+def messages(chunk: bytes, wanted: Container[int] | None = None) -> Iterator[tuple[int, int, int, bytes]]:
+    """Channel, tick, time [ns] and encoded bytes of the messages in a decompressed chunk.
+
+    wanted  channels whose messages are given; None: all
+    """
+    message, size = int(Opcode.MESSAGE), _HEAD.size
+    for at, kind, begin, end in _spans(chunk):
+        if kind == message:
+            if end - begin < size:
                 raise Broken(at, "a message without its head")
-            channel, tick, time, _ = _HEAD.unpack_from(content)
-            yield channel, tick, time, content[_HEAD.size :]
+            channel, tick, time, _ = _HEAD.unpack_from(chunk, begin)
+            if wanted is None or channel in wanted:
+                yield channel, tick, time, chunk[begin + size : end]
 
 
 def read_declarations(chunk: bytes) -> Iterator[Schema | Channel]:
@@ -243,14 +248,21 @@ def read_declarations(chunk: bytes) -> Iterator[Schema | Channel]:
 
 def _inside(data: bytes, start: int = 0) -> Iterator[tuple[int, int, bytes]]:
     """Position, kind and content of the records in a decompressed chunk or an index that begins at `start`."""
-    at = 0
-    while at < len(data):
-        end = at + _RECORD.size
-        kind, length = _RECORD.unpack_from(data, at) if end <= len(data) else (0, len(data))
-        if end + length > len(data):
+    for at, kind, begin, end in _spans(data, start):
+        yield at, kind, data[begin:end]
+
+
+def _spans(data: bytes, start: int = 0) -> Iterator[tuple[int, int, int, int]]:
+    """Position in the file and kind of these records, and begin and end of their contents in the data."""
+    at, size, whole = 0, _RECORD.size, len(data)
+    while at < whole:
+        begin = at + size
+        kind, length = _RECORD.unpack_from(data, at) if begin <= whole else (0, whole)
+        end = begin + length
+        if end > whole:
             raise Broken(start + at, "a record is longer than its chunk")
-        yield start + at, kind, data[end : end + length]
-        at = end + length
+        yield start + at, kind, begin, end
+        at = end
 
 
 def _lz4(data: bytes, size: int) -> bytes:

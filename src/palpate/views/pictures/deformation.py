@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from palpate.views.pictures.style import INK, deformation_bar, figure
+from palpate.views.pictures.style import INK, deformation_bar, figure, place_panels
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, paint_vertices, round_up
 from palpate.views.surface.moments import Instant, bodies_of, instants
@@ -43,8 +43,9 @@ class Views:
         columns = self.columns
         rows = -(-len(self.instants) // columns)
         several = "; numbers from left to right" if len(self.instants[0].tips) > 1 else ""
-        out = figure(3.8 * columns + 1.0, 2.4 * rows + 3.1, f"{TITLE}{several})")
+        out = figure(3.8 * columns + 1.0, 2.4 * rows + 3.1, f"{TITLE}{several})", layout="none")
         grid = out.subplots(rows + 1, columns, squeeze=False, height_ratios=[1.0] * rows + [1.22])
+        place_panels(out, rows + 1, columns, left=0.1, right=1.15, bottom=0.1, top=0.6, across=0.25, down=0.28)
         for axes in grid.ravel():
             axes.set_axis_off()
         for i, instant in enumerate(self.instants):
@@ -57,7 +58,9 @@ class Views:
             _scales(axes, size, float(pixels["newton"]))
             axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
         label = COLOURS["displacement"].label
-        deformation_bar(out, self.deepest * 1e3, label, ax=grid, shrink=0.6, aspect=32, pad=0.015)
+        width = out.get_figwidth()
+        scale = out.add_axes((1.0 - 0.95 / width, 0.2, 0.13 / width, 0.6))
+        deformation_bar(out, self.deepest * 1e3, label, cax=scale)
         return out
 
 

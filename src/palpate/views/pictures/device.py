@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from palpate.messages import Force, Pose
-from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, legend_above, mean
+from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, legend_above, mean, place_panels
 from palpate.views.pictures.touch import Columns, TouchStreams
 
 ORDER, OF_A_FINGER = 50, True
@@ -16,10 +16,10 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
     if force is None:
         return None
     time, size = force["time"], np.linalg.norm(force["force"], axis=1)
-    out = figure(11.5, 6.4, "Force on the hand, and energy absorbed by the display")
+    out = figure(11.5, 6.4, "Force on the hand, and energy absorbed by the display", layout="none")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    sent = touch.recording.messages(touch.stream_of(Force) or "", touch.read)
-    contact = np.array([getattr(message, "state", "") == "contact" for message in sent], dtype=bool)
+    place_panels(out, 2, 1, left=0.8)
+    contact = force["state"] == "contact" if "state" in force else np.zeros(len(time), dtype=bool)
     for axes in (upper, lower):
         axes.fill_between(
             time, 0.0, 1.0, where=contact, transform=axes.get_xaxis_transform(), color=REGION_A, alpha=0.6, linewidth=0,

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.messages import Contact, ForceBand, Pose, Slip
-from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
+from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise, place_panels
 from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
 
 ORDER, OF_A_FINGER = 20, True
@@ -52,8 +52,9 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
     if band and not (band[0]["mean"] > 0.0).any():
         band = []
     count = len(depths) + bool(band)
-    out = figure((8.0, 11.5, 13.2)[count - 1], 5.2, f"Normal force during loading and unloading{slid}")
+    out = figure((8.0, 11.5, 13.2)[count - 1], 5.2, f"Normal force during loading and unloading{slid}", layout="none")
     every = out.subplots(1, count, sharey=True, squeeze=False)[0]
+    place_panels(out, 1, count, across=0.4 if not band else 0.65)
     left = every[0]
     for axes, (whose, depth, label) in zip(every, depths, strict=False):
         for other in slices:

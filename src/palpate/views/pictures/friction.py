@@ -74,10 +74,14 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
     time, normal, _, speed = data
     a, b = regions(time, normal, speed, beyond_dip(touch))
     shown = [(letter, drawn, region) for letter, drawn, region in (("a", _region_a, a), ("b", _region_b, b)) if region]
-    out = style.figure(11.5, 10.2 if shown else 6.0, "Friction against normal force and sliding speed")
+    out = style.figure(11.5, 10.2 if shown else 6.0, "Friction against normal force and sliding speed", layout="none")
     letters = [letter for letter, _, _ in shown]
-    grid: Any = [[name] * max(len(letters), 1) for name in ("force", "speed")] + ([letters] if letters else [])
-    rows = out.subplot_mosaic(grid, height_ratios=(3, 2, 4)[: len(grid)])
+    columns = max(len(letters), 1)
+    grid: Any = [[name] * columns for name in ("force", "speed")]
+    if letters:
+        grid += [["."] * columns, letters]  # a row for the label of the time, and titles of two lines
+    rows = out.subplot_mosaic(grid, height_ratios=(3, 2, 0.15, 4)[: len(grid)])
+    style.place_panels(out, len(grid), columns, left=0.95)
     _time(rows["force"], rows["speed"], data, a, b, touch)
     for letter, drawn, region in shown:
         drawn(rows[letter], data, region)

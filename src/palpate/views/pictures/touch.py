@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.engine.imports import full_name, recorded_class
-from palpate.messages import Contact, Message
+from palpate.messages import Contact, Force, Friction, Message, Pose, Proximity
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
 from palpate.views.shown import Finger, fingers, links_of
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Columns = dict[str, np.ndarray]
+USUAL: tuple[type[Message], ...] = (Force, Friction, Pose, Proximity)
+"""The types of messages that most pictures need, and whose messages are short."""
 MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] fraction of the contacts' duration; [s]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
 
@@ -35,7 +37,7 @@ class TouchStreams:
 
     def __init__(self, recording: Recording, finger: Finger | None = None, whole: bool = False) -> None:
         self.recording = recording
-        self._columns: dict[type[Message], Columns | None] = {}
+        self._tables: dict[str, Columns | None] = {}
         every = fingers(*links_of(recording))
         self._finger = every[0] if finger is None else finger
         self.contact: Columns | None = None
@@ -63,12 +65,19 @@ class TouchStreams:
         return self._finger.get(full_name(kind))
 
     def __getitem__(self, kind: type[Message]) -> Columns | None:
-        """The columns of the finger's stream of a message type."""
-        if kind not in self._columns:
-            name = self.stream_of(kind)
-            columns = self.recording.columns(name, self.read) if name is not None else None
-            self._columns[kind] = columns if columns is not None and len(columns["tick"]) else None
-        return self._columns[kind]
+        """The columns of the finger's stream of a message type, with those of texts."""
+        name = self.stream_of(kind)
+        return None if name is None else self._table(name)
+
+    def _table(self, name: str) -> Columns | None:
+        """The columns of a stream. The first call also reads the others that pictures usually need, so that the file is
+        read once."""
+        if name not in self._tables:
+            usual = (self.stream_of(kind) for kind in USUAL)
+            names = {name, *filter(None, usual), *self._finger.near} - self._tables.keys()
+            for stream, columns in self.recording.tables(names, self.read, texts=True).items():
+                self._tables[stream] = columns if len(columns["tick"]) else None
+        return self._tables[name]
 
     def settings(self, stream: str | None) -> dict[str, Any]:
         """Settings of the node that sent a stream; empty if unknown."""
@@ -85,8 +94,8 @@ class TouchStreams:
     @cached_property
     def near(self) -> list[Columns]:
         """Columns of the finger's streams of Proximity, one for each organ."""
-        every = (self.recording.columns(stream, self.read) for stream in self._finger.near)
-        return [columns for columns in every if len(columns["tick"])]
+        every = (self._table(stream) for stream in self._finger.near)
+        return [columns for columns in every if columns is not None]
 
     def at(self, kind: type[Message], ticks: list[int], stream: str | None = None) -> dict[int, Any]:
         """The messages of a type at these ticks, by tick, from a stream (default: the finger's); decodes only these."""
@@ -95,8 +104,8 @@ class TouchStreams:
         if stream is None:
             return messages
         wanted = set(ticks)
-        for name, tick, _, payload in self.recording.raw():
-            if name == stream and tick in wanted:
+        for name, tick, _, payload in self.recording.raw({stream}):
+            if tick in wanted:
                 messages[tick] = self.recording.decode(name, tick, payload, kind)
                 if len(messages) == len(wanted):
                     break

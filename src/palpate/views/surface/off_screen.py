@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.physics.scratch import ScratchFolder
 from palpate.views.errors import PictureError
+from palpate.views.pictures.style import deformation_table
 from palpate.views.surface.moments import Instant
 from palpate.views.surface.render import ball_centres
 
@@ -51,6 +52,7 @@ class Rendering:
             forces=np.array([one.forces for one in instants]),
             near=np.array(near, dtype=np.int64),
             most=most,
+            colours=deformation_table(),
             balls=ball_centres(tips, normals),
             pulls=forces[np.isfinite(tips + normals).all(axis=1)],
             greatest=float(np.linalg.norm(forces, axis=1).max()),
