@@ -1,8 +1,8 @@
 """The fork server: a process that imports everything once, and from which the workers are forked.
 
-It runs `python -m palpate.launch.run.forkserver FD`, where FD is one end of a socket pair to the launcher. Requests and
-answers are JSON objects, one per line (`reports`). When the launcher ends, the socket closes, and the fork server kills
-all workers and exits.
+It runs `python -m palpate.launch.run.forkserver FD`, where FD is one end of a socket pair to the launcher, or is forked
+from the launcher, which then has imported most modules already. Requests and answers are JSON objects, one per line
+(`reports`). When the launcher ends, the socket closes, and the fork server kills all workers and exits.
 
 Each worker leads a process group: when the worker ends, the fork server kills that group.
 """
@@ -16,6 +16,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from typing import NoReturn
 
 import msgspec
@@ -24,26 +25,38 @@ import zmq
 from palpate.compiler.arithmetic import environment
 from palpate.launch.run.descendants import die_with_parent, set_title
 from palpate.launch.run.reports import ANSWERS, REPORTED, REQUESTS, Exited, Kill, Prepare, Start, Started
+from palpate.launch.run.work.forked import Child, fork, forkable
 
+COLLECTION = (700, 10, 10)  # Python's thresholds of garbage collection, whose pauses are the shortest
 MOST_PRINTED = 1 << 20  # [bytes] of output read at once, so that a flood of output does not block the launcher
 
 
 class ForkServer:
-    """The launcher's side of the fork server. `output` is the stdout and stderr of the workers."""
+    """The launcher's side of the fork server. `output` is the stdout and stderr of the workers.
 
-    def __init__(self) -> None:
+    forked  fork it from this process, if that is safe. It inherits the files, modules and state of this process, so
+            only a process that palpate has started itself should ask for it
+    """
+
+    def __init__(self, forked: bool = False) -> None:
         self.socket, theirs = socket.socketpair()
         path = os.pathsep.join(p for p in sys.path if p)
+        env = {**environment(), "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
+        number = theirs.fileno()
+        self.process: subprocess.Popen[bytes] | Child
         with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "palpate.launch.run.forkserver", str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                env={**environment(), "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
-                start_new_session=True,  # Ctrl-C reaches only the launcher, which shuts the workers down
-            )
+            if forked and forkable():
+                self.process = fork(lambda: main(number, _load_worker), [number], env)
+            else:
+                self.process = subprocess.Popen(
+                    [sys.executable, "-m", "palpate.launch.run.forkserver", str(number)],
+                    pass_fds=[number],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    env=env,
+                    start_new_session=True,  # Ctrl-C reaches only the launcher, which shuts the workers down
+                )
         assert self.process.stdout is not None
         self.output = self.process.stdout
         os.set_blocking(self.output.fileno(), False)
@@ -188,21 +201,29 @@ def _use_ordinary_priority() -> None:
 
 def load() -> None:
     """Import the modules of the workers once, in parallel with the launcher's loading of the graph."""
-    import palpate.launch.run.work.process
     import palpate.nodes
-    from palpate.compiler.kernel import PINNED
-    from palpate.registry import modules
+    from palpate.registry import importing, modules
 
-    PINNED.target_context.refresh()  # takes 0.25 s, otherwise at the first kernel of each worker
-    modules(palpate.nodes)
+    with importing():
+        modules(palpate.nodes)
+        _load_worker()
 
 
-def main(descriptor: int) -> NoReturn:
-    """Serve the launcher at the other end of this socket."""
+def _load_worker() -> None:
+
+    if "numba" in sys.modules:
+        from palpate.compiler.kernel import PINNED
+
+        PINNED.target_context.refresh()  # takes 0.25 s, otherwise at the first kernel of each worker
+
+
+def main(descriptor: int, load: Callable[[], None] = load) -> NoReturn:
+    """Serve the launcher at the other end of this socket, when `load` has imported what workers need."""
     workers: dict[int, str] = {}
     signal.signal(signal.SIGTERM, lambda *_: _end_all(workers))
     die_with_parent(signal.SIGTERM)
     _use_ordinary_priority()
+    gc.set_threshold(*COLLECTION)
     load()
     _serve(socket.socket(fileno=descriptor), workers)
     _end_all(workers)

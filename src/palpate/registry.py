@@ -3,16 +3,31 @@
 This file imports no other part of palpate, so every part may use it.
 """
 
+import gc
 import importlib
 import os
 import pkgutil
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from types import ModuleType
 from typing import TypeVar
 
 T = TypeVar("T")
+
+
+@contextmanager
+def importing() -> Iterator[None]:
+    """Suspend garbage collection during imports, which make little garbage, and where it takes a fifth of the time."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def files(package: ModuleType) -> list[str]:

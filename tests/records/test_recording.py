@@ -581,3 +581,20 @@ def test_notes_are_not_added_to_a_file_without_its_end(tmp_path, short_kidney):
         with pytest.raises(ValueError, match="found no"):
             append_metadata(file, "palpate.notes", {"notes": "[]"})
         assert file.read_bytes() == whole[:count]
+
+
+def test_several_streams_are_read_in_one_pass(short_kidney):
+    """The tables of all streams, whole and within times, have the fields of their messages; texts on demand."""
+    recording = Recording(short_kidney)
+    for within in (None, (0.01, 0.02)):
+        every = recording.tables(recording.streams, within, texts=True)
+        for name, columns in every.items():
+            sent = list(recording.messages(name, within))
+            assert sent and [message.tick for message in sent] == columns["tick"].tolist()
+            for field in columns.keys() - {"tick", "time"}:
+                assert columns[field].tolist() == [
+                    list(value) if isinstance(value := getattr(message, field), tuple) else value for message in sent
+                ]
+    texts = [message.state for message in recording.messages("controller")]
+    assert recording.tables(["controller"], texts=True)["controller"]["state"].tolist() == texts
+    assert "state" not in recording.columns("controller")

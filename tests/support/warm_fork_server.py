@@ -21,7 +21,6 @@ import json
 import os
 import platform
 import resource
-import select
 import signal
 import socket
 import subprocess
@@ -34,6 +33,7 @@ from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from palpate.launch.run import forkserver
+from palpate.launch.run.work.forked import Child
 
 AFTER_IMPORT = {
     "BROWSER", "COLUMNS", "DISPLAY", "PALPATE_FAULT", "PALPATE_TEST", "PYTEST_CURRENT_TEST", "PYTHONPATH",
@@ -45,51 +45,6 @@ AT_A_RUN = ("palpate.cli.terminal.run_summary", "palpate.records.times")
 LIMITS = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)
 CLONE, CLONE_PARENT = 56, 0x8000
 """x86-64: number of the system call, and flag that makes the child a sibling of the caller."""
-
-
-class Forked:
-    """A child forked by another process, with the part of `subprocess.Popen` that the launcher uses."""
-
-    def __init__(self, pid: int, stdout: Any) -> None:
-        self.pid, self.stdout, self.returncode = pid, stdout, None
-
-    def poll(self) -> int | None:
-        if self.returncode is None:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
-            if pid:
-                self.returncode = os.waitstatus_to_exitcode(status)
-        return self.returncode
-
-    def wait(self, timeout: float | None = None) -> int:
-        if self.poll() is None:
-            ended, end = select.poll(), os.pidfd_open(self.pid)
-            ended.register(end)
-            printed = ended.poll(None if timeout is None else 1e3 * timeout)
-            os.close(end)
-            if not printed:
-                raise subprocess.TimeoutExpired(f"process {self.pid}, {self._threads()}", timeout or 0.0)
-            _, status = os.waitpid(self.pid, 0)
-            self.returncode = os.waitstatus_to_exitcode(status)
-        return self.returncode
-
-    def _threads(self) -> str:
-        """State of each thread, and the kernel function in which it waits."""
-        printed = []
-        for thread in Path(f"/proc/{self.pid}/task").glob("*"):
-            with contextlib.suppress(OSError):
-                state = (thread / "stat").read_text().rpartition(")")[2].split()[0]
-                printed.append(f"{state} in {(thread / 'wchan').read_text()}")
-        return "; ".join(printed)
-
-    def terminate(self) -> None:
-        self.send_signal(signal.SIGTERM)
-
-    def kill(self) -> None:
-        self.send_signal(signal.SIGKILL)
-
-    def send_signal(self, number: int) -> None:
-        if self.poll() is None:
-            os.kill(self.pid, number)
 
 
 class Source:
@@ -107,7 +62,7 @@ class Source:
         reading, writing = os.pipe()
         with open(writing, "wb"):
             pid = self._fork([*pass_fds, writing], env=env, folder=os.getcwd())
-            return Forked(pid, open(reading, "rb"))
+            return Child(pid, open(reading, "rb"))
 
     def palpate(self, arguments: list[str], *, cwd: Path, env: dict[str, str], stdin: int = subprocess.DEVNULL,
                 stdout: Any, stderr: Any, preexec_fn: Any = None, start_new_session: bool = False) -> Any:  # fmt: skip
@@ -123,7 +78,7 @@ class Source:
                 stderr=stderr, preexec_fn=preexec_fn, start_new_session=start_new_session,
             )  # fmt: skip
         streams = [stdout.fileno(), stderr.fileno()]
-        return Forked(self._fork(streams, env=env, folder=str(cwd), arguments=arguments, alone=start_new_session), None)
+        return Child(self._fork(streams, env=env, folder=str(cwd), arguments=arguments, alone=start_new_session), None)
 
     def _has(self, env: dict[str, str]) -> bool:
         """Whether it runs with the relevant part of this environment."""
@@ -268,7 +223,7 @@ def command(descriptors: list[int], env: dict[str, str], folder: str, arguments:
         os._exit(code)
 
 
-def below(_: list[str], *, pass_fds: list[int], env: dict[str, str], **given: Any) -> Forked:
+def below(_: list[str], *, pass_fds: list[int], env: dict[str, str], **given: Any) -> Child:
     """The fork server of a command, forked from it instead of started by `subprocess.Popen`."""
     reading, writing = os.pipe()
     pid = os.fork()
@@ -278,7 +233,7 @@ def below(_: list[str], *, pass_fds: list[int], env: dict[str, str], **given: An
                 os.close(number)
         serve([*pass_fds, writing], env, os.getcwd())
     os.close(writing)
-    return Forked(pid, open(reading, "rb"))
+    return Child(pid, open(reading, "rb"))
 
 
 if __name__ == "__main__":

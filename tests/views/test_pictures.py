@@ -88,8 +88,8 @@ def surface(nodes=(), displacement=()):
 
 @pytest.fixture
 def without_3d(monkeypatch):
-    """Simulate a machine without pyvista."""
-    hide(monkeypatch, "pyvista")
+    """Simulate a machine without VTK."""
+    hide(monkeypatch, "vtkmodules")
 
 
 def hide(monkeypatch, *names):
@@ -325,17 +325,15 @@ def test_the_finger_on_a_small_surface_is_inside_the_picture():
     around /= np.linalg.norm(around, axis=1)[:, None]
     tip = np.array([0.0, 0.0, 8e-3])
     centre = tip + render.FINGER_RADIUS * np.array(UP)
-    plotter = SimpleNamespace(window_size=render.SIZE, camera=SimpleNamespace(), reset_camera_clipping_range=int)
     shot = (None, None, tip[None], np.array([UP]), np.zeros((1, 3)))
-    render._camera(plotter, 8e-3 * around, centre[None], np.zeros((0, 3)), shot, near=False)
-    camera = plotter.camera
-    ahead = np.subtract(camera.focal_point, camera.position)
-    right = np.cross(ahead, camera.up)
+    camera = render.place_camera(render.SIZE, 8e-3 * around, centre[None], np.zeros((0, 3)), shot, near=False)
+    ahead = camera.focus - camera.position
+    right = np.cross(ahead, UP)
     up = np.cross(right, ahead)
-    seen = np.concatenate([8e-3 * around, centre + render.FINGER_RADIUS * around]) - camera.focal_point
+    seen = np.concatenate([8e-3 * around, centre + render.FINGER_RADIUS * around]) - camera.focus
     height, width = (np.abs(seen @ axis / np.linalg.norm(axis)).max() for axis in (up, right))
-    assert 0.8 * camera.parallel_scale < height < camera.parallel_scale
-    assert width < camera.parallel_scale * render.SIZE[0] / render.SIZE[1]
+    assert 0.8 * camera.reach < height < camera.reach
+    assert width < camera.reach * render.SIZE[0] / render.SIZE[1]
 
 
 # Drawing
@@ -351,7 +349,7 @@ def test_all_pictures_of_a_touch_are_made_without_a_display(touch_file, tmp_path
         assert len(printed) == 1 and "libosmesa6" in printed[0]
 
 
-def test_without_pyvista_the_plots_are_drawn_with_one_hint(touch_file, tmp_path, without_3d):
+def test_without_vtk_the_plots_are_drawn_with_one_hint(touch_file, tmp_path, without_3d):
     made, printed = drawn(touch_file, tmp_path)
     assert made == ["path.png", *PLOTS]
     assert len(printed) == 1 and 'pip install "palpate[view]"' in printed[0]
@@ -497,7 +495,7 @@ def test_a_sensor_and_a_probe_without_a_model_have_a_picture_of_force_over_depth
 @pytest.mark.parametrize("seen", [True, False])
 def test_missing_streams_only_remove_their_pictures(tmp_path, streams, expected, seen, monkeypatch):
     if not seen:
-        hide(monkeypatch, "pyvista")
+        hide(monkeypatch, "vtkmodules")
     made, printed = drawn(record(tmp_path / "r.mcap", streams), tmp_path)
     assert made == expected and len(printed) <= 1
 

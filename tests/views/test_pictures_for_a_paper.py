@@ -239,3 +239,22 @@ def test_the_colours_of_lines_are_distinct_for_everyone(sight, least):
     lines = (style.INK, style.FINGER, style.TISSUE, style.NORMAL, style.FRICTION, style.SPEED, style.ENERGY)
     seen = {colour: lightness_and_hue(colour, MACHADO[sight]) for colour in lines}
     assert min(np.linalg.norm(seen[a] - seen[b]) for a, b in itertools.combinations(lines, 2)) > least
+
+
+def test_the_colours_of_surfaces_are_those_of_their_bar():
+    """The process that draws the surface interpolates them without matplotlib, which rounds down."""
+    bar = style.deformation_colours()(np.arange(256), bytes=True).astype(int)
+    assert np.abs(style.deformation_table().astype(int) - bar).max() <= 1
+
+
+def test_panels_are_within_their_margins():
+    """Margins and gaps [inch] of a grid, from the positions of its panels."""
+    drawn = style.figure(10.0, 8.0, "title", layout="none")
+    grid = drawn.subplots(3, 2)
+    style.place_panels(drawn, 3, 2, left=1.0, right=0.5, bottom=0.7, top=0.6, across=0.4, down=0.3)
+    size = np.array([10.0, 8.0])
+    low, high = (
+        np.array([[getattr(axes.get_position(), end) for axes in row] for row in grid]) for end in ("min", "max")
+    )
+    assert low[2, 0] * size == approx([1.0, 0.7]) and (1.0 - high[0, 1]) * size == approx([0.5, 0.6])
+    assert (low[0, 1] - high[0, 0])[0] * 10.0 == approx(0.4) and (low[0, 0] - high[1, 0])[1] * 8.0 == approx(0.3)

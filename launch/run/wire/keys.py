@@ -16,7 +16,6 @@ from pathlib import Path
 
 import msgspec
 import zmq
-from zmq.auth.thread import ThreadAuthenticator
 
 from palpate.compiler.trust import UntrustedError, check_trust
 from palpate.physics.errors import RunError
@@ -62,6 +61,8 @@ class Authenticator:
     """Refuses connections to the sockets of a context without the key."""
 
     def __init__(self, context: zmq.Context, key: Key) -> None:
+        from zmq.auth.thread import ThreadAuthenticator  # imports asyncio, which only encrypted connections need
+
         self._key = key.public.encode()
         self._thread = ThreadAuthenticator(context)
         self._thread.start()

@@ -108,9 +108,9 @@ def _close(worker: subprocess.Popen[Any]) -> None:
             worker.stdin.close()
 
 
-def worker_server() -> ForkServer | Spawner:
-    """What starts the workers of a run on this system."""
-    return ForkServer() if has_unix_sockets() else Spawner()
+def worker_server(forked: bool = False) -> ForkServer | Spawner:
+    """What starts the workers of a run on this system; `forked`: see `ForkServer`."""
+    return ForkServer(forked) if has_unix_sockets() else Spawner()
 
 
 def _end_with_launcher() -> NoReturn:

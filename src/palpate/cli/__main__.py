@@ -1,5 +1,6 @@
 """The command `palpate`. Each command imports its modules when it runs, so that help and listings start at once."""
 
+import gc
 import signal
 import sys
 import threading
@@ -16,6 +17,9 @@ import typer  # noqa: E402
 from palpate.cli import commands  # noqa: E402
 from palpate.cli.terminal.group import Verbs, group  # noqa: E402
 from palpate.compiler.arithmetic import pin  # noqa: E402
+
+COLLECTION = (700, 50, 20)
+"""Thresholds of garbage collection, for a tenth of the usual full ones: imports make a million objects that stay."""
 
 app = group(commands, commands.HELP, cls=Verbs, pretty_exceptions_enable=False)
 
@@ -45,6 +49,7 @@ if _here:
 def main() -> None:
     """Run the command line. Ctrl-C outside a command exits without a traceback."""
     pin()  # before a command imports numpy
+    gc.set_threshold(*COLLECTION)
     try:
         app(prog_name="palpate")
     except KeyboardInterrupt:

@@ -5,7 +5,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -16,7 +17,7 @@ from palpate.cli import commands
 from palpate.cli.terminal.output import print_json, say
 from palpate.launch.run.interrupts import StoppedError, interrupts, signal_of
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.registry import modules
+from palpate.registry import files
 
 SYNONYMS = {
     "plot": "picture", "draw": "picture", "image": "picture", "show": "view", "open": "view", "start": "run",
@@ -136,26 +137,61 @@ class _Foreign(PalpateError):
         return {"error": self.name, "text": self.args[0]}
 
 
-def group(package: ModuleType, about: str | None, **options: object) -> typer.Typer:
+class _Commands(Mapping[str, Any]):
+    """The commands of a folder by name, each imported and built at its first use: a command needs no other one.
+
+    found  panel of the help, and full name of the module, by name and in order
+    """
+
+    def __init__(self, found: dict[str, tuple[str | None, str]]) -> None:
+        self._found = found
+        self._built: dict[str, Any] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._built:
+            panel, place = self._found[name]
+            module = import_module(place)
+            if hasattr(module, "__path__"):
+                app = group(module, module.__doc__, name=name, add_completion=False)
+            else:
+                app = typer.Typer(add_completion=False)
+                app.command(epilog=f"Example: {module.EXAMPLE}")(getattr(module, name))
+            command: Any = typer.main.get_command(app)
+            command.rich_help_panel = panel
+            self._built[name] = command
+        return self._built[name]
+
+
+def group(package: ModuleType, about: str | None, **options: Any) -> typer.Typer:
     """The commands of a folder, see `palpate.cli.commands`, with their help; `options` go to typer."""
-    found = list(_commands(package))
-    names = [name for _, name, _ in found]  # typer would list all commands, then all groups
-    ordered = type("Ordered", (options.pop("cls", TyperGroup),), {"list_commands": lambda self, context: names})  # type: ignore[arg-type]
-    app = typer.Typer(no_args_is_help=True, help=about, cls=ordered, **options)  # type: ignore[arg-type]
+    found = {name: (panel, place) for panel, name, place in _commands(package)}
+    base: type[TyperGroup] = options.pop("cls", TyperGroup)
+
+    class Ordered(base):  # type: ignore[misc, valid-type]
+        def __init__(self, **given: Any) -> None:
+            super().__init__(**given)
+            self.commands = _Commands(found)
+
+        def list_commands(self, context: Any) -> list[str]:  # typer would list all commands, then all groups
+            return list(found)
+
+    app = typer.Typer(no_args_is_help=True, help=about, cls=Ordered, **options)
     app.callback(help=about)(lambda: None)  # a group of one command stays a group
-    for panel, name, module in found:
-        if hasattr(module, "__path__"):
-            app.add_typer(group(module, module.__doc__), name=name, rich_help_panel=panel)
-        else:
-            app.command(rich_help_panel=panel, epilog=f"Example: {module.EXAMPLE}")(getattr(module, name))
     return app
 
 
-def _commands(package: ModuleType, panel: str | None = None) -> Iterator[tuple[str | None, str, ModuleType]]:
-    """Panel, name and module of each command of a folder, in the order of the help."""
-    order, found = commands.ORDER, modules(package)
+def _commands(package: ModuleType, panel: str | None = None) -> Iterator[tuple[str | None, str, str]]:
+    """Panel, name and full name of the module of each command of a folder, in the order of the help."""
+    order, found = commands.ORDER, {place.rpartition(".")[2]: place for place in files(package)}
     for name in sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name)):
-        if package is commands and hasattr(found[name], "__path__"):
-            yield from _commands(found[name], found[name].__doc__)
+        if package is commands:  # its folders are the groups of the help
+            folder = import_module(found[name])
+            yield from _commands(folder, folder.__doc__)
         else:
             yield panel, name, found[name]

@@ -4,7 +4,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from palpate.messages import Force, Pose
-from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, legend_above, mean, place_panels
+from palpate.views.pictures.style import (
+    ENERGY,
+    FINGER,
+    INK,
+    NORMAL,
+    REGION_A,
+    SPEED,
+    figure,
+    legend_above,
+    mean,
+    place_panels,
+)
 from palpate.views.pictures.touch import Columns, TouchStreams
 
 ORDER, OF_A_FINGER = 50, True

@@ -37,8 +37,8 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
     vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), values (k,V): colour values of the vertices, most:
     end of the colour scale, tips [m] (k,f,3; not finite: no finger), normals [1] (k,f,3), forces [N] (k,f,3), near (n):
-    indices of the close-ups, colours (c,4) of the scale as RGBA bytes, balls [m] (m,3) and pulls [N] (m,3): positions and forces of fingers that must be in view,
-    greatest [N]: force of the longest arrow
+    indices of the close-ups, colours (c,4) of the scale as RGBA bytes, balls [m] (m,3) and pulls [N] (m,3): positions
+    and forces of fingers that must be in view, greatest [N]: force of the longest arrow
     """
     triangles = views["triangles"]
     scale = _longest(views["vertices"]) / max(float(views["greatest"]), LEAST_FORCE)

@@ -59,12 +59,7 @@ def run(
     --strict also if a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM, 129 after
     the terminal has closed.
     """
-    from palpate.launch.run.work.spawner import worker_server
-
     with contextlib.ExitStack() as ending:
-        forkserver = None if fused and clock != "real" else worker_server()  # imports while the graph is loaded
-        if forkserver is not None:
-            ending.callback(forkserver.close)
         # The run that the options describe.
         launch = options.choose_launch(graph, sets, scene, place, fused)
         launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
@@ -84,11 +79,18 @@ def run(
         from palpate.bases import build_missing
         from palpate.cli.terminal.run_summary import print_end
         from palpate.launch.run.execute import Network, execute
+        from palpate.launch.run.work.shared import share_surfaces
+        from palpate.launch.run.work.spawner import worker_server
         from palpate.records.times import step_times
 
         # Build the bases that it lacks, run it, then print the summary and draw the pictures.
         loaded = loaded or launch.load()
         build_missing(loaded, quiet=as_json)
+        forkserver = None
+        if not fused or clock == "real":
+            share_surfaces(loaded)
+            forkserver = worker_server(forked=True)
+            ending.callback(forkserver.close)
         outcome = execute(
             launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
             patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),
