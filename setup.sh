@@ -3,6 +3,7 @@
 # Needs Python 3.11 or newer. Debian packages are installed where this user may; else they are named.
 set -eu
 cd "$(dirname "$0")"
+unset PYTHONDONTWRITEBYTECODE # containers set it; then each later command would parse a thousand sources again
 case "${1:-}" in
     "") set -- "palpate[view,page,devices]" "vtk<9.6; python_version < '3.14'" ;; # later wheels of VTK are 120 MB larger
     dev) set -- "palpate[all,dev]" ;;
@@ -57,6 +58,8 @@ install -e .
 kernels=$!
 trap 'kill $kernels 2>/dev/null || true' EXIT
 install "$@"
+.venv/bin/python -m palpate.cli.machine.bytecode tests/golden/kidney.mcap >/dev/null ||
+    echo "setup: the bytecode was not written; commands start more slowly" >&2
 wait $kernels || echo "setup: the kernels were not compiled; the first run compiles them" >&2
 trap - EXIT
 echo "palpate is ready: .venv/bin/palpate"
