@@ -1,10 +1,14 @@
 """First starts: what a new user waits for, with kernels from a wheel, made by ./setup.sh, or not compiled yet.
 
     python benchmarks/first_starts.py [--bodies MassSpring BeamBundle ReducedFE]
+    python benchmarks/first_starts.py --against OTHER [--set-up] [--repeat 5]
 
 Installs a clone of this repository and a wheel of it in separate environments (network, 3 GB, some minutes), each with
 an empty cache of kernels, and runs the kidney for 10 ms with each body. Prints wall time, processor time of all
 processes, and the number of kernels that each command compiled.
+
+With --against, it compares this copy with another one, by the processor time of all processes of each command, in turns
+and in the environment that runs it; with --set-up also that of ./setup.sh in a clone of each (network).
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -50,11 +55,88 @@ class Installation:
         return sum(1 for _ in self.cache.rglob("*.nbc"))
 
 
+GOALS = {"set-up": 0.7, "first tick": 0.6, "run kidney": 0.35, "check kidney": 0.5, "--help": 0.5}
+"""Largest ratio of the processor time of a command to that before, as set for the first minute."""
+
+
+class Copies:
+    """Two copies of the repository, whose commands are timed in turns.
+
+    folder  for caches of kernels and recordings
+    """
+
+    def __init__(self, folder: Path, here: Path, there: Path) -> None:
+        self.folder, self.copies = folder, {"here": here, "against": there}
+
+    def call(self, copy: str, command: Sequence[str], cache: Path, cwd: Path | None = None) -> float:
+        """Processor time [s] of all processes of a command of a copy, with this cache of kernels."""
+        source = self.copies[copy] / "src"
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(source)}
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(command, cwd=cwd or self.folder, env=environment, capture_output=True, text=True)
+        if done.returncode:
+            sys.exit(f"{copy}: {' '.join(command)}: exit code {done.returncode}\n{done.stderr[-2000:]}")
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    def palpate(self, *words: str) -> list[str]:
+        return [sys.executable, "-m", "palpate.cli", *words]
+
+    def compare(self, name: str, repeat: int, command: Sequence[str], fresh: bool = False) -> None:
+        """Print the least of several times of a command in both copies; `fresh`: with an empty cache of kernels."""
+        times: dict[str, list[float]] = {copy: [] for copy in self.copies}
+        for number in range(repeat):
+            for copy in self.copies:
+                cache = self.folder / (f"{copy} {number}" if fresh else copy)
+                times[copy].append(self.call(copy, command, cache))
+        self.report(name, *(min(each) for each in times.values()))
+
+    def report(self, name: str, here: float, there: float) -> None:
+        goal = f"{GOALS[name]:>8.2f}" if name in GOALS else ""
+        print(f"{name:<28}{here:>10.2f} s{there:>10.2f} s{here / there:>8.2f}{goal}", flush=True)
+
+    def set_up(self) -> None:
+        """Clone each copy, and time its ./setup.sh with an empty cache of kernels."""
+        times = []
+        for copy, place in self.copies.items():
+            clone = self.folder / f"clone {copy}"
+            subprocess.run(["git", "clone", "-q", str(place), str(clone)], check=True)
+            times.append(self.call(copy, ["./setup.sh"], self.folder / f"set-up {copy}", clone))
+        self.report("set-up", *times)
+
+
+def compare(folder: Path, there: Path, repeat: int, set_up: bool) -> None:
+    """Print the processor times of both copies, their ratios, and the goals."""
+    copies, record = Copies(folder, ROOT, there), str(folder / "run.mcap")
+    print(f"{'command':<28}{'here':>12}{'against':>12}{'ratio':>8}{'goal':>8}")
+    if set_up:
+        copies.set_up()
+    copies.compare("first tick", 1, copies.palpate(*RUN, record), fresh=True)
+    for copy in copies.copies:  # compile, and write the bytecode
+        copies.call(copy, copies.palpate("run", "kidney", "-q", "--force", "--record", record), folder / copy)
+    for name, words in {
+        "run kidney": ("run", "kidney", "-q", "--force", "--record", record),
+        "run kidney --no-pictures": ("run", "kidney", "-q", "--force", "--no-pictures", "--record", record),
+        "the same, --fused": ("run", "kidney", "-q", "--force", "--no-pictures", "--fused", "--record", record),
+        "picture": ("picture", record, "-o", str(folder)),
+        "check kidney": ("check", "kidney"),
+        "--help": ("--help",),
+    }.items():
+        copies.compare(name, repeat, copies.palpate(*words))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bodies", nargs="+", default=["MassSpring", "BeamBundle", "ReducedFE"])
+    parser.add_argument("--against", type=Path, metavar="OTHER", help="another copy of the repository")
+    parser.add_argument("--set-up", action="store_true", help="with --against: also ./setup.sh")
+    parser.add_argument("--repeat", type=int, default=5, help="with --against: times of each command")
     given = parser.parse_args()
     print(f"{len(os.sched_getaffinity(0))} cores, load average {os.getloadavg()[0]:.1f}")
+    if given.against is not None:
+        with tempfile.TemporaryDirectory() as name:
+            compare(Path(name), given.against.resolve(), given.repeat, given.set_up)
+        return
     print(f"{'installation':<28}{'command':<28}{'wall':>10}{'processor':>12}{'kernels':>9}")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 @contextmanager
 def importing() -> Iterator[None]:
-    """Suspend garbage collection during imports, which make little garbage, and where it takes a fifth of the time."""
+    """Suspend garbage collection during imports, which make little garbage, and where it takes 20 % of the time."""
     if not gc.isenabled():
         yield
         return

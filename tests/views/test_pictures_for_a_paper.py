@@ -258,3 +258,15 @@ def test_panels_are_within_their_margins():
     )
     assert low[2, 0] * size == approx([1.0, 0.7]) and (1.0 - high[0, 1]) * size == approx([0.5, 0.6])
     assert (low[0, 1] - high[0, 0])[0] * 10.0 == approx(0.4) and (low[0, 0] - high[1, 0])[1] * 8.0 == approx(0.3)
+
+
+@pytest.mark.parametrize("layout", ["none", "constrained"])
+def test_the_title_covers_no_panel(layout):
+    drawn = style.figure(8.0, 5.0, "What a title says", layout=layout)
+    axes = drawn.subplots()
+    axes.set_title("of a panel")
+    if layout == "none":
+        style.place_panels(drawn, 1, 1)
+    drawn.canvas.draw()
+    title = drawn.texts[0].get_window_extent()
+    assert title.y0 > axes.title.get_window_extent().y1 and title.y1 <= drawn.bbox.y1

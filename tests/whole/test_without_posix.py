@@ -29,6 +29,7 @@ GUARDED = {
     "launch/run/wire/inlet.py": "has_unix_sockets",
     "launch/run/wire/outlet.py": "has_unix_sockets",
     "launch/run/work/compiling.py": "hasattr",
+    "launch/run/work/forked.py": "only where has_unix_sockets",
     "launch/run/work/fused.py": "hasattr",
     "launch/run/work/process.py": "hasattr",
     "launch/run/work/spawner.py": "Windows ignores the option",

@@ -19,7 +19,7 @@ from palpate.cli.terminal.group import Verbs, group  # noqa: E402
 from palpate.compiler.arithmetic import pin  # noqa: E402
 
 COLLECTION = (700, 50, 20)
-"""Thresholds of garbage collection, for a tenth of the usual full ones: imports make a million objects that stay."""
+"""Thresholds of garbage collection, for 10 % of the usual full ones: imports make a million objects that stay."""
 
 app = group(commands, commands.HELP, cls=Verbs, pretty_exceptions_enable=False)
 

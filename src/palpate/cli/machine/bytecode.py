@@ -52,7 +52,7 @@ def unwritten(modules: Iterable[ModuleType]) -> list[str]:
 
 
 def _has_bytecode(source: Path) -> bool:
-    """Whether the bytecode of a file is there, of this Python, and as old as the file."""
+    """Whether a file has bytecode of this Python, and as old as the file."""
     try:
         head = Path(importlib.util.cache_from_source(str(source))).read_bytes()[:16]
         state = source.stat()

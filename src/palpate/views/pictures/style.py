@@ -34,7 +34,7 @@ DEFORMATION = ["#f3dcd0", "#f2b48c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360",
 
 SMOOTH = 0.02  # [s] window of the running mean of lines
 DPI = 150
-COMPRESSION = 3  # of PNG, 0 to 9: half the time of the usual 6, and files larger by a tenth
+COMPRESSION = 3  # of PNG, 0 to 9: half the time of the usual 6, and files 10 % larger
 COLUMNS = 3000
 """Columns of points to which a line over time is decimated: more than the pixels of the widest picture."""
 
@@ -111,7 +111,9 @@ def place_panels(
 
 
 def entitle(figure: Figure, title: str) -> None:
-    figure.suptitle(title, x=0.01, ha="left", weight="bold", y=1.0 - 0.03 / figure.get_figheight(), va="top")
+    """Set the title; without a layout engine, which moves it there and the panels below it, at the upper edge."""
+    place = {} if figure.get_layout_engine() else {"y": 1.0 - 0.03 / figure.get_figheight(), "va": "top"}
+    figure.suptitle(title, x=0.01, ha="left", weight="bold", **place)
 
 
 @cache
