@@ -82,13 +82,12 @@ class Copies:
     def palpate(self, *words: str) -> list[str]:
         return [sys.executable, "-m", "palpate.cli", *words]
 
-    def compare(self, name: str, repeat: int, command: Sequence[str], fresh: bool = False) -> None:
-        """Print the least of several times of a command in both copies; `fresh`: with an empty cache of kernels."""
+    def compare(self, name: str, repeat: int, command: Sequence[str]) -> None:
+        """Print the least of several times of a command in both copies; each has its cache of kernels."""
         times: dict[str, list[float]] = {copy: [] for copy in self.copies}
-        for number in range(repeat):
+        for _ in range(repeat):
             for copy in self.copies:
-                cache = self.folder / (f"{copy} {number}" if fresh else copy)
-                times[copy].append(self.call(copy, command, cache))
+                times[copy].append(self.call(copy, command, self.folder / copy))
         self.report(name, *(min(each) for each in times.values()))
 
     def report(self, name: str, here: float, there: float) -> None:
@@ -111,13 +110,14 @@ def compare(folder: Path, there: Path, repeat: int, set_up: bool) -> None:
     print(f"{'command':<28}{'here':>12}{'against':>12}{'ratio':>8}{'goal':>8}")
     if set_up:
         copies.set_up()
-    copies.compare("first tick", 1, copies.palpate(*RUN, record), fresh=True)
-    for copy in copies.copies:  # compile, and write the bytecode
-        copies.call(copy, copies.palpate("run", "kidney", "-q", "--force", "--record", record), folder / copy)
+    copies.compare("first tick", 1, copies.palpate(*RUN, record))  # with empty caches of kernels
+    run = ("run", "kidney", "-q", "--force", "--record", record)
+    for copy in copies.copies:  # compiles the kernels of several processes, and writes bytecode
+        copies.call(copy, copies.palpate(*run), folder / copy)
     for name, words in {
-        "run kidney": ("run", "kidney", "-q", "--force", "--record", record),
-        "run kidney --no-pictures": ("run", "kidney", "-q", "--force", "--no-pictures", "--record", record),
-        "the same, --fused": ("run", "kidney", "-q", "--force", "--no-pictures", "--fused", "--record", record),
+        "run kidney": run,
+        "run kidney --no-pictures": (*run, "--no-pictures"),
+        "the same, --fused": (*run, "--no-pictures", "--fused"),
         "picture": ("picture", record, "-o", str(folder)),
         "check kidney": ("check", "kidney"),
         "--help": ("--help",),

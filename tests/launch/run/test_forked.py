@@ -34,7 +34,7 @@ print(json.dumps([said.decode(), one.wait(20.0), one.poll(), kept]))
 
 def test_it_is_a_session_with_its_files_environment_and_streams():
     out = subprocess.run([sys.executable, "-c", KEEPS], capture_output=True, text=True, check=True, timeout=120).stdout
-    assert out.startswith("before[") and out.count("before") == 1  # the child does not print what its parent has not flushed
+    assert out.startswith("before[") and out.count("before") == 1  # by the parent, which had not flushed it
     said, code, again, kept = json.loads(out.removeprefix("before"))
     seen = json.loads(said)
     assert seen["session"] and seen["term"] and seen["module"] and seen["input"] == ""
