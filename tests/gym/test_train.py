@@ -11,6 +11,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed 
 
 from palpate.gym.scripted import score  # noqa: E402
 
+pytestmark = pytest.mark.filterwarnings("ignore::palpate.PalpateWarning")  # untrained policies leave the laws' ranges
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 DOCUMENTED = {"Press": 0.5, "FindNodule": 0.5}
 """Lower bounds of the mean return of the shipped policies in the first three episodes of docs/gym.md."""

@@ -75,6 +75,7 @@ def test_the_first_message_has_the_mesh_and_the_curves(file):
     assert len(head["t"]) == len(force) < POINTS and max(head["f"]) == force.max() > 0.5
     assert places.reshape(-1, 3) == pytest.approx(reel.touched.bodies.mesh.vertices, abs=1e-7)
     assert len(triangles) == reel.touched.bodies.mesh.triangles.size and len(normals) == len(places)
+    reel.close()
 
 
 def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
@@ -84,6 +85,7 @@ def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
         len(reel.curves[0]["t"]) == 50 and max(reel.curves[0]["f"]) == Recording(file).columns("contact")["force"].max()
     )
     assert reel.curves[0]["t"] == sorted(reel.curves[0]["t"]) and reel.curves[0]["t"][-1] == pytest.approx(0.699)
+    reel.close()
 
 
 def test_a_truncated_recording_is_shown_up_to_its_end(tmp_path):

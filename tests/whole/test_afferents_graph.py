@@ -78,6 +78,7 @@ def test_picture_and_page_show_the_spikes(felt):
     assert drawn is not None and "464" in drawn.get_suptitle()
     source = RecordingSource(felt[0].path)
     head = source.begin(0, "x")
+    source.close()
     start = head.index(b"{")
     about = json.JSONDecoder().raw_decode(head[start:].decode("utf-8", "replace"))[0]
     assert len(about["receptors"]["x"]) == 464

@@ -1,5 +1,6 @@
 """Frames of recordings at any time, read on request."""
 
+import contextlib
 from bisect import bisect_right
 from collections.abc import Iterator
 from functools import lru_cache
@@ -53,7 +54,11 @@ class RecordingSource:
         self._places: list[int] = []
         kinds = kinds_of(self.touched)
         self._kinds = {stream: kind for stream, kind in kinds.items() if stream in self.recording.streams}
-        self.curves = self._listen([finger[Contact] for finger in self.touched.fingers])
+        try:
+            self.curves = self._listen([finger[Contact] for finger in self.touched.fingers])
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         self._file.close()
@@ -145,7 +150,9 @@ class Reels(FrameSource):
         super().__init__()
         if len(files) > MOST:
             raise RecordingError(f"{len(files)} recordings: expected one, or two to see them side by side")
-        self.reels = [RecordingSource(file) for file in files]
+        with contextlib.ExitStack() as opened:
+            self.reels = [opened.enter_context(contextlib.closing(RecordingSource(file))) for file in files]
+            opened.pop_all()
 
     def begin(self) -> list[bytes]:
         names = titles([reel.recording.path for reel in self.reels])

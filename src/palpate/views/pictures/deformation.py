@@ -52,11 +52,11 @@ class Views:
             axes = grid[i // columns][i % columns]
             axes.imshow(pixels["wide"][i])
             _scales(axes, pixels["wide_pixel"][i], float(pixels["newton"]))
-            axes.set_title(instant.title(), fontsize=11, loc="center")
+            axes.set_title(instant.title(), y=1.0, fontsize=11, loc="center")
         for axes, i, picture, size in zip(grid[rows], self.near, pixels["close"], pixels["close_pixel"], strict=True):
             axes.imshow(picture)
             _scales(axes, size, float(pixels["newton"]))
-            axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
+            axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", y=1.0, fontsize=11, loc="center")
         label = COLOURS["displacement"].label
         width = out.get_figwidth()
         scale = out.add_axes((1.0 - 0.95 / width, 0.2, 0.13 / width, 0.6))
