@@ -12,14 +12,13 @@ import importlib
 import importlib.util
 import io
 import pkgutil
+import runpy
 import struct
 import sys
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
-
-import palpate
 
 ROOMS = ("messages", "compiler", "physics", "engine", "drivers", "nodes", "launch", "records", "views", "cli")
 LIBRARIES = ("rich", "yaml", "typer")  # import some of their files when they print or read something
@@ -29,7 +28,7 @@ RUN = ("run", "kidney", "--duration", "0.6", "-q")
 def import_all() -> None:
     """Import the files of the rooms that a run and its pictures need, and of some libraries; without those that need a
     package that is not installed."""
-    names = [info.name for info in pkgutil.iter_modules(palpate.__path__, "palpate.") if not info.ispkg]
+    names = [info.name for info in pkgutil.iter_modules(sys.modules["palpate"].__path__, "palpate.") if not info.ispkg]
     for name in (*(f"palpate.{room}" for room in ROOMS), *LIBRARIES):
         package = importlib.import_module(name)
         names += [info.name for info in pkgutil.walk_packages(package.__path__, f"{name}.", onerror=lambda _: None)]
@@ -64,12 +63,20 @@ def _has_bytecode(source: Path) -> bool:
     return bool(flags) or (changed, size) == (int(state.st_mtime) & 0xFFFFFFFF, state.st_size & 0xFFFFFFFF)
 
 
+def _call(*words: str) -> None:
+    """Run a command in this process, with its modules. SystemExit: it failed."""
+    sys.argv = ["palpate", *words]
+    try:
+        runpy.run_module("palpate.cli", run_name="__main__")
+    except SystemExit as end:
+        if end.code:
+            raise
+
+
 def _check() -> None:
     """Run the kidney with its pictures, and report the modules without bytecode."""
-    from palpate.cli.__main__ import app
-
     with tempfile.TemporaryDirectory() as folder:
-        app([*RUN, "--out", folder], standalone_mode=False)
+        _call(*RUN, "--out", folder)
     lacking = unwritten(list(sys.modules.values()))
     raise SystemExit("\n".join(["modules without bytecode:", *lacking]) if lacking else 0)
 
@@ -79,13 +86,9 @@ def main(words: list[str]) -> None:
     if words == ["check"]:
         _check()
     import_all()
-    from palpate.cli.__main__ import app
-    from palpate.views.pictures import draw_pictures
-
-    with contextlib.redirect_stdout(io.StringIO()):
-        app(["check", "kidney"], standalone_mode=False)
-    with tempfile.TemporaryDirectory() as folder:
-        draw_pictures(Path(words[0]), Path(folder))
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        _call("check", "kidney")
+        _call("picture", words[0], "-o", folder)
 
 
 if __name__ == "__main__":
