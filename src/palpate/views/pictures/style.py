@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -32,6 +32,7 @@ REGION_B = "#fbe3c0"
 DEFORMATION = ["#f3dcd0", "#f2b48c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"]
 """Colours from no to largest deformation; lightness falls evenly, so that they are distinct in greyscale."""
 
+Layout = Literal["constrained", "none"]
 SMOOTH = 0.02  # [s] window of the running mean of lines
 DPI = 150
 COMPRESSION = 3  # of PNG, 0 to 9: half the time of the usual 6, and files 10 % larger
@@ -81,7 +82,7 @@ def look() -> Iterator[None]:
         yield
 
 
-def figure(width: float, height: float, title: str, current: bool = False, layout: str = "constrained") -> Figure:
+def figure(width: float, height: float, title: str, current: bool = False, layout: Layout = "constrained") -> Figure:
     """An empty figure of this size [inch], without a window; a notebook displays it.
 
     current  make it pyplot's current figure if the program uses pyplot, except in a notebook, which would show it twice
@@ -91,7 +92,7 @@ def figure(width: float, height: float, title: str, current: bool = False, layou
     if current and pyplot is not None and "inline" not in pyplot.get_backend():
         fig: Figure = pyplot.figure(figsize=(width, height), layout=layout, FigureClass=_notebook_figure())
     else:
-        fig = _notebook_figure()(figsize=(width, height), layout=layout)
+        fig = _notebook_figure()(figsize=(width, height), layout=None if layout == "none" else layout)
     entitle(fig, title)
     return fig
 
