@@ -1,14 +1,15 @@
-"""An edited kernel never runs from the cache of an earlier state, also if a kernel of another file calls it."""
+"""An edited kernel never runs from the cache of an earlier state, also if a kernel of another file calls it. All states
+and copies share one folder."""
 
 import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 import palpate.compiler
+from palpate.compiler import kernel_cache, kernel_files
 from palpate.compiler.kernel_cache import KEPT, PREFIX
 
 KERNEL = "from palpate.compiler.kernel import kernel\n"
@@ -22,11 +23,8 @@ TEST = "from palpate.physics.outer import outer\n\n\ndef test_outer():\n    asse
 def tree(tmp_path):
     """A source tree with the files of the compiler and two kernels, one of which calls the other."""
     compiler, physics = (tmp_path / "palpate" / name for name in ("compiler", "physics"))
-    compiler.mkdir(parents=True)
-    physics.mkdir()
-    names = "__init__", "arithmetic", "code_library", "interpreted", "kernel", "kernel_cache", "kernel_files", "trust"
-    for name in names:
-        shutil.copy(Path(palpate.compiler.__path__[0]) / f"{name}.py", compiler)
+    physics.mkdir(parents=True)
+    shutil.copytree(palpate.compiler.__path__[0], compiler, ignore=shutil.ignore_patterns("__pycache__", "compiled"))
     (physics / "__init__.py").touch()
     (physics / "inner.py").write_text(INNER.format("3.0"))
     (physics / "outer.py").write_text(OUTER)
@@ -61,8 +59,9 @@ def test_editing_a_called_kernel_recompiles_its_caller(tree):
     assert notebook(tree) == (9.0, False)
     (tree / "test_outer.py").write_text(TEST.format("9.0"))
     assert run(tree, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_outer.py").returncode == 0
-    inner.write_text(INNER.format("3.0"))
-    assert notebook(tree) == (7.0, True)  # restored: no compilation
+    inner.write_text(INNER.format("3.0").replace("    return", '    """Text."""\n\n    # a comment\n    return'))
+    assert notebook(tree) == (7.0, True)  # restored, with other lines: no compilation
+    assert len(list((tree / "cache").iterdir())) == 1
 
 
 def test_numba_imported_first_keeps_the_settings_of_the_program(tree):
@@ -72,7 +71,7 @@ def test_numba_imported_first_keeps_the_settings_of_the_program(tree):
     assert notebook(tree) == (7.0, True)
 
 
-def test_folders_of_old_sources_are_removed(tree):
+def test_folders_of_old_versions_are_removed(tree):
     for name in range(KEPT + 1):
         (tree / "cache" / f"{PREFIX}{name}").mkdir(0o755, parents=True)
     (tree / "cache" / "of another program").mkdir()
@@ -97,6 +96,25 @@ def test_without_a_folder_of_the_user_the_cache_is_next_to_the_sources(tree):
     assert list((tree / "palpate" / "compiler" / "__pycache__").glob(f"{PREFIX}*"))
 
 
+def test_the_files_that_were_not_used_for_longest_are_removed(tree, monkeypatch):
+    for number in range(4):
+        (tree / f"{number}.nbc").write_bytes(bytes(100))
+        os.utime(tree / f"{number}.nbc", (1e9 + number, 1e9 + number))
+    monkeypatch.setattr(kernel_cache, "SIZE", 250)
+    kernel_cache.limit_size(tree)
+    assert sorted(file.name for file in tree.glob("*.nbc")) == ["2.nbc", "3.nbc"]
+    assert (tree / "palpate").is_dir()
+
+
+def test_a_file_that_is_used_counts_as_new(tree):
+    tree.chmod(0o700)
+    for name in "read", "unread":
+        kernel_files.write(tree, name, b"code")
+        os.utime(tree / name, (1e9, 1e9))
+    assert kernel_files.read(tree, "read") == b"code"
+    assert (tree / "read").stat().st_mtime > 1e9 == (tree / "unread").stat().st_mtime
+
+
 def test_copies_of_the_same_sources_share_the_cache_of_the_user(tree, tmp_path):
     moved = shutil.copytree(tree, tmp_path / "moved")
     for file in moved.rglob("*.py"):
@@ -111,8 +129,7 @@ def test_shipped_kernels_are_used_at_another_path_before_the_cache(tree, tmp_pat
     assert notebook(tree) == (7.0, False)
     installed = shutil.copytree(tree, tmp_path / "installed", ignore=shutil.ignore_patterns("cache"))
     [made] = (tree / "cache").glob(f"{PREFIX}*")
-    name = made.name.rpartition(".")[0] if made.name.count(".") > 1 else made.name
-    shipped = installed / "palpate" / "compiler" / "compiled" / name
+    shipped = installed / "palpate" / "compiler" / "compiled" / f"{PREFIX}{kernel_cache.versions(minor=True)}"
     shutil.copytree(made, shipped, ignore=shutil.ignore_patterns("*.lock"))
     for file in [*installed.rglob("*")]:
         os.utime(file, (1e9, 1e9))

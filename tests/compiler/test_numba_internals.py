@@ -7,22 +7,28 @@ from pathlib import Path
 
 import pytest
 
-from palpate.compiler import code_library, kernel
+from palpate.compiler import code_cache, kernel
+from palpate.compiler.content import closure, extensions
 from palpate.compiler.numba_internals import MEMBERS, OTHERS, OVERRIDDEN, PREFIX, USED
+from palpate.compiler.target import code_library, target
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ["src/palpate", "messages", "nodes", "launch"]
 FILES = (
-    "compiler/kernel.py", "compiler/code_library.py", "compiler/memory.py", "compiler/records.py", "compiler/dot.py",
-    "physics/materials/compiled.py",
+    "compiler/kernel.py", "compiler/target/target.py", "compiler/target/code_library.py", "compiler/code_cache.py",
+    "compiler/content/closure.py", "compiler/content/extensions.py", "compiler/memory.py", "compiler/records.py",
+    "compiler/dot.py", "physics/materials/compiled.py",
 )  # fmt: skip
 """Files that use private members."""
 PUBLIC = ("numba.extending", "numba.core.event", "numba.types")
 OURS = (
-    kernel._PinnedCodegen, kernel._Context, kernel._Typing, kernel._Target, kernel._Processor, kernel.Pinned,
-    kernel._Flags, kernel.CachedFunction, kernel.CompiledKernel, code_library.Library, code_library.Codegen,
+    target._PinnedCodegen, target._Context, target._CallConv, target._Typing, target._Target, target._Processor,
+    target.Pinned, target._Flags, kernel.CachedFunction, kernel.CompiledKernel, code_library.Library,
+    code_library.Codegen,
 )  # fmt: skip
 """Classes with a base in numba."""
+CONTENT = code_cache.CodeCache, code_cache.Names, closure._Reader, closure.Description, extensions.Extensions
+"""Other classes of these files, with private members of their own."""
 
 
 def trees():
@@ -77,9 +83,9 @@ def declared(cls):
     for node in body(cls).body:
         if isinstance(node, ast.FunctionDef):
             yield node.name
-        for target in [*getattr(node, "targets", ()), getattr(node, "target", None)]:
-            if isinstance(target, ast.Name):
-                yield target.id
+        for each in [*getattr(node, "targets", ()), getattr(node, "target", None)]:
+            if isinstance(each, ast.Name):
+                yield each.id
 
 
 def overridden():
@@ -103,9 +109,9 @@ def test_every_private_member_is_listed_and_used():
                 used.add(node.attr)
     declared_here = {name for cls in OURS for name in declared(cls)}
     set_here = {
-        node.attr for cls in (*OURS, kernel._Cache) for node in ast.walk(body(cls))
+        node.attr for cls in (*OURS, *CONTENT) for node in ast.walk(body(cls))
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
     }  # fmt: skip
-    functions = {name for cls in (kernel._Cache, kernel.CompiledKernel, code_library.Library) for name in vars(cls)}
+    functions = {name for cls in (*CONTENT, kernel.CompiledKernel, code_library.Library) for name in vars(cls)}
     assert used - (declared_here | set_here | functions) <= set(MEMBERS)
     assert set(MEMBERS) <= used

@@ -24,7 +24,7 @@ _OF_NUMPY = {"arctan2": "atan2", "arccos": "acos", "arcsin": "asin", "power": "p
 
 
 class _Module:
-    """`math` or `numpy` with the functions of `kernel.REPLACED`."""
+    """`math` or `numpy` with the functions of `target.REPLACED`."""
 
     def __init__(self, module: ModuleType, replacement: Callable[[str], Any]) -> None:
         self._module, self._replacement = module, replacement
@@ -50,7 +50,7 @@ class _Globals(dict):
 
 
 def with_functions(function: Any, replacement: Callable[[str], Any]) -> Any:
-    """A copy of a function that computes with the functions of `kernel.REPLACED` instead of those of the C library."""
+    """A copy of a function that computes with the functions of `target.REPLACED` instead of those of the C library."""
     code, names = function.__code__, _Globals(function.__globals__, replacement)
     copy = FunctionType(code, names, function.__name__, function.__defaults__, function.__closure__)
     copy.__dict__.update(function.__dict__, __module__=function.__module__, __doc__=function.__doc__)

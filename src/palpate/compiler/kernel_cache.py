@@ -1,16 +1,18 @@
-"""The folders in which compiled kernels are cached: one per state of the sources and version of the compiler.
+"""The folder in which compiled kernels are cached: one per version of Python, numba, llvmlite and numpy.
 
-A cached kernel depends on the kernels that it calls and on the layout of its arguments, which may be defined in other
-files. So the name of a folder is a hash of all sources that contain kernels. Each edit of these creates a new folder;
-the oldest ones are removed. Folders that another user can have written are not used (`trust`).
+The name of a file in it is a hash of what its code depends on (`code_cache`), so that copies of the sources, branches
+and earlier states of a file share the folder. The files that were not used for longest are removed. Folders that
+another user can have written are not used (`trust`).
 """
 
 import atexit
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -18,7 +20,8 @@ from pathlib import Path
 
 from palpate.compiler.trust import check_folder, check_trust, user_cache, warn
 
-KEPT = 12  # Folders that are kept, 15 MB each, so that several versions and branches recompile nothing
+KEPT = 4  # Folders that are kept, of the versions that were used last
+SIZE = 180_000_000  # [bytes] Size of a folder; the kernels of all graphs take 15 MB, so that branches recompile nothing
 PREFIX = "kernels-"
 COMPILED = (
     "palpate.compiler",
@@ -36,22 +39,22 @@ ROOM = 100_000_000
 
 
 def folder(given: str = "") -> Path:
-    """The cache folder for the current sources, below `given`, else `NUMBA_CACHE_DIR`, else a default location."""
+    """The cache folder for the current versions, below `given`, else `NUMBA_CACHE_DIR`, else a default location."""
     return _folder(given or os.environ.get("NUMBA_CACHE_DIR", ""))
 
 
 @functools.cache
 def shipped_folder() -> Path | None:
-    """The folder of kernels that the installation contains for these sources and this minor version of numba."""
-    path = SHIPPED / f"{PREFIX}{key()}-{versions(minor=True)}"
+    """The folder of kernels that the installation contains for this minor version of numba."""
+    path = SHIPPED / f"{PREFIX}{versions(minor=True)}"
     return path if path.is_dir() else None
 
 
 @functools.cache
 def _folder(given: str) -> Path:
-    """The first usable location of `given`, the user's cache, which copies of the same sources share, and a folder next
-    to the sources; else a temporary folder. A warning reports that `given` or an existing folder is not used."""
-    name = f"{PREFIX}{key()}-{versions()}"
+    """The first usable location of `given`, the user's cache, which copies of the sources share, and a folder next to
+    the sources; else a temporary folder. A warning reports that `given` or an existing folder is not used."""
+    name = f"{PREFIX}{versions()}"
     places = [user_cache(), Path(__file__).parent / "__pycache__"]
     refused = ""
     for place in [Path(given), *places] if given else places:
@@ -111,11 +114,34 @@ def _folders(package: str) -> Sequence[str]:
     return [os.path.join(folder, *package.split(".")[1:]) for folder in sys.modules["palpate"].__path__]
 
 
+@functools.cache
 def versions(minor: bool = False) -> str:
-    """Versions of Python and of the compiler; `minor`: without its last number."""
-    numba = importlib.metadata.version("numba")
-    numba = ".".join(numba.split(".")[:2]) if minor else numba
-    return f"py{sys.version_info[0]}{sys.version_info[1]}{getattr(sys, 'abiflags', '')}-numba{numba}"
+    """Versions of Python, numba, llvmlite and numpy, which determine the code of a kernel; `minor`: those that kernels
+    of palpate depend on, without their last number. numba's code for functions of numpy depends on its minor version;
+    kernels of palpate use none of those that differ."""
+    found = {name: importlib.metadata.version(name).split(".") for name in ("numba", "llvmlite", "numpy")}
+    numba, llvmlite = (".".join(found[name][: 2 if minor else None]) for name in ("numba", "llvmlite"))
+    python = f"py{sys.version_info[0]}{sys.version_info[1]}{getattr(sys, 'abiflags', '')}"
+    numpy = "" if minor else f"-numpy{'.'.join(found['numpy'][:2])}"
+    return f"{python}-numba{numba}-llvmlite{llvmlite}{numpy}"
+
+
+@functools.cache
+def limit_size(folder: Path) -> None:
+    """Remove the files of a folder that were not used for longest, above `SIZE`; once per process."""
+    try:
+        found = [(entry.stat(follow_symlinks=False), entry.path) for entry in os.scandir(folder)]
+    except OSError:
+        return
+    files = sorted(
+        ((each.st_mtime, each.st_size, path) for each, path in found if stat.S_ISREG(each.st_mode)), reverse=True
+    )
+    total = 0
+    for _, size, path in files:
+        total += size
+        if total > SIZE:
+            with contextlib.suppress(OSError):
+                os.unlink(path)
 
 
 def _clear(place: Path) -> None:

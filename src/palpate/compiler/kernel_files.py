@@ -11,6 +11,7 @@ import os
 import secrets
 import stat
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +24,7 @@ except ImportError:  # not POSIX: two processes that need the same kernel at the
 
 MAGIC = b"palpate kernel 1"
 HEADER = struct.Struct(f"<{len(MAGIC)}sQ32s")  # magic, length of the content [bytes], SHA-256 of name and content
+USED = 86400.0  # [s] Age from which the time of a file that is read is set again
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | NO_LINK
 
 
@@ -38,6 +40,8 @@ def read(folder: Path, name: str, source: os.stat_result | None = None) -> bytes
                 return None
             check_trust(found, source=source)
             data = file.read()
+            if source is None and time.time() - found.st_mtime > USED:
+                _mark_used(file.fileno())
     except UntrustedError:
         raise
     except OSError:
@@ -49,6 +53,13 @@ def read(folder: Path, name: str, source: os.stat_result | None = None) -> bytes
     if magic != MAGIC or length != len(content) or digest != _digest(name, content):
         return None
     return content
+
+
+def _mark_used(descriptor: int) -> None:
+    """Set the time of a file, by which `kernel_cache.limit_size` knows those that are used."""
+    if os.utime in os.supports_fd:
+        with contextlib.suppress(OSError):
+            os.utime(descriptor)
 
 
 def write(folder: Path, name: str, content: bytes) -> None:

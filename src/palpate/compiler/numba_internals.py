@@ -18,6 +18,7 @@ USED = {
     "registry.CPUTarget": "base of the target's description",
     "registry.CPUDispatcher": "base of kernels",
     "cpu.CPUContext": "base of the code generation of the target",
+    "callconv.CPUCallConv": "base of its convention of calls",
     "typing.Context": "base of the typing of the target",
     "utils.threadsafe_cached_property": "as in the overridden properties of `CPUTarget`",
     "externals.c_math_functions": "mathematical functions of C, as `CPUContext` installs them",
@@ -27,6 +28,10 @@ USED = {
     "compiler.CompileResult": "content of a cache file",
     "compiler.Flags": "options of a compilation, whose comparison takes 6 % of its time",
     "serialize.dumps": "pickles the content of a cache file",
+    # What a kernel depends on, for the name of its cache file.
+    "extending._Intrinsic": "an intrinsic, which depends on the function that generates its code",
+    "typing.templates.builtin_registry": "functions, methods and attributes that `overload` implements",
+    "imputils.builtin_registry": "lowering from outside numba",
     # Arrays and records in kernels without owner and without allocation.
     "cgutils": "tuples, stack memory and arrays in generated code",
 }
@@ -54,6 +59,8 @@ OVERRIDDEN = {
     "codegen.JITCodeLibrary._unserialize": "loads both",
     "cpu.CPUContext.init": "the code generator of the target",
     "cpu.CPUContext.load_additional_registries": "without the import of scipy.linalg",
+    "cpu.CPUContext.call_conv": "exceptions without lines of the source",
+    "callconv.CPUCallConv.build_excinfo_struct": "the same",
     "typing.Context.init": "memory for resolved calls",
     "typing.Context.resolve_function_type": "keeps resolved calls",
     "registry.CPUTarget._toplevel_typing_context": "the typing of the target",
@@ -64,6 +71,7 @@ OVERRIDDEN = {
     "registry.CPUDispatcher.get_overload": "the same, and the code for a call from `numba.njit`",
     "compiler.Flags.__hash__": "constant: all flags of kernels are the same",
     "compiler.Flags.values": "faster",
+    "compiler.Flags.get_mangle_string": "names of functions contain the hash of their code",
 }
 """Members below `numba.core` that classes of palpate replace."""
 
@@ -85,6 +93,11 @@ MEMBERS = {
     "_raise_if_finalized": "library: check",
     "_reload_init": "library: initialisation after loading",
     "_set_compiled_object": "library: sets machine code from a file",
+    "_attr": "template of `overload_method`: the name of the method",
+    "_overload_func": "template of `overload`: its implementation",
+    "_ctor_kwargs": "intrinsic: its options",
+    "_defn": "intrinsic: the function that generates its code",
+    "_prefer_literal": "intrinsic: whether it takes literal types",
     "_tm": "generator: LLVM's machine",
     "_customize_flags": "compiler of a dispatcher: makes the flags",
     "_compiler": "dispatcher: its compiler",

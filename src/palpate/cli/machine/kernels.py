@@ -128,7 +128,7 @@ def copy_loaded(to: Path) -> int:
     their number."""
     from palpate.compiler.kernel import CachedFunction
 
-    folder = to / f"{kernel_cache.PREFIX}{kernel_cache.key()}-{kernel_cache.versions(minor=True)}"
+    folder = to / f"{kernel_cache.PREFIX}{kernel_cache.versions(minor=True)}"
     folder.mkdir(parents=True)
     functions = [function for function in gc.get_objects() if isinstance(function, CachedFunction)]
     files = {function.file(types) for function in functions for types in function.stats.cache_hits}

@@ -71,7 +71,7 @@ _warmed: set[str] = set()  # Sets of classes whose kernels this process has load
 def warm(launch: LaunchFile, graph: Graph, beat: Beat) -> None:
     """Compile the kernels of the graph once per machine: the other processes wait for the first."""
     classes = hashlib.sha256(" ".join(sorted(full_name(spec.cls) for spec in graph.nodes.values())).encode())
-    name = f"warm-{classes.hexdigest()[:16]}"
+    name = f"warm-{classes.hexdigest()[:16]}-{kernel_cache.key()}"
     folder = kernel_cache.folder()
     if name in _warmed:
         return

@@ -6,6 +6,7 @@ machine code of entry points, and the IR of other functions.
 """
 
 import hashlib
+from collections.abc import Iterable
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -15,6 +16,7 @@ from numba.core.environment import lookup_environment
 
 COUNTING = "NRT_incref"  # numba's function that counts a reference to an array; one module contains all that count
 ENVIRONMENT = "_ZN08NumbaEnv"  # Prefix of the names of numba's environments
+REPLACEMENT = "palpate."  # Prefix of the names of functions that replace those of the C library
 DYNAMIC = "numba.dynamic.globals"  # Prefix of the names of Python objects that code refers to
 
 
@@ -24,10 +26,11 @@ class Library(JITCodeLibrary):
     _codegen: Any
     _loaded: tuple[list[str], dict[str, Any]] | None = None  # IR from disk: names of its functions, and the parts
     _tidied: dict[str, Any] | None = None  # IR of the function itself
+    _replaced: frozenset[str] | None = None  # found when machine code was generated
 
     def add_ir_module(self, ir_module: Any) -> None:
         """Add the IR of a function. Its calls of the C library's functions become calls of kernels of this package
-        (`kernel.REPLACED`), before a pass of LLVM knows them as functions of the C library."""
+        (`target.REPLACED`), before a pass of LLVM knows them as functions of the C library."""
         text = cgutils.normalize_ir_text(str(ir_module))
         for function in ir_module.functions:
             code = self._codegen.replacement(function.name) if function.is_declaration else None
@@ -71,6 +74,11 @@ class Library(JITCodeLibrary):
             return super().has_dynamic_globals
         return any(v.name.startswith(DYNAMIC) for part in self.parts().values() for v in part.global_variables)
 
+    @property
+    def replaced(self) -> frozenset[str]:
+        """Functions of the C library whose replacement the code contains."""
+        return _replaced(self.parts().values()) if self._replaced is None else self._replaced
+
     def _part(self) -> dict[str, Any]:
         if self._loaded is not None:
             return self._loaded[1]
@@ -90,6 +98,7 @@ class Library(JITCodeLibrary):
         self._raise_if_finalized()
         names = self._loaded[0] if self._loaded is not None else _defined_functions(self._final_module)
         parts = self.parts().values()
+        self._replaced = _replaced(parts)
         for part in self._part().values() if self._loaded is not None else ():
             if defined := [f.name for f in part.functions if f.name in names and not f.is_declaration]:
                 copy = part.clone()  # LLVM links a function without callers only if it is external
@@ -171,6 +180,11 @@ def _part(module: Any) -> dict[str, Any]:
 
 def _defined_functions(module: Any) -> list[str]:
     return [f.name for f in module.functions if not f.is_declaration and f.linkage == llvm.Linkage.external]
+
+
+def _replaced(parts: Iterable[Any]) -> frozenset[str]:
+    names = {f.name for part in parts for f in part.functions if f.name.startswith(REPLACEMENT)}
+    return frozenset(name.removeprefix(REPLACEMENT) for name in names)
 
 
 def _names(module: Any) -> tuple[list[str], list[str]]:

@@ -1,0 +1,213 @@
+"""The target of kernels: numba's CPU target with a fixed processor.
+
+numba takes the processor from its target, so kernels have a separate target
+(https://numba.readthedocs.io/en/stable/extending/target_extension.html); the environment and `numba.config` do not
+change. Functions of the C library are replaced by kernels (`REPLACED`).
+
+Names of compiled functions contain a tag: for a kernel the hash of its content, for functions of numba one of the
+process. So no two functions with different code have the same name, also if they were compiled in different processes.
+"""
+
+import importlib
+import os
+import secrets
+from functools import partial
+from typing import Any
+
+import llvmlite.binding as llvm
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core.callconv import CPUCallConv
+from numba.core.compiler import Flags
+from numba.core.cpu import CPUContext
+from numba.core.externals import c_math_functions
+from numba.core.registry import CPUDispatcher, CPUTarget
+from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, target_registry
+from numba.core.typing import Context
+from numba.core.utils import threadsafe_cached_property
+
+from palpate.compiler.arithmetic import LEVEL, pinnable
+from palpate.compiler.target.code_library import REPLACEMENT, Codegen
+
+TARGET = "palpate"  # Name of the target of kernels
+REPLACED = {
+    **dict.fromkeys(("exp", "llvm.exp.f64"), ("exponentials", "exp")),
+    **dict.fromkeys(("log", "llvm.log.f64"), ("exponentials", "log")),
+    **dict.fromkeys(("pow", "llvm.pow.f64"), ("exponentials", "power")),
+    **dict.fromkeys(("log2", "llvm.log2.f64"), ("exponentials", "log2")),
+    "expm1": ("exponentials", "expm1"),
+    "log1p": ("exponentials", "log1p"),
+    **dict.fromkeys(("sin", "llvm.sin.f64"), ("angles", "sin")),
+    **dict.fromkeys(("cos", "llvm.cos.f64"), ("angles", "cos")),
+    "acos": ("angles", "acos"),
+    "asin": ("angles", "asin"),
+    "atan2": ("angles", "atan2"),
+    **dict.fromkeys(("hypot", "_hypot"), ("angles", "hypot")),
+}
+"""Module and name of the kernel that replaces a function of the C library in all kernels, by the name in their code."""
+
+
+def plain_name(name: str) -> str:
+    """The name of a function of the C library, of a name in `REPLACED`."""
+    return name.removeprefix("llvm.").removesuffix(".f64").removeprefix("_")
+
+
+def replacement(name: str) -> Any:
+    """The kernel that replaces a function of the C library (`REPLACED`); None: it is not replaced."""
+    if name not in REPLACED:
+        return None
+    module, kernel_name = REPLACED[name]
+    return getattr(importlib.import_module(f"palpate.compiler.{module}"), kernel_name)
+
+
+class _Processor(CPU):
+    """A CPU, so that numba's implementations for CPUs apply."""
+
+
+class _PinnedCodegen(Codegen):
+    """Code generator for x86-64-v3 instead of the host processor."""
+
+    def _get_host_cpu_name(self) -> str:
+        return LEVEL if pinnable() else super()._get_host_cpu_name()
+
+    def _get_host_cpu_features(self) -> str:
+        return "" if pinnable() else super()._get_host_cpu_features()
+
+    def __init__(self, module_name: str) -> None:
+        super().__init__(module_name)
+        self._replacements: dict[str, Any] = {}
+
+    def replacement(self, name: str) -> Any:
+        """The code that replaces a function of the C library, with its interface; None: it is not replaced."""
+        if name in REPLACED and name not in self._replacements:
+            self._replacements[name] = self._wrapped(name)
+        return self._replacements.get(name)
+
+    def _wrapped(self, name: str) -> Any:
+        function, context = replacement(name).bare, PINNED.target_context
+        argument_types = (types.float64,) * function.py_func.__code__.co_argcount
+        function.compile(argument_types)
+        code = function.overloads[argument_types]
+        library = self.create_library(f"{REPLACEMENT}{plain_name(name)}")
+        module = library.create_ir_module(library.name)
+        number = ir.DoubleType()
+        wrapper = ir.Function(module, ir.FunctionType(number, [number] * len(argument_types)), library.name)
+        wrapper.attributes.add("noinline")
+        builder = ir.IRBuilder(wrapper.append_basic_block())
+        inner = context.declare_function(module, code.fndesc)
+        _, result = context.call_conv.call_function(builder, inner, types.float64, argument_types, wrapper.args)
+        builder.ret(result)
+        # so that LLVM merges equal calls and leaves out those without use, as it does for functions of the C library
+        pure = llvm.parse_assembly(str(module).replace(" noinline", " noinline nounwind willreturn memory(none)", 1))
+        library.add_llvm_module(pure)
+        library.add_linking_library(code.library)
+        return library
+
+
+class _CallConv(CPUCallConv):
+    """numba's convention, with exceptions that name the kernel and no line: cached code outlives the lines of its
+    source, and copies of the sources share it. `NUMBA_DISABLE_JIT=1` shows the line."""
+
+    def build_excinfo_struct(self, exc: Any, exc_args: Any, loc: Any, func_name: Any) -> Any:
+        return exc, exc_args, (func_name, "<kernel>", 0) if func_name is not None else None
+
+
+class _Context(CPUContext):
+    def init(self) -> None:
+        self.is32bit = False
+        self._internal_codegen = _PinnedCodegen("palpate.exec")
+        c_math_functions.install(self)
+
+    @property
+    def call_conv(self) -> CPUCallConv:
+        return _CallConv(self)
+
+    def load_additional_registries(self) -> None:
+        """Load numba's implementations. One of their modules imports scipy.linalg, which takes 0.3 s, only to find out
+        whether it is installed; palpate requires it, and numba checks again where it compiles a call of BLAS."""
+        from numba.np import linalg
+
+        check, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+        try:
+            super().load_additional_registries()
+        finally:
+            linalg.ensure_blas = check
+
+
+class _Typing(Context):
+    """Types of expressions, cached: numba tries about ten templates for each operator in each pass over a function. A
+    result without separate code depends only on the types."""
+
+    def init(self) -> None:
+        self._known: dict[Any, Any] = {}
+
+    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+        if kws or not isinstance(func, types.Function):
+            return super().resolve_function_type(func, args, kws)
+        known = self._known.get((func, args))
+        if known is not None and known[0] is func:
+            return known[1]
+        signature = super().resolve_function_type(func, args, kws)
+        if signature is not None and func._impl_keys.get(signature.args) is func.typing_key:  # type: ignore[attr-defined]
+            self._known[func, args] = func, signature
+        return signature
+
+
+class _Target(CPUTarget):
+    @threadsafe_cached_property
+    def _toplevel_typing_context(self) -> Context:
+        return _Typing()
+
+    @threadsafe_cached_property
+    def _toplevel_target_context(self) -> CPUContext:
+        return _Context(self.typing_context, TARGET)
+
+
+target_registry[TARGET] = _Processor
+PINNED = _Target(TARGET)
+
+
+_TOKEN = secrets.token_hex(6)
+
+
+class _Flags(Flags):
+    """numba's flags. numba compares all flags each time that it looks up a function for some types; reading them one by
+    one takes 6 % of the time of a compilation."""
+
+    _DEFAULTS = {name: option.default for name, option in Flags.options.items()}
+    _HASH = hash(Flags())
+
+    def __init__(self, copy_from: Flags | None = None, tag: str = "") -> None:
+        super().__init__(copy_from)
+        self._tag = tag or getattr(copy_from, "_tag", "")
+
+    def __hash__(self) -> int:
+        return self._HASH
+
+    def values(self) -> dict[str, Any]:
+        return self._DEFAULTS | self._values
+
+    def get_mangle_string(self) -> str:
+        return self._tag
+
+
+class Pinned(CPUDispatcher):
+    """numba's compiled function, for the pinned target."""
+
+    targetdescr = PINNED
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self._compiler._customize_flags = self._tagged  # type: ignore[attr-defined]
+
+    def _tagged(self, flags: Flags) -> Flags:
+        return _Flags(flags, self.tag())
+
+    def tag(self) -> str:
+        """Part of the names of the functions that are now compiled: no other process uses it."""
+        return f"{_TOKEN}{os.getpid():x}"
+
+
+dispatcher_registry[_Processor] = Pinned
+jit_registry[_Processor] = partial(numba.jit, _target=TARGET)  # for functions of numpy that numba implements in Python
