@@ -85,11 +85,11 @@ class Nurbs(_Nearest):
     """The closest point of a smooth patch (docs/equations/surface.md)."""
 
     State = CAUTIONS | {
-        "data": ARRAY, "layout": ARRAY, "seeds": ARRAY, "index": ARRAY,  # of the patch and its samples
+        "patch": ARRAY, "layout": ARRAY, "seeds": ARRAY, "index": ARRAY,  # of the patch and its samples
         "found": ARRAY, "work": ARRAY, "derivatives": array_handle(3), "foot": ARRAY, "memory": ARRAY,
     }  # fmt: skip
     """The last 11: arguments of `physics.geometry.proxy.follow`."""
-    shared = ("data", "layout", "seeds", "index")
+    shared = ("patch", "layout", "seeds", "index")
 
     def start(self) -> None:
         super().start()
@@ -103,7 +103,7 @@ class Nurbs(_Nearest):
     def compute(own, pose: Pose, out: Out[Proximity], dt):
         foot = floats(own.foot)
         follow(
-            floats(own.data), longs(own.layout), floats(own.seeds), longs(own.index), vector(pose.position),
+            floats(own.patch), longs(own.layout), floats(own.seeds), longs(own.index), vector(pose.position),
             own.hysteresis, floats(own.found), floats(own.work), floats(own.derivatives), foot, floats(own.memory), dt,
         )  # fmt: skip
         send(own, foot, 0, pose, out)

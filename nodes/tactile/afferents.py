@@ -50,7 +50,7 @@ class Afferents(WithReceptors):
         "rows": TABLE, "state": TABLE, "since": ARRAY, "at": TABLE, "kind": ARRAY, "keys": ARRAY, "gain": ARRAY,
         "dynamic": ARRAY, "slow": (),
         "corners": TABLE, "weights": TABLE, "basis": TABLE, "unit": ARRAY, "moment": ARRAY, "rate": ARRAY,
-        "points": int, "sample": int, "rest": (), "bad": int, "counts": (3,), "mean": (3,),
+        "points": int, "sample": int, "rest": (), "bad": int, "counts": (3,), "average": (3,),
         "sampled": int,  # [ns] time of the last stress; -1: unknown
     }  # fmt: skip
 
@@ -106,7 +106,7 @@ class Afferents(WithReceptors):
         dynamic, surface, energy = floats(own.dynamic), floats(stress.deflection), own.stimulus == 1
         fade, spikes = own.smoothing / (own.smoothing + span), 0
         for which in range(3):
-            own.mean[which] *= fade
+            own.average[which] *= fade
         # each afferent: stimulus at its receptor, membrane model, spikes
         for n in range(len(corners)):
             if energy:
@@ -136,7 +136,7 @@ class Afferents(WithReceptors):
                     k += 1
             state[n, 6], state[n, 12] = target, above
             more = (spikes - fired_before) / (own.smoothing + span)
-            own.mean[kind[n]] += more / own.counts[kind[n]]
+            own.average[kind[n]] += more / own.counts[kind[n]]
             if own.rates:
                 rate[n] = rate[n] * fade + more
         own.sample += count
@@ -144,7 +144,7 @@ class Afferents(WithReceptors):
         lend_first(out.unit, own.unit, spikes)
         lend_first(out.moment, own.moment, spikes)
         for which in range(3):
-            out.mean[which] = own.mean[which]
+            out.mean[which] = own.average[which]
         if own.rates:
             lend(out.rate, own.rate)
 

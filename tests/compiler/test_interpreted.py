@@ -9,6 +9,8 @@ import pytest
 from mcap.reader import make_reader
 
 from palpate.compiler import interpreted
+from palpate.compiler.fields import record_type
+from palpate.nodes.tactile.afferents import Afferents
 
 SOFT = "scene.surface.surface=plane", "scene.surface.position=[0, 0, 0.105]", "scene.surface.vertices=400"
 PRESSED = "scene.hand.begin=[0, 0, 0.1045]"
@@ -54,3 +56,16 @@ def test_an_unknown_field_of_a_record_is_an_error_that_lists_its_fields():
     assert record.group[1].size == 4 and record.force.tolist() == [0.0, 0.0, 1.5] and len(record.group) == 2
     with pytest.raises(AttributeError, match=r"no field 'weight'.*'force', 'group'"):
         print(record.weight)
+
+
+def test_a_field_that_records_of_numpy_hide_is_an_error_with_and_without_the_compiler():
+    for name in ("mean", "size", "data", "item"):
+        with pytest.raises(TypeError, match=rf"^State\['group'\]\['{name}'\]: .*such as '{name}_value'"):
+            record_type("State", {"group": {name: ()}})
+    with pytest.raises(TypeError, match=r"^Plain.State\['mean'\]"):
+        type("Plain", (Afferents,), {"State": Afferents.State | {"mean": (3,)}})
+    code = "from palpate.compiler.fields import record_type; record_type('State', {'mean': ()})"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True
+    )
+    assert "State['mean']: records of numpy have an attribute of this name" in done.stderr

@@ -3,7 +3,8 @@
     STATE = {"place": (3,), "energy": (), "contact": bool, "wall": WALL}
 
 (): a number; (3,): a vector; int, bool; a dict: a group; (16, {...}): several groups; a dtype: itself. Kernels read and
-write the fields by name.
+write the fields by name. A name that records of numpy have, such as `mean`, is an error: where a kernel runs in Python,
+`record.mean` would be numpy's method.
 """
 
 from typing import Any
@@ -13,14 +14,22 @@ import numpy as np
 KINDS: dict[type, str] = {float: "<f8", int: "<i8", bool: "?"}
 """Numbers of a record."""
 
+TAKEN = frozenset(dir(np.record))
+"""Names that a field cannot have: attributes of numpy's records, which Python finds before the field."""
+
 
 def record_type(name: str, fields: dict[str, Any]) -> np.dtype:
-    """The dtype of these fields. TypeError: an invalid form, of a field of `name`."""
+    """The dtype of these fields. TypeError: an invalid form or name, of a field of `name`."""
     return np.dtype(field_list(name, fields), align=True)
 
 
 def field_list(name: str, fields: dict[str, Any]) -> list[tuple[Any, ...]]:
-    """The fields as numpy describes them."""
+    """The fields as numpy describes them. TypeError: an invalid form or name."""
+    for field in filter(TAKEN.__contains__, fields):
+        raise TypeError(
+            f"{name}[{field!r}]: records of numpy have an attribute of this name, which hides the field; expected "
+            f"another name, such as {f'{field}_value'!r}"
+        )
     return [(field, *_form(f"{name}[{field!r}]", form)) for field, form in fields.items()]
 
 

@@ -129,9 +129,10 @@ def kernel(
         plain: Any = interpreted.with_functions(function, replacement)
         plain.py_func = plain  # as in a compiled one
         return plain
-    options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
-    more = {"nogil": True} if nogil else {}
-    return CompiledKernel(function, options | more | ({"forceinline": True} if inline else {}))
+    # all that numba would take from the caller for which it first compiles the function
+    options = {"nopython": True, "error_model": error_model, "fastmath": False, "forceinline": inline, "_nrt": True}
+    more = {"boundscheck": None, "no_cfunc_wrapper": not pointer} | ({"nogil": True} if nogil else {})
+    return CompiledKernel(function, options | more)
 
 
 ieee_kernel = kernel(error_model="numpy")

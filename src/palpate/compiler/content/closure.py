@@ -39,7 +39,7 @@ class Description(NamedTuple):
     calls    functions of the C library that it may call
     seen     (namespace, name, value) for each value that it read by a name
     parts    (object, attribute, value) for code, defaults and variables of the enclosing function
-    mutable  (value, data) for each value that can change in place
+    mutable  each value that can change in place, with its data or a copy
     compiled  whether numba compiles it
     kept     whether the description can be used again; not that of an object with a state
     """
@@ -60,7 +60,10 @@ class Description(NamedTuple):
             return False
         if any(getattr(thing, name, _MISSING) is not value for thing, name, value in self.parts):
             return False
-        return all(Values(self.compiled).data(value) == data for value, data in self.mutable)
+        return all(
+            value == known if type(known) is dict else Values(self.compiled).data(value) == known
+            for value, known in self.mutable
+        )
 
 
 def digest(
@@ -130,6 +133,7 @@ class _Reader:
     def _data(self) -> Any:
         thing = self._thing
         if is_jitted(thing):
+            self._parts += [(thing, name, getattr(thing, name)) for name in ("targetoptions", "locals", "py_func")]
             options = self._values.data(thing.targetoptions), self._values.data(thing.locals)
             return ("kernel", options, self._function(thing.py_func))
         if isinstance(thing, _Intrinsic):
@@ -227,7 +231,7 @@ class _Reader:
         members = [(name, value) for name, value in sorted(vars(cls).items()) if name not in skipped]
         self._seen += [(vars(cls), name, value) for name, value in members]
         bases = [self._values.data(base) for base in cls.__bases__]
-        data = [(name, self._values.data(value)) for name, value in members if name != "__annotations__"]
+        data = [(name, self._values.data(value)) for name, value in members]  # a dict of annotations may change
         return ("class", *name_of(cls), self._values.data(type(cls)), bases, data, self._hints(cls))
 
     def _hints(self, cls: type) -> Any:

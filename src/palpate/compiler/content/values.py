@@ -38,7 +38,7 @@ class Values:
 
     compiled  whether numba compiles it, so that it sees only fields of a NamedTuple, and not its methods
     uses      functions, classes, modules and other objects that the data refer to by number
-    mutable   values that can change in place, with their data
+    mutable   values that can change in place, with their data; a dict of plain values with a copy
     """
 
     def __init__(self, compiled: bool) -> None:
@@ -83,7 +83,10 @@ class Values:
         return self._changing(value, (type(value).__name__, *sorted(map(repr, map(self.data, value)))))
 
     def _dict(self, value: Any) -> Any:
-        return self._changing(value, ("dict", *((self.data(name), self.data(each)) for name, each in value.items())))
+        data = ("dict", *((self.data(name), self.data(each)) for name, each in value.items()))
+        plain = all(type(each) in PLAIN for each in value.values())
+        self.mutable.append((value, dict(value) if plain else data))
+        return data
 
     def _changing(self, value: Any, data: Any) -> Any:
         if not isinstance(value, tuple | frozenset):

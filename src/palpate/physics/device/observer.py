@@ -43,7 +43,7 @@ FAR = 4.0  # [counts] largest distance from the reading
 AXIS = {
     "position": (), "speed": (), "trend": (), "acceleration": (),  # x, v, p, a
     "low": (), "high": (),  # readings of the band
-    "rest": (), "mean": (), "fading": (),  # [s] within the band; mean of its readings; difference of a former mean
+    "rest": (), "average": (), "fading": (),  # [s] within the band; mean of its readings; difference of a former mean
     "last": (), "direction": (), "turned": bool,  # reading; sign of its last change; whether it changed in the band
 }  # fmt: skip
 """State of an axis, in the unit of its readings."""
@@ -53,7 +53,7 @@ AXIS = {
 def begin(axis: Record, reading: float):
     """Reset an axis to rest at a reading, in its unit."""
     clear(axis)
-    axis.position = axis.low = axis.high = axis.mean = axis.last = reading
+    axis.position = axis.low = axis.high = axis.average = axis.last = reading
 
 
 @kernel
@@ -69,19 +69,19 @@ def settle(axis: Record, reading: float, count: float, dt: float):
     share = min(max((axis.rest - REST) / BLEND, 0.0), 1.0)
     low, high = min(axis.low, reading), max(axis.high, reading)
     if high - low > (TURNED_BAND if axis.turned else BAND) * count:
-        axis.fading = min(max(axis.fading + share * (axis.mean - reading), -count), count)
+        axis.fading = min(max(axis.fading + share * (axis.average - reading), -count), count)
         low, high = min(last, reading), max(last, reading)
         if high - low > BAND * count:
             low = high = reading
         axis.rest = share = 0.0
         axis.turned = False
-        axis.mean = reading
+        axis.average = reading
     else:
         axis.rest += dt
-        axis.mean += (reading - axis.mean) * dt / axis.rest
+        axis.average += (reading - axis.average) * dt / axis.rest
         share = min(max((axis.rest - REST) / BLEND, 0.0), 1.0)
     axis.low, axis.high = low, high
-    return reading + share * min(max(axis.mean - reading, -count), count) + axis.fading, share
+    return reading + share * min(max(axis.average - reading, -count), count) + axis.fading, share
 
 
 @kernel
