@@ -28,7 +28,7 @@ OURS = (
 )  # fmt: skip
 """Classes with a base in numba."""
 CONTENT = code_cache.CodeCache, code_cache.Names, closure._Reader, closure.Description, extensions.Extensions
-"""Other classes of these files, with private members of their own."""
+"""Other classes of these files, with private members."""
 
 
 def trees():

@@ -169,7 +169,7 @@ def constants(node):
 
 
 def other(value):
-    """Another value of the same kind; None: there is none."""
+    """Another value of the same kind; None: no such value."""
     if isinstance(value, bool | np.bool_):
         return not value
     if isinstance(value, int | float):

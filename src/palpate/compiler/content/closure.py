@@ -74,7 +74,7 @@ def digest(
 
     things       kernels, and classes or functions that are arguments of them
     replacement  the kernel that replaces a function of the C library, or None
-    called       functions of the C library that count, besides those that the code names
+    called       functions of the C library that count in addition to those that the code names
     """
     if _EXTENSIONS.update():
         _KNOWN.clear()

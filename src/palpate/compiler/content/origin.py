@@ -11,7 +11,7 @@ LIBRARIES = frozenset({"numba", "llvmlite", "numpy", "builtins"}) | sys.stdlib_m
 
 
 class UnnamedError(ValueError):
-    """A kernel refers to an object that only this process has, so no name can stand for its code."""
+    """A kernel refers to an object that only this process has, so its code has no name."""
 
 
 def is_library(module: Any) -> bool:
