@@ -34,11 +34,13 @@ REPAIR = "`palpate run kidney --organ {} --repair`"
 
 
 class Triangles(NamedTuple):
-    """The content of a file, cleaned: vertices (V,3) in its unit, triangles (T,3) int32, notes on what was changed."""
+    """The content of a file, cleaned: vertices (V,3) in its unit, triangles (T,3) int32, notes on what was changed, and
+    whether the file may be cut off, as a clause."""
 
     vertices: np.ndarray
     triangles: np.ndarray
     notes: tuple[str, ...]
+    cut: str
 
 
 def read_mesh(path: str, scale: float, piece: int = 0) -> Mesh:
@@ -107,17 +109,12 @@ def _stamp(path: str) -> tuple[object, ...]:
 @lru_cache(maxsize=2)
 def _read_once(path: str, piece: int, *stamp: object) -> Triangles:
     """`_read` of the file with this stamp."""
-    vertices, triangles, notes = read_file(path)
+    vertices, triangles, notes, cut = read_file(path)
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices)).any(axis=1).argmax())
         raise SettingError(
             f"setting 'surface': {path} contains a vertex that is not a finite number: vertex {bad + 1} is "
             f"({', '.join(f'{x:g}' for x in vertices[bad])}). {AGAIN}"
-        )
-    if not 0 <= triangles.min() <= triangles.max() < len(vertices):
-        raise SettingError(
-            f"setting 'surface': {path}: a triangle has the corner {triangles.max()}, the file has {len(vertices)} "
-            f"vertices: it is damaged. {AGAIN}"
         )
     whole = _whole(weld(vertices)[triangles])
     if not len(whole):
@@ -140,7 +137,7 @@ def _read_once(path: str, piece: int, *stamp: object) -> Triangles:
     found = vertices[used], triangles.reshape(-1, 3).astype(np.int32)
     for array in found:
         array.flags.writeable = False
-    return Triangles(*found, (*notes, *more))
+    return Triangles(*found, (*notes, *more), cut)
 
 
 def _choose_pieces(path: str, vertices: np.ndarray, triangles: np.ndarray, piece: int) -> tuple[np.ndarray, list[str]]:
@@ -219,7 +216,7 @@ def flaws(path: str, piece: int = 0) -> list[str]:
 @lru_cache(maxsize=2)
 def _flaws(path: str, piece: int, *stamp: object) -> list[str]:
     """`flaws` of the file with this stamp."""
-    vertices, triangles, notes = _read_once(path, piece, *stamp)
+    vertices, triangles, notes, cut = _read_once(path, piece, *stamp)
     border, _ = edge_counts(triangles, len(vertices))
     lines = [f"{path}: {note}." for note in notes]
     right = outward(vertices, triangles)
@@ -230,6 +227,7 @@ def _flaws(path: str, piece: int, *stamp: object) -> list[str]:
         lines.append(
             f"{path} is open: {border} edges have a triangle on one side only. A finger that goes beyond them meets "
             f"nothing, and deformation.ReducedFE needs a closed surface. {REPAIR.format(path)} closes it."
+            + (f" If it should be closed: {cut}." if cut else "")
             + (faces if math.hypot(x, y, z) > FLAT else "")
         )
     turned = int((_least_first(right) != _least_first(triangles)).any(axis=1).sum())

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import phantom_finger
+import polygon_files
 import pytest
 from trimesh import Trimesh
 
@@ -44,7 +45,7 @@ PURPOSE = {
     "export": ["palpate export touch.mcap --to parquet"],
     "table": [f"python -c {shlex.quote(FRAME)}"],
     "film": ["palpate picture touch.mcap --film -o touch.gif", "palpate picture touch.mcap --film -o touch.mp4"],
-    "mesh": ["palpate run kidney --organ ball.stl --unit mm --fused --no-pictures --duration 0.1"],
+    "mesh": ["palpate run kidney --organ notched.obj --unit mm --fused --no-pictures --duration 0.1"],
     "bench": [
         "palpate bench accuracy --quick --touch indent -o bench --method FElupe",
         "palpate bench accuracy --quick --touch indent -o bench --method MuJoCo",
@@ -118,6 +119,7 @@ def bare(wheel, tmp_path_factory):
     printed = touches_a_kidney(env, folder / "empty")
     ball = surface_mesh("sphere", 600)
     Trimesh(1e3 * np.asarray(ball.vertices), ball.triangles).export(folder / "empty" / "ball.stl")
+    (folder / "empty" / "notched.obj").write_bytes(polygon_files.as_obj(*polygon_files.prism(polygon_files.L_SHAPE, 30)))
     return env, folder / "empty", printed
 
 

@@ -15,7 +15,7 @@ EXTRAS = {
     "export": {"pyarrow": "pyarrow"},
     "table": {"pandas": "pandas"},
     "film": {"vtk": "vtkmodules", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
-    "mesh": {"fast-simplification": "fast_simplification", "meshio": "meshio", "trimesh": "trimesh"},
+    "mesh": {"fast-simplification": "fast_simplification", "manifold3d": "manifold3d", "meshio": "meshio"},
     "study": {"matplotlib": "matplotlib"} | {name: name for name in ["SALib", "xarray", "zarr", "pyarrow", "pandas"]},
     "feel": {"sounddevice": "sounddevice", "pynwb": "pynwb"},
     "afm": {"afmformats": "afmformats"},

@@ -15,3 +15,12 @@ def check_readable(path: str | Path, most: int | None = None) -> None:
         raise OSError(errno.EINVAL, "a pipe or a device, expected a file", str(path))
     if most is not None and found.st_size > most:
         raise OSError(errno.EFBIG, f"{found.st_size} bytes, expected at most {most}", str(path))
+
+
+def check_file(path: str | Path, most: int | None = None) -> int:
+    """Size of a regular file [bytes]. OSError: as `check_readable`, or a folder."""
+    check_readable(path, most)
+    found = os.stat(path)
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "a folder, expected a file", str(path))
+    return found.st_size

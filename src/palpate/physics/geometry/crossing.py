@@ -1,4 +1,5 @@
-"""Self-intersection of a triangle mesh: edges of a triangle through the interior of another one.
+"""Self-intersection of a triangle mesh: edges of a triangle through the interior of another one, or two triangles of a
+piece that overlap in one plane, such as those of a concave polygon that was cut as a fan.
 
 Where edges meet edges exactly, as between a piece and its mirror image, no edge passes through an interior. Two pieces
 cross if this is found with one of them moved a little in a direction, and also in the opposite direction: pieces that
@@ -17,6 +18,8 @@ MOST = 1_500_000_000
 """Largest number of tests of bounding boxes, about 10 s. A surface takes 100 to 200 per triangle; more only if many of
 its triangles are at one place, such as those of a fan of a million slivers."""
 UNFINISHED = -2
+PLANE = 1e-6
+"""[1] Distance over the size of the surface within which triangles are in one plane; files round it to 6e-8."""
 ASIDE = 1e-7 * np.array([0.36, 0.48, 0.8])  # [1] By which a piece is moved, over the size of both
 
 
@@ -25,9 +28,11 @@ class UncheckedError(MeshError):
 
 
 def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.ndarray] | None:
-    """Two triangles of which one has an edge through the interior of the other, and where [m] (3,); None: not found.
+    """Two triangles of which one has an edge through the interior of the other, or that overlap in a plane, and where
+    [m] (3,); None: not found.
 
-    Triangles that only touch, are coplanar or share a corner do not cross. UncheckedError: more than `MOST` tests.
+    Triangles that only touch do not cross, nor do those of two pieces that lie face to face. UncheckedError: more than
+    `MOST` tests.
     """
     found = _search(points, triangles)
     return _between_pieces(points, triangles) if found is None and len(triangles) else found
@@ -76,13 +81,16 @@ def _search(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nda
     middle = points[triangles].mean(axis=(0, 1))
     points -= middle  # far from the origin, rounding of the coordinates would exceed the tolerance of `_side`
     corner = points[triangles]
-    low, high = corner.min(axis=1), corner.max(axis=1)
+    near = PLANE * float(np.ptp(corner.reshape(-1, 3), axis=0).max()) if len(corner) else 0.0
+    low, high = corner.min(axis=1) - near, corner.max(axis=1) + near
+    label = pieces(triangles, len(points))
     centre = 0.5 * (low + high)
     order = np.argsort(morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
     boxes = np.ascontiguousarray(np.concatenate([low, -high], axis=1)[order])
     leaves = 1 << (-(-len(triangles) // LEAF) - 1).bit_length()
     at = np.zeros(3)
-    first, other = _crossing(points, triangles[order], boxes, _tree(boxes, leaves), MOST, at)
+    tree = _tree(boxes, leaves)
+    first, other = _crossing(points, triangles[order], label[order], near, boxes, tree, MOST, at)
     if first == UNFINISHED:
         raise UncheckedError(f"{len(triangles)} triangles, of which too many lie at the same place to test all pairs")
     return None if first < 0 else (int(order[first]), int(order[other]), at + middle)
@@ -110,8 +118,13 @@ def _meet(a: Array, b: Array):
 
 
 @kernel
-def _crossing(points: Matrix, triangles: Indices, boxes: Matrix, tree: Matrix, most: int, at: Array):
+def _crossing(
+    points: Matrix, triangles: Indices, label: Indices, near: float, boxes: Matrix, tree: Matrix, most: int, at: Array
+):
     """The first pair; -1, -1: none; UNFINISHED: more than `most` tests. `at` (3) gets the place.
+
+    label      (T,)  piece of each triangle; two of one piece may not overlap in a plane
+    near [m]   see `PLANE`
 
     The tests of a triangle begin at its leaf and continue at the right-hand neighbours of the nodes above it, so that
     each pair is tested once.
@@ -144,6 +157,7 @@ def _crossing(points: Matrix, triangles: Indices, boxes: Matrix, tree: Matrix, m
                     if _meet(boxes[j], boxes[i]) and (
                         _through(points, triangles[i], triangles[j], at)
                         or _through(points, triangles[j], triangles[i], at)
+                        or (label[i] == label[j] and _overlap(points, triangles[i], triangles[j], near, at))
                     ):
                         return i, j
             if tests > most:
@@ -190,3 +204,44 @@ def _through(points: Matrix, one: Indices, other: Indices, at: Array):
                 at[l] = p[l] + share * (q[l] - p[l])
             return True
     return False
+
+
+@kernel
+def _overlap(points: Matrix, one: Indices, other: Indices, near: float, at: Array):
+    """Whether two triangles are in one plane and share more than a strip of the width `near` [m]; `at` (3) gets the
+    middle of the first. Two convex figures in a plane are apart if a side of one of them separates them."""
+    a, b, c = points[one[0]], points[one[1]], points[one[2]]
+    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    n0, n1, n2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+    size = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    if size == 0.0:
+        return False
+    n0, n1, n2 = n0 / size, n1 / size, n2 / size
+    for k in range(3):
+        p = points[other[k]]
+        if abs(n0 * (p[0] - a[0]) + n1 * (p[1] - a[1]) + n2 * (p[2] - a[2])) > near:
+            return False
+    for turn in range(2):
+        mine, theirs = (one, other) if turn == 0 else (other, one)
+        for k in range(3):
+            p, q, r = points[mine[k]], points[mine[(k + 1) % 3]], points[mine[(k + 2) % 3]]
+            # across the side p to q in the plane, away from the third corner
+            e0, e1, e2 = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+            m0, m1, m2 = e1 * n2 - e2 * n1, e2 * n0 - e0 * n2, e0 * n1 - e1 * n0
+            length = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
+            if length == 0.0:
+                return False
+            inside = m0 * (r[0] - p[0]) + m1 * (r[1] - p[1]) + m2 * (r[2] - p[2])
+            if abs(inside) <= near * length:
+                return False
+            length = -length if inside > 0.0 else length
+            least = np.inf
+            for l in range(3):
+                s = points[theirs[l]]
+                least = min(least, (m0 * (s[0] - p[0]) + m1 * (s[1] - p[1]) + m2 * (s[2] - p[2])) / length)
+            if least >= -near:
+                return False
+    for l in range(3):
+        at[l] = (a[l] + b[l] + c[l]) / 3.0
+    return True
