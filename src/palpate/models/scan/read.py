@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from palpate.models.scan.stack import ScanError, Stack, check_stack, cross_sections, orient_stack
+from palpate.physics.claims import check_claim
+from palpate.physics.readable import check_file
 
-MOST_PACKED = 1032  # [1] Largest compression ratio of deflate (zlib, technical details)
 MOST_VOXELS = 1 << 28  # [1] limit of a stack: 1 GB in memory, 4 l at 0.25 mm
 MOST_FILE = 1 << 30  # [bytes] limit of all files of a DICOM series together
 MOST_HEAD = 1 << 24  # [bytes] limit of the data before the voxels of a NIfTI file
@@ -32,7 +33,7 @@ def read(path: str | Path, spacing: tuple[float, float, float] | None = None, ax
     path = Path(path)
     if not path.exists():
         raise ScanError(f"{path}: no such file or folder. Expected a DICOM folder or .nii(.gz)")
-    if not path.is_file():
+    if path.is_dir():
         files = sorted(f for f in path.iterdir() if f.is_file() and not f.name.startswith("."))
         try:
             volume, stated, mirrored = _series(path, files)
@@ -54,12 +55,14 @@ def _nifti(path: Path):
     import nibabel
 
     try:
+        held = check_file(path, MOST_FILE)
         _check_head(path)
         image: Any = nibabel.load(path)
         _check_voxels(math.prod(map(int, image.shape)))
         claimed = math.prod(map(int, image.shape)) * int(image.get_data_dtype().itemsize)
-        held = path.stat().st_size * (MOST_PACKED if path.name.lower().endswith(".gz") else 1)
-        if not 0 < claimed <= held:  # memory is reserved before the voxels are read
+        if path.name.lower().endswith(".gz"):  # memory is reserved before the voxels are read
+            check_claim("its header", claimed, held)
+        elif not 0 < claimed <= held:
             raise ValueError(f"its header claims {claimed} bytes of voxels, the file contains at most {held}")
         unit = {"meter": 1.0, "micron": 1e-6}.get(image.header.get_xyzt_units()[0], 1e-3)
         data = np.squeeze(np.asanyarray(image.dataobj).astype(np.float32))
@@ -134,7 +137,10 @@ def _series(folder: Path, files: list[Path]):
             raise ScanError(f"{folder}: {name} is missing; convert to NIfTI")
     if any(int(s.get("NumberOfFrames", 1)) > 1 for s in slices):
         raise ScanError(f"{folder}: enhanced DICOM with many frames a file; convert it to NIfTI")
-    _check_voxels(sum(int(s.Rows) * int(s.Columns) * int(s.get("SamplesPerPixel", 1)) for s in slices))
+    counts = [int(s.Rows) * int(s.Columns) * int(s.get("SamplesPerPixel", 1)) for s in slices]
+    _check_voxels(sum(counts))
+    bits = sum(count * int(s.get("BitsAllocated", 16)) for count, s in zip(counts, slices, strict=True))
+    check_claim("the series", bits // 8, size)
     for name in ("PixelSpacing", "ImageOrientationPatient", "Rows", "Columns"):
         if any(not np.allclose(s.get(name), slices[0].get(name), rtol=1e-4, atol=1e-4) for s in slices):
             raise ScanError(f"{folder}: {name} differs from slice to slice, expected one for the series")

@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.physics.claims import check_claim, stored_bytes
 from palpate.physics.errors import RunError
 from palpate.physics.extras import require_extra
 from palpate.physics.readable import MOST_TEXT, check_readable
@@ -46,6 +47,7 @@ SHARE = 20.0
 """Rows are written if writing takes at most 1/SHARE of the time since the last write."""
 LARGEST = 1 << 32  # [bytes] of a table: more points than a study can compute
 AT_LEAST = 1.0  # [s] Minimum time between two writes
+CELL, BLOCK = 100, 1024  # [bytes] of a cell in memory; rows that are read at once
 CHUNK, LARGE = 32, 1 << 16  # Maximum number of curves, and of samples, in a file of several curves
 
 
@@ -89,7 +91,7 @@ class Store:
         about: dict[str, Any] = {"bases": {}}
         if self._table.exists():
             check_readable(self._table, LARGEST)
-            rows = pyarrow.parquet.read_table(self._table).to_pylist()
+            rows = _rows(self._table)
         if self._unwritten.exists():
             check_readable(self._unwritten, LARGEST)
             *lines, _ = self._unwritten.read_text(encoding="utf-8").split("\n")  # the last one is empty, or torn
@@ -249,11 +251,22 @@ class Store:
 
     def curves(self, name: str, slots: Iterable[int | None]) -> np.ndarray:
         """Curves (slots, samples), or with `NAME time` their times [s]; NaN for a slot without a curve."""
-        group: Any = zarr.open_group(self.folder / "curves.zarr", mode="r")
-        stored = np.asarray(group[name][:])
-        rows = [slot if slot is not None and slot < len(stored) else None for slot in slots]
-        nothing = np.full(stored.shape[1], math.nan)
-        return np.array([nothing if row is None else stored[row] for row in rows])
+        folder = self.folder / "curves.zarr"
+        stored: Any = zarr.open_group(folder, mode="r")[name]
+        rows = [slot if slot is not None and 0 <= slot < len(stored) else -1 for slot in slots]
+        width = int(stored.shape[1])
+        try:
+            check_claim(
+                f"{len(rows)} curves of {name}", 8 * width * max(len(rows), stored.chunks[0]), stored_bytes(folder)
+            )
+        except ValueError as error:
+            raise RunError(f"{folder}: {error}") from None
+        given = sorted({row for row in rows if row >= 0})
+        values = np.full((len(given) + 1, width), math.nan)
+        if given:
+            values[:-1] = stored.oindex[given]
+        at = {row: k for k, row in enumerate(given)}
+        return values[[at.get(row, -1) for row in rows]]
 
     def _disk_errors(self) -> contextlib.AbstractContextManager[None]:
         return disk_errors(self.folder, f"All points in {self._table.name} stay")
@@ -267,6 +280,20 @@ def _curve_sum(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:
         for numbers in given[name]:
             total = zlib.crc32(np.ascontiguousarray(numbers, dtype="<f8").tobytes(), total)
     return f"{total:08x}" if given else ""
+
+
+def _rows(table: Path) -> list[dict[str, Any]]:
+    """The rows of a table, in blocks, because a few bytes may stand for any number of equal rows. An exception of the
+    library, ValueError: damaged, or too many rows for its length."""
+    rows: list[dict[str, Any]] = []
+    held, size = table.stat().st_size, 0
+    with pyarrow.parquet.ParquetFile(table) as file:
+        check_claim("its table", CELL * file.metadata.num_rows * file.metadata.num_columns, held)
+        for block in file.iter_batches(batch_size=BLOCK):
+            size += block.nbytes
+            check_claim("its table", size, held)
+            rows += block.to_pylist()
+    return rows
 
 
 def _column(values: list[Any]) -> Any:

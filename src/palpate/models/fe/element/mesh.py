@@ -10,6 +10,7 @@ from palpate.models.fe.element.jacobian import find_inverted
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.indices import check_indices
 
 FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
 """The local nodes of each face, counter-clockwise seen from outside: three corners, then the nodes between them."""
@@ -121,7 +122,12 @@ def turned_out(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
 
 
 def quadratic(points: np.ndarray, corners: np.ndarray, region: np.ndarray | None = None) -> TetMesh:
-    """Quadratic mesh from linear tetrahedra (E,4), with a node in the middle of each edge."""
+    """Quadratic mesh from linear tetrahedra (E,4), with a node in the middle of each edge. MeshError: a corner that is
+    no point."""
+    try:
+        corners = check_indices(_whole("corners", corners), len(points), "an element refers to the point")
+    except ValueError as error:
+        raise MeshError(str(error)) from None
     elements, edges = edge_nodes(len(points), corners)
     region = np.zeros(len(corners), dtype=np.int64) if region is None else region
     return TetMesh(np.concatenate([points, points[edges].mean(axis=1)]), elements, region)

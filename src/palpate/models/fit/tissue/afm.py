@@ -13,8 +13,11 @@ import numpy as np
 
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press
+from palpate.physics.claims import check_hdf5, check_zip
 from palpate.physics.extras import require_extra
+from palpate.physics.readable import check_file
 
+LARGEST = 1 << 30  # [bytes] of a file: 100 times the largest map
 SUFFIXES = (".jpk-force", ".jpk-force-map", ".jpk-qi-data", ".jpk-qi-series", ".ibw", ".h5", ".zip")
 """Files that `afmformats` reads and that are no tables of numbers."""
 
@@ -28,6 +31,7 @@ def read_afm(path: Path) -> list[MeasuredPress]:
     before = log.level
     log.setLevel(logging.CRITICAL + 1)  # it logs the traceback of the error that follows
     try:
+        check_sizes(path)
         curves = afmformats.load_data(path)
         if not curves:
             raise ValueError("it has no curve")
@@ -40,6 +44,19 @@ def read_afm(path: Path) -> list[MeasuredPress]:
         raise SessionError(f"{path}: afmformats cannot read it: {reason}{unzip}") from None
     finally:
         log.setLevel(before)
+
+
+def check_sizes(path: Path) -> None:
+    """Compare the sizes that a file states with its length. ValueError, OSError: not a file, or too large."""
+    size = check_file(path, LARGEST)
+    with path.open("rb") as file:
+        head = file.read(8)
+    if head.startswith(b"PK"):
+        check_zip(path)
+    elif head == b"\x89HDF\r\n\x1a\n":
+        check_hdf5(path)
+    elif path.suffix == ".h5":
+        raise ValueError(f"it is no HDF5 file; it has {size} bytes and begins with {head!r}")
 
 
 def _read_press(path: Path, number: int, count: int, curve: Any) -> MeasuredPress:

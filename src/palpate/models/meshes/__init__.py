@@ -1,0 +1,1 @@
+"""Reading meshes of tetrahedra of other programs, in a process with limits."""
