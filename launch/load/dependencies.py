@@ -37,7 +37,10 @@ def content(name: str) -> str:
         if not path.is_file():
             cls = find_class(name)
             path = Path("" if cls.__module__.startswith("palpate.") else inspect.getsourcefile(cls) or "")
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.is_file() else ""
+        if not path.is_file():
+            return ""
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()[:16]
     except (OSError, ValueError, ClassError):
         return ""
 

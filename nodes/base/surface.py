@@ -210,7 +210,7 @@ def complete(surface: Surface, points: np.ndarray) -> Surface:
     (`spread_over`), the displacement of the others is interpolated, and their pressure and slip are 0. Otherwise it is
     returned unchanged: the others are at rest, or the points are those of another mesh."""
     nodes = surface.nodes
-    if not len(nodes) or int(nodes.max()) >= len(points) or not spread_over(points, nodes):
+    if not len(nodes) or not 0 <= nodes.min() <= nodes.max() < len(points) or not spread_over(points, nodes):
         return surface
 
     def spread(values: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import re
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,11 +10,12 @@ from polygon_files import L_SHAPE, as_obj, as_ply, prism
 
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.mesh_file import flaws
-from palpate.nodes.base.mesh_formats import read_file
+from palpate.nodes.base.mesh_formats import FORMATS, read_file
 from palpate.physics.indices import check_indices
 
 trimesh = pytest.importorskip("trimesh")
 
+PAGE = Path(__file__).parents[2] / "docs" / "your_organ.md"
 POINTS, FACES = prism(L_SHAPE, 30.0)
 MIXED = [[*face] for face in FACES[2:]] + [FACES[0][::1], FACES[1]]  # quads and hexagons
 BOX = trimesh.creation.box((40.0, 30.0, 20.0))
@@ -326,3 +328,89 @@ def test_the_checker_of_indices_refuses_all_but_whole_numbers_in_range():
             check_indices(np.array(wrong), 3, "found")
     with pytest.raises(ValueError, match="expected none"):
         check_indices([0], 0, "found")
+
+
+# -- the page --------------------------------------------------------------------------------------------------------
+
+PLAIN_PLY = as_ply(POINTS, FACES)
+STL_TEXT = BOX.export(file_type="stl_ascii").encode()
+STL = BOX.export(file_type="stl")
+READ = {
+    ".stl": {
+        "binary": STL,
+        "text": STL_TEXT,
+        "normals that are no numbers": re.sub(rb"normal .*", b"normal -1.#IND 0 0", STL_TEXT),
+        "a count of 0": STL[:80] + bytes(4) + STL[84:],
+        "trailing bytes": STL + b"more",
+        "no last line": STL_TEXT.rpartition(b"endsolid")[0],
+        "several solids": STL_TEXT.rstrip() + b"\n" + STL_TEXT,
+    },
+    ".ply": {
+        "text": PLAIN_PLY,
+        "binary, little-endian": as_ply(POINTS, FACES, "binary_little_endian"),
+        "binary, big-endian": as_ply(POINTS, FACES, "binary_big_endian"),
+        "triangles and quads": as_ply(
+            POINTS, [FACES[2], *([a, b, c] for a, b, c, _ in FACES[3:])], "binary_little_endian"
+        ),
+        "polygons": PLAIN_PLY,
+        "strips of triangles": ply(
+            f"format ascii 1.0\n{VERTEX.format(3)}element tristrips 1\nproperty list int int vertex_indices\n",
+            b"0 0 0\n0 1 0\n1 0 0\n3 0 1 2\n",
+        ),
+        "other elements and properties": random_ply(np.random.default_rng(0))[0],
+        "trailing bytes": PLAIN_PLY + b"more\n",
+        "lines that end with CR": PLAIN_PLY.replace(b"\n", b"\r"),
+        "lines that end with CR LF": PLAIN_PLY.replace(b"\n", b"\r\n"),
+    },
+    ".obj": {
+        "polygons": PLAIN,
+        "textures and normals": OBJ["textures and normals"],
+        "indices from the end": OBJ["indices from the end"],
+        "tabs": OBJ["tabs"],
+        "a byte order mark": OBJ["a byte order mark"],
+        "a comment after a face": OBJ["a comment after a face"],
+        "continued lines": OBJ["continued lines"],
+        "colours of vertices": OBJ["colours"],
+        "names of groups and materials": b"mtllib a.mtl\nusemtl a\n" + OBJ["groups, smoothing, lines"],
+        "lines that end with CR": OBJ["CR"],
+        "lines that end with CR LF": OBJ["CR LF"],
+    },
+}
+REFUSED = {
+    ".stl": {
+        "a corner that is no number": re.sub(rb"vertex \S+", b"vertex 1.#QNAN", STL_TEXT, count=1),
+        "fewer triangles than the header says": STL[:-10],
+    },
+    ".ply": {
+        "fewer rows than the header says": PLAIN_PLY[:-30],
+        "a face with a vertex that does not exist": as_ply(POINTS, [[0, 1, 99]]),
+        "points without faces": ply(f"format ascii 1.0\n{VERTEX.format(1)}", b"0 0 0\n"),
+    },
+    ".obj": {
+        "a vertex 0": PLAIN + b"f 0 1 2\n",
+        "a face with a vertex that does not exist": PLAIN + b"f 1 2 99\n",
+        "a face of two corners": PLAIN + b"f 1 2\nf 1 2 3\n",
+        "points without faces": PLAIN.partition(b"f ")[0],
+    },
+}
+
+
+def listed() -> tuple[dict[str, set[str]], dict[str, set[str]]]:
+    """By format, what the page says is read, and what is refused."""
+    text = PAGE.read_text(encoding="utf-8").partition("## What is read")[2].partition("\n## ")[0]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `")]
+    read, refused_ = ({row[0].strip("`"): set(row[k].split("; ")) for row in rows} for k in (1, 2))
+    return read, refused_
+
+
+def test_the_page_lists_what_is_read_and_what_is_refused(tmp_path):
+    read, not_read = listed()
+    assert read == {ending: set(forms) for ending, forms in READ.items()}
+    assert not_read == {ending: set(forms) for ending, forms in REFUSED.items()}
+    assert set(read) == set(FORMATS)
+    for ending, forms in READ.items():
+        for form, data in forms.items():
+            assert len(corners_of(tmp_path / f"a{ending}", data)[0]), form
+    for ending, forms in REFUSED.items():
+        for data in forms.values():
+            refused(tmp_path / f"a{ending}", data)

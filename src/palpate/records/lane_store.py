@@ -129,7 +129,24 @@ class LaneStore:
             raise ArgumentError(f"out: found a store of another program in {self.path}, {EXPECTED}") from None
         if kept != identity:
             raise ArgumentError(f"out: {self.path} has results of other settings, lanes, fields or sources; {EXPECTED}")
+        if "lanes_done" in group.attrs:
+            self._check_shapes(group)
         return group
+
+    def _check_shapes(self, group: Any) -> None:
+        """ArgumentError: arrays or ranges of finished lanes of another shape than this ensemble writes; reading them
+        could take any memory and time."""
+        try:
+            ends = [np.asarray(pair) for pair in group.attrs["lanes_done"]]
+            wrong = any(pair.shape != (2,) or not 0 <= pair[0] < pair[1] <= self._lanes for pair in ends)
+            shapes = {field.name: tuple(field.shape) for field in self._fields} | {"error": (), NOTES: ()}
+            for name, shape in shapes.items():
+                found = group[name].shape, group[name].chunks
+                wrong = wrong or found != ((self._lanes, *shape), (self._size, *shape))
+        except Exception:  # zarr raises many types for a damaged store
+            wrong = True
+        if wrong:
+            raise ArgumentError(f"out: the store in {self.path} is damaged: its arrays have other shapes; {EXPECTED}")
 
     def _create(self, lanes: int, time: np.ndarray, settings: Mapping[str, tuple[Any, str]]) -> None:
         make = partial(self._group.create_array, overwrite=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.transport import ftdi
 from palpate.drivers.transport.ftdi import Ftdi, payload
+from palpate.physics.readable import check_file
 
 SLOW, LOADING, RUNNING = 0x4138, 0x15, 0x2  # baud divisors: 9600, 142 857 and 1.5 M
 HELLO, READY = b"\x0a\x43\x0d", b"\x0a\x44\x2c\x0d"
@@ -17,6 +18,7 @@ LETTER = b"\x41"
 BLOCK = 62  # [bytes] sent between two echoes: a packet without its modem bytes
 HELLOS = 100
 ATTEMPTS = 10
+LARGEST = 1 << 20  # [bytes] of an image, which has 14 to 100 kB
 REPLY = 0.5  # [s] timeout for an answer
 
 
@@ -27,6 +29,7 @@ class RefusedError(Exception):
 def image(path: str) -> bytes:
     """The firmware in a file. DeviceError: missing or empty file."""
     try:
+        check_file(Path(path).expanduser(), LARGEST)
         data = Path(path).expanduser().read_bytes()
     except OSError as error:
         raise DeviceError(

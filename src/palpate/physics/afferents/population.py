@@ -11,6 +11,7 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.afferents.published import FITS, TYPES
 from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.contact.subsurface import energy_stress
+from palpate.physics.readable import MOST_TEXT, check_file
 
 NO_GRID, OUTSIDE = 1, 2  # Results of `place`: the points are not a grid; a receptor is outside of it
 MOST = 20_000  # Receptors
@@ -57,6 +58,7 @@ def read(
     """Receptors from a CSV file with columns type, x, y and optionally depth, in m. ValueError, OSError: invalid."""
     kind: list[int] = []
     at: list[list[float]] = []
+    check_file(path, MOST_TEXT)
     with path.open(newline="", encoding="utf-8") as file:
         for number, line in enumerate(csv.DictReader(file), 2):
             try:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
+from palpate.physics.indices import check_indices
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,12 @@ class Basis:
         """Read a stored basis. ArchiveError: not a basis, or a damaged one."""
         try:
             archive = read_arrays(path)
-            vertices, triangles = archive["vertices"], archive["triangles"]
+            vertices = archive["vertices"]
+            triangles = check_indices(archive["triangles"], len(vertices), "a triangle refers to the vertex")
+            if vertices.ndim != 2 or triangles.ndim != 2 or vertices.shape[1] != 3 or triangles.shape[1] != 3:
+                raise ValueError(f"vertices {vertices.shape} and triangles {triangles.shape}, expected (V, 3), (T, 3)")
+            if archive["triangles"].dtype.kind not in "iu":
+                raise ValueError(f"triangles of {archive['triangles'].dtype}, expected integers")
             size = 3 * len(vertices)
             lower = np.ascontiguousarray(archive["lower"].T).view("<i2").ravel()
             if lower.size != size * (size + 1) // 2:  # before the full matrix is allocated
@@ -44,4 +50,4 @@ class Basis:
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
             raise ArchiveError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate build basis`") from None
         full += np.tril(full, -1).T
-        return cls(vertices, triangles, full)
+        return cls(vertices, archive["triangles"], full)

@@ -34,6 +34,7 @@ from palpate.physics.bodies.place_energy import Ground, along, softness, weight_
 from palpate.physics.bodies.true_patch import true_patch, without_correction
 from palpate.physics.contact.area import FIXED, MEAN, AreaLaw, approach, with_approach
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.indices import check_indices
 
 LEAST = 1e-9  # [m/N] Lower limit of the compliance
 
@@ -74,6 +75,15 @@ class Start(NamedTuple):
         model = body.model
         return cls(model.corners, model.weights, model.true.table, body.ground.softness)
 
+    def fits(self, coarse: int, fine: int) -> bool:
+        """Whether a file has it for these numbers of vertices: kernels index it without a check."""
+        try:
+            check_indices(self.corners, coarse, "a vertex lies on")
+        except ValueError:
+            return False
+        shapes = (self.corners.shape, self.weights.shape, self.table.shape, self.softness.shape)
+        return shapes == ((fine, 3), (fine, 3), (coarse, coarse), (coarse,))
+
 
 def condensed_body(
     basis: Basis,
@@ -103,6 +113,8 @@ def condensed_body(
     start     of a body with the same arguments, if it is stored
     """
     coarse, fine, rho = Mesh(basis.vertices, basis.triangles), fine_mesh(mesh, radius, reach), np.array(rho)
+    if start is not None and not start.fits(len(basis.vertices), len(mesh.vertices)):
+        start = None
     corners, weights = lies_on(coarse, mesh) if start is None else start[:2]
     table = None if start is None else start.table
     true = without_correction(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart, table)

@@ -30,6 +30,7 @@ from palpate.physics.bodies.sampled import step
 from palpate.physics.bodies.sampled.contacts import SampledContacts, step_all
 from palpate.physics.bodies.sampled.energy import Points, SampledWorkspace, scratch
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.indices import check_indices
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
 MOST_VERTICES = 2000  # Limit of the vertices of a coarse surface, as of `deformation.ReducedFE.coarse`
@@ -78,6 +79,7 @@ class SampledBasis:
                 raise ValueError(f"{lower.size} compliances of {len(kept)}, {size // 3} vertices")
             half = np.zeros((len(kept), len(kept)), dtype=np.float32)
             half[np.tril_indices(len(kept))] = lower
+            check_indices(kept, size, "a compliance is kept for the freedom")
             residual_compliance = np.zeros((size, size), dtype=np.float32)
             residual_compliance[np.ix_(kept, kept)] = half + np.tril(half, -1).T
             names = archive["laws"].tolist() if "laws" in archive else UNNAMED
@@ -85,6 +87,7 @@ class SampledBasis:
                 modes, archive["weights"], archive["kinds"], archive["constants"], archive["springs"],
                 float(archive["limit"]), np.array([place_of(law(name), name) for name in names]),
             )  # fmt: skip
+            _check_points(archive, points, surface_modes, size)
             scale, power, most = archive["bend"].tolist()
             return cls(
                 archive["vertices"], archive["triangles"], residual_compliance,
@@ -92,6 +95,29 @@ class SampledBasis:
             )  # fmt: skip
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
             raise ArchiveError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate build basis`") from None
+
+
+def _check_points(archive: dict[str, np.ndarray], points: Points, surface_modes: np.ndarray, size: int) -> None:
+    """ValueError: arrays of a file that do not fit each other. Kernels index them without a check, and call the law
+    of a point by its address.
+
+    size  three times the number of vertices
+    """
+    check_indices(archive["triangles"], size // 3, "a triangle refers to the vertex")
+    check_indices(points.kinds, len(points.laws), "a sampled point has the law")
+    count, modes = len(points.weights), surface_modes.shape[-1]
+    shapes = {
+        "vertices": (archive["vertices"].shape, (size // 3, 3)),
+        "triangles": (archive["triangles"].shape[1:], (3,)),
+        "surface modes": (surface_modes.shape, (size, modes)),
+        "modes": (points.modes.shape, (9 * count, modes)),
+        "weights, kinds": ((points.weights.ndim, points.kinds.shape), (1, (count,))),
+        "constants": ((points.constants.ndim, len(points.constants)), (2, count)),
+        "springs": (points.springs.shape, (modes, modes)),
+    }
+    for name, (found, expected) in shapes.items():
+        if found != expected:
+            raise ValueError(f"{name} of shape {found}, expected {expected}")
 
 
 class SampledBody(NamedTuple):

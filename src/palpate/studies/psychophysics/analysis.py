@@ -13,11 +13,10 @@ from scipy import stats
 
 from palpate.physics.archive import replace_text
 from palpate.physics.errors import ArgumentError
-from palpate.physics.readable import MOST_TEXT, check_readable
 from palpate.studies.psychophysics.file import ConstantBlock, Experiment, load
 from palpate.studies.psychophysics.fit import Fit, IntervalEstimate, fit
 from palpate.studies.psychophysics.functions import AT, HALF
-from palpate.studies.psychophysics.store import NONE, Row, parse, tables
+from palpate.studies.psychophysics.store import NONE, Row, parse, read_content, tables
 
 ALL = "all"
 
@@ -91,7 +90,7 @@ def analyse(folder: Path) -> list[Outcome]:
         for path in tables(folder, task):
             dictionary = path.with_suffix(".json")
             about |= _read_description(dictionary) if dictionary.exists() else {}
-            for row in parse(_content(path))[0]:
+            for row in parse(read_content(path))[0]:
                 groups.setdefault((row["block"], path.name.split("_")[0]), []).append(row)
         for name, block in experiment.blocks.items():
             if not block.practice:
@@ -104,19 +103,10 @@ def analyse(folder: Path) -> list[Outcome]:
     return outcomes
 
 
-def _content(path: Path) -> bytes:
-    """The bytes of a file. ArgumentError: it cannot be read."""
-    try:
-        check_readable(path, MOST_TEXT)
-        return path.read_bytes()
-    except OSError as error:
-        raise ArgumentError(f"{path}: {error.strerror}; expected a file of `palpate experiment`") from None
-
-
 def _read_description(path: Path) -> dict[str, Any]:
     """The description of the column `level`. ArgumentError: the file is damaged."""
     try:
-        return dict(json.loads(_content(path))["level"])
+        return dict(json.loads(read_content(path))["level"])
     except (ValueError, TypeError, LookupError, RecursionError) as error:
         why = f"{type(error).__name__}: {error}"
         raise ArgumentError(f"{path}: damaged ({why}); `palpate experiment` writes it again, or remove it") from None

@@ -16,7 +16,7 @@ from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import resume_schedule, run
 from palpate.studies.psychophysics.stimuli import Stimuli
-from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
+from palpate.studies.psychophysics.store import Table, begin, parse, read_content, sessions, table_path
 
 if TYPE_CHECKING:
     from palpate.studies.psychophysics.page import ExperimentPage
@@ -129,7 +129,7 @@ def _choose_session(
 def _state(stimuli: Stimuli, folder: Path, who: str, number: int) -> tuple[int, bool]:
     """Number of stored trials of a session, and whether it is complete."""
     file = table_path(folder, stimuli.experiment.task, who, number)
-    rows, _ = parse(file.read_bytes())
+    rows, _ = parse(read_content(file))
     return len(rows), resume_schedule(stimuli, rows, file, who, number)[1] is None
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.physics.errors import ArgumentError
+from palpate.physics.readable import MOST_TEXT, check_file
 from palpate.physics.writable import lock_file
 from palpate.studies.files import replace
 from palpate.studies.psychophysics.cells import decode_row, encode_row
@@ -60,6 +61,8 @@ class Table:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.recordings.mkdir(parents=True, exist_ok=True)
         self.recovered: Path | None = None
+        if self.path.exists():
+            check_file(self.path, MOST_TEXT)
         self._file = open(self.path, "a+b", buffering=0)  # noqa: SIM115 - open during the session
         if not lock_file(self._file):
             self._file.close()
@@ -149,13 +152,22 @@ def sessions(folder: Path, task: str, participant: str) -> list[int]:
     return sorted(int(path.parts[-3].removeprefix("ses-")) for path in found if path.parts[-3][4:].isdigit())
 
 
+def read_content(path: Path) -> bytes:
+    """The bytes of a file. ArgumentError: it cannot be read."""
+    try:
+        check_file(path, MOST_TEXT)
+        return path.read_bytes()
+    except OSError as error:
+        raise ArgumentError(f"{path}: {error.strerror}; expected a file of `palpate experiment`") from None
+
+
 def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping[str, Any]) -> None:
     """Write the files of a data set other than the tables. ArgumentError: the folder belongs to another experiment of
     this name, or cannot be written. An experiment without stored trials is replaced: it may have been corrected."""
     try:
         (folder / "code").mkdir(parents=True, exist_ok=True)
         copy = folder / "code" / f"task-{task}.yaml"
-        if copy.exists() and copy.read_bytes() != text and _has_trials(folder, task):
+        if copy.exists() and (check_file(copy) != len(text) or copy.read_bytes() != text) and _has_trials(folder, task):
             raise ArgumentError(
                 f"{folder}: its data are of another version of this experiment ({copy}). Use another folder (--out), "
                 "or another `task:`."
@@ -175,6 +187,8 @@ def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping
 def _participant(folder: Path, participant: str, about: Mapping[str, Any]) -> None:
     """Add a participant to the list, once, with the attributes that the experiment gives."""
     file = folder / "participants.tsv"
+    if file.exists():
+        check_file(file, MOST_TEXT)
     lines = [decode_row(line) for line in file.read_bytes().splitlines()] if file.exists() else []
     heads, *rows = lines or [["participant_id"]]
     heads = list(dict.fromkeys([*heads, *about]))

@@ -68,7 +68,7 @@ def _pressure(slip: Slip, surface: Any) -> np.ndarray:
     """Pressure of each node of the pad [Pa]; 0 without contact or surface."""
     pressure = np.zeros(len(slip.points))
     if surface is not None and len(surface.pressure) == len(surface.nodes):
-        inside = surface.nodes < len(pressure)
+        inside = (surface.nodes >= 0) & (surface.nodes < len(pressure))
         pressure[surface.nodes[inside]] = surface.pressure[inside]
     return pressure
 
