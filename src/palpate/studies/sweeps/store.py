@@ -253,7 +253,7 @@ class Store:
         """Curves (slots, samples), or with `NAME time` their times [s]; NaN for a slot without a curve."""
         folder = self.folder / "curves.zarr"
         stored: Any = zarr.open_group(folder, mode="r")[name]
-        rows = [slot if slot is not None and 0 <= slot < len(stored) else -1 for slot in slots]
+        rows = [slot if slot is not None and 0 <= slot < stored.shape[0] else -1 for slot in slots]
         width = int(stored.shape[1])
         try:
             check_claim(
