@@ -52,7 +52,8 @@ LINKS = Path(__file__).parent.parent / "src" / "palpate"
 FOLDERS["models.scan"] = FOLDERS["models.fe"].parent / "scan"  # imports libraries of its extra: not imported here
 LOW = ("registry", "messages", "compiler", "physics", "records.format", "drivers", "nodes")
 MIDDLE = (*LOW, "engine", "launch.load")
-MODELS = ("models.build", "models.fe", "models.fit", "models.scan")
+FOLDERS["models.files"] = FOLDERS["models.fe"].parent / "files"  # the same
+MODELS = ("models.build", "models.fe", "models.files", "models.fit", "models.scan")
 HIGH = (*MIDDLE, "launch.run", "records", *MODELS, "views")
 MAY = {
     "registry": (),
@@ -62,9 +63,10 @@ MAY = {
     "drivers": ("messages", "compiler", "physics"),
     "records.format": ("messages", "compiler", "physics"),
     "nodes": LOW,
-    "models.fe": ("compiler", "physics"),
+    "models.files": ("compiler", "physics"),
+    "models.fe": ("compiler", "physics", "models.files"),
     "models.scan": ("compiler", "physics"),
-    "models.fit": (*LOW, "models.fe"),
+    "models.fit": (*LOW, "models.fe", "models.files"),
     "models.build": (*LOW, "models.fe"),
     "engine": LOW,
     "launch.load": (*LOW, "engine", "graphs"),

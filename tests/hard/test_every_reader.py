@@ -1,7 +1,7 @@
 """Every reader of files: what it opens, what its memory and time depend on, and which numbers it takes as indices.
 
 Readers are found by their place: each module that opens a file to read is in `READERS` with what it reads, or in
-`NO_READERS` with the reason why nobody else's file can reach it.
+`NO_READERS` with the reason why a file of another user does not reach it.
 """
 
 import ast
@@ -54,6 +54,7 @@ NO_READERS = {
     "src/palpate/ensemble.py": "the store that it has written",
     "src/palpate/models/build/basis.py": "the index of a folder in which it writes a basis",
     "src/palpate/models/fe/reduce/snapshots.py": "a cache; `trust.py` checks its owner",
+    "src/palpate/models/files/hdf5.py": "called by readers",
     "src/palpate/physics/claims.py": "called by readers",
     "src/palpate/records/format/claim.py": "a regular file, to be overwritten",
     "src/palpate/records/format/mcap_append.py": "a recording that this process has written",
@@ -266,7 +267,7 @@ PHYSICS = "src/palpate/physics"
 OWN = (PalpateError, OSError, ValueError)
 READERS = {
     "organ": Reader(organ, (FORMATS, "nodes/base/mesh_file.py", "nodes/base/surface.py"), ("a.stl", "a.ply", "a.obj")),
-    "tetrahedra": Reader(tetrahedra, ("src/palpate/models/meshes/apart.py",), ("a.msh", "a.vtk", "a.vtu", "a.inp",
+    "tetrahedra": Reader(tetrahedra, ("src/palpate/models/files/apart.py",), ("a.msh", "a.vtk", "a.vtu", "a.inp",
                                                                                "a.xdmf", "a.med")),
     "texture": Reader(texture, ("nodes/base/texture_file.py",), ("a.json",), OWN),
     "relief": Reader(relief, (f"{PHYSICS}/texture/surface.py",), ("a.csv",), OWN),

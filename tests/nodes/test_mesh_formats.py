@@ -285,7 +285,7 @@ CUT = {
 
 @pytest.mark.parametrize("name", CUT)
 def test_a_file_of_a_closed_body_that_is_cut_off_anywhere_is_refused_or_reported_as_cut(tmp_path, name):
-    """60 places each. Where a file may end there, it has fewer triangles and is open, and the line says why."""
+    """60 places each. Where a file may end there, it has fewer triangles and is open, and the line gives the reason."""
     data, path = CUT[name], tmp_path / name
     path.write_bytes(data)
     assert flaws(str(path)) == []
@@ -379,10 +379,10 @@ READ = {
 REFUSED = {
     ".stl": {
         "a corner that is no number": re.sub(rb"vertex \S+", b"vertex 1.#QNAN", STL_TEXT, count=1),
-        "fewer triangles than the header says": STL[:-10],
+        "fewer triangles than its header announces": STL[:-10],
     },
     ".ply": {
-        "fewer rows than the header says": PLAIN_PLY[:-30],
+        "fewer rows than its header announces": PLAIN_PLY[:-30],
         "a face with a vertex that does not exist": as_ply(POINTS, [[0, 1, 99]]),
         "points without faces": ply(f"format ascii 1.0\n{VERTEX.format(1)}", b"0 0 0\n"),
     },

@@ -119,7 +119,8 @@ def bare(wheel, tmp_path_factory):
     printed = touches_a_kidney(env, folder / "empty")
     ball = surface_mesh("sphere", 600)
     Trimesh(1e3 * np.asarray(ball.vertices), ball.triangles).export(folder / "empty" / "ball.stl")
-    (folder / "empty" / "notched.obj").write_bytes(polygon_files.as_obj(*polygon_files.prism(polygon_files.L_SHAPE, 30)))
+    notched = polygon_files.as_obj(*polygon_files.prism(polygon_files.L_SHAPE, 30.0))
+    (folder / "empty" / "notched.obj").write_bytes(notched)
     return env, folder / "empty", printed
 
 

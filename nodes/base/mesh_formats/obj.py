@@ -13,7 +13,7 @@ from palpate.nodes.base.mesh_formats.polygons import FileMesh
 from palpate.nodes.base.mesh_formats.words import integers, numbers, plain_lines, shown, wrong_word
 
 LEAST = 3  # Numbers of a vertex, corners of a face
-_VERTEX, _FACE = b"v", (b"f", b"fo")  # `fo`: a face in files of before 1995
+_VERTEX, _FACE = b"v", (b"f", b"fo")  # the second in files of before 1995
 _FOLLOWING = re.compile(rb"/\S*")  # The texture and the normal of a corner
 
 

@@ -187,7 +187,7 @@ def _walk(data: bytes, at: int, element: Element, order: str) -> tuple[np.ndarra
     endian, size = ("little" if order == "<" else "big"), len(data)
     starts, lengths = [list[int]() for _ in sizes], [list[int]() for _ in sizes]
     for row in range(element.count):
-        for begin, number, before, (width, signed, each) in zip(starts, lengths, gaps, sizes, strict=True):
+        for begin, number, before, (width, signed, item) in zip(starts, lengths, gaps, sizes, strict=True):
             at += before
             length = int.from_bytes(data[at : at + width], endian, signed=signed)  # type: ignore[arg-type]
             at += width
@@ -195,7 +195,7 @@ def _walk(data: bytes, at: int, element: Element, order: str) -> tuple[np.ndarra
                 raise ValueError(f"row {row + 1} of {element.name} has a list of {length} entries: it is damaged")
             begin.append(at)
             number.append(length)
-            at += each * length
+            at += item * length
         at += gap
         if at > size:
             raise _too_few(element, row)

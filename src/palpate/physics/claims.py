@@ -7,7 +7,6 @@ compresses 2 to 5 times, a mask 50 to 500 times, a table 2 to 10 times.
 import os
 import zipfile
 from pathlib import Path
-from typing import Any
 
 RATIO = 200  # [1] Contents over the length of their file
 FREE = 64 << 20  # [bytes] that any file may hold
@@ -33,39 +32,6 @@ def check_zip(path: Path) -> None:
     """ValueError, OSError, zipfile.BadZipFile: not a zip archive, or its members unpack to too many bytes."""
     with zipfile.ZipFile(path) as archive:
         check_claim("its directory", sum(member.file_size for member in archive.infolist()), path.stat().st_size)
-
-
-def check_hdf5(path: Path) -> None:
-    """Check the links and arrays of an HDF5 file without reading them.
-
-    ValueError, OSError: it refers to another file, or its arrays are too large for it. ModuleNotFoundError: no h5py.
-    """
-    import h5py
-
-    with h5py.File(path, "r", locking=False) as file:
-        left: list[tuple[str, Any]] = [("", file)]
-        seen: set[Any] = set()
-        claimed = 0
-        while left:
-            name, group = left.pop()
-            for key in group:
-                inner, link = f"{name}/{key}", group.get(key, getlink=True)
-                if isinstance(link, h5py.ExternalLink):
-                    raise ValueError(f"{inner} is in another file, {link.filename!r}; copy it into this one")
-                if isinstance(link, h5py.SoftLink):
-                    continue  # names an object that has another link here
-                member = group[key]
-                address = h5py.h5o.get_info(member.id).addr
-                if address in seen:
-                    continue
-                seen.add(address)
-                if isinstance(member, h5py.Group):
-                    left.append((inner, member))
-                elif isinstance(member, h5py.Dataset):
-                    if member.external or member.is_virtual:
-                        raise ValueError(f"{inner} is in another file; copy it into this one")
-                    claimed += member.size * member.dtype.itemsize if member.size else 0
-        check_claim("the arrays in it", claimed, path.stat().st_size)
 
 
 def stored_bytes(folder: Path) -> int:

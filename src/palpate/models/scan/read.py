@@ -137,9 +137,9 @@ def _series(folder: Path, files: list[Path]):
             raise ScanError(f"{folder}: {name} is missing; convert to NIfTI")
     if any(int(s.get("NumberOfFrames", 1)) > 1 for s in slices):
         raise ScanError(f"{folder}: enhanced DICOM with many frames a file; convert it to NIfTI")
-    counts = [int(s.Rows) * int(s.Columns) * int(s.get("SamplesPerPixel", 1)) for s in slices]
-    _check_voxels(sum(counts))
-    bits = sum(count * int(s.get("BitsAllocated", 16)) for count, s in zip(counts, slices, strict=True))
+    pixels = [int(s.Rows) * int(s.Columns) * int(s.get("SamplesPerPixel", 1)) for s in slices]
+    _check_voxels(sum(pixels))
+    bits = sum(each * int(s.get("BitsAllocated", 16)) for each, s in zip(pixels, slices, strict=True))
     check_claim("the series", bits // 8, size)
     for name in ("PixelSpacing", "ImageOrientationPatient", "Rows", "Columns"):
         if any(not np.allclose(s.get(name), slices[0].get(name), rtol=1e-4, atol=1e-4) for s in slices):

@@ -283,7 +283,7 @@ def _curve_sum(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:
 
 
 def _rows(table: Path) -> list[dict[str, Any]]:
-    """The rows of a table, in blocks, because a few bytes may stand for any number of equal rows. An exception of the
+    """The rows of a table, in blocks, because a few bytes may encode any number of equal rows. An exception of the
     library, ValueError: damaged, or too many rows for its length."""
     rows: list[dict[str, Any]] = []
     held, size = table.stat().st_size, 0

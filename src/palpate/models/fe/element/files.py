@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.models.fe.element.mesh import TetMesh, quadratic
-from palpate.models.meshes.apart import read_apart
+from palpate.models.files.apart import read_apart
 
 
 def read_mesh(path: str | Path, unit: float = 1.0) -> tuple[TetMesh, dict[str, int]]:
@@ -17,7 +17,7 @@ def read_mesh(path: str | Path, unit: float = 1.0) -> tuple[TetMesh, dict[str, i
 
     unit  [m] of the file's coordinates: 1e-3 for millimetres
 
-    The file is read in a separate process (`models.meshes.apart`), whose memory and time are limited by its length.
+    The file is read in a separate process (`models.files.apart`), whose memory and time are limited by its length.
 
     MeshError: a missing file, not a mesh, no tetrahedra, sets that overlap or are incomplete; meshio is missing.
     """

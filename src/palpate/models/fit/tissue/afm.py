@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from palpate.models.files.hdf5 import check_hdf5
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press
-from palpate.physics.claims import check_hdf5, check_zip
+from palpate.physics.claims import check_zip
 from palpate.physics.extras import require_extra
 from palpate.physics.readable import check_file
 

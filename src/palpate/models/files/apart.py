@@ -4,7 +4,7 @@ The readers of meshio reserve memory for the sizes that a file states, fill tabl
 and open files that a file names, such as by INCLUDE of Abaqus. In the process, only regular files in the folder of the
 mesh can be opened: `.xdmf` has its numbers in an .h5 file, Tetgen in two files. What meshio prints is discarded.
 
-The process `python -m palpate.models.meshes.apart` reads the path as JSON from standard input and writes a line of
+The process `python -m palpate.models.files.apart` reads the path as JSON from standard input and writes a line of
 JSON to standard output, {"error": text} or {"kind", "names", "arrays": [[name, dtype, shape], ...]}, then the arrays.
 """
 
@@ -23,7 +23,7 @@ from typing import IO, Any
 import numpy as np
 
 from palpate.compiler.arithmetic import environment
-from palpate.physics.claims import check_hdf5
+from palpate.models.files.hdf5 import check_hdf5
 from palpate.physics.errors import MeshError
 from palpate.physics.extras import missing
 from palpate.physics.readable import check_file
@@ -48,7 +48,7 @@ def read_apart(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]
     if find_spec("meshio") is None:
         raise MeshError(missing(str(path), "meshio", "mesh"))
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "palpate.models.meshes.apart"],
+        [sys.executable, "-P", "-m", "palpate.models.files.apart"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -151,7 +151,7 @@ def _read(path: str, file: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         import meshio
     except ImportError as error:
         raise MeshError(missing(path, error.name, "mesh")) from None
-    from palpate.models.meshes.tetrahedra import tetrahedra
+    from palpate.models.files.tetrahedra import tetrahedra
 
     limits, printed = _Limits(Path(file).parent), io.StringIO()
     _check_libraries(limits)

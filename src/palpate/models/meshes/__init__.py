@@ -1,1 +1,0 @@
-"""Reading meshes of tetrahedra of other programs, in a process with limits."""
