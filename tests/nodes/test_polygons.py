@@ -14,6 +14,7 @@ from polygon_files import (
     prism,
 )
 
+import palpate
 from palpate.launch.testing import FakeBus
 from palpate.messages import Pose
 from palpate.nodes.base.mesh_file import flaws, read_mesh
@@ -99,6 +100,20 @@ def test_a_finger_in_the_notch_of_an_l_shaped_body_touches_nothing(tmp_path, nam
     down = [Pose(position=(0.033, 0.033, z), velocity=(0.0, 0.0, 0.0), dt=1e-3) for z in np.linspace(0.06, 0.015, 200)]
     gaps = np.array([answer.gap for answer in bus.publish(*down)])
     assert gaps[-1] == pytest.approx(0.013, abs=1e-6) and gaps.min() > 0.0129
+
+
+@pytest.mark.filterwarnings("ignore::palpate.PalpateWarning")
+def test_a_hand_that_moves_down_in_the_notch_feels_no_force(tmp_path):
+    """Cut as a fan from this corner, the L pushes it with 5 N."""
+    points, faces = prism(np.roll(L_SHAPE, 1, axis=0), HEIGHT)
+    (tmp_path / "L.obj").write_bytes(as_obj(points, faces))
+    surface = {"surface": str(tmp_path / "L.obj"), "file_unit": "mm", "position": [-0.033, -0.033, 0.068]}
+    hand = {"begin": [0.0, 0.0, 0.116], "path": [{"to": [0.0, 0.0, 0.088], "time": 0.15}]}
+    sets = {f"scene.surface.{name}": value for name, value in surface.items()}
+    sets |= {f"scene.hand.{name}": value for name, value in hand.items()}
+    run = palpate.run("kidney", record=None, duration=0.15, collision="collision.Mesh", sets=sets)
+    assert np.min(run.collision.gap) > 0.0129
+    assert np.max(np.abs(run.contact.force)) == 0.0
 
 
 def test_triangles_that_overlap_in_one_plane_are_reported(tmp_path):

@@ -11,6 +11,7 @@ JSON to standard output, {"error": text} or {"kind", "names", "arrays": [[name, 
 import contextlib
 import io
 import json
+import math
 import os
 import signal
 import subprocess
@@ -63,17 +64,23 @@ def read_apart(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]
             process.stdin.close()
             line = process.stdout.readline()
             about = json.loads(line) if line.endswith(b"\n") else {"error": ""}
+            if not line:  # the process has ended; keep its exit code
+                process.wait()
             if "error" not in about:
                 return {name: _array(process.stdout, *form) for name, *form in about.pop("arrays")}, about
+        except (EOFError, BrokenPipeError):
+            about = {"error": ""}
         finally:
             process.kill()
     raise MeshError(about["error"] or f"{path}: {_ending(process.returncode)}")
 
 
 def _array(stream: IO[bytes], dtype: str, shape: list[int]) -> np.ndarray:
-    found = np.empty(shape, dtype)
-    stream.readinto(memoryview(found).cast("B") if found.size else bytearray())  # type: ignore[attr-defined]
-    return found
+    """EOFError: the process ended before it had written the array."""
+    content = stream.read(math.prod(shape) * np.dtype(dtype).itemsize)
+    if len(content) < math.prod(shape) * np.dtype(dtype).itemsize:
+        raise EOFError
+    return np.frombuffer(content, dtype).reshape(shape)
 
 
 def _ending(code: int) -> str:
