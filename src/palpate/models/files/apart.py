@@ -63,7 +63,7 @@ def read_apart(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]
             process.stdin.write(json.dumps([str(path), str(file)]).encode())
             process.stdin.close()
             line = process.stdout.readline()
-            about = json.loads(line) if line.endswith(b"\n") else {"error": ""}
+            about: dict[str, Any] = json.loads(line) if line.endswith(b"\n") else {"error": ""}
             if not line:  # the process has ended; keep its exit code
                 process.wait()
             if "error" not in about:
