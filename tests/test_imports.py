@@ -27,9 +27,11 @@ import palpate.physics
 import palpate.physics.extras
 import palpate.records
 import palpate.studies
+import palpate.units
 import palpate.views
 
 PACKAGES = (
+    palpate.units,
     palpate.compiler,
     palpate.physics,
     palpate.drivers,
@@ -50,22 +52,25 @@ FOLDERS = {package.__name__.removeprefix("palpate."): Path(next(iter(package.__p
 GOLDEN = Path(__file__).parent / "golden" / "plane.mcap"
 LINKS = Path(__file__).parent.parent / "src" / "palpate"
 FOLDERS["models.scan"] = FOLDERS["models.fe"].parent / "scan"  # imports libraries of its extra: not imported here
-LOW = ("registry", "messages", "compiler", "physics", "records.format", "drivers", "nodes")
+GROUND = ("registry", "units", "physics.errors")
+LOW = (*GROUND, "messages", "compiler", "physics", "records.format", "drivers", "nodes")
 MIDDLE = (*LOW, "engine", "launch.load")
 FOLDERS["models.files"] = FOLDERS["models.fe"].parent / "files"  # the same
 MODELS = ("models.build", "models.fe", "models.files", "models.fit", "models.scan")
 HIGH = (*MIDDLE, "launch.run", "records", *MODELS, "views")
 MAY = {
     "registry": (),
+    "physics.errors": (),
+    "units": ("physics.errors",),
     "messages": ("registry",),
     "compiler": (),
-    "physics": ("registry", "compiler"),
-    "drivers": ("messages", "compiler", "physics"),
-    "records.format": ("messages", "compiler", "physics"),
+    "physics": (*GROUND, "compiler"),
+    "drivers": (*GROUND, "messages", "compiler", "physics"),
+    "records.format": (*GROUND, "messages", "compiler", "physics"),
     "nodes": LOW,
-    "models.files": ("compiler", "physics"),
-    "models.fe": ("compiler", "physics", "models.files"),
-    "models.scan": ("compiler", "physics"),
+    "models.files": (*GROUND, "compiler", "physics"),
+    "models.fe": (*GROUND, "compiler", "physics", "models.files"),
+    "models.scan": (*GROUND, "compiler", "physics"),
     "models.fit": (*LOW, "models.fe", "models.files"),
     "models.build": (*LOW, "models.fe"),
     "engine": LOW,
@@ -88,14 +93,17 @@ MAY = {
 that are separate rooms. Only the command line imports commands."""
 CORE = (*MIDDLE, "launch", "launch.run", "records", "graphs")  # what a touch needs; all other rooms are built on it
 THEIRS = {
+    "units": set(),
     "compiler": {"numpy", "scipy", "numba", "llvmlite"},
     "physics": {"numpy", "scipy", "numba"},
     "drivers": {"numpy", "msgspec"},
     "models.fe": {"numpy", "scipy", "numba"},
     "messages": {"numpy", "msgspec"},
 }
-OF_AN_EXTRA = {"organ.py": {"pytetwild", "fast_simplification"}, "files.py": {"meshio"}}
-"""What a file of models.fe imports when it is called, and asks for where it is missing."""
+OF_AN_EXTRA = {
+    "organ.py": {"pytetwild", "fast_simplification"}, "files.py": {"meshio"}, "table_books.py": {"openpyxl"},
+}  # fmt: skip
+"""What a file of models.fe or physics imports when it is called, and asks for where it is missing."""
 ROOTS = FOLDERS | {"": LINKS}
 FILES = [(name, file) for name, folder in ROOTS.items() for file in sorted(folder.glob("**/*.py" if name else "*.py"))]
 

@@ -8,8 +8,8 @@ from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.organ_file import organ_of
 from palpate.launch.load.values.overrides import of_keywords
-from palpate.launch.load.values.units import UnitError, convert
 from palpate.physics.errors import ArgumentError
+from palpate.units.quantity import UnitError, convert
 
 Organ = str | Path | Mapping[str, Any] | None
 

@@ -13,6 +13,8 @@ from typing import Any
 
 from palpate.engine.faults import NOWHERE, Fault, GraphError, Location, choices
 from palpate.physics.errors import MeshError
+from palpate.units.header import factor
+from palpate.units.symbols import UnitError
 
 ALL = "all"
 
@@ -46,12 +48,16 @@ class OrganFile:
         """
         from palpate.nodes.base.mesh_file import LARGEST, SMALLEST, UNITS, across, plausible_units
 
-        if self.unit is not None and self.unit not in UNITS:
-            raise MeshError(f"unit of {self.file}: found {self.unit!r}, expected one of {', '.join(UNITS)}")
         size = across(str(self.file), self.setting)
         fits = plausible_units(size)
-        if self.unit in fits or (self.unit is None and len(fits) == 1):
-            return self.unit or fits[0]
+        try:
+            scale = factor(self.unit or "m", "m")
+        except UnitError as error:
+            raise MeshError(f"unit of {self.file}: {error}") from None
+        if self.unit is None and len(fits) == 1:
+            return fits[0]
+        if self.unit is not None and SMALLEST <= size * scale <= LARGEST:
+            return self.unit
         expected = f"expected {1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm"
         sizes = " or ".join(f"--unit {u} ({1e3 * size * UNITS[u]:.3g} mm across)" for u in fits)
         if not fits:
@@ -62,8 +68,7 @@ class OrganFile:
         if self.unit is None:
             raise MeshError(f"--organ {self.file}: the file has no unit, and several are plausible: {sizes}")
         raise MeshError(
-            f"--organ {self.file}: in {self.unit} it is {1e3 * size * UNITS[self.unit]:.3g} mm across, {expected}. "
-            f"Use {sizes}"
+            f"--organ {self.file}: in {self.unit} it is {1e3 * size * scale:.3g} mm across, {expected}. Use {sizes}"
         )
 
 

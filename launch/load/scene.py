@@ -7,8 +7,9 @@ from typing import Any
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.launch.load.values.source import YamlSource, scalar
-from palpate.launch.load.values.units import Dimension, is_quantity, parse, split
 from palpate.messages.wording import written
+from palpate.units.quantity import is_quantity, parse, split
+from palpate.units.symbols import Dimension
 
 _COMPARE = {
     ">=": operator.ge, "<=": operator.le, "==": operator.eq, "!=": operator.ne, ">": operator.gt, "<": operator.lt,

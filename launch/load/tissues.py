@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import palpate.graphs
 from palpate.engine.faults import Fault, GraphError, Location, choices
 from palpate.launch.load.values.source import YamlSource, read
-from palpate.launch.load.values.units import UnitError, convert
 from palpate.physics.contact.under_finger import round_settings, under_finger
+from palpate.units.quantity import UnitError, convert
 
 if TYPE_CHECKING:
     from palpate.physics.materials.hyperelastic import Material

@@ -7,6 +7,7 @@ import numpy as np
 from palpate.nodes.base.node import SettingError
 from palpate.physics.nearest import nearest, tree_of
 from palpate.physics.table_file import read_table
+from palpate.units.header import split_unit
 
 COLUMNS = ("x", "y", "z", "factor")
 LOWEST, HIGHEST = 1e-3, 1e3
@@ -18,14 +19,14 @@ def measured_factor(file: str, vertices: np.ndarray) -> np.ndarray:
     SettingError: the file cannot be read, or does not lie on the surface.
     """
     try:
-        table = read_table(Path(file), lambda cells: sum(cell.split(" [")[0].strip() in COLUMNS for cell in cells), 4)
-        names = [name.strip() for name in table.names]
+        table = read_table(Path(file), lambda cells: sum(split_unit(cell)[0] in COLUMNS for cell in cells), 4)
+        names = table.names
         if missing := [name for name in COLUMNS if name not in names]:
             raise ValueError(f"found the columns {', '.join(names)}; expected {', '.join(missing)} too")
         columns = [names.index(name) for name in COLUMNS]
-        if units := [table.units[k] for k in columns[:3] if table.units[k] not in ("", "m")]:
-            raise ValueError(f"row {table.line}: found places in {units[0]}, expected m")
+        factors = [table.factor(k, "m") or 1.0 for k in columns[:3]]
         rows, lines = table.values(columns)
+        rows[:, :3] *= factors
     except (OSError, ValueError) as error:
         raise SettingError(f"setting 'measured_map': {file}: {getattr(error, 'strerror', None) or error}") from None
     if len(rows) < 4:

@@ -16,11 +16,12 @@ from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pieces import pieces
 from palpate.physics.geometry.topology import FLAT, edge_counts, one_sided, outward
+from palpate.units.header import factor
 
 LEAST_AREA = 1e-9  # [1] least total area over the square of the longest side
 NEAR = 1e-6
 """[1] Distance over the longest side within which vertices at open edges are merged; STL rounds numbers to 6e-8."""
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+UNITS = {unit: factor(unit, "m") for unit in ("m", "cm", "mm")}  # those that a message proposes; every length is read
 SMALLEST, LARGEST = 2e-3, 1.0
 """[m] Limits of the longest side of a touched object; outside them the unit is assumed to be wrong."""
 ISLAND = 0.01

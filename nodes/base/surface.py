@@ -34,6 +34,8 @@ from palpate.physics.geometry.refined.divided import refine_mesh
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.physics.geometry.thinned import thin_mesh
 from palpate.physics.nearest import nearest, tree_of
+from palpate.units.header import factor
+from palpate.units.symbols import UnitError
 
 SURFACES = ("kidney", "sphere", "plane", "fingertip")
 OPEN = ("plane",)  # the built-in surfaces that have a border
@@ -158,12 +160,14 @@ def _placed_mesh(
     elif surface in SURFACES:
         mesh = tessellate(_patch(surface), max(vertices, 12))
     else:
-        from palpate.nodes.base.mesh_file import UNITS, read_mesh  # its package is an extra
+        from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
 
         _check_name(surface)
-        if file_unit not in UNITS:
-            raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
-        mesh = read_mesh(surface, UNITS[file_unit], piece)
+        try:
+            scale = factor(file_unit, "m")
+        except UnitError as error:
+            raise SettingError(f"setting 'file_unit': {error}") from None
+        mesh = read_mesh(surface, scale, piece)
         mesh = refine_mesh(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
     turn = rotation_matrix(rotation)
     _finite("position", position)

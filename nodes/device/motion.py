@@ -9,17 +9,12 @@ import numpy as np
 
 from palpate.messages import DeviceState
 from palpate.nodes.base import SettingError
-from palpate.physics.table_cells import split_unit
 from palpate.physics.table_file import COARSE, Table, coarse_step, read_table
+from palpate.units.header import examples, split_unit
 
 PLACE = ("x", "y", "z")
-UNITS = {
-    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-    "place": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "joint": {"rad": 1.0, "deg": math.pi / 180.0},
-    "buttons": {"1": 1.0},
-}
-"""Units that a header may name, `t [ms]`, by quantity, with their SI values; the first one is the default."""
+SI = {"t": "s", "place": "m", "joint": "rad"}
+"""SI units by quantity, which are those of a header without units."""
 FARTHEST, LARGEST_ANGLE = 2.0, 4.0 * math.pi
 """[m], [rad] Limits of a motion without a unit in its header: the workspace of no haptic device is larger."""
 
@@ -68,7 +63,7 @@ def read_motion(path: str, dialect: str = "") -> Motion:
         if str(error) == "empty":
             raise wrong("empty; expected a header such as t,x,y,z and rows of numbers") from None
         raise wrong(f"{error}; expected a CSV") from None
-    head, scales, named = _columns(found, wrong)
+    head = _columns(found, wrong)
     angles = sorted((n for n in head if re.fullmatch(r"joint\d+", n)), key=lambda n: int(n[5:]))
     names = list(PLACE) if set(PLACE) <= set(head) else angles
     if "t" not in head or not names:
@@ -77,10 +72,12 @@ def read_motion(path: str, dialect: str = "") -> Motion:
         raise wrong("a header without rows")
     used = ["t", *names, *(["buttons"] if "buttons" in head else [])]
     try:
-        read, lines = found.values([head.index(name) for name in used])
+        read, lines = found.values([head.index(name) for name in used], head.index("t"))
+        scales = {name: found.factor(head.index(name), SI[_quantity(name)]) for name in ("t", *names)}
     except ValueError as error:
         raise wrong(f"{error}") from None
-    table = dict(zip(used, (read * [scales[name] for name in used]).T, strict=True))
+    named = {name for name, scale in scales.items() if scale is not None}
+    table = dict(zip(used, (read * [scales.get(name) or 1.0 for name in used]).T, strict=True))
     times = table["t"]
     if np.any(np.diff(times) <= 0.0):
         bad = int(np.argmax(np.diff(times) <= 0.0)) + 1
@@ -91,20 +88,18 @@ def read_motion(path: str, dialect: str = "") -> Motion:
     return Motion(times, values, names is angles, buttons.astype(np.int64))
 
 
-def _columns(table: Table, wrong: Callable[[str], SettingError]) -> tuple[list[str], dict[str, float], set[str]]:
-    """Names of columns, their factors to SI units, and the names with a unit. SettingError: unknown unit."""
-    scales, named = {}, set()
+def _quantity(name: str) -> str:
+    """The quantity of a column."""
+    return "place" if name in PLACE else "joint" if re.fullmatch(r"joint\d+", name) else name
+
+
+def _columns(table: Table, wrong: Callable[[str], SettingError]) -> list[str]:
+    """Names of the columns. SettingError: a name that is read is there twice."""
     names = [name.lower() for name in table.names]
-    for name, unit, cell in zip(names, table.units, table.cells, strict=True):
-        quantity = "place" if name in PLACE else "joint" if re.fullmatch(r"joint\d+", name) else name
-        known = UNITS.get(quantity, {})
-        if unit and known and unit not in known:
-            raise wrong(f"column {cell.strip()!r}: found the unit {unit!r}, expected {' or '.join(known)}")
-        if name in scales and known:
+    for name in names:
+        if (_quantity(name) in SI or name == "buttons") and names.count(name) > 1:
             raise wrong(f"row {table.line}: two columns {name!r}; expected one")
-        scales[name] = known.get(unit, 1.0)
-        named |= {name} if unit else set()
-    return names, scales, named
+    return names
 
 
 def _check_units(
@@ -112,11 +107,11 @@ def _check_units(
 ) -> None:
     """SettingError: implausible values in a column whose header has no unit."""
     angles = names[0] not in PLACE
-    most, unit, other = (LARGEST_ANGLE, "rad", "deg") if angles else (FARTHEST, "m", "mm")
+    most, unit = (LARGEST_ANGLE, "rad") if angles else (FARTHEST, "m")
     for name, column in zip(names, values.T, strict=True):
         if name not in named and (largest := float(np.abs(column).max())) > most:
-            cure = f"name the unit in the header, `{name} [{other}]` or `{name} [{unit}]`"
+            cure = f"name the unit in the header: `{name} [UNIT]`, with {examples(unit)} or another as UNIT"
             raise wrong(f"column {name}: found {largest:.4g} {unit}, expected at most {most:.3g} {unit}; {cure}")
     if "t" not in named and (step := coarse_step(times)):
-        cure = "name the unit in the header, `t [ms]` or `t [s]`"
+        cure = f"name the unit in the header: `t [UNIT]`, with {examples('s')} or another as UNIT"
         raise wrong(f"column t: found rows {step:.3g} s apart, expected less than {COARSE:g} s; {cure}")

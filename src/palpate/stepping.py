@@ -19,7 +19,6 @@ from palpate.launch.load.placement import fuse_nodes
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.load.values.settings import in_si
-from palpate.launch.load.values.units import UnitError
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.notes import RunNote, warn
 from palpate.launch.run.reports import Note, Report
@@ -29,6 +28,7 @@ from palpate.messages import Message
 from palpate.nodes.base import Node, SettingError, settings
 from palpate.nodes.base.node import convert
 from palpate.physics.errors import ArgumentError
+from palpate.units.quantity import UnitError
 
 
 class Tick:

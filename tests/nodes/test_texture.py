@@ -305,7 +305,7 @@ def test_bad_settings_are_errors_with_a_remedy(given, reported):
     ("text", "reported"),
     [
         ("s,h\n0,0\n", "expected height too"),
-        ("s,height\n0,0\n1,x\n", "line 3: found '1, x', expected numbers"),
+        ("s,height\n0,0\n1,x\n", "row 3, column 'height': found 'x', expected a number"),
         ("s,height\n0,0\n1e-3,nan\n", "finite"),
         ("s,height\n0,0\n1e-3,1\n", "at least 4 rows"),
         ("s,height\n" + "".join(f"{i}0,1\n" for i in range(9)), "m long"),

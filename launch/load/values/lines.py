@@ -9,8 +9,8 @@ import msgspec
 
 from palpate.engine.faults import Faults, choices
 from palpate.launch.load.values.source import YamlSource
-from palpate.launch.load.values.units import UnitError, convert
 from palpate.messages.wording import words_of, written
+from palpate.units.quantity import UnitError, convert
 
 BOOLEAN = "YAML reads on, off, yes and no as true and false. Put a name in quotes: 'on'."
 ALIASES = {"over": "vary", "vary": "over"}  # what varies, in a study and in an experiment

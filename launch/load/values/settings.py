@@ -16,9 +16,9 @@ from palpate.engine.faults import Faults, Location, choices, nearest
 from palpate.launch.load.classes import SHIPPED, catalogue, classes
 from palpate.launch.load.scene import Scene
 from palpate.launch.load.values.source import YamlSource
-from palpate.launch.load.values.units import UnitError, convert, is_quantity
 from palpate.nodes.base import Calibrated, Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
+from palpate.units.quantity import UnitError, convert, is_quantity
 
 FIXED = ("effects", "wanted")  # keys of a scene that concern the graph as a whole
 

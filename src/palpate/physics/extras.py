@@ -14,6 +14,7 @@ EXTRAS = {
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},
     "export": {"pyarrow": "pyarrow"},
     "table": {"pandas": "pandas"},
+    "sheets": {"openpyxl": "openpyxl"},
     "film": {"vtk": "vtkmodules", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"fast-simplification": "fast_simplification", "manifold3d": "manifold3d", "meshio": "meshio"},
     "study": {"matplotlib": "matplotlib"} | {name: name for name in ["SALib", "xarray", "zarr", "pyarrow", "pandas"]},

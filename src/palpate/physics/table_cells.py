@@ -5,28 +5,12 @@ import re
 from collections.abc import Sequence
 
 from palpate.physics.table_numbers import number
+from palpate.physics.table_times import is_clock
+from palpate.units.header import is_unit, split_unit
 
 BLANK = " "
 SEPARATORS = ("\t", ";", ",", "|", BLANK)
-BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
-SYMBOL = r"(?:[GMkhdcmµμun]?(?:N|m|s|Pa|g|gf|rad|V|A|Hz|J|W)|deg|°|%|min|h|in|°C)"
-COMPOUND = rf"{SYMBOL}(?:\^?[-0-9²³]+)?(?:[/*·]{SYMBOL}(?:\^?[-0-9²³]+)?)*"
-AFTER = re.compile(rf"(?P<name>[^,/]*[^,/\s])\s*[,/]\s*(?P<unit>{COMPOUND})")
-UNIT = re.compile(rf"[\[(]?\s*(?:-|1|a\.u\.|{COMPOUND})\s*[\])]?")
 WORD = re.compile(r'"[^"]*"|[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?')
-WORDS = {
-    "sec": "s", "second": "s", "msec": "ms", "millisecond": "ms", "usec": "us", "microsecond": "us", "minute": "min",
-    "meter": "m", "metre": "m", "millimeter": "mm", "millimetre": "mm", "micrometer": "um", "micrometre": "um",
-    "micron": "um", "newton": "N", "millinewton": "mN", "micronewton": "uN", "gram-force": "gf", "grams-force": "gf",
-    "inch": "in", "inche": "in", "thou": "mil", "degree": "deg",
-}  # fmt: skip
-
-
-def split_unit(cell: str) -> tuple[str, str]:
-    """Name and unit of a header cell; the unit is "" if it has none."""
-    cell = cell.strip().strip("\"'").strip()
-    match = BRACKETS.fullmatch(cell) or AFTER.fullmatch(cell)
-    return (match["name"].strip(), plain_unit(match["unit"])) if match else (cell, "")
 
 
 def split_cells(line: str, separator: str) -> list[str]:
@@ -60,7 +44,7 @@ def join_units(cells: list[str], text: str, count: int) -> list[str]:
     """Header cells with units joined to their names, `Fz, gf`, if the rows have only `count` cells."""
     joined: list[str] = []
     for cell in cells:
-        if joined and f", {cell}" in text and UNIT.fullmatch(cell) and not split_unit(joined[-1])[1]:
+        if joined and f", {cell}" in text and is_unit(cell) and not split_unit(joined[-1])[1]:
             joined[-1] = f"{joined[-1]}, {cell}"
         else:
             joined.append(cell)
@@ -75,17 +59,11 @@ def is_row(cells: Sequence[str]) -> bool:
 
 
 def texts_of(cells: Sequence[str]) -> list[str]:
-    return [cell for cell in cells if number(cell) is None and number(cell, ",") is None]
+    """Cells that are neither numbers nor times of day."""
+    return [cell for cell in cells if number(cell) is None and number(cell, ",") is None and not is_clock(cell)]
 
 
 def are_units(cells: list[str]) -> bool:
+    """Whether all cells that are not empty are units."""
     filled = [cell.strip() for cell in cells if cell.strip()]
-    return bool(filled) and all(
-        number(cell) is None and (UNIT.fullmatch(cell) or plain_unit(cell) != cell.strip("[]() ")) for cell in filled
-    )
-
-
-def plain_unit(cell: str) -> str:
-    """A unit without brackets; one that is written as a word by its symbol."""
-    unit = cell.strip("[]() ")
-    return WORDS.get(unit.lower().removesuffix("s"), unit)
+    return bool(filled) and all(number(cell) is None and is_unit(cell) for cell in filled)

@@ -1,10 +1,10 @@
 """Tables of numbers as instruments, spreadsheets and robots write them: encoding, separator, header, decimal sign.
 
 The header is the first line in which the caller recognises all columns that it needs; lines before it are skipped, and
-so is a footer. Recognised: UTF-8, UTF-16, and Latin-1; separators tab, semicolon, comma, bar and blanks; `name [unit]`,
-`name (unit)`, `name, unit`, `name/unit`, or a row of units below the header; a header in a comment (`numpy.savetxt`,
-JPK, `%` of MATLAB); blocks that repeat the header (segments of a press). `table_numbers` reads the numbers. Every fault
-names its line.
+so is a footer. Recognised: the encodings and workbooks of `table_text`; separators tab, semicolon, comma, bar and
+blanks; units in the forms of `units.header`, in a row below the header or in a comment (`table_units`); a header in a
+comment (`numpy.savetxt`, JPK, `%` of MATLAB, rosbag); blocks that repeat the header. `table_numbers` reads the numbers,
+`table_times` the times. Every fault names its line.
 """
 
 import math
@@ -22,14 +22,16 @@ from palpate.physics.table_cells import (
     cells_of,
     is_row,
     join_units,
-    plain_unit,
     split_cells,
     split_row,
-    split_unit,
     texts_of,
 )
-from palpate.physics.table_numbers import check_dialect, decimal_sign, number
+from palpate.physics.table_numbers import check_dialect, decimal_sign, number, with_point
 from palpate.physics.table_text import text_lines
+from palpate.physics.table_times import LARGE, clock_seconds, from_first, is_clock, stamp_unit
+from palpate.physics.table_units import Units
+from palpate.units.header import factor
+from palpate.units.symbols import UnitError
 
 REMARK = re.compile(r"\s*(?:#(?!(?:N/A|DIV/0!|VALUE!|REF!|NAME\?|NUM!|NULL!))|%|//)")  # but no error of Excel
 COMMENT = re.compile(r"\s*(?:#+|%+|/{2,}) *(?:columns\s*:)?\s*?")
@@ -41,21 +43,44 @@ MOST_BELOW = 3  # lines between the header and its units
 
 @dataclass
 class Table:
-    """Rows of a file: (line, cells), and its header with one name and unit ("" if it has none) per column.
+    """Rows of a file: (line, cells), and its header with the names and units of the columns.
 
     cells    header cells as in the file
     line     line of the header
+    blocks   lines at which the header is repeated
     skipped  notes on lines that were not read
+    clocks   units of the columns that contain times of day or stamps, found by `values`
     """
 
     line: int
     cells: list[str]
-    names: list[str]
-    units: list[str]
+    units: Units
     rows: list[tuple[int, list[str]]]
     separator: str
     dialect: str | None = ""
+    blocks: tuple[int, ...] = ()
     skipped: list[str] = field(default_factory=list)
+    clocks: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns, without units."""
+        return self.units.names
+
+    def unit(self, k: int) -> str:
+        """The unit of column k, "" if it has none. ValueError: two places contradict each other."""
+        return self.clocks.get(k) or self.units.of(k)
+
+    def factor(self, k: int, si: str, given: str = "") -> float | None:
+        """Factor from the unit of column k, or from the given one, to an SI unit; None: it has no unit.
+
+        ValueError: contradictory or unknown units, or another dimension, with the column.
+        """
+        unit = self.clocks.get(k) or given or self.units.of(k)
+        try:
+            return factor(unit, si) if unit else None
+        except UnitError as error:
+            raise ValueError(f"row {self.line}, column {self.cells[k].strip()!r}: {error}") from None
 
     def decimal(self, columns: Sequence[int]) -> str:
         """Decimal sign of these columns. ValueError: comma and point are equally likely."""
@@ -64,13 +89,16 @@ class Table:
             return "."
         return decimal_sign(cells, self.dialect)
 
-    def values(self, columns: Sequence[int]) -> tuple[np.ndarray, list[int]]:
+    def values(self, columns: Sequence[int], time: int | None = None) -> tuple[np.ndarray, list[int]]:
         """Numbers (n, k) of k columns, and the line of each row; rows after the last complete one are a footer.
+
+        time  the column of times; those of a clock, and large ones, count from the first row
 
         ValueError: a cell is no finite number, with its line and column.
         """
-        decimal = self.decimal(columns)
-        numbers = [[number(row[k], decimal) if k < len(row) else None for k in columns] for _, row in self.rows]
+        clock = time is not None and any(time < len(row) and is_clock(row[time]) for _, row in self.rows)
+        decimal = self.decimal([k for k in columns if not (clock and k == time)])
+        numbers = [[_cell(row, k, decimal, clock and k == time) for k in columns] for _, row in self.rows]
         last, first = len(numbers), int(np.argmin(columns))
         while last and (numbers[last - 1][first] is None or not any(map(_finite, numbers[last - 1]))):
             last -= 1
@@ -94,7 +122,28 @@ class Table:
                 cure = "; correct the row or delete it" if found else "; fill it, or delete the row"
                 where = f"row {line}, column {self.cells[k].strip()!r}"
                 raise ValueError(f"{where}: found {found!r}, expected {wanted}{cure}")
-        return np.array(numbers, float).reshape(-1, len(columns)), [line for line, _ in self.rows[: len(numbers)]]
+        table, rows = np.array(numbers, float).reshape(-1, len(columns)), self.rows[: len(numbers)]
+        if time is not None and len(table):
+            column = columns.index(time)
+            table[:, column] = self._times(time, [(n, row[time]) for n, row in rows], table[:, column], clock, decimal)
+        return table, [line for line, _ in rows]
+
+    def _times(
+        self, k: int, cells: Sequence[tuple[int, str]], read: np.ndarray, clock: bool, decimal: str
+    ) -> np.ndarray:
+        """The times (n,) of column k in its unit, which is entered in `clocks` if the cells show it."""
+        name = self.cells[k].strip()
+        if clock:
+            self.clocks[k] = "s"
+            self.skipped.append(f"column {name!r} has times of day: they count from the first row")
+            return clock_seconds(cells)
+        if not np.abs(read).max() > LARGE:
+            return read
+        unit = "" if self.units.of(k) else stamp_unit(float(read[0]))
+        if unit:
+            self.clocks[k] = unit
+            self.skipped.append(f"column {name!r} has no unit; as dates its numbers are {unit} since 1970")
+        return from_first([with_point(cell, decimal) for _, cell in cells])
 
     def _check_count(self, line: int, row: Sequence[str]) -> None:
         """ValueError: a row has cells without a column, so that cells and columns may be shifted."""
@@ -105,6 +154,13 @@ class Table:
                 BLANK: "write names without blanks, or in quotation marks",
             }.get(self.separator, "name each column")
             raise ValueError(f"row {line}: {len(row)} cells, the header in row {self.line} has {count}; {cure}")
+
+
+def _cell(row: Sequence[str], k: int, decimal: str, clock: bool) -> float | None:
+    """The number in a cell, 0 for a time of day; None: it is none."""
+    if k >= len(row):
+        return None
+    return 0.0 if clock and is_clock(row[k]) else number(row[k], decimal)
 
 
 def _finite(value: float | None) -> bool:
@@ -136,8 +192,26 @@ def read_table(path: str | Path, score: Callable[[Sequence[str]], int], full: in
     comments = [(n, COMMENT.sub("", line, count=1)) for n, line in numbered if REMARK.match(line)]
     if not body and not comments:
         raise ValueError("empty")
+    at, text, separator = _find_header([*body, *comments], body, score, full)
+    cells = split_row(at, text, separator)
+    if not cells:
+        raise ValueError("empty")
+    if body and not texts_of(cells):  # no header: columns by number
+        rows = [(n, split_row(n, line, separator)) for n, line in body if n >= at]
+        cells = [f"column {k + 1}" for k in range(len(rows[0][1]))]
+        return Table(at, cells, Units(at, cells), rows, separator, dialect)
+    rest = [(n, line) for n, line in body if n > at]
+    cells, rows_by = _columns_of_rows(cells, text, separator, rest)
+    above = [(n, line) for n, line in body if n < at]
+    return _below_header(Units(at, cells), text, rows_by, dialect, rest, [*above, *comments])
+
+
+def _find_header(
+    lines: Sequence[tuple[int, str]], body: Sequence[tuple[int, str]], score: Callable[[Sequence[str]], int], full: int
+) -> tuple[int, str, str]:
+    """Line, text and separator of the header: the first line with a score of `full`, else the best one."""
     best = (-1, 0, "", "")  # score, line, text, separator
-    for at, line in [*body, *comments]:
+    for at, line in lines:
         if best[0] >= full:
             break
         if best[0] >= 0 and not re.search(r"[^\W\d_]", re.sub(r"(?i)\d[eE][+-]?\d|nan|inf", "", line)):
@@ -152,49 +226,50 @@ def read_table(path: str | Path, score: Callable[[Sequence[str]], int], full: in
             found = score(cells)
             if found > best[0]:
                 best = (found, at, line, separator)
-    best = _before_numbers(body, score, best)
-    _, at, text, separator = best
-    cells = split_row(at, text, separator)
-    if not cells:
-        raise ValueError("empty")
-    if body and all(number(cell) is not None for cell in cells):  # no header: columns by number
-        rows = [(n, split_row(n, line, separator)) for n, line in body if n >= at]
-        cells = [f"column {k + 1}" for k in range(len(rows[0][1]))]
-        return Table(at, cells, cells, [""] * len(cells), rows, separator, dialect)
-    rest = [(n, line) for n, line in body if n > at]
-    begin = next((line for _, line in rest if re.match(r'\s*"?[+-]?[.,]?\d', line)), rest[0][1] if rest else "")
-    # rows may have another separator than the header, and a comma in a name may separate its unit
-    if rest:
-        others = [s for s in (separator, *SEPARATORS) if s in (BLANK, separator) or s in begin]
-        counts = {s: len(split_row(rest[0][0], begin, s)) for s in others}
-        parts = {s: len(join_units(cells, text, c)) for s, c in counts.items()}
-        rows_by = next((s for s in others if counts[s] == parts[s]), separator)
-        cells = join_units(cells, text, counts[rows_by])
-    else:
-        rows_by = separator
-    if _has_row_names(rest, rows_by, len(cells)):
-        cells = ["", *cells]
-    names, units = [list(part) for part in zip(*map(split_unit, cells), strict=True)]
-    # a row of units below the header, or in a comment
-    below, skip = _units_below(rest, rows_by, len(cells))
-    noted = next((line for n, line in comments if n > at and re.match(r"units?\s*:", line)), "")
-    if noted and not any(units):
-        given = re.sub(r"units?\s*:\s*", "", noted).split()
-        units = given if len(given) == len(names) else units
-    elif below:
-        units = [unit or plain_unit(cell) for unit, cell in zip(units, below, strict=True)]
+    return _before_numbers(body, score, best)[1:]
+
+
+def _columns_of_rows(
+    cells: list[str], text: str, separator: str, rest: Sequence[tuple[int, str]]
+) -> tuple[list[str], str]:
+    """Cells of the header, and the separator of the rows. Rows may have another separator than the header, and a comma
+    in a name may separate its unit."""
+    if not rest:
+        return cells, separator
+    begin = next((line for _, line in rest if re.match(r'\s*"?[+-]?[.,]?\d', line)), rest[0][1])
+    others = [s for s in (separator, *SEPARATORS) if s in (BLANK, separator) or s in begin]
+    counts = {s: len(split_row(rest[0][0], begin, s)) for s in others}
+    parts = {s: len(join_units(cells, text, c)) for s, c in counts.items()}
+    rows_by = next((s for s in others if counts[s] == parts[s]), separator)
+    cells = join_units(cells, text, counts[rows_by])
+    return (["", *cells] if _has_row_names(rest, rows_by, len(cells)) else cells), rows_by
+
+
+def _below_header(
+    units: Units, text: str, separator: str, dialect: str | None, rest: list[tuple[int, str]],
+    others: Sequence[tuple[int, str]],
+) -> Table:  # fmt: skip
+    """The table below a header with this text; `others` are the lines above it and the comments."""
+    below, skip = _units_below(rest, separator, len(units.cells))
+    if below:
+        units.add_row(rest[skip - 1][0], below)
         rest = rest[skip:]
-    rows, again = _without_titles(rest, rows_by, text.strip())
-    if again and below:
+    first = rest[0][0] if rest else math.inf
+    for n, line in others:
+        if n < first and n != units.line:
+            units.add_text(n, line)
+    rows, blocks = _without_titles(rest, separator, text.strip(), len(units.cells))
+    if blocks and below:
+        for n, row in rows:
+            if are_units(row):
+                units.add_row(n, row)
         rows = [(n, row) for n, row in rows if not are_units(row)]
-    table = Table(at, cells, names, units, rows, rows_by, dialect)
+    table = Table(units.line, units.cells, units, rows, separator, dialect, blocks)
     for n, row in rows[:MOST_BELOW]:  # BEGIN of Igor, the rule of a table in Markdown
         if re.search(r"\d", "".join(row)) or len(rows) == 1:
             break
         table.skipped.append(f"line {n} is above the numbers: not read")
     table.rows = rows[len(table.skipped) :]
-    if again:
-        table.skipped.append(f"the header is repeated {again} times: the blocks are read as segments of one press")
     return table
 
 
@@ -227,20 +302,24 @@ def _has_row_names(rest: Sequence[tuple[int, str]], separator: str, count: int) 
 
 
 def _without_titles(
-    rest: Sequence[tuple[int, str]], separator: str, head: str
-) -> tuple[list[tuple[int, list[str]]], int]:
-    """The rows without repeated headers and the lines of text above these, and how often the header is repeated."""
+    rest: Sequence[tuple[int, str]], separator: str, head: str, count: int
+) -> tuple[list[tuple[int, list[str]]], tuple[int, ...]]:
+    """The rows without repeated headers (count cells) and the lines of text above these, and their lines."""
     rows: list[tuple[int, list[str]]] = []
-    again = 0
+    again: list[int] = []
     for n, line in rest:
         if line.strip() != head:
             rows.append((n, split_row(n, line, separator)))
             continue
-        again += 1
-        for _ in range(MOST_BELOW):
-            if rows and len(texts_of(rows[-1][1])) == len(rows[-1][1]):
-                rows.pop()
-    return rows, again
+        again.append(n)
+        titles = 0
+        while rows and not is_row(cells := rows[-1][1]):
+            if len(cells) == count:  # may be rows of a sensor that failed
+                titles += 1
+                if titles > MOST_BELOW or len(texts_of(cells)) < len(cells):
+                    break
+            rows.pop()
+    return rows, tuple(again)
 
 
 def _units_below(rest: Sequence[tuple[int, str]], separator: str, count: int) -> tuple[list[str], int]:

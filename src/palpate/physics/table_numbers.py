@@ -55,15 +55,21 @@ def decimal_sign(cells: Sequence[tuple[int, str]], dialect: str | None) -> str:
 
 def number(text: str, decimal: str = ".") -> float | None:
     """A number with this decimal sign; None: the text is no number."""
-    text = _plain(text)
-    if decimal == ",":
-        text = (text.replace(".", "") if POINT_THOUSANDS.fullmatch(text) else text).replace(",", ".")
-    elif "," in text and COMMA_THOUSANDS.fullmatch(text):
-        text = text.replace(",", "")
+    text = with_point(text, decimal)
     try:
         return None if "_" in text else float(text)
     except ValueError:
         return None
+
+
+def with_point(text: str, decimal: str = ".") -> str:
+    """A number with a decimal point and without separators of thousands; another text without its blanks."""
+    text = _plain(text)
+    if decimal == ",":
+        return (text.replace(".", "") if POINT_THOUSANDS.fullmatch(text) else text).replace(",", ".")
+    if "," in text and COMMA_THOUSANDS.fullmatch(text):
+        return text.replace(",", "")
+    return text
 
 
 def _plain(text: str) -> str:

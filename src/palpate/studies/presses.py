@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.launch.load.values.units import UnitError, convert, split
 from palpate.messages import Contact, Pose
 from palpate.models.fit.probes.read import Probes, read_probes
 from palpate.models.fit.sessions import SessionError
@@ -13,6 +12,7 @@ from palpate.models.fit.tissue.afm import SUFFIXES, read_afm
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press, read_presses
 from palpate.physics.table_numbers import check_dialect
 from palpate.records.reader import Recording
+from palpate.units.quantity import UnitError, convert, split
 
 APART = 0.02  # [1] Share of the greatest force below which the probe counts as free
 
@@ -34,7 +34,7 @@ class PressReader:
         except ValueError as error:
             raise SessionError(str(error)) from None
         self.dialect = dialect
-        self.names, self.units, self.bone = _pairs("--columns", columns), _pairs("--unit", units), bone
+        self.names, self.units, self.bone = _pairs("--columns", columns, "time"), _pairs("--unit", units), bone
         for key in set(self.names) - {"time", "force", "indentation"}:
             raise SessionError(f"--columns: found {key!r}, expected time, force, indentation")
 
@@ -44,15 +44,11 @@ class PressReader:
             return [self._read_press(file)]
         if file.suffix in SUFFIXES:
             return read_afm(file)
-        return read_presses(file, self.names, self.units, convert, self.dialect)
+        return read_presses(file, self.names, self.units, self.dialect)
 
     def probes(self, file: Path) -> Probes | None:
         """The sparse probes of a file; None: few presses, or many rows in each. SessionError: the file is faulty."""
-        return (
-            None
-            if file.suffix in (".mcap", *SUFFIXES)
-            else read_probes(file, self.names, self.units, convert, self.dialect)
-        )
+        return None if file.suffix in (".mcap", *SUFFIXES) else read_probes(file, self.names, self.units, self.dialect)
 
     def _read_press(self, file: Path) -> MeasuredPress:
         recording = Recording(file)
@@ -75,12 +71,12 @@ def length(option: str, text: str) -> float:
         raise SessionError(f"{option}: {error}") from None
 
 
-def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
-    """Parse `key=value` texts. SessionError: one has another form."""
+def _pairs(option: str, texts: Iterable[str], empty: str = "") -> dict[str, str]:
+    """Parse `key=value` texts; the value of the key `empty` may be missing. SessionError: one has another form."""
     found = {}
     for text in filter(None, (t.strip() for t in texts)):
         key, sign, value = text.partition("=")
-        if not (sign and key.strip() and value.strip()):
+        if not (sign and key.strip() and (value.strip() or key.strip() == empty)):
             raise SessionError(f"{option}: found {text!r}, expected name=value")
         found[key.strip()] = value.strip()
     return found

@@ -4,8 +4,8 @@ from itertools import combinations
 
 from palpate.engine.graph import sent_by
 from palpate.launch.load.classes import catalogue
-from palpate.launch.load.values.units import UnitError, parse
 from palpate.nodes.base import settings
+from palpate.units.quantity import UnitError, parse
 
 
 def meaning(unit):

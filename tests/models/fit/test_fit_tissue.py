@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 import palpate
 from palpate.cli.__main__ import app
-from palpate.launch.load.values.units import convert
 from palpate.messages import Contact, Pose
 from palpate.models.fit.press import Loading, add_session
 from palpate.models.fit.sessions import SessionError
@@ -168,7 +167,7 @@ def test_repeated_presses_widen_the_interval_to_their_scatter():
 
 @pytest.mark.parametrize("name", ["EF10_0T", "EF10_50T", "EF30_0T"])
 def test_a_silicone_fitted_on_two_presses_is_predicted_on_the_third(name):
-    first, second, third = read_presses(PHANTOMS / f"{name}.csv", {}, {}, convert)
+    first, second, third = read_presses(PHANTOMS / f"{name}.csv", {}, {})
     fitted = fit_tissue([first, second], CYLINDER, "yeoh3", held_out=[third])
     (tried,) = fitted.held_out
     assert tried["depth"] > 19.5e-3
@@ -200,7 +199,7 @@ OPTIONS = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--uni
         ("t,d [mm],F [N]\n" + ROWS.replace("1.5,1.5,", "1.3,1.5,"),
          "row 17: time does not increase: 1.4 s is followed by 1.3 s"),
         ("t,d [mm],F [N]\n" + "".join(f"{k},{k},0\n" for k in range(30)), "never touches"),
-        ("t,d [mm],F [N]\n" + "".join(f"{k},{k},{-k}\n" for k in range(30)), "the force is negative in the press"),
+        ("t,d [mm],F [N]\n" + "".join(f"{k},{k},{-k}\n" for k in range(30)), "the force falls in the press"),
         ("t,d [mm],F [N]\n0,0,0\n", "1 rows, expected at least 10"),
         ("t,d [mm],F [N]\n" + "1,1,a\n", "found 'a', expected a number"),
         ("t,d [mm],F [N],radius\n" + ROWS.replace("\n", ",4\n") + "9,9,2,8\n",
@@ -209,7 +208,7 @@ OPTIONS = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--uni
 )  # fmt: skip
 def test_a_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, expected):
     with pytest.raises(SessionError, match=expected) as caught:
-        read_presses(saved(tmp_path, text), {}, {}, convert)
+        read_presses(saved(tmp_path, text), {}, {})
     assert "\n" not in str(caught.value)
 
 
@@ -344,7 +343,7 @@ def test_a_table_of_record_indentation_gives_a_press_of_each_session(tmp_path):
     depth = np.linspace(0.0, 5e-3, 26)
     for subject, stiff in (("a", 2e3), ("b", 3e3)):
         add_session(path, subject, "1", Loading(depth, np.full(26, 1e-3), stiff * depth**1.5))
-    presses = read_presses(path, {}, {}, convert)
+    presses = read_presses(path, {}, {})
     assert [p.name for p in presses] == ["sessions.csv:a 1", "sessions.csv:b 1"]
     assert fit_tissue(presses[1:], BALL, "power").estimate.values["stiffness"] == approx(3e3, rel=0.02)
 

@@ -6,7 +6,6 @@ from pytest import approx
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.launch.load.values.units import convert
 from palpate.models.fit.finger import read_presses as read_finger
 from palpate.models.fit.probes.read import read_probes
 from palpate.models.fit.sessions import SessionError
@@ -63,7 +62,7 @@ def saved(tmp_path, content, name="press.csv"):
 
 
 def read(path):
-    return read_presses(path, {}, {}, convert)
+    return read_presses(path, {}, {})
 
 
 @pytest.mark.parametrize("name", READ)
@@ -91,7 +90,7 @@ def whole(value):
         (lines(" ", ["time of test [ms]", "depth [um]", "force [uN]"]), "row 2: 3 cells, .* names without blanks"),
         (lines(end=["ERR;ERR;ERR"] * 6), "row 62, column 't .ms.': found 'ERR'"),
         (lines(end=["OVER;OVER"]).replace("390.000;7701.883", "390.000;OVER"), "row 61, column 'F"),
-        (lines(head=["t", *HEAD[1:]]), "row 1, column 't': no unit; in s its rows would be 10 s apart.*--unit time=ms"),
+        (lines(head=["t", *HEAD[1:]]), "row 1, column 't': no unit; in s its rows would be 10 s apart.*--unit time=UNIT"),
         (lines(head=["d [um]", "d [um]", "F [uN]"]), "--columns indentation=1$"),
         (lines(head=["t [ms]", "d [um]", "Load (g)"]), "a mass; expected a force. If it shows a weight: --unit .*=gf"),
         (lines(head=["t [ms]", "d [um]", "F [V]"]), "a voltage; expected a force$"),
@@ -174,13 +173,16 @@ def test_a_stroke_with_a_wrong_clock_or_unit_is_refused(tmp_path, change, expect
         fit_texture(path)
 
 
-@pytest.mark.parametrize(("signs", "expected"), [((-1, 1), "indentation=-d inverts"), ((1, -1), "force=-F inverts")])
+@pytest.mark.parametrize(
+    ("signs", "expected"),
+    [((-1, 1), "--columns force=3,indentation=-2 inverts"), ((1, -1), "--columns force=-3,indentation=2 inverts")],
+)
 def test_probes_with_an_inverted_column_are_refused(tmp_path, signs, expected):
     rows = [f"{p},{signs[0] * d:.2f},{signs[1] * (1 + 0.1 * p) * d**1.5:.4f}" for p in range(10)
             for d in np.linspace(0.1, 2.0, 10)]  # fmt: skip
     path = saved(tmp_path, "probe,depth [mm],force [mN]\n" + "\n".join(rows))
     with pytest.raises(SessionError, match=expected):
-        read_probes(path, {}, {}, convert)
+        read_probes(path, {}, {})
 
 
 def test_a_finger_whose_presses_are_pure_exponentials_has_no_stiffness_at_touch(tmp_path):

@@ -9,7 +9,6 @@ from scipy.spatial.distance import cdist
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.launch.load.values.units import convert
 from palpate.models.fit.probes import inclusion
 from palpate.models.fit.probes.field import fit_field, matern
 from palpate.models.fit.probes.fit import fit_probes
@@ -103,7 +102,7 @@ def test_rows_beyond_the_law_and_probes_without_contact_are_left_out_with_the_re
     rows, _ = organ(3)
     rows.force[4] = 0.0
     (tmp_path / "a.csv").write_text(table(rows))
-    probes = read_probes(tmp_path / "a.csv", {}, {}, convert)
+    probes = read_probes(tmp_path / "a.csv", {}, {})
     assert len(probes.names) == 59 and "probe 5: the force rises by 0 N" in probes.dropped[0]
     fit = fit_probes(probes, closed_form(Rig("ball", 6e-3), "hertz"))
     assert any(
@@ -115,7 +114,7 @@ def test_rows_beyond_the_law_and_probes_without_contact_are_left_out_with_the_re
 
 def test_a_table_of_one_press_is_no_set_of_probes(tmp_path):
     (tmp_path / "a.csv").write_text("depth [mm],force [N]\n" + "".join(f"{k},{k}\n" for k in range(50)))
-    assert read_probes(tmp_path / "a.csv", {}, {}, convert) is None
+    assert read_probes(tmp_path / "a.csv", {}, {}) is None
 
 
 @pytest.mark.parametrize(
@@ -130,7 +129,7 @@ def test_a_table_of_one_press_is_no_set_of_probes(tmp_path):
 def test_unusable_places_are_refused(tmp_path, change, message):
     (tmp_path / "a.csv").write_text(table(organ(4)[0]).replace(*change))
     with pytest.raises(SessionError, match=message):
-        read_probes(tmp_path / "a.csv", {}, {}, convert)
+        read_probes(tmp_path / "a.csv", {}, {})
 
 
 def test_a_field_predicts_held_out_places_with_its_uncertainty():

@@ -90,9 +90,9 @@ def test_all_bad_cells_are_reported_at_once_up_to_a_limit(file):
 @pytest.mark.parametrize(
     ("head", "text"),
     [
-        ("subject,session,depth,force [N]", r"column 'depth': no unit; write 'depth \[m\]' .units: m, mm"),
-        ("subject,session,depth [inch],force [N]", "column 'depth': found the unit 'in', expected one of m, mm"),
-        ("subject,session,depth [mm],force", r"column 'force': no unit; write 'force \[N\]'"),
+        ("subject,session,depth,force [N]", r"column 'depth': no unit; write 'depth \[UNIT\]', with mm"),
+        ("subject,session,depth [s],force [N]", "column 'depth .s.': unit 's' is that of a time; expected a length"),
+        ("subject,session,depth [mm],force", r"column 'force': no unit; write 'force \[UNIT\]'"),
         ("subject,session,depth [mm]", "no column 'force'; found 'subject', 'session', 'depth"),
         ("session,depth [mm],force [N]", "no column 'subject'"),
         ("subject,session,depth [mm],depth [mm],force [N]", "column 'depth' twice"),

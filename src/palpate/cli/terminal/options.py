@@ -28,7 +28,7 @@ def _as_json(context: typer.Context, value: bool) -> bool:
 
 def instant(text: str) -> float:
     """A time as in launch files, in s: 2, '1200 ms', 0. BadParameter: not a time."""
-    from palpate.launch.load.values.units import UnitError, convert
+    from palpate.units.quantity import UnitError, convert
 
     try:
         return convert(text, "s")

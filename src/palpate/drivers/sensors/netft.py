@@ -24,6 +24,8 @@ from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.drivers.transport.burst import burst
 from palpate.drivers.transport.udp import Udp
+from palpate.units.header import factor
+from palpate.units.symbols import UnitError
 
 NAME = "Net F/T"
 PORT = 49152
@@ -41,11 +43,6 @@ STATUS: dict[int | str, str] = {
 the older Net Box the lower bits have other meanings, and all of them are errors too."""
 LATCHED, ANY = 1 << 16, 1 << 31  # a monitor condition, which the user has set, is no error; it also sets bit 31
 LARGEST_COUNT = (1 << 31) - 1
-FORCES = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665, "gf": 9.80665e-3}
-TORQUES = {
-    "Nm": 1.0, "N-m": 1.0, "Nmm": 1e-3, "N-mm": 1e-3, "kNm": 1e3, "kN-m": 1e3, "lbf-in": 0.1129848290276167,
-    "lbf-ft": 1.3558179483314004, "kgf-cm": 9.80665e-2,
-}  # fmt: skip
 
 
 class Scale(NamedTuple):
@@ -68,12 +65,16 @@ def scale(text: bytes) -> Scale:
             f"the {NAME}'s /netftapi2.xml has no counts per force and torque (cfgcpf, cfgcpt). Is this a {NAME}?"
         ) from None
     units = page.get("scfgfu", "N"), page.get("scfgtu", "Nm")
-    if units[0] not in FORCES or units[1] not in TORQUES or not (LEAST < force < MOST and LEAST < torque < MOST):
+    try:
+        factors = factor(units[0], "N"), factor(units[1].replace("-", "·"), "N m")  # `lbf-in`
+    except UnitError:
+        factors = 0.0, 0.0
+    if not (all(factors) and LEAST < force < MOST and LEAST < torque < MOST):
         raise DeviceError(
             f"the {NAME} measures {force:g} counts a {units[0]!r} and {torque:g} a {units[1]!r}. Set it to N and Nm on"
             " its web page."
         )
-    return Scale(FORCES[units[0]] / force, TORQUES[units[1]] / torque)
+    return Scale(factors[0] / force, factors[1] / torque)
 
 
 def encode(values: Sequence[int], status: int = 0, number: int = 0, measured: int = 0) -> bytes:

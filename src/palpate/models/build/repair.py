@@ -6,11 +6,12 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.nodes.base.mesh_file import UNITS, flaws, read_triangles
+from palpate.nodes.base.mesh_file import flaws, read_triangles
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.physics.geometry.topology import edge_counts, outward
+from palpate.units.header import factor
 
 
 def repair_mesh(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
@@ -50,7 +51,7 @@ def repair_mesh(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]
         )
     out = file.with_name(f"{file.stem}-repaired.ply")
     try:
-        write_ply(out, Mesh(vertices * UNITS[unit], outward(vertices, triangles)))
+        write_ply(out, Mesh(vertices * factor(unit, "m"), outward(vertices, triangles)))
     except OSError as error:
         raise MeshError(f"--repair: {out} cannot be written: {error.strerror}") from None
     return out, done or ["triangles turned outwards"]

@@ -17,10 +17,11 @@ import numpy as np
 import scipy  # loads its subpackages on first use
 
 from palpate.models.fit.sessions import SessionError
-from palpate.physics.table_cells import split_unit
+from palpate.models.fit.specimens import check_one_body, press_labels
 from palpate.physics.table_file import read_table
+from palpate.units.header import examples, split_unit
 
-UNITS = {"travel": {"mm": 1e-3, "m": 1.0, "um": 1e-6, "cm": 1e-2}, "force": {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}}
+SI = {"travel": "m", "force": "N"}
 LARGEST = {"travel": 0.02, "force": 50.0}  # [m] [N] of a finger; more is a wrong unit
 LEAST = 20  # rows of a press until its peak
 TOUCH = 0.03  # [1] share of the peak force from which a press is searched for its touch point
@@ -54,33 +55,35 @@ def read_presses(path: Path, notes: list[str] | None = None, dialect: str = "") 
     SessionError: cannot be used; says where and why.
     """
     try:
-        found = read_table(path, lambda cells: len(set(UNITS) & {split_unit(c)[0].lower() for c in cells}), 2, dialect)
+        found = read_table(path, lambda cells: len(set(SI) & {split_unit(c)[0].lower() for c in cells}), 2, dialect)
         names = [name.lower() for name in found.names]
-        if missing := [name for name in UNITS if name not in names]:
+        if missing := [name for name in SI if name not in names]:
             raise ValueError(f"found the columns {', '.join(names)}; expected {', '.join(missing)} too")
-        if twice := [name for name in (*UNITS, "press") if names.count(name) > 1]:
+        if twice := [name for name in (*SI, "press") if names.count(name) > 1]:
             raise ValueError(f"row {found.line}: two columns {twice[0]!r}; expected one")
-        columns = [names.index(name) for name in UNITS]
-        for name, column in zip(UNITS, columns, strict=True):
-            if found.units[column] not in UNITS[name]:
-                raise ValueError(f"row {found.line}, column {name!r}: found {found.units[column] or 'no unit'}, "
-                                 f"expected {' or '.join(UNITS[name])}, as in "
-                                 f"`{name} [{next(iter(UNITS[name]))}]`")  # fmt: skip
-        several = ["press"] if "press" in names else []
-        rows, lines = found.values([*columns, *(names.index(name) for name in several)])
+        columns = [names.index(name) for name in SI]
+        factors = [found.factor(column, SI[name]) for name, column in zip(SI, columns, strict=True)]
+        for name, factor in zip(SI, factors, strict=True):
+            if factor is None:
+                raise ValueError(f"row {found.line}, column {name!r}: found no unit, expected one in the header: "
+                                 f"`{name} [UNIT]`, with {examples(SI[name])} or another as UNIT")  # fmt: skip
+        check_one_body(path, found, "the presses of one finger")
+        rows, lines = found.values(columns)
         if not len(rows):
             raise ValueError(f"no rows after the header in row {found.line}")
-        for k, (name, column) in enumerate(zip(UNITS, columns, strict=True)):
-            rows[:, k] *= UNITS[name][found.units[column]]
+        for k, (name, factor) in enumerate(zip(SI, factors, strict=True)):
+            rows[:, k] *= factor or 1.0
             worst = int(np.argmax(np.abs(rows[:, k] - rows[0, k])))
             if abs(rows[worst, k] - rows[0, k]) > LARGEST[name]:
                 raise ValueError(f"row {lines[worst]}, column {name!r}: found a change of "
                                  f"{rows[worst, k] - rows[0, k]:.3g}, expected at most {LARGEST[name]:g} in SI units: "
                                  "is its unit right?")  # fmt: skip
-        labels = rows[:, 2] if several else np.zeros(len(rows))
+        labels = np.array(press_labels(found, lines, rows[:, 0]))
         if notes is not None:
             notes += found.skipped
-        return [_loading(rows[labels == label], f"press {label:g}") for label in dict.fromkeys(labels)]
+        return [_loading(rows[labels == label], f"press {label}") for label in dict.fromkeys(labels.tolist())]
+    except SessionError:
+        raise
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}") from None
     except ValueError as error:

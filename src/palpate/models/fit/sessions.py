@@ -4,8 +4,8 @@
     anna,1,0,0
     anna,1,0.5,0.09
 
-Columns may be in any order, in any form that `physics.table_file` reads. Lengths are in m, mm or µm, forces in N, mN,
-gf or kgf. Other columns are ignored and reported.
+Columns may be in any order, in any form and unit that `physics.table_file` reads. Other columns are ignored and
+reported.
 """
 
 import math
@@ -17,14 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.table_cells import split_unit
 from palpate.physics.table_file import Table, read_table
 from palpate.physics.table_numbers import number
+from palpate.units.header import examples, factor, split_unit
 
-UNITS = {
-    "depth": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "μm": 1e-6, "um": 1e-6},
-    "force": {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "kgf": 9.80665},
-}
+SI = {"depth": "m", "force": "N"}
+LIKELY = {"depth": ("m", "mm", "µm"), "force": ("N", "mN")}  # units that a header may have meant
 MOST = {"depth": 1.0, "force": 1e4}  # Upper bounds in SI units; a larger value means a wrong unit in the header
 NOISE = 0.05  # [1] largest negative force that counts as noise, as a fraction of the subject's largest force
 STIFFNESS = (5.0, 1e5)
@@ -173,10 +171,10 @@ def check_stiffness(subjects: list[Subject]) -> None:
         if low <= force / depth <= high:
             continue
         cures = {
-            factor: f"'{name} [{unit}]'"
+            size: f"'{name} [{unit}]'"
             for name, power in (("force", 1), ("depth", -1))
-            for unit, factor in UNITS[name].items()
-            if not unit.endswith("gf") and low <= force / depth * (factor / subject.units[name]) ** power <= high
+            for unit, size in ((unit, factor(unit, SI[name])) for unit in LIKELY[name])
+            if low <= force / depth * (size / subject.units[name]) ** power <= high
         }
         faults.append(
             f"{subject.file}, from row {subject.rows[0]}, column 'force': subject {subject.name!r} has {force:.3g} N at"
@@ -192,24 +190,26 @@ def _header(path: Path, table: Table) -> tuple[dict[str, int], dict[str, float],
     factors: dict[str, float] = {}
     faults, ignored = [], []
     cells = table.cells
-    for place, (cell, name, unit) in enumerate(zip(cells, table.names, table.units, strict=True)):
+    for place, (cell, name) in enumerate(zip(cells, table.names, strict=True)):
         name = name.lower()
         if name in columns:
             faults.append(f"{path}, header: column {name!r} twice")
         elif name in LABELS:
             columns[name] = place
-        elif name in UNITS:
+        elif name in SI:
             columns[name] = place
-            known = ", ".join(UNITS[name])
-            if not unit:
+            try:
+                size = table.factor(place, SI[name])
+            except ValueError as error:
+                faults.append(f"{path}, {error}")
+                continue
+            if size is None:
                 faults.append(
-                    f"{path}, header, column {name!r}: no unit; write '{name} [{next(iter(UNITS[name]))}]'"
-                    f" (units: {known})"
+                    f"{path}, header, column {name!r}: no unit; write '{name} [UNIT]', with {examples(SI[name])} or"
+                    " another as UNIT"
                 )
-            elif unit not in UNITS[name]:
-                faults.append(f"{path}, header, column {name!r}: found the unit {unit!r}, expected one of {known}")
             else:
-                factors[name] = UNITS[name][unit]
+                factors[name] = size
         else:
             ignored.append(cell.strip())
     missing = [name for name in NEEDED if name not in columns]

@@ -15,11 +15,12 @@ import scipy  # loads its subpackages on first use
 from scipy.signal import butter, sosfiltfilt
 
 from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.specimens import check_one_body
 from palpate.nodes.base.texture_file import Model, Texture, tabulate_texture
-from palpate.physics.table_cells import split_unit
 from palpate.physics.table_file import read_table
 from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule_walker
 from palpate.physics.texture.surface import third_octaves
+from palpate.units.header import examples, split_unit
 
 WINDOW = 0.1  # [s]
 STEADY = 0.2  # [1] largest relative change of speed and force in a window that is used
@@ -29,14 +30,8 @@ ORDERS = range(4, 41)
 LOWEST = 20.0  # [Hz] high-pass limit; the motion of the hand is below
 SLOWEST = 2  # fluctuations from which the interval follows
 ENOUGH = 60  # smallest number of windows for which an interval is given
-FORCES = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3}
-UNITS = {
-    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-    "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
-    "normal": FORCES, "lateral": FORCES,
-    "acceleration": {"m/s^2": 1.0, "m/s²": 1.0, "m/s2": 1.0, "mm/s^2": 1e-3},
-}  # fmt: skip
-"""Units that a header may name, with their SI values; the first one is the default."""
+SI = {"t": "s", "speed": "m/s", "normal": "N", "lateral": "N", "acceleration": "m/s^2"}
+"""SI units of the columns, which are those of a header without units."""
 LARGEST = {"speed": 5.0, "normal": 100.0, "lateral": 100.0}
 """[m/s], [N] Limits of a stroke by a hand; a larger value means a wrong unit."""
 MOST_FRICTION = 20.0  # [1] lateral over normal force; a larger value means a wrong unit
@@ -110,20 +105,18 @@ def _cells(path: Path, notes: list[str], dialect: str) -> tuple[float, str, list
     if twice := [name for name in wanted if names.count(name) > 1]:
         raise ValueError(f"row {found.line}: two columns {twice[0]!r}; expected one")
     places = [names.index(name) for name in wanted]
-    table, lines = found.values(places)
+    check_one_body(path, found, "strokes over one texture")
+    table, lines = found.values(places, places[0])
     notes += found.skipped
     for name, place, column in zip(wanted, places, table.T, strict=True):
-        unit, known = found.units[place], UNITS[name]
-        if unit and unit not in known:
-            expected = " or ".join(known)
-            raise ValueError(f"row {found.line}, column {name!r}: found the unit {unit!r}, expected {expected}")
-        column *= known.get(unit, 1.0)
+        column *= found.factor(place, SI[name]) or 1.0
         worst = int(np.argmax(np.abs(column))) if len(column) else 0
         if len(column) and name in LARGEST and abs(column[worst]) > LARGEST[name]:
-            si = next(iter(known))
+            si = SI[name]
             raise ValueError(
                 f"row {lines[worst]}, column {name!r}: found {column[worst]:.4g} {si}, expected at most "
-                f"{LARGEST[name]:g} {si}; name the unit in the header, such as `{name} [{list(known)[1]}]`"
+                f"{LARGEST[name]:g} {si}; name the unit in the header: `{name} [UNIT]`, with {examples(si)} or another "
+                "as UNIT"
             )
     if len(table) < 3:
         raise ValueError(

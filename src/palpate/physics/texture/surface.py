@@ -11,18 +11,21 @@ Stochastic texture under a sliding contact: J. Siira, D. K. Pai, IEEE ICRA 1996,
 a surface: G. Robles-De-La-Torre, V. Hayward, Nature 412 (2001) 445-448.
 """
 
-import csv
 import math
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from palpate.compiler import exact
-from palpate.physics.readable import MOST_TEXT, check_readable
+from palpate.physics.table_file import read_table
 from palpate.physics.texture.fourier import irfft, rfft
+from palpate.units.header import split_unit
 
 POINTS = 16  # Points of a table per shortest wavelength, at which linear interpolation attenuates by 0.11 dB
 LINES = 70  # Longest wavelengths per period: 16 spectral lines in the lowest third-octave band
+LENGTHS = ("s", "height")
 MOST = 1 << 20  # Maximum number of points of a table, 8 MiB
 
 
@@ -61,9 +64,8 @@ def grating(wavelength: float, rms: float) -> tuple[np.ndarray, float]:
 def has_heights(path: Path) -> bool:
     """Whether a profile is a relief (column `height` [m]) and not a friction map (`friction` [1]). OSError, ValueError:
     cannot be read."""
-    check_readable(path, MOST_TEXT)
-    with open(path, encoding="utf-8-sig", newline="") as file:
-        head = [cell.strip() for cell in next(csv.reader(file), [])]
+    table = read_table(path, partial(_score, ("s", "height", "friction")), 2)
+    head = [name.lower() for name in table.names]
     return "friction" not in head or "height" in head
 
 
@@ -72,7 +74,7 @@ def profile(path: Path, rms: float, shortest: float) -> tuple[np.ndarray, float]
     periodically, and its spacing [m]. The trend and wavelengths below `shortest` [m] are removed. OSError, ValueError:
     cannot be read; states the reason.
 
-    path  CSV with the header `s,height` [m] or `s,friction` [m, 1];  rms of the result [1], 0: as measured
+    path  table with the columns `s`, `height` (in m without units) or `s`, `friction`;  rms of the result [1], 0: as measured
     """
     heights = has_heights(path)
     even, spacing = _evenly_spaced(path, "height" if heights else "friction", shortest)
@@ -87,7 +89,7 @@ def profile(path: Path, rms: float, shortest: float) -> tuple[np.ndarray, float]
 
 def _evenly_spaced(path: Path, column: str, shortest: float) -> tuple[np.ndarray, float]:
     """A column of a profile (n) without its trend, at even places, and their spacing [m]."""
-    s, values = read_table(path, "s", column).T
+    s, values = _columns(path, "s", column).T
     if len(s) < 4 or not np.all(np.diff(s) > 0.0):
         raise ValueError("expected at least 4 rows with increasing s")
     count = int(np.ceil((s[-1] - s[0]) * POINTS / shortest))
@@ -105,21 +107,21 @@ def third_octaves(lowest: float, highest: float) -> np.ndarray:
     return 10.0 ** (np.arange(first, last + 1) / 10.0)
 
 
-def read_table(path: Path, *names: str) -> np.ndarray:
-    """Columns of a CSV file by name (n, names). ValueError: states the fault and the row."""
-    check_readable(path, MOST_TEXT)
-    with open(path, encoding="utf-8-sig", newline="") as file:
-        rows = [(reader.line_num, row) for reader in [csv.reader(file)] for row in reader if row]
-    head = [cell.strip() for cell in rows[0][1]] if rows else []
+def _columns(path: Path, *names: str) -> np.ndarray:
+    """Columns of a table by name (n, names), in SI units. ValueError: states the fault and the row."""
+    table = read_table(path, partial(_score, names), len(names))
+    head = [name.lower() for name in table.names]
     if missing := [name for name in names if name not in head]:
         more = ", or friction" if "height" in missing else ""
         raise ValueError(f"found the columns {', '.join(head) or 'none'}; expected {', '.join(missing)} too{more}")
-    places, numbers = [head.index(name) for name in names], []
-    for line, row in rows[1:]:
-        try:
-            numbers.append([float(row[place]) for place in places])
-        except (ValueError, IndexError):
-            raise ValueError(f"line {line}: found {', '.join(row)!r}, expected numbers") from None
-        if not np.all(np.isfinite(numbers[-1])):
-            raise ValueError(f"line {line}: found {', '.join(row)!r}, expected finite numbers")
-    return np.array(numbers).reshape(-1, len(names))
+    places = [head.index(name) for name in names]
+    values, _ = table.values(places)
+    for name, place, column in zip(names, places, values.T, strict=True):
+        if name in LENGTHS:
+            column *= table.factor(place, "m") or 1.0
+    return values
+
+
+def _score(names: Sequence[str], cells: Sequence[str]) -> int:
+    """Number of these names in the cells of a header."""
+    return len(set(names) & {split_unit(cell)[0].lower() for cell in cells})

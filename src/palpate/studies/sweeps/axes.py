@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.launch.load.values.units import UnitError, parse, split
 from palpate.nodes.base import plain
 from palpate.physics.errors import ArgumentError
+from palpate.units.quantity import UnitError, parse, split
 
 GRIDS: dict[str, Any] = {"linspace": np.linspace, "geomspace": np.geomspace}
 DESIGNS = ("sobol", "lhs", "random")

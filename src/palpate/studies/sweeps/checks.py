@@ -9,12 +9,12 @@ import numpy as np
 from palpate.engine.faults import Fault, GraphError
 from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.load.values.units import UnitError, convert, parse, split
 from palpate.nodes.base import settings
 from palpate.physics.errors import ArgumentError
 from palpate.studies.sweeps.axes import DESIGNS, Axis, Space
 from palpate.studies.sweeps.point import overrides
 from palpate.studies.sweeps.sensitivity import METHODS
+from palpate.units.quantity import UnitError, convert, parse, split
 
 TRIED = 64  # Maximum number of combinations of bodies, motions and files that are loaded before anything runs
 DRAWS = 8  # Maximum number of points that are tried until one loads

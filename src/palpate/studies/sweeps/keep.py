@@ -17,10 +17,10 @@ import numpy as np
 
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
-from palpate.launch.load.values.units import UnitError, convert
 from palpate.messages import fields
 from palpate.physics.errors import ArgumentError
 from palpate.records.samples import Samples
+from palpate.units.quantity import UnitError, convert
 from palpate.views.run import Run
 
 RECORDING = "recording"

@@ -10,11 +10,13 @@ import numpy as np
 
 from palpate.models.fit.probes.pooled import LEAST_PROBES, Rows
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue.measured import LABELS
-from palpate.models.fit.tissue.table import Convert, columns_of, factor_of, numbers_of, table_of
+from palpate.models.fit.specimens import BODIES, columns_named
+from palpate.models.fit.tissue.table import columns_of, factor_of, inverting, numbers_of, table_of
 from palpate.physics.table_file import Table
 
 PROBE = "probe"
+LABELS = ("subject", "session", "press")
+"""Columns that name a probe."""
 SPARSE = 40  # Most rows of a probe; longer presses are fitted one by one
 LEAST_ROWS = 4  # of a probe
 PLACE, NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
@@ -47,9 +49,7 @@ class Probes:
         return Probes(names, rows, places, normals, self.dropped, self.read)
 
 
-def read_probes(
-    path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert, dialect: str = ""
-) -> Probes | None:
+def read_probes(path: Path, columns: Mapping[str, str], units: Mapping[str, str], dialect: str = "") -> Probes | None:
     """The probes of a file; None: it has few presses, or many rows per press. SessionError: a fault, with its row."""
     table = table_of(path, columns, dialect)
     names = [name.lower() for name in table.names]
@@ -62,12 +62,15 @@ def read_probes(
             groups.setdefault(key, []).append(i)
     if len(groups) < LEAST_PROBES or np.median([len(group) for group in groups.values()]) > SPARSE:
         return None
-    found = columns_of(path, table, {key: value for key, value in columns.items() if key != "time"}, convert)
+    found = columns_of(path, table, {key: value for key, value in columns.items() if key != "time"})
     found.pop("time", None)
-    values, lines, shown = numbers_of(path, table, found, columns, units, convert)
+    for name, k in columns_named(table, tuple(b for b in BODIES if b not in LABELS)).items():
+        raise SessionError(f"{path}: column {table.cells[k].strip()!r} names more than one {name}, expected the probes "
+                           "of one organ; save the rows of each in its file")  # fmt: skip
+    values, lines, shown = numbers_of(path, table, found, columns, units)
     depth, force = (values[:, list(found).index(key)] for key in ("indentation", "force"))
-    places = _vectors(path, table, PLACE, len(values), convert)
-    normals = _vectors(path, table, NORMAL, len(values), None)
+    places = _vectors(path, table, PLACE, len(values), True)
+    normals = _vectors(path, table, NORMAL, len(values), False)
     kept: dict[str, list[int]] = {}
     dropped = []
     for name, group in groups.items():
@@ -84,18 +87,18 @@ def read_probes(
             continue
         kept[name] = order
     if not kept:
-        raise SessionError(
-            f"{path}: 0 of {len(groups)} probes remain: {dropped[0]}; --columns indentation=-d inverts the depth"
-        )
+        raise SessionError(f"{path}: 0 of {len(groups)} probes remain: {dropped[0]}{inverting(found, ['indentation'])}")
     rises = [force[order].max() - force[order][0] for order in kept.values()]
     noise = _noise([force[order] for order in kept.values()])
+    rising = list(kept.values())
     for name, rise in zip(list(kept), rises, strict=True):
         if not rise > CLEAR * noise:
             dropped.append(f"{path.name}, probe {name}: the force rises by {rise:.2g} N, expected more than {CLEAR:g} "
                            f"times the noise of {noise:.2g} N")  # fmt: skip
             kept.pop(name)
     if len(kept) < LEAST_PROBES:
-        cure = "; --columns force=-F inverts the force" if -force.min() > 2.0 * force.max() else ""
+        falls = sum(force[order][0] - force[order].min() > CLEAR * noise for order in rising)
+        cure = inverting(found, ["force"]) if falls >= LEAST_PROBES else ""
         raise SessionError(
             f"{path}: {len(kept)} of {len(groups)} probes remain, expected at least {LEAST_PROBES}: {dropped[0]}{cure}"
         )
@@ -122,9 +125,7 @@ def _noise(forces: list[np.ndarray]) -> float:
     return float(np.median(np.abs(differences))) / 0.6745 / np.sqrt(20.0)
 
 
-def _vectors(
-    path: Path, table: Table, names: tuple[str, ...], count: int, convert: Convert | None
-) -> np.ndarray | None:
+def _vectors(path: Path, table: Table, names: tuple[str, ...], count: int, lengths: bool) -> np.ndarray | None:
     """The vectors (n,3) of three columns; None: the table has none of them. SessionError: one is missing."""
     heads = [name.lower() for name in table.names]
     there = [name for name in names if name in heads]
@@ -134,8 +135,8 @@ def _vectors(
         raise SessionError(f"{path}, row {table.line}: found the column {there[0]!r}, expected {', '.join(names)}")
     places = [heads.index(name) for name in names]
     factors = [1.0] * 3
-    if convert is not None:
-        factors = [factor_of(path, n, table, k, {}, {}, convert) for n, k in zip(names, places, strict=True)]
+    if lengths:
+        factors = [factor_of(path, n, table, k, {}, {}) for n, k in zip(names, places, strict=True)]
     try:
         values, _ = table.values(places)
     except ValueError as error:

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.specimens import check_one_indenter, press_labels
 from palpate.models.fit.tissue.noise import noise_before, step_of
 from palpate.models.fit.tissue.residuals import inflation
-from palpate.models.fit.tissue.table import Convert, check_time, columns_of, numbers_of, table_of
+from palpate.models.fit.tissue.table import (
+    WITHOUT_TIME,
+    check_time,
+    columns_of,
+    inverting,
+    numbers_of,
+    table_of,
+)
 
-RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
-"""Columns that identify the indenter; a file with several values mixes several indenters."""
-LABELS = ("subject", "session", "press")
-"""Columns whose values separate the presses of a file."""
 MOST_REPEATED = 0.01  # [1] Largest share of rows that repeat the time stamp of the row before
 LEAST_ROWS = 10
 BACK = 0.5  # [1] Fall of the indentation between two rows, over its range, from which another press begins
@@ -73,29 +77,22 @@ class MeasuredPress:
 
 
 def read_presses(
-    path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert, dialect: str = ""
+    path: Path, columns: Mapping[str, str], units: Mapping[str, str], dialect: str = ""
 ) -> list[MeasuredPress]:
-    """The presses of a file, one for each value of its columns `subject`, `session` and `press` if it has them.
+    """The presses of a file, one for each value of the columns that name a press or a specimen (`specimens`).
 
-    columns  quantity -> its column in the file, by name or number from 1, with a minus sign to invert its direction
+    columns  quantity -> its column in the file, by name or number from 1, with a minus sign to invert its direction;
+             "" leaves the time out
     units    column or quantity -> unit, for a header without units
     dialect  of the numbers, if it cannot be detected: one of `table_file.DIALECTS`
 
     SessionError: a fault, with file, row and column.
     """
     table = table_of(path, columns, dialect)
-    found = columns_of(path, table, columns, convert)
-    values, lines, shown = numbers_of(path, table, found, columns, units, convert)
-    # one press per label; files of several indenters are refused
-    heads = {name.lower(): k for k, name in reversed(list(enumerate(table.names)))}
-    labels = [heads[name] for name in LABELS if name in heads]
-    rig = next((heads[name] for name in RIG_COLUMNS if name in heads), None)
-    kept = [row for _, row in table.rows[: len(values)]]
-    pressed = {row[rig].strip() for row in kept if rig is not None and rig < len(row)}
-    if len(pressed) > 1:
-        several = ", ".join(sorted(pressed)[:5])
-        raise SessionError(f"{path}: pressed by {several}: two indenters mixed; fit each separately")
-    sessions = np.array([" ".join(row[k].strip() for k in labels if k < len(row)) for row in kept])
+    found = columns_of(path, table, columns)
+    check_one_indenter(path, table)
+    values, lines, shown = numbers_of(path, table, found, columns, units)
+    sessions = np.array(press_labels(table, lines, values[:, list(found).index("indentation")]))
     remarks = (f"{path.name}: {', '.join(shown)}", *(f"{path.name}: {text}" for text in table.skipped))
     presses: list[MeasuredPress] = []
     for session in dict.fromkeys(sessions.tolist()):
@@ -108,7 +105,8 @@ def read_presses(
             stamps = ", ".join(str(lines[rows[k]]) for k in repeated)
             notes = (*notes, f"{name}: row {stamps} repeats the time of the row before, and is left out")
         depth, force = (np.delete(parts[key], repeated) for key in ("indentation", "force"))
-        presses.append(replace(prepare_press(name, time, depth, force), remarks=notes))
+        cure = partial(inverting, found)
+        presses.append(replace(prepare_press(name, time, depth, force, cure), remarks=notes))
     if "time" in found:
         check_time(path, table, found["time"][0], values[:, list(found).index("time")], columns, units)
     return presses
@@ -139,13 +137,18 @@ def _one_per_stamp(name: str, time: np.ndarray | None, lines: list[int]) -> tupl
         more = "" if few else f" ({len(repeated)} of {len(time)} rows repeat a time: the resolution is too low)"
         raise SessionError(
             f"{name}, row {lines[at + 1]}: time does not increase: {time[at]:.6g} s is followed by "
-            f"{time[at + 1]:.6g} s{more}"
+            f"{time[at + 1]:.6g} s{more}; {WITHOUT_TIME}"
         )
     return np.delete(time, repeated), repeated
 
 
-def prepare_press(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray) -> MeasuredPress:
+def prepare_press(
+    name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray,
+    inverted: Callable[[frozenset[str]], str] = lambda names: "",
+) -> MeasuredPress:  # fmt: skip
     """A press with its touch point and its zero of the force.
+
+    inverted  the remedy if these of `force` and `indentation` have the wrong sign
 
     SessionError: too few rows, time that does not increase, no contact, a force of the wrong sign.
     """
@@ -155,10 +158,7 @@ def prepare_press(name: str, time: np.ndarray | None, depth: np.ndarray, force: 
     if time is not None and (np.diff(time) <= 0).any():
         at = int(np.argmax(np.diff(time) <= 0))
         raise SessionError(f"{name}: time does not increase: {time[at]:.6g} s is followed by {time[at + 1]:.6g} s")
-    if -force.min() > 2.0 * force.max():
-        raise SessionError(f"{name}: the force is negative in the press; --columns force=-F inverts it")
-    if depth.max() - depth[0] <= 0.2 * np.ptp(depth):
-        raise SessionError(f"{name}: the indentation falls in the press; --columns indentation=-d inverts it")
+    _check_signs(name, time, depth, force, inverted)
     # noise from second differences (median absolute deviation); detection level of contact
     deepest = int(np.argmax(depth))
     noise, step = noise_before(force), step_of(force)
@@ -198,6 +198,30 @@ def prepare_press(name: str, time: np.ndarray | None, depth: np.ndarray, force: 
     # a drift below the noise before contact may still matter at the peak: fit one in each press that has these rows
     press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts=free, air=free, step=step)
     return press if len(depth) <= MOST_ROWS else _thin_press(press)
+
+
+def _check_signs(
+    name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray, inverted: Callable[[frozenset[str]], str]
+) -> None:
+    """SessionError: force or indentation fall in the press. The remedy is printed only if it gives a press."""
+    deepest = int(np.argmax(depth))
+    first = float(np.median(force[: max(len(force) // 100, 5)]))
+    pressed = force[: deepest + 1] - first
+    if depth[deepest] - depth[0] <= 0.2 * np.ptp(depth):
+        what, signs = "indentation", ((-1.0, 1.0), (-1.0, -1.0))
+    elif -pressed.min() > 2.0 * pressed.max():
+        what, signs = "force", ((1.0, -1.0), (-1.0, -1.0))
+    else:
+        return
+    for one, other in signs:
+        try:
+            prepare_press(name, time, one * depth, other * force)
+        except SessionError:
+            continue
+        wrong = frozenset({"indentation"} if one < 0.0 else ()) | frozenset({"force"} if other < 0.0 else ())
+        cure = inverted(wrong)
+        raise SessionError(f"{name}: the {' and the '.join(sorted(wrong))} falls in the press" + cure)
+    raise SessionError(f"{name}: the {what} falls in the press, and with its sign inverted it is no press either")
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:

@@ -2,35 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from palpate.models.fit.sessions import SessionError
-from palpate.physics.table_cells import split_unit
 from palpate.physics.table_file import COARSE, Table, coarse_step, read_table
+from palpate.units.header import examples, factor, same_unit, split_unit
+from palpate.units.symbols import UnitError
 
 NAMES = {
-    "time": ("time", "t"), "force": ("force", "load", "f", "fz", "fn", "normal force"),
+    "time": ("time", "t", "x_value"), "force": ("force", "load", "f", "fz", "fn", "normal force"),
     "indentation": ("indentation", "depth", "compression", "approach", "d", "penetration depth", "pd"),
 }  # fmt: skip
 """Quantity -> default names of its column."""
 SI = {"time": "s", "force": "N", "indentation": "m"}
 LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}  # Upper bounds in SI units; a larger value means a wrong unit
-
-Convert = Callable[[str, str], float]
-"""(quantity such as '1 mm', SI unit) -> number."""
+WITHOUT_TIME = "--columns time= leaves the time out"
 
 
 def table_of(path: Path, columns: Mapping[str, str], dialect: str) -> Table:
     """The table of a file whose header names force and indentation. SessionError: it cannot be read."""
 
     def score(cells: Sequence[str]) -> int:
-        return sum(bool(_places(cells, key, columns)) for key in {"force", "indentation", *columns})
+        return sum(bool(_places(cells, key, columns)) for key in needed)
 
+    needed = {"force", "indentation", *(key for key, column in columns.items() if column)}
     try:
-        return read_table(path, score, len({"force", "indentation", *columns}), dialect)
+        return read_table(path, score, len(needed), dialect)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise SessionError(f"{path}: cannot be read: {reason}") from None
@@ -38,27 +38,30 @@ def table_of(path: Path, columns: Mapping[str, str], dialect: str) -> Table:
 
 def numbers_of(
     path: Path, table: Table, found: Mapping[str, tuple[int, float]], columns: Mapping[str, str],
-    units: Mapping[str, str], convert: Convert,
+    units: Mapping[str, str],
 ) -> tuple[np.ndarray, list[int], list[str]]:  # fmt: skip
     """SI values (n, k) of the found columns, the line of each row, and a text per column. SessionError: a fault."""
-    factors = [factor_of(path, key, table, k, columns, units, convert) for key, (k, _) in found.items()]
+    time = found["time"][0] if "time" in found else None
     try:
-        values, lines = table.values([k for k, _ in found.values()])
+        values, lines = table.values([k for k, _ in found.values()], time)
     except ValueError as error:
-        raise SessionError(f"{path}, {error}") from None
+        cure = f"; {WITHOUT_TIME}" if time is not None and f"column {table.cells[time].strip()!r}" in str(error) else ""
+        raise SessionError(f"{path}, {error}{cure}") from None
     if not len(values):
         raise SessionError(f"{path}: no rows after the header in row {table.line}")
+    factors = [factor_of(path, key, table, k, columns, units) for key, (k, _) in found.items()]
     shown = []
-    for (key, (k, sign)), factor, column in zip(found.items(), factors, values.T, strict=True):
-        large = np.flatnonzero(np.abs(column * factor) > LARGEST[key])
+    for (key, (k, sign)), size, column in zip(found.items(), factors, values.T, strict=True):
+        far = np.abs(column - (column[0] if key == "time" else 0.0)) * size  # clocks count from anywhere
+        large = np.flatnonzero(far > LARGEST[key])
         if len(large):
             where = f"{path}, row {lines[large[0]]}, column {table.cells[k].strip()!r}"
-            raise SessionError(
-                f"{where}: found {column[large[0]]:g}, too large for the {key} of a press; is the unit right?"
-            )
-        column *= sign * factor
+            what = "spans more than a press lasts" if key == "time" else f"too large for the {key} of a press"
+            raise SessionError(f"{where}: found {column[large[0]]:g}, {what}; is the unit right?")
+        column *= sign * size
         inverted = ", inverted" if sign < 0.0 else ""
-        shown.append(f"{key} from {table.cells[k].strip()!r} times {factor:.6g} {SI[key]}{inverted}")
+        replaced = _replaced(key, table, k, columns, units)
+        shown.append(f"{key} from {table.cells[k].strip()!r} times {size:.6g} {SI[key]}{inverted}{replaced}")
     return values, lines, shown
 
 
@@ -74,23 +77,15 @@ def _places(cells: Sequence[str], key: str, columns: Mapping[str, str]) -> list[
     return places
 
 
-def _may_be(unit: str, si: str, convert: Convert) -> bool:
-    """Whether a column with this unit, or without one, may have the dimension of an SI unit."""
-    try:
-        convert(f"1 {unit}", si)
-    except ValueError as error:
-        return not unit or "expected" not in str(error)
-    return True
-
-
-def columns_of(path: Path, table: Table, columns: Mapping[str, str], convert: Convert) -> dict[str, tuple[int, float]]:
+def columns_of(path: Path, table: Table, columns: Mapping[str, str]) -> dict[str, tuple[int, float]]:
     """Quantity -> (column, sign). SessionError: a column is missing, or several match."""
     found, missing = {}, []
     for key in NAMES:
+        if columns.get(key, "default") == "":  # left out
+            continue
         places = _places(table.cells, key, columns)
         if len(places) > 1 and key not in columns:  # Load (uN) and Load (V): only one is a force
-            fitting = [k for k in places if _may_be(table.units[k], SI[key], convert)]
-            places = fitting if len(fitting) == 1 else places
+            places = table.units.choose(places, SI[key])
         if len(places) > 1:
             cells = [f"{table.cells[k].strip()!r} (column {k + 1})" for k in places]
             distinct = len({table.names[k] for k in places}) == len(places)
@@ -112,38 +107,62 @@ def columns_of(path: Path, table: Table, columns: Mapping[str, str], convert: Co
     return found
 
 
+def inverting(found: Mapping[str, tuple[int, float]], names: Collection[str]) -> str:
+    """The option that inverts the sign of some of the found columns, complete, by number."""
+    signs = {key: (k + 1, -sign if key in names else sign) for key, (k, sign) in found.items()}
+    listed = ",".join(f"{key}={'-' if sign < 0.0 else ''}{k}" for key, (k, sign) in signs.items())
+    return f"; --columns {listed} inverts it"
+
+
 def check_time(path: Path, table: Table, place: int, times: np.ndarray, columns: Mapping[str, str],
                units: Mapping[str, str]) -> None:  # fmt: skip
     """SessionError: a column of time without a unit, with rows so far apart that they are hardly in seconds."""
-    if not unit_of("time", table, place, columns, units) and (step := coarse_step(times)):
+    if not (given_unit("time", table, place, columns, units) or table.unit(place)) and (step := coarse_step(times)):
         raise SessionError(
             f"{path}, row {table.line}, column {table.cells[place].strip()!r}: no unit; in s its rows would be "
-            f"{step:.3g} s apart, expected less than {COARSE:g} s. Give it with --unit time=ms or time=s"
+            f"{step:.3g} s apart, expected less than {COARSE:g} s. Give it with --unit time=UNIT, with {examples('s')} "
+            f"as UNIT; {WITHOUT_TIME}"
         )
 
 
-def unit_of(key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str]) -> str:
-    """The unit of a column, of the option --unit or of the header; "" if it has none."""
+def given_unit(key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str]) -> str:
+    """The unit of a column by the option --unit; "" if it is not given."""
     names = (key, columns.get(key, "").removeprefix("-").strip(), table.cells[place].strip(), table.names[place])
-    return next((units[name] for name in names if name in units), table.units[place])
+    return next((units[name] for name in names if name in units), "")
 
 
 def factor_of(
-    path: Path, key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str],
-    convert: Convert,
-) -> float:  # fmt: skip
-    """Factor from the unit of a column to the SI unit."""
-    cell, named = table.cells[place].strip(), columns.get(key, "").removeprefix("-").strip()
-    unit = unit_of(key, table, place, columns, units)
-    where = f"{path}, row {table.line}, column {cell!r}"
-    if not unit:
-        if key != "time":
-            example = "N" if key == "force" else "mm"
-            raise SessionError(f"{where}: no unit; give it with --unit {named or key}={example}")
-        return 1.0
+    path: Path, key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str]
+) -> float:
+    """Factor from the unit of a column to the SI unit. SessionError: none, unknown, contradictory, another dimension.
+
+    A remedy names no unit that the file does not show, because a person may follow it literally.
+    """
+    cell, named = table.cells[place].strip(), columns.get(key, "").removeprefix("-").strip() or key
+    where, si = f"{path}, row {table.line}, column {cell!r}", SI.get(key, "m")
+    given = given_unit(key, table, place, columns, units)
     try:
-        return convert(f"1 {unit}", SI.get(key, "m"))
+        unit = given or table.unit(place)
     except ValueError as error:
-        cure = "" if "expected" in str(error) else f". Give it with --unit {named or key}={SI.get(key, 'm')}"
-        cure = f". If it shows a weight: --unit {named or key}={unit}f" if unit in ("g", "kg") else cure
-        raise SessionError(f"{where}, unit {unit!r}: {error}{cure}") from None
+        raise SessionError(f"{path}, {error}, or give the right one with --unit {named}=UNIT") from None
+    if not unit:
+        if key == "time":
+            return 1.0
+        raise SessionError(f"{where}: no unit; give it with --unit {named}=UNIT, with {examples(si)} or another as "
+                           "UNIT")  # fmt: skip
+    try:
+        return factor(unit, si)
+    except UnitError as error:
+        cure = f". If it shows a weight: --unit {named}={unit}f" if unit in ("g", "kg") else ""
+        cure = f". Give it with --unit {named}=UNIT" if "unknown" in str(error) else cure
+        raise SessionError(f"{where}: {error}{cure}") from None
+
+
+def _replaced(key: str, table: Table, place: int, columns: Mapping[str, str], units: Mapping[str, str]) -> str:
+    """A remark that the option --unit replaces the unit of the file."""
+    given = given_unit(key, table, place, columns, units)
+    try:
+        unit = table.unit(place)
+    except ValueError:
+        unit = "two units"
+    return f" (--unit {given} replaces the {unit} of the file)" if given and unit and not same_unit(given, unit) else ""

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.launch.load.values.units import UnitError, convert, is_quantity, parse, symbol
+from palpate.units.quantity import UnitError, convert, is_quantity, parse
+from palpate.units.symbols import symbol
 
 
 @pytest.mark.parametrize(
