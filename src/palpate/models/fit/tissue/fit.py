@@ -33,6 +33,8 @@ UNLOADED = 0.1  # [1] Indentation after unloading, over the largest one, up to w
 ELASTIC = 0.02  # [1] Dissipated share of the work below which a press counts as elastic
 DRIFTS = ("curved", "linear", "none")
 WIDER = 1.2  # [1] Ratio of the widths with and without a drifting zero above which the report lists both
+RANGES = 6  # Most turns in which touch points and the rows in the range of a law are found
+WEAK = 0.5  # [1] Share of the force in the rows fitted below which a note follows
 FINE = 14  # Elements across the contact in the finer mesh that checks the table
 
 
@@ -115,18 +117,12 @@ def fit_tissue(
     law, more = _law(rig, name, relaxation, loaded, touch, reach, report)
     notes += more
     whole = loaded
-    # fit, and fit again without the rows beyond the range of the law, measured from the fitted touch point
-    loaded = [p.part(p.depth - p.touch <= 1.02 * law.reach) for p in whole]
-    problem = Problem(loaded, law, relaxation, touch, rig.kind == "cylinder")  # its forces span decades
+    # fit the rows in the range of the law, measured from the fitted touch point
+    whole, problem = loaded, Problem(loaded, law, relaxation, touch, rig.kind == "cylinder")  # its forces span decades
+    loaded, more = _in_range(problem)
+    notes += more
+    problem = problem.with_changes(loaded)
     best = estimate(problem)
-    slack = max(2.0 * best.number(f"touch, {p.name}")[1] * p.slack for p in loaded)
-    found = max(float(p.depth.max()) - t for p, t in zip(whole, best.touches, strict=True))
-    if min(reach, found - slack) > 1.02 * law.reach:  # with the estimated and with the fitted touch point
-        notes.append(f"pressed {1e3 * found:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm "
-                     f"({law.remark}): the deeper rows are excluded")  # fmt: skip
-        loaded = [p.part(p.depth - t <= law.reach) for p, t in zip(whole, best.touches, strict=True)]
-        problem = problem.with_changes(loaded)
-        best = estimate(problem)
     for press, at in zip(loaded, best.touches, strict=True):
         if not press.depth.max() > at:
             raise SessionError(
@@ -134,6 +130,7 @@ def fit_tissue(
                 f"point lies below the deepest of them, {1e3 * float(press.depth.max()):.4g} mm. Try --touch detected, "
                 "another law (power and exponential have no range), or a greater --depth-limit"
             )
+    notes += _weak(whole, loaded)
     # widen the intervals by the scatter between presses and by lack of fit
     widen_by_scatter(problem, best)
     misfits, hidden = checks.widen(problem, best)
@@ -162,6 +159,41 @@ def fit_tissue(
         others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
         fitted.compared = _compare_laws(fitted, [problem.with_changes(law=one) for one in others])
     return fitted
+
+
+def _in_range(problem: Problem) -> tuple[list[MeasuredPress], list[str]]:
+    """The rows in the range of the law from the fitted touch points, and a note if deeper ones are excluded.
+
+    Rows and touch points depend on each other. The first touch points are those of all rows: the estimates from the
+    force alone may lie so early that all rows in contact would be excluded.
+    """
+    whole, law = problem.presses, problem.law
+    if max(float(p.depth.max()) - p.touch + 2.0 * p.slack for p in whole) <= law.reach:
+        return whole, []
+    touches = estimate(problem, profiles=False).touches
+    loaded, at = whole, touches
+    for _ in range(RANGES):
+        deep = [p.depth - t <= law.reach for p, t in zip(whole, at, strict=True)]
+        kept = [p if rows.all() else p.part(rows) for p, rows in zip(whole, deep, strict=True)]
+        if [len(p.depth) for p in kept] == [len(p.depth) for p in loaded] or min(len(p.depth) for p in kept) < LEAST_ROWS:
+            break
+        loaded = kept
+        at = estimate(problem.with_changes(loaded), profiles=False).touches
+    found = max(float(p.depth.max()) - t for p, t in zip(whole, at, strict=True))
+    if loaded is whole or found <= 1.02 * law.reach:
+        return whole, []
+    return loaded, [f"pressed {1e3 * found:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm ({law.remark}): "
+                    "the deeper rows are excluded"]  # fmt: skip
+
+
+def _weak(whole: Sequence[MeasuredPress], loaded: Sequence[MeasuredPress]) -> list[str]:
+    """A note for each press of which the rows fitted carry less than half of the force."""
+    return [
+        f"{part.name}: the rows fitted reach {float(part.force.max()):.3g} N of {float(press.force.max()):.3g} N: most of "
+        "the force is excluded, and the result describes the first contact only"
+        for press, part in zip(whole, loaded, strict=True)
+        if float(part.force.max()) < WEAK * float(press.force.max())
+    ]
 
 
 def _compare_laws(fit: TissueFit, others: Sequence[Problem]) -> list[dict[str, Any]]:

@@ -31,6 +31,9 @@ LEAST_AIR = 8  # Least number of rows before contact from which the zero of the 
 STEEPEST = 0.3  # [1] Rise of the baseline up to the deepest row, over the peak, above which the press begins in contact
 LEAST_RISE = 2e-3  # [1] The same ratio below which a drift is negligible
 RARE, SUSPECT = 1e-3, 0.2  # p-values below which an effect is significant, and below which it is included in the fit
+GRID = np.geomspace(1.0, 2e-3, 60)  # [1] Shares of the travel in contact at which a touch point is tried
+LEAST_CONTACT, AIR_ROWS = 100, 300
+"""Rows in contact below which a long approach is cut instead of averaging all rows, and its least rows then."""
 MOST_ROWS = 1000  # Most rows of a press that are fitted; more rows are averaged in groups of neighbours
 
 
@@ -195,9 +198,32 @@ def prepare_press(
     free = len(air) >= LEAST_AIR
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
+    later = hertz_touch(when[: deepest + 1], depth[: deepest + 1], force[: deepest + 1], touch) if free else touch
+    if later - touch > 2.0 * slack:  # a rise before contact, or a law of another curvature: allow for both
+        touch, slack = later, later - touch
     # a drift below the noise before contact may still matter at the peak: fit one in each press that has these rows
     press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts=free, air=free, step=step)
     return press if len(depth) <= MOST_ROWS else _thin_press(press)
+
+
+def hertz_touch(when: np.ndarray, depth: np.ndarray, force: np.ndarray, first: float) -> float:
+    """The depth [m] of touch, not before `first`, at which Hertz's law on a linear baseline leaves the least squares.
+
+    The first row above the noise may lie far before contact, where the force rises slowly: long-range forces, hair, a
+    film of water. Rows (n,) of a loading; touch points are searched on a logarithmic grid before the deepest row.
+    """
+    reach = float(depth[-1]) - first
+    rows = np.stack([np.ones(len(when)), when / max(float(np.ptp(when)), 1e-300)], axis=1)
+    basis = np.linalg.qr(rows)[0]
+    rest = force - basis @ (basis.T @ force)
+    best = (0.0, first)
+    for share in GRID:
+        curve = np.maximum(depth - (float(depth[-1]) - share * reach), 0.0) ** 1.5
+        curve = curve - basis @ (basis.T @ curve)
+        size = float(curve @ curve)
+        if np.count_nonzero(curve) and size > 0.0:
+            best = max(best, (float(curve @ rest) ** 2 / size, float(depth[-1]) - share * reach))
+    return best[1]
 
 
 def _check_signs(
@@ -239,7 +265,16 @@ def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:
 
 
 def _thin_press(press: MeasuredPress) -> MeasuredPress:
-    """The press averaged over groups of neighbouring rows, at most `MOST_ROWS` groups."""
+    """The press averaged over groups of neighbouring rows, at most `MOST_ROWS` groups.
+
+    If few rows would remain in contact, the begin of the approach is left out first.
+    """
+    deepest = int(np.argmax(press.depth))
+    first = int(np.argmax(press.depth > press.touch))
+    many = -(-len(press.depth) // MOST_ROWS)
+    if deepest - first < many * LEAST_CONTACT:
+        begin = max(first - max(AIR_ROWS, 3 * (deepest - first)), 0)
+        press = press.part(np.arange(len(press.depth)) >= begin)
     many = -(-len(press.depth) // MOST_ROWS)
     count = len(press.depth) // many
 

@@ -1,0 +1,111 @@
+"""Fits random presses, judges the intervals, and counts them by stratum; the results are kept, so a search resumes."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.fit import fit_tissue
+from palpate.models.fit.tissue.measured import prepare_press
+from palpate.studies.fits.cases import CASES
+from palpate.studies.fits.presses import NOISES, draw_press
+
+WRONG = 1.5  # [1] Factor by which no value may be wrong without a word
+GOAL = (0.92, 0.98)
+FLAWS = ("shallow", "few rows", "from contact", "rise", "zero", "drift", "bent drift", "tilt", "quantised", "hysteresis",
+         "two cycles", "hold")  # fmt: skip
+KEPT = "presses.jsonl"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The fit of a press.
+
+    result  inside: all intervals contain the true values; withheld; refused; missed
+    off     [1] largest factor between the value of a scale parameter and the true one
+    apart   [1] largest factor between the nearest end of an interval and the true value, 1 if inside
+    notes   warnings of the fit, or the error
+    """
+
+    case: str
+    number: int
+    seed: int
+    strata: dict[str, Any]
+    result: str
+    off: float
+    apart: float
+    notes: list[str]
+
+    @property
+    def silent(self) -> bool:
+        """Whether the value is off by more than `WRONG`, its interval excludes the true one, and no note warns."""
+        return self.result == "missed" and self.off > WRONG and not self.notes
+
+
+def judge(name: str, seed: int, number: int) -> Outcome:
+    """Draw, fit and judge a press."""
+    press = draw_press(name, seed, number)
+    case, strata = press.case, press.plain()
+    try:
+        measured = prepare_press("press.csv", press.time, press.depth, press.force)
+        fit = fit_tissue([measured], case.rig, case.law, case.relaxation)
+    except SessionError as error:
+        return Outcome(name, number, seed, strata, "refused", 1.0, 1.0, [str(error)])
+    best, off, apart = fit.estimate, 1.0, 1.0
+    for p in best.parameters:
+        true, found = case.truth[p.name], best.intervals[p.name]
+        if p.log:
+            off = max(off, found.value / true, true / found.value)
+        end = min(max(true, found.low), found.high)
+        if p.log:
+            apart = max(apart, end / true, true / end)
+    inside = all(best.intervals[p.name].low <= case.truth[p.name] <= best.intervals[p.name].high for p in best.parameters)
+    result = "withheld" if best.withheld else "inside" if inside else "missed"
+    return Outcome(name, number, seed, strata, result, off, apart, list(fit.notes))
+
+
+def search(
+    names: Sequence[str], presses: int, seed: int, out: Path, show: Callable[[float, str], object], first: int = 0
+) -> list[Outcome]:
+    """The presses first ... first + presses - 1 of each case; those in the folder from an earlier search are not
+    fitted again. The folder must be that of the same version."""
+    out.mkdir(parents=True, exist_ok=True)
+    known = {(o.case, o.number): o for o in stored(out / KEPT) if o.seed == seed}
+    found: list[Outcome] = []
+    wanted = [(name, number) for number in range(first, first + presses) for name in names]
+    with (out / KEPT).open("a", encoding="utf-8") as file:
+        for done, (name, number) in enumerate(wanted, 1):
+            outcome = known.get((name, number))
+            if outcome is None:
+                outcome = judge(name, seed, number)
+                file.write(json.dumps(asdict(outcome)) + "\n")
+                file.flush()
+            found.append(outcome)
+            show(done / len(wanted), f"{sum(o.result == 'missed' for o in found)} missed")
+    return found
+
+
+def stored(path: Path) -> Iterator[Outcome]:
+    """The outcomes of a file; a line that was cut off is left out."""
+    if not path.exists():
+        return
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            yield Outcome(**json.loads(line))
+        except (ValueError, TypeError):
+            continue
+
+
+def strata(found: Iterable[Outcome]) -> dict[str, list[Outcome]]:
+    """Outcomes by case, by kind of noise, and by flaw; each press is in several."""
+    listed = list(found)
+    out = {name: [o for o in listed if o.case == name] for name in CASES}
+    out |= {f"noise: {kind}": [o for o in listed if o.strata["noise"] == kind] for kind in NOISES}
+    out |= {f"flaw: {flaw}": [o for o in listed if flaw in o.strata] for flaw in FLAWS}
+    out["no flaw but noise"] = [o for o in listed if not set(o.strata) - {"noise", "zero", "hold"}]
+    return {name: each for name, each in out.items() if each}
