@@ -13,9 +13,9 @@ from palpate.units.symbols import ONE, UnitError, describe, spellings
 WIDE = str.maketrans("（）［］／，：", "()[]/,:")
 BRACKET = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))\s*", re.DOTALL)
 AFTER = re.compile(r"(?P<name>[^,/]*[^,/\s])\s*[,/]\s*(?P<unit>[^,]+)")
-ENDING = re.compile(r"(?P<name>.*[^\W_])(?:[._]+|\s+in\s+)(?P<unit>[A-Za-zµμ]+(?:/[A-Za-zµμ]+(?:\^?2|²)?)?)\.*")
+ENDING = re.compile(r"(?P<name>.*[^\W_])(?:[._]+|\s+in\s+)(?P<unit>[A-Za-zÅµμ]+(?:/[A-Za-zÅµμ]+(?:\^?2|²)?)?)\.*")
 CLOCK = re.compile(r"(?i)(?=.*:)[hmsydftz:./,\-\s]+")  # hh:mm:ss.f, yyyy-mm-dd hh:mm:ss
-WORD = re.compile(r"[A-Za-zµμ]+(?:[- ]force)?")
+WORD = re.compile(r"[A-Za-zÅµμ]+(?:[- ]force)?")
 NO_UNITS = ("-", "1", "a.u.", "#", "°c", "°f", "degc", "counts")
 """Entries of a row of units, without brackets, that are no units of a quantity that palpate reads."""
 WORDS = {
@@ -148,6 +148,6 @@ def _capitals() -> dict[str, str]:
 
 def _may_end(unit: str) -> bool:
     """Whether a name may end in this unit without brackets."""
-    if unit in ("deg", "rad"):
+    if unit.endswith(("deg", "rad")) and is_known(unit):
         return True
     return is_known(unit) and parse(unit).dimension != ONE.dimension and any(has_dimension(unit, si) for si in ENDINGS)

@@ -120,7 +120,7 @@ def test_a_table_of_one_press_is_no_set_of_probes(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("x [mm]", "x"), "column 'x': no unit; give it with --unit x=mm"),
+        (("x [mm]", "x"), "column 'x': no unit; give it with --unit x=UNIT, with mm"),
         (("y [mm]", "w [mm]"), "found the column 'x', expected x, y, z"),
         (("x [mm]", "x [m]"), r"the places span 21 m, expected at most 1 m"),
         (("2,3.0000", "2,nan"), "found 'nan', expected a finite number"),
@@ -233,7 +233,7 @@ def test_the_map_predicts_held_out_probes_better_than_their_mean_curve_and_is_th
         ("x [m],y [m],z [m]\n", "expected factor too|cannot|no header|header"),
         ("x [m],y [m],z [m],factor\n0,0,0,1\n", "found 1 places, expected at least 4"),
         ("x [m],y [m],z [m],factor\n0,0,0,1\n0,1,0,1\n1,0,0,-2\n1,1,0,1\n", r"row 4: found the factor -2"),
-        ("x [mm],y [mm],z [mm],factor\n" + "0,0,0,1\n" * 5, "found places in mm, expected m"),
+        ("x [s],y [mm],z [mm],factor\n" + "0,0,0,1\n" * 5, "unit 's' is that of a time; expected a length"),
         ("x [m],y [m],z [m],factor\n" + "".join(f"{9 + k},9,9,1\n" for k in range(5)), "from the surface"),
     ],
 )

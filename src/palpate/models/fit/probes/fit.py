@@ -80,9 +80,19 @@ def fit_probes(probes: Probes, law: Law, deepest: float = math.inf) -> PooledFit
 
 
 def best_law(probes: Probes, rig: Rig, name: str | None, deepest: float = math.inf) -> PooledFit:
-    """The fit of a law; None: of the power law or the exponential, whichever leaves less noise."""
-    names = [name] if name else EMPIRICAL
-    best = min((fit_probes(probes, closed_form(rig, one), deepest) for one in names), key=lambda fit: fit.noise)
+    """The fit of a law; None: of the power law or the exponential, whichever leaves less noise without a constant at
+    its limit. SessionError: no law can be fitted."""
+    fits, failed = [], []
+    for one in [name] if name else EMPIRICAL:
+        try:
+            fits.append(fit_probes(probes, closed_form(rig, one), deepest))
+        except SessionError as error:
+            failed.append(str(error))
+    if not fits:
+        raise SessionError("; ".join(failed))
+    best = min(fits, key=lambda fit: (bool(fit.limited), fit.noise))
+    best.notes += [f"left out: {text}" for text in failed]
+    best.notes += [f"law {fit.law.name} is not used: {fit.limited}" for fit in fits if fit is not best and fit.limited]
     peaks = np.where(best.rows.mask, best.rows.force, -np.inf).max(axis=1)
     reaches = np.where(best.rows.mask, best.rows.depth, -np.inf).max(axis=1) - best.touches
     best.notes += check_units(rig, float(np.median(peaks)), float(np.median(reaches)))
@@ -130,7 +140,11 @@ def _held_out(probes: Probes, fit: PooledFit, report: Callable[[str, float], obj
     for k in range(FOLDS):
         report("held-out probes", 0.5 / FOLDS)
         used = fold != k
-        part = fit_pooled(Rows(rows.depth[used], rows.force[used], rows.mask[used]), fit.law)
+        try:
+            part = fit_pooled(Rows(rows.depth[used], rows.force[used], rows.mask[used]), fit.law)
+        except SessionError as error:
+            fit.notes.append(f"a part of the held-out probes is not predicted: {error}")
+            continue
         field, touch = _fields(probes.places[used], part)
         stiff, at = field.at(probes.places[~used])[0], 1e-3 * touch.at(probes.places[~used])[0]
         for i, probe in enumerate(np.flatnonzero(~used)):
@@ -142,6 +156,8 @@ def _held_out(probes: Probes, fit: PooledFit, report: Callable[[str, float], obj
             mean = np.nanmean(np.array(curves)[:, counted], axis=0)
             map_errors.append((part.force(stiff[i], at[i], depth) - force)[counted])
             mean_errors.append(mean - force[counted])
+    if not map_errors:
+        raise SessionError(f"no part of the probes determines the law {fit.law.name}; expected more probes")
     return np.concatenate(map_errors), np.concatenate(mean_errors)
 
 

@@ -58,6 +58,7 @@ class PooledFit:
 
     values     common constants of the law, and its stiffness at the median of all places
     intervals  95 % intervals of these; `withheld`: the reason why they are not valid, or ""
+    limited    which constant of the law lies at a limit of its range, or ""
     spread     standard deviation of ln K between places; `between`: range of 95 % of the places
     touch, zero  mean and standard deviation of the touch point [m] and of the zero of the force [N]
     noise      standard deviation [N]
@@ -81,6 +82,7 @@ class PooledFit:
     touches: np.ndarray
     fitted: np.ndarray
     withheld: str = ""
+    limited: str = ""
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -231,13 +233,18 @@ def fit_pooled(rows: Rows, law: Law) -> PooledFit:
     """Fit a law to the probes. SessionError: too few of them."""
     if len(rows.depth) < LEAST_PROBES:
         raise SessionError(f"{len(rows.depth)} probes remain, expected at least {LEAST_PROBES} for a pooled fit")
-    fitted = _fit(rows, law)
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # of trial steps, which are then rejected
+            fitted = _fit(rows, law)
+    except (np.linalg.LinAlgError, FloatingPointError, ValueError):
+        raise SessionError(
+            f"law {law.name}: its search leaves the range of numbers on these {len(rows.depth)} probes, which do not "
+            "determine it; take another --law, or more probes with a larger force over their noise"
+        ) from None
     for parameter in law.parameters[1:]:
-        value = parameter.to_search(fitted.values[parameter.name])
-        low, high = parameter.to_search(parameter.low), parameter.to_search(parameter.high)
-        if min(value - low, high - value) < 1e-3 * (high - low):
-            fitted.notes.append(f"{parameter.name} lies at the limit of its range, {fitted.values[parameter.name]:g}: "
-                                "the law does not follow the probes, or they do not determine it")  # fmt: skip
+        if parameter.at_limit(fitted.values[parameter.name]):
+            fitted.limited = f"{parameter.name} lies at the limit of its range, {fitted.values[parameter.name]:g}"
+            fitted.withheld = f"{fitted.limited}: the law does not follow the probes, or they do not determine it"
     away, worst, p = misfit(fitted)
     if p < RARE:
         text = (
@@ -245,7 +252,7 @@ def fit_pooled(rows: Rows, law: Law) -> PooledFit:
             f"peak at {1e3 * away:.2g} mm (p = {p:.1g})"
         )
         if fitted.first == "young":
-            fitted.withheld = f"{text}, so its modulus has no true value; try --law power or exponential"
+            fitted.withheld = fitted.withheld or f"{text}, so its modulus has no true value; try --law power or exponential"
         else:
             fitted.notes.append(f"{text}; the numbers describe the curves within this error")
     late, span = float(np.median(rows.depth[:, 0] - fitted.touches)), float(np.ptp(rows.depth[rows.mask]))
@@ -262,7 +269,7 @@ def _fit(rows: Rows, law: Law) -> PooledFit:
     state = model.start()
     limits = [(value - 9.0, value + 2.5) for value in state.deviations]
     for turn in range(TURNS):
-        forces, u, jacobian = model.linear(state)
+        forces, u, jacobian = _finite(*model.linear(state))
         known = np.einsum("nrk,nk->nr", jacobian[:, :, :3], u) + jacobian[:, :, 3:] @ state.shape
         linear = _Linear(jacobian, np.where(rows.mask, rows.force - forces, 0.0) + known, count)
         loss = lambda x, linear=linear: linear.solve(x)[0]  # noqa: E731
@@ -277,7 +284,7 @@ def _fit(rows: Rows, law: Law) -> PooledFit:
         done, state = new.near(state), new
         if done:
             break
-    forces, u, jacobian = model.linear(state)
+    forces, u, jacobian = _finite(*model.linear(state))
     quantile = float(student.ppf(0.975, len(u) - 1))
     # K and the constants with their intervals
     slope = np.zeros(3 + len(state.shape))
@@ -306,6 +313,13 @@ def _fit(rows: Rows, law: Law) -> PooledFit:
         (float(state.mean[2]), float(D[2])), math.sqrt(s2), place, np.sqrt(error2), u[:, 0] - unit, np.sqrt(post),
         MM * u[:, 1], forces,
     )  # fmt: skip
+
+
+def _finite(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The arrays. FloatingPointError: one has a number that is not finite, or whose square is not."""
+    if not all(np.isfinite(array).all() and float(np.abs(array).max(initial=0.0)) < 1e150 for array in arrays):
+        raise FloatingPointError
+    return arrays
 
 
 def misfit(fit: PooledFit) -> tuple[float, float, float]:

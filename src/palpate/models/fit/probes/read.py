@@ -69,8 +69,8 @@ def read_probes(path: Path, columns: Mapping[str, str], units: Mapping[str, str]
                            "of one organ; save the rows of each in its file")  # fmt: skip
     values, lines, shown = numbers_of(path, table, found, columns, units)
     depth, force = (values[:, list(found).index(key)] for key in ("indentation", "force"))
-    places = _vectors(path, table, PLACE, len(values), True)
-    normals = _vectors(path, table, NORMAL, len(values), False)
+    places = _vectors(path, table, PLACE, len(values), units)
+    normals = _vectors(path, table, NORMAL, len(values), None)
     kept: dict[str, list[int]] = {}
     dropped = []
     for name, group in groups.items():
@@ -125,7 +125,8 @@ def _noise(forces: list[np.ndarray]) -> float:
     return float(np.median(np.abs(differences))) / 0.6745 / np.sqrt(20.0)
 
 
-def _vectors(path: Path, table: Table, names: tuple[str, ...], count: int, lengths: bool) -> np.ndarray | None:
+def _vectors(path: Path, table: Table, names: tuple[str, ...], count: int, units: Mapping[str, str] | None
+) -> np.ndarray | None:
     """The vectors (n,3) of three columns; None: the table has none of them. SessionError: one is missing."""
     heads = [name.lower() for name in table.names]
     there = [name for name in names if name in heads]
@@ -135,8 +136,8 @@ def _vectors(path: Path, table: Table, names: tuple[str, ...], count: int, lengt
         raise SessionError(f"{path}, row {table.line}: found the column {there[0]!r}, expected {', '.join(names)}")
     places = [heads.index(name) for name in names]
     factors = [1.0] * 3
-    if lengths:
-        factors = [factor_of(path, n, table, k, {}, {}) for n, k in zip(names, places, strict=True)]
+    if units is not None:
+        factors = [factor_of(path, n, table, k, {}, units) for n, k in zip(names, places, strict=True)]
     try:
         values, _ = table.values(places)
     except ValueError as error:

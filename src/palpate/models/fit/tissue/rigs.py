@@ -61,6 +61,11 @@ class Parameter:
         """A value in search coordinates."""
         return math.log(value) if self.log else value
 
+    def at_limit(self, value: float) -> bool:
+        """Whether a value lies at the end of the range of the search."""
+        at, low, high = (self.to_search(v) for v in (value, self.low, self.high))
+        return min(at - low, high - at) < 1e-3 * (high - low)
+
     def value(self, searched: float) -> float:
         """The inverse of `to_search`."""
         return math.exp(searched) if self.log else float(searched)
