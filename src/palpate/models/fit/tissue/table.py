@@ -71,7 +71,9 @@ def _places(cells: Sequence[str], key: str, columns: Mapping[str, str]) -> list[
     names = [split_unit(cell)[0] for cell in cells]
     if not wanted:
         return [k for k, name in enumerate(names) if name.lower() in NAMES[key]]
-    places = [k for k, (name, cell) in enumerate(zip(names, cells, strict=True)) if wanted in (name, cell.strip())]
+    bare = wanted.lstrip("%#/ ")  # of a header in a comment
+    places = [k for k, (name, cell) in enumerate(zip(names, cells, strict=True))
+              if {wanted, bare} & {name, cell.strip()}]  # fmt: skip
     if not places and wanted.isdigit() and 0 < int(wanted) <= len(cells):
         return [int(wanted) - 1]
     return places
