@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.stats import f as fisher
 
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
-from palpate.models.fit.tissue.measured import RARE, SUSPECT, MeasuredPress
+from palpate.models.fit.tissue.measured import LEAST_AIR, RARE, SUSPECT, MeasuredPress
 from palpate.models.fit.tissue.noise import noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
@@ -26,13 +26,16 @@ TIES = 4  # number of rows with exactly the peak force at which the sensor count
 WIDE = 0.005  # [1] smallest range of indentation of these rows, over the largest indentation
 HELD = 0.01  # [1] Deviation from the peak force, over it, within which the force is held
 LEAST_HELD, CREEP = 5, 0.25  # Least rows of a hold, and its largest speed over the mean speed of the loading [1]
+CYCLE = 0.5  # [1] Return of the indenter before its deepest row, over the indentation, after which another cycle begins
 SURE = 3.3  # standard errors above which a drift is significant
 HARMLESS = 0.02  # [1] largest relative shift of an interval's end by a misfit that is not reported
 EXACT = 3e-4  # [1] RMS over the peak below which a misfit is ignored, since no law and no sensor is more accurate
 ROUNDED = 4.0  # [1] Squares that a misfit explains, over those expected from the steps of the converter
 BLOCKS_MOST = 8  # largest number of blocks of rows in contact whose means are compared with the noise
 DRIFT, BENT, RATE = "a baseline that drifts", "a smooth factor over the depth", "a factor that rises with the rate"
+RISE = "a force that rises before contact"
 BLOCKS = "blocks"
+LENGTHS = (0.03, 0.1, 0.3, 1.0)  # [1] Lengths of a rise before contact, over the approach
 UNLIKELY = 0.02  # p-value below which another shape of the force is also fitted
 SMOOTH = 0.3
 """[1] Share of independent residuals below which noise may hide a misfit; the p-value limit is then `SUSPECT`."""
@@ -71,6 +74,18 @@ def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
         if max(slope, 0.0) + 2.0 * error < FLAT * peak / reach:
             return int(np.argmax(force >= level - 2.0 * noise))
     return None
+
+
+def last_cycle(press: MeasuredPress, top: int) -> int:
+    """First row of the loading that ends at row `top`: the lowest row after an earlier cycle; 0 if there is none."""
+    depth = press.depth[: top + 1]
+    reach = float(depth[top]) - press.touch
+    fall = np.maximum.accumulate(depth) - depth
+    deep = np.flatnonzero(fall > CYCLE * reach)
+    if not len(deep):
+        return 0
+    peak = int(np.flatnonzero(fall[: deep[-1] + 1] == 0.0)[-1])
+    return peak + int(np.argmin(depth[peak:]))
 
 
 def end_of_loading(press: MeasuredPress, top: int) -> int:
@@ -186,10 +201,14 @@ def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
     # fit each shape that explains the residuals, from the minimum of the law; widen the intervals to include it
     notes, lost = [], True
     given = {p.name: replace(best.intervals[p.name]) for p in problem.parameters}
+    if chances.get(RISE, 1.0) <= limit:
+        others[RISE] = {"presses": _with_rise(problem, best)}
     for what, change in others.items():
         if chances.get(what, 1.0) > limit:
             continue
         other = problem.with_changes(**change)
+        if other.count < LEAST_PER_UNKNOWN * len(other.names):
+            continue
         begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
         free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
         moved = []
@@ -236,9 +255,12 @@ def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
         shapes: dict[str, list[np.ndarray]] = {BENT: [force * np.sqrt(x), force * x], DRIFT: [w * press.elapsed]}
         if problem.kind == "none" and press.time is not None:
             shapes[RATE] = [force * press.rate]
+        if rises := _rises(press, touch):
+            shapes[RISE] = [w * column for _, column in rises]
         shapes[BLOCKS] = [w * np.isin(np.arange(len(x)), rows) for rows in np.array_split(pressed, blocks)]
-        for what, each in shapes.items():
-            columns.setdefault(what, []).append(np.stack(each, axis=1))
+        for what in {*shapes, *columns}:
+            each = np.stack(shapes[what], axis=1) if what in shapes else np.zeros((len(x), 0))
+            columns.setdefault(what, [np.zeros((len(p.depth), 0)) for p in problem.presses[:i]]).append(each)
     shared = {BENT: np.concatenate, RATE: np.concatenate}
     groups = {what: shared.get(what, lambda each: block_diag(*each))(each) for what, each in columns.items()}
     weighted = [r * w for r, w in zip(best.residuals, problem.weight, strict=True)]
@@ -253,6 +275,31 @@ def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
             ):
                 chances[what] = 1.0
     return chances
+
+
+def _rises(press: MeasuredPress, touch: float) -> list[tuple[float, np.ndarray]]:
+    """Lengths [m] and shapes (n,) of exponential rises before contact; none without rows there."""
+    away = touch - float(press.depth.min())
+    if int((press.depth < touch).sum()) < LEAST_AIR:
+        return []
+    return [
+        (share * away, np.exp(np.minimum(press.depth - touch, 0.0) / (share * away))) for share in LENGTHS
+    ]  # fmt: skip
+
+
+def _with_rise(problem: Problem, best: Estimate) -> list[MeasuredPress]:
+    """The presses with the rise before contact that explains most of their residuals."""
+    out = []
+    jacobian, at = problem.jacobian(best.at), 0
+    for press, touch, residual, w in zip(problem.presses, best.touches, best.residuals, problem.weight, strict=True):
+        own = _basis(jacobian[at : at + len(w)])
+        at += len(w)
+        gains = []
+        for length, column in _rises(press, touch):
+            rest = w * column - own @ (own.T @ (w * column))
+            gains.append((float(rest @ (residual * w)) ** 2 / max(float(rest @ rest), 1e-300), length))
+        out.append(replace(press, rise=(max(gains)[1], touch)) if gains else press)
+    return out
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:

@@ -128,6 +128,10 @@ class Problem:
             self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
             if press.drifts:
                 self.baselines.append((f"drift, {press.name}", i, 0.01 * peak * press.elapsed))
+            if press.rise:
+                length, at = press.rise
+                rising = np.exp(np.minimum(press.depth - at, 0.0) / length)
+                self.baselines.append((f"rise, {press.name}", i, 0.01 * peak * rising))
             if press.bends:
                 self.baselines.append((f"bend, {press.name}", i, 0.01 * peak * press.elapsed**2))
         self.names = [p.name for p in self.parameters]
@@ -145,9 +149,11 @@ class Problem:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         low = [p.to_search(p.low) for p in self.parameters]
         high = [p.to_search(p.high) for p in self.parameters]
-        if self.free_touch:  # in units of `MeasuredPress.slack`
-            low += [-2.0] * len(self.presses)
-            high += [2.0] * len(self.presses)
+        if self.free_touch:  # in units of `MeasuredPress.slack`; with rows before contact anywhere between these rows
+            for press in self.presses:
+                ends = (np.array([press.depth.min(), press.depth.max()]) - press.touch) / press.slack
+                low.append(min(-2.0, float(ends[0])) if press.air else -2.0)
+                high.append(max(2.0, 0.99 * float(ends[1])) if press.air else 2.0)
         limits = [10.0 if self.presses[i].air and name.startswith("zero") else 100.0 for name, i, _ in self.baselines]
         low += [-limit for limit in limits]  # in percent of the peak
         high += limits
@@ -322,7 +328,7 @@ def _coloured_covariance(
         found = [each for each in gains if each is not None]
         larger = noise.sandwich(J, bread, [block for block, _ in found])
         if np.trace(larger) > 0.0:
-            few = sum(len(r) / tau for r, (_, tau) in zip(weighted, found, strict=True))
+            few = sum(count for _, count in found)
             effective = max(min(effective, few), LEAST_EFFECTIVE * size)
             grow = np.sqrt(np.maximum(np.diag(larger) / np.diag(cov), 1.0))
             cov = cov * np.outer(grow, grow)

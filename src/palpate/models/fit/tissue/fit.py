@@ -12,7 +12,7 @@ from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
-from palpate.models.fit.tissue.measured import LEAST_ROWS, MeasuredPress
+from palpate.models.fit.tissue.measured import LEAST_ROWS, STEEPEST, MeasuredPress
 from palpate.models.fit.tissue.plausible import check_units
 from palpate.models.fit.tissue.relaxing import parameters
 from palpate.models.fit.tissue.rigs import (
@@ -123,6 +123,11 @@ def fit_tissue(
     notes += more
     problem = problem.with_changes(loaded)
     best = estimate(problem)
+    if any(touched := [_begins_in_contact(best, press) for press in loaded]):
+        loaded = [replace(p, air=False, drifts=False, slack=float(np.ptp(p.depth))) if begins else p
+                  for p, begins in zip(loaded, touched, strict=True)]  # fmt: skip
+        problem = problem.with_changes(loaded)
+        best = estimate(problem)
     for press, at in zip(loaded, best.touches, strict=True):
         if not press.depth.max() > at:
             raise SessionError(
@@ -184,6 +189,12 @@ def _in_range(problem: Problem) -> tuple[list[MeasuredPress], list[str]]:
         return whole, []
     return loaded, [f"pressed {1e3 * found:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm ({law.remark}): "
                     "the deeper rows are excluded"]  # fmt: skip
+
+
+def _begins_in_contact(best: Estimate, press: MeasuredPress) -> bool:
+    """Whether the drift that a fit finds is as large as a press: then its rows before contact are in contact."""
+    size, _ = best.number(f"drift, {press.name}")
+    return abs(size) * 0.01 * float(np.abs(press.force).max()) > STEEPEST * float(np.ptp(press.force))
 
 
 def _weak(whole: Sequence[MeasuredPress], loaded: Sequence[MeasuredPress]) -> list[str]:
@@ -255,6 +266,9 @@ def _rows_to_fit(press: MeasuredPress, relaxation: str, deepest: float) -> tuple
                 "fits all rows"
             )
         keep &= ~after
+    if relaxation == "none" and (begin := checks.last_cycle(press, top)):
+        notes.append(f"{press.name}: {begin} rows of earlier cycles are excluded; --relaxation fits all rows")
+        keep &= np.arange(len(press.depth)) >= begin
     part = press.part(keep)
     if len(part.depth) < LEAST_ROWS or not (part.depth > part.touch).any():
         raise SessionError(f"{press.name}: fewer than {LEAST_ROWS} rows remain to fit")

@@ -44,6 +44,7 @@ class MeasuredPress:
     touch   [m]  indentation at first contact, estimated from the force; its uncertainty is `slack` [m]
     zero    [N]  mean force before contact, subtracted from `force`; the fit estimates the remaining offset
     drifts, bends  whether the fit includes a baseline that is linear, and one that is quadratic in time
+    rise    [m]  length of an exponential rise of the force before contact that the fit includes, and where it ends
     step    [N]  of the converter of the force; 0: no repeated values show one
     remarks  which columns were read, and which lines were not
     air     whether rows before contact show the zero of the force; else the fit searches zero and touch point widely
@@ -61,6 +62,7 @@ class MeasuredPress:
     air: bool = True
     remarks: tuple[str, ...] = ()
     step: float = 0.0
+    rise: tuple[float, float] | None = None
 
     @cached_property
     def rate(self) -> np.ndarray:

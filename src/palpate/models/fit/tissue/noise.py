@@ -22,6 +22,8 @@ from palpate.models.fit.tissue.residuals import inflation
 ON_GRID = 0.05  # [1] Largest distance of a value from the grid, in steps, of a quantised force
 MOST_LEVELS = 0.5  # [1] Most levels, over the number of rows, of a force whose step is found
 GAIN = 2.0  # [1] Ratio of the variances in the upper and the lower part of the force above which the noise has a gain
+SURE_ROWS, MOST_RHO = 30, 0.9  # Rows from which on their correlation is estimated well [1], and its limit below
+LEAST_GAIN = 6  # Least rows in contact, and before it, whose residuals are compared
 BEAT = 0.01  # [1] Relative uncertainty of the fitted forces
 HARMONICS = np.arange(1, 9)
 
@@ -61,15 +63,18 @@ def quantised_variance(rows: np.ndarray, force: np.ndarray, step: float, noise: 
 
 
 def gain(force: np.ndarray, residual: np.ndarray, unknowns: int) -> tuple[np.ndarray, float] | None:
-    """Covariance (n, n) of residuals (n,) whose size grows with the force, and their autocorrelation time in contact.
+    """Covariance (n, n) of residuals (n,) whose size grows with the force, and the number of independent ones that
+    show this size, those in contact.
 
     None: the size does not grow with the force.
     """
     large = force > 0.3 * force.max()
     small = force < 0.1 * force.max()
-    if min(large.sum(), small.sum()) < 20:
+    if min(large.sum(), small.sum()) < LEAST_GAIN:
         return None
-    upper, lower = float(np.mean(residual[large] ** 2)), float(np.mean(residual[small] ** 2))
+    # a fit follows its few rows in contact, where the residuals are then smaller than the noise
+    share = max(1.0 - min(unknowns, 3) / large.sum(), 0.3)
+    upper, lower = float(np.mean(residual[large] ** 2)) / share, float(np.mean(residual[small] ** 2))
     if upper < GAIN * lower:
         return None
     b = (upper - lower) / float(np.mean(force[large] ** 2))
@@ -77,11 +82,14 @@ def gain(force: np.ndarray, residual: np.ndarray, unknowns: int) -> tuple[np.nda
     scaled = (residual / size)[large]
     tau = inflation([scaled], unknowns)
     rho = (tau - 1.0) / (tau + 1.0)
+    if large.sum() < SURE_ROWS:  # too short to show a correlation: one standard error more
+        rho = min(rho + 1.0 / math.sqrt(large.sum()), MOST_RHO)
+        tau = (1.0 + rho) / (1.0 - rho)
     n = len(force)
     # restricted maximum likelihood would divide by the number of independent rows less the unknowns
     few = max(large.sum() / tau, unknowns + 2.0)
     lag = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :])
-    return size[:, None] * size[None, :] * rho**lag * few / (few - unknowns), tau
+    return size[:, None] * size[None, :] * rho**lag * few / (few - unknowns), few
 
 
 def noise_before(force: np.ndarray) -> float:
