@@ -53,6 +53,19 @@ FRENCH = "".join(
 TWICE = "Time,Depth,Load,Time,Depth,Load\ns,mm,N,s,mm,N\n" + "".join(
     f"{line},{line}\n" if k < 40 else f"{line},,,\n" for k, line in enumerate(PLAIN.splitlines())
 )
+MTS = "MTS793|BTW|ENU|1|2|.|/|:|1|1|0|A\n\n" + "".join(
+    f"Data Acquisition: Timed\tTime:\t{begin}.5\tSec\nAxial Displacement\tAxial Force\tTime\nmm\tN\tSec\n"
+    + rows(columns()[begin : begin + 30][:, [1, 2, 0]], "\t") + "\n" for begin in (0, 30)
+)  # fmt: skip
+MACH = "<Mach-1 File>\n<INFO>\nTime:\t10:22:01 AM\nSoftware Version:\t3.2\n<END INFO>\n\n" + "".join(
+    f"<{name}>\nStage Axis:\tPosition (z)\nDirection:\tPositive\nStage Velocity, mm/s:\t0.5\nStop Criteria, N:\t0.1\n"
+    "<DATA>\nTime, s\tPosition (z), mm\tFz, gf\n"
+    + rows(columns(force=1 / 9.80665e-3)[begin : begin + 30], "\t", "{:.9f}") + "<END DATA>\n\n"
+    for name, begin in (("Find Contact", 0), ("Stress Relaxation", 30))
+)  # fmt: skip
+ROSBAG = "%time,field.header.seq,field.wrench.force.z,field.pose.z\n" + "".join(
+    f"{1710547199123456789 + round(1e9 * t)},{k},{f:.6f},{d:.4f}\n" for k, (t, d, f) in enumerate(columns())
+)
 READ = {
     "Bose": (SCAN + "".join(NUMBERED), "time=Elapsed Time,indentation=Disp"),
     "Bose, two scans": ("Scan 1\n" + SCAN + "".join(NUMBERED[:30]) + "\nScan 2\n" + SCAN + "".join(NUMBERED[30:]),
@@ -102,6 +115,23 @@ READ = {
     "single quotes": ("'time [s]','depth [mm]','force [N]'\n" + PLAIN, ""),
     "two header lines": ("Time,Indentation,Normal\nt (s),depth (mm),force (N)\n" + PLAIN, ""),
     "a comment between rows": (HEAD + rows(columns()[:30]) + "# cough\n" + rows(columns()[30:]), ""),
+    "MTS, two blocks": (MTS, "indentation=Axial Displacement,force=Axial Force"),
+    "Mach-1, two functions": (MACH, "indentation=Position (z)"),
+    "rosbag": (ROSBAG, "time=%time,force=field.wrench.force.z,indentation=field.pose.z",
+               ("field.wrench.force.z=N", "field.pose.z=mm")),
+    "LabVIEW, decimal commas and a row of units": (
+        LVM.replace("X0\t0.0", "Y_Unit_Label\tmm\tNewton\t\nX0\t0.0").replace(".", ",")
+        + rows(columns(), "\t", form="{}\t", comma=True), ""),
+    "Shift-JIS": (("試験名,圧縮\n時間(s),変位(mm),荷重(N)\n" + PLAIN).encode("cp932"),
+                  "time=時間,indentation=変位,force=荷重"),
+    "Shift-JIS, wide brackets": (("時間（s）,変位（mm）,荷重（N）\n" + PLAIN).encode("cp932"),
+                                 "time=時間,indentation=変位,force=荷重"),
+    **{f"lbf and mil, {form}": (f"Time,Depth{form},Load{form}\n".replace("#", "mil", 1).replace("#", "lbf")
+                               .replace("Time", "Time" + form.replace("#", "sec."))
+                               + rows(columns(1.0, 1 / 25.4e-6, 1 / 4.4482216152605), style="{:.9f}"), "")
+       for form in (" [#]", " (#)", "_#", ", #", "/#", " in #")},
+    **{unit: (f"Time (SEC),Depth (MM),Load ({unit})\n" + rows(columns(force=1 / size), style="{:.9f}"), "")
+       for unit, size in (("KGF", 9.80665), ("lbs", 4.4482216152605), ("daN", 10.0), ("grams force", 9.80665e-3))},
     "specimens side by side": (TWICE, "time=1,indentation=2,force=3"),
 }  # fmt: skip
 
@@ -115,7 +145,7 @@ def read(tmp_path, content, names="", units=()):
 @pytest.mark.parametrize("name", READ)
 def test_the_press_is_read(tmp_path, name):
     (press,) = read(tmp_path, *READ[name])
-    assert press.time == approx(TIME, abs=1e-6) and press.depth == approx(DEPTH, abs=3e-8)
+    assert press.time - press.time[0] == approx(TIME, abs=2e-6) and press.depth == approx(DEPTH, abs=3e-8)
     assert press.force + press.zero == approx(FORCE, abs=1e-6)
 
 
@@ -143,7 +173,7 @@ def test_a_missing_value_is_refused_with_its_row_and_a_remedy(tmp_path, token):
         ("Time (s),Depth (mm),Load (stones)\n" + PLAIN, "", "'stones' is unknown.*Give it with --unit force=UNIT"),
         ("Time (s),Depth (mm),Load (g)\n" + PLAIN, "", "a mass; expected a force. If it .*: --unit force=gf"),
         ("Time (s),Depth (mm),Load (kPa)\n" + PLAIN, "", "a pressure or modulus; expected a force"),
-        (HEAD + rows(columns() * [1, 1, -1]), "", "force falls in the press; --columns time=1,force=-3,indentation=2 inverts"),
+        (HEAD + rows(columns() * [1, 1, -1]), "", "falls in the press; --columns time=1,force=-3,indentation=2 inv"),
         (HEAD + rows(columns() * [1, -1, 1] + [0, 50, 0]), "", "--columns time=1,force=3,indentation=-2 inverts it"),
         ("Depth [mm],Force [N]\n" + rows(columns()[:, 1:]) * 2, "", "row 62: the indentation falls .* column `press`"),
         (HEAD + rows(columns(), style="{:.5e}").replace("e", "D"), "", r"row 2, column .*: found '0.00000D\+00'"),
@@ -162,3 +192,43 @@ def test_a_line_of_text_above_the_numbers_and_one_below_are_listed(tmp_path):
     assert press.remarks[1:] == (
         "press.csv: line 3 is above the numbers: not read", "press.csv: lines 64 to 65 are after the table: not read",
     )  # fmt: skip
+
+
+def test_workbooks_and_files_of_matlab_are_tables(tmp_path):
+    openpyxl, savemat = pytest.importorskip("openpyxl"), pytest.importorskip("scipy.io").savemat
+    book = openpyxl.Workbook()
+    for row in (["Zwick"], ["Time (s)", "Depth (mm)", "Force (N)"], *columns().tolist()):
+        book.active.append(row)
+    book.create_sheet("Notes").append(["nothing"])
+    book.save(tmp_path / "press.xlsx")
+    savemat(tmp_path / "press.mat", {"t": TIME, "Depth_mm": 1e3 * DEPTH, "force": FORCE, "name": "x", "rate": 100.0})
+    savemat(tmp_path / "struct.mat", {"run": {"t": TIME, "Depth_mm": 1e3 * DEPTH, "force_N": FORCE}})
+    for name, units in (("press.xlsx", ()), ("press.mat", ("force=N",)), ("struct.mat", ())):
+        (press,) = PressReader([], units, False)(tmp_path / name)
+        assert press.depth == approx(DEPTH, abs=1e-9) and press.force + press.zero == approx(FORCE, abs=1e-9)
+    with pytest.raises(SessionError, match="column 'force': no unit; give it with --unit force=UNIT"):
+        PressReader([], (), False)(tmp_path / "press.mat")
+    for row in columns().tolist():
+        book["Notes"].append(row)
+    book.save(tmp_path / "press.xlsx")
+    with pytest.raises(
+        SessionError, match="numbers in the sheets Sheet, Notes, expected one such sheet; save it as CSV"
+    ):
+        PressReader([], (), False)(tmp_path / "press.xlsx")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"TDSm" + bytes(100), r"LabVIEW \(.tdms\); save its table as CSV, .*npTDMS"),
+        (b"\x89HDF\r\n" + bytes(100), "MATLAB 7.3.; save its table as CSV"),
+        (b"\\*File list\r\n\\Version: 1\r\n\x1a\0\0\1\2" * 9, "atomic force microscope .NanoScope.; export its curve"),
+        (np.arange(3000, dtype="<i2").tobytes(), "not a text file in UTF-8.*; save its table as text"),
+        (np.random.default_rng(1).integers(0, 2**16, 3000).astype("<u4").tobytes(), "not a text file in UTF-8"),
+    ],
+)
+def test_a_binary_file_is_refused_without_advice_about_columns(tmp_path, content, message):
+    (tmp_path / "press.dat").write_bytes(content)
+    with pytest.raises(SessionError, match=message) as error:
+        PressReader([], (), False)(tmp_path / "press.dat")
+    assert "--columns" not in str(error.value)

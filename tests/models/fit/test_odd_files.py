@@ -90,7 +90,7 @@ def whole(value):
         (lines(" ", ["time of test [ms]", "depth [um]", "force [uN]"]), "row 2: 3 cells, .* names without blanks"),
         (lines(end=["ERR;ERR;ERR"] * 6), "row 62, column 't .ms.': found 'ERR'"),
         (lines(end=["OVER;OVER"]).replace("390.000;7701.883", "390.000;OVER"), "row 61, column 'F"),
-        (lines(head=["t", *HEAD[1:]]), "row 1, column 't': no unit; in s its rows would be 10 s apart.*--unit time=UNIT"),
+        (lines(head=["t", *HEAD[1:]]), "row 1, column 't': no unit; in s its rows would be 10 s apart.*UNIT"),
         (lines(head=["d [um]", "d [um]", "F [uN]"]), "--columns indentation=1$"),
         (lines(head=["t [ms]", "d [um]", "Load (g)"]), "a mass; expected a force. If it shows a weight: --unit .*=gf"),
         (lines(head=["t [ms]", "d [um]", "F [V]"]), "a voltage; expected a force$"),

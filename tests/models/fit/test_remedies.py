@@ -16,10 +16,14 @@ COUNT = 400  # files
 TIME = 0.01 * np.arange(60)  # [s]
 DEPTH = 1e-5 * (np.arange(60) - 20.0)  # [m]
 FORCE = 1e3 * np.maximum(DEPTH, 0.0) ** 1.5 + 1e-5 * np.sin(37.0 * np.arange(60))  # [N]
-FORMS = ("{0} [{1}]", "{0} ({1})", "{0}_{1}", "{0} in {1}", "{0}, {1}", "{0}/{1}", "{0}.{1}.", "{0}", "{0}{1}", "{0} <{1}>",
-         "{0} ({1}) [raw]", "{0}:{1}", "{0}  {1}")  # fmt: skip
-FORCES = {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 9.80665e-3, "lbf": 4.4482216, "lbs": 4.4482216, "KGF": 9.80665,
-          "Newton": 1.0, "g": 9.80665e-3, "daN": 10.0}  # fmt: skip
+FORMS = (
+    "{0} [{1}]", "{0} ({1})", "{0}_{1}", "{0} in {1}", "{0}, {1}", "{0}/{1}", "{0}.{1}.", "{0}", "{0}{1}", "{0} <{1}>",
+    "{0} ({1}) [raw]", "{0}:{1}", "{0}  {1}",
+)  # fmt: skip
+FORCES = {
+    "N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 9.80665e-3, "lbf": 4.4482216, "lbs": 4.4482216, "KGF": 9.80665,
+    "Newton": 1.0, "g": 9.80665e-3, "daN": 10.0,
+}  # fmt: skip
 LENGTHS = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "MM": 1e-3, "mil": 2.54e-5, "inch": 0.0254, "Micron": 1e-6, "nm": 1e-9}
 TIMES = {"s": 1.0, "ms": 1e-3, "sec.": 1.0, "min": 60.0, "MSEC": 1e-3}
 NAMES = {"force": ("Force", "force", "F", "Load", "Standardkraft", "Fz"), "depth": ("depth", "Depth", "d", "Weg"),
@@ -88,7 +92,7 @@ def test_both_signs_are_inverted_by_one_remedy(tmp_path):
     path = tmp_path / "press.csv"
     lines = [f"{-1e3 * d:.4f};{-f:.6f}" for d, f in zip(DEPTH, FORCE, strict=True)]
     path.write_text("\n".join(["Extension [mm];Load [N]", *lines]))
-    with pytest.raises(SessionError, match="force and the indentation falls.*--columns force=-2,indentation=-1 inverts"):
+    with pytest.raises(SessionError, match=r"force and the indentation fall.*--columns force=-2,indentation=-1"):
         PressReader(["indentation=Extension"], [], False)(path)
     (press,) = PressReader(["force=-2", "indentation=-1"], [], False)(path)
     assert np.ptp(press.depth) == approx(np.ptp(DEPTH))

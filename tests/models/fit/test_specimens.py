@@ -35,7 +35,7 @@ def peaks(presses):
 
 
 @pytest.mark.parametrize(
-    "name", ["Specimen", "Sample", "Sample ID", "sampleId", "Specimen No.", "specimen_label", "Test", "Run #", "Subject"]
+    "name", ["Specimen", "Sample", "Sample ID", "sampleId", "Specimen No.", "specimen_label", "Test", "Run #", "Person"]
 )  # fmt: skip
 @pytest.mark.parametrize("labels", [("A", "B"), ("1", "2"), ("12 kPa", "24 kPa")])
 def test_each_specimen_is_a_press(tmp_path, name, labels):
@@ -85,7 +85,7 @@ def test_other_readers_refuse_two_bodies(tmp_path):
     blocks = ["travel [mm],force [N]", *pressed, "travel [mm],force [N]", *pressed]
     assert len(read_finger(saved(tmp_path, blocks))) == 2
     lines = ["t,speed,normal,lateral,specimen", *(f"{k / 1000},0.1,0.5,0.1,{'AB'[k % 2]}" for k in range(2000))]
-    with pytest.raises(SessionError, match="column 'specimen'.*strokes over one texture"):
+    with pytest.raises(SessionError, match=r"column 'specimen'.*strokes over one texture"):
         fit_texture(saved(tmp_path, lines))
     probes = [f"{s},{p},{d},{1e-3 * d**1.5:.6f}" for s in "AB" for p in range(8) for d in range(10)]
     with pytest.raises(SessionError, match="column 'specimen' names more than one specimen"):

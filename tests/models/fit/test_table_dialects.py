@@ -93,7 +93,7 @@ def test_segments_and_a_repeated_time_stamp_are_one_press_with_notes(tmp_path):
         (table(header="t [s],d [mm],F"), "row 1, column 'F': no unit; give it with --unit force=UNIT, with N, mN"),
         (table(header="approach [mm],d [mm],F [mN]"),
          r"row 1: 'approach \[mm\]' .column 1. and 'd \[mm\]' .column 2. both"),
-        (table(header="t [s],d [mm],F [furlong]"), r"row 1, column 'F \[furlong\]': unit 'furlong' is unknown.*force=UNIT$"),
+        (table(header="t [s],d [mm],F [furlong]"), r"row 1, column 'F \[furlong\]': unit 'furlong' is unknown.*=UNIT$"),
         ("t [s],d [mm],F [mN]\n", "no rows after the header in row 1"),
         (table(comma=True), "decimal commas"),
         (b"\x00\x01\x02\x03", "not a text file"),

@@ -74,7 +74,8 @@ def profile(path: Path, rms: float, shortest: float) -> tuple[np.ndarray, float]
     periodically, and its spacing [m]. The trend and wavelengths below `shortest` [m] are removed. OSError, ValueError:
     cannot be read; states the reason.
 
-    path  table with the columns `s`, `height` (in m without units) or `s`, `friction`;  rms of the result [1], 0: as measured
+    path  table with the columns `s`, `height` (in m without units) or `s`, `friction`
+    rms   of the result [1], 0: as measured
     """
     heights = has_heights(path)
     even, spacing = _evenly_spaced(path, "height" if heights else "friction", shortest)

@@ -81,7 +81,8 @@ def _truth(law: str, relaxation: str, rng: np.random.Generator, radius: float, r
         "yeoh": {"c2_over_c1": rng.uniform(0.05, 1.0)},
     }.get(law, {})  # fmt: skip
     out |= {
-        "kelvin-voigt": {"retardation": _spread(rng, 0.05, 0.5)}, "hunt-crossley": {"damping": 0.5 / reach * _spread(rng, 0.3, 3.0)},
+        "kelvin-voigt": {"retardation": _spread(rng, 0.05, 0.5)},
+        "hunt-crossley": {"damping": 0.5 / reach * _spread(rng, 0.3, 3.0)},
         "prony:1": {"share_1": rng.uniform(0.2, 0.7), "time_1": _spread(rng, 0.3, 3.0)},
     }.get(relaxation, {})  # fmt: skip
     return out

@@ -73,7 +73,7 @@ def _fade(count: int) -> np.ndarray:
 
 
 def _motion(case: Case, rng: np.random.Generator, flaws: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Time [s] (n) and depth [m] (n) below the surface: approach, press, and perhaps a hold, a return, a second cycle."""
+    """Time [s] (n) and depth [m] (n) below the surface: approach, press, perhaps hold, return and a second cycle."""
     inside = int(_spread(rng, 12, 400))
     share = _spread(rng, 0.008, 0.9)
     outside = min(int(inside / share) - inside, MOST_ROWS - 2 * inside)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,8 +16,10 @@ from palpate.studies.fits.presses import NOISES, draw_press
 
 WRONG = 1.5  # [1] Factor by which no value may be wrong without a word
 GOAL = (0.92, 0.98)
-FLAWS = ("shallow", "few rows", "from contact", "rise", "zero", "drift", "bent drift", "tilt", "quantised", "hysteresis",
-         "two cycles", "hold")  # fmt: skip
+FLAWS = (
+    "shallow", "few rows", "from contact", "rise", "zero", "drift", "bent drift", "tilt", "quantised", "hysteresis",
+    "two cycles", "hold",
+)  # fmt: skip
 KEPT = "presses.jsonl"
 
 
@@ -64,7 +65,9 @@ def judge(name: str, seed: int, number: int) -> Outcome:
         end = min(max(true, found.low), found.high)
         if p.log:
             apart = max(apart, end / true, true / end)
-    inside = all(best.intervals[p.name].low <= case.truth[p.name] <= best.intervals[p.name].high for p in best.parameters)
+    inside = all(
+        best.intervals[p.name].low <= case.truth[p.name] <= best.intervals[p.name].high for p in best.parameters
+    )
     result = "withheld" if best.withheld else "inside" if inside else "missed"
     return Outcome(name, number, seed, strata, result, off, apart, list(fit.notes))
 
@@ -78,7 +81,10 @@ def search(
     known = {(o.case, o.number): o for o in stored(out / KEPT) if o.seed == seed}
     found: list[Outcome] = []
     wanted = [(name, number) for number in range(first, first + presses) for name in names]
-    with (out / KEPT).open("a", encoding="utf-8") as file:
+    kept = out / KEPT
+    cut = kept.exists() and kept.read_bytes()[-1:] not in (b"", b"\n")  # the line at which a search was interrupted
+    with kept.open("a", encoding="utf-8") as file:
+        file.write("\n" * cut)
         for done, (name, number) in enumerate(wanted, 1):
             outcome = known.get((name, number))
             if outcome is None:

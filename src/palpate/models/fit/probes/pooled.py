@@ -252,7 +252,9 @@ def fit_pooled(rows: Rows, law: Law) -> PooledFit:
             f"peak at {1e3 * away:.2g} mm (p = {p:.1g})"
         )
         if fitted.first == "young":
-            fitted.withheld = fitted.withheld or f"{text}, so its modulus has no true value; try --law power or exponential"
+            fitted.withheld = (
+                fitted.withheld or f"{text}, so its modulus has no true value; try --law power or exponential"
+            )
         else:
             fitted.notes.append(f"{text}; the numbers describe the curves within this error")
     late, span = float(np.median(rows.depth[:, 0] - fitted.touches)), float(np.ptp(rows.depth[rows.mask]))

@@ -125,7 +125,8 @@ def _noise(forces: list[np.ndarray]) -> float:
     return float(np.median(np.abs(differences))) / 0.6745 / np.sqrt(20.0)
 
 
-def _vectors(path: Path, table: Table, names: tuple[str, ...], count: int, units: Mapping[str, str] | None
+def _vectors(
+    path: Path, table: Table, names: tuple[str, ...], count: int, units: Mapping[str, str] | None
 ) -> np.ndarray | None:
     """The vectors (n,3) of three columns; None: the table has none of them. SessionError: one is missing."""
     heads = [name.lower() for name in table.names]

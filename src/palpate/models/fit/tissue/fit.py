@@ -180,15 +180,17 @@ def _in_range(problem: Problem) -> tuple[list[MeasuredPress], list[str]]:
     for _ in range(RANGES):
         deep = [p.depth - t <= law.reach for p, t in zip(whole, at, strict=True)]
         kept = [p if rows.all() else p.part(rows) for p, rows in zip(whole, deep, strict=True)]
-        if [len(p.depth) for p in kept] == [len(p.depth) for p in loaded] or min(len(p.depth) for p in kept) < LEAST_ROWS:
+        if [len(p.depth) for p in kept] == [len(p.depth) for p in loaded] or min(
+            len(p.depth) for p in kept
+        ) < LEAST_ROWS:
             break
         loaded = kept
         at = estimate(problem.with_changes(loaded), profiles=False).touches
     found = max(float(p.depth.max()) - t for p, t in zip(whole, at, strict=True))
     if loaded is whole or found <= 1.02 * law.reach:
         return whole, []
-    return loaded, [f"pressed {1e3 * found:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm ({law.remark}): "
-                    "the deeper rows are excluded"]  # fmt: skip
+    valid = f"law {law.name} is valid to {1e3 * law.reach:.3g} mm ({law.remark})"
+    return loaded, [f"pressed {1e3 * found:.3g} mm, {valid}: the deeper rows are excluded"]
 
 
 def _begins_in_contact(best: Estimate, press: MeasuredPress) -> bool:
@@ -200,8 +202,8 @@ def _begins_in_contact(best: Estimate, press: MeasuredPress) -> bool:
 def _weak(whole: Sequence[MeasuredPress], loaded: Sequence[MeasuredPress]) -> list[str]:
     """A note for each press of which the rows fitted carry less than half of the force."""
     return [
-        f"{part.name}: the rows fitted reach {float(part.force.max()):.3g} N of {float(press.force.max()):.3g} N: most of "
-        "the force is excluded, and the result describes the first contact only"
+        f"{part.name}: the rows fitted reach {float(part.force.max()):.3g} N of {float(press.force.max()):.3g} N: most "
+        "of the force is excluded, and the result describes the first contact only"
         for press, part in zip(whole, loaded, strict=True)
         if float(part.force.max()) < WEAK * float(press.force.max())
     ]

@@ -248,7 +248,8 @@ def _check_signs(
             continue
         wrong = frozenset({"indentation"} if one < 0.0 else ()) | frozenset({"force"} if other < 0.0 else ())
         cure = inverted(wrong)
-        raise SessionError(f"{name}: the {' and the '.join(sorted(wrong))} falls in the press" + cure)
+        fall = "fall" if len(wrong) > 1 else "falls"
+        raise SessionError(f"{name}: the {' and the '.join(sorted(wrong))} {fall} in the press{cure}")
     raise SessionError(f"{name}: the {what} falls in the press, and with its sign inverted it is no press either")
 
 

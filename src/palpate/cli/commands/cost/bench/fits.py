@@ -1,0 +1,56 @@
+"""`palpate bench fits`: random presses of every rig and law, and how often the intervals of a fit contain the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json, out_option
+from palpate.cli.terminal.output import print_json, say
+from palpate.launch.run.progress import StageBars
+from palpate.physics.errors import ArgumentError
+
+EXAMPLE = "palpate bench fits --presses 20 --case 'ball hertz'"
+
+
+def fits(
+    presses: Annotated[int, typer.Option(help="Number of presses of each case.", min=1, max=1_000_000)] = 20,
+    seed: Annotated[int, typer.Option(help="Seed of the random presses.", min=0)] = 1,
+    case: Annotated[list[str] | None, typer.Option(help="Only this rig and law; may be repeated.")] = None,
+    first: Annotated[int, typer.Option(help="Number of the first press of each case.", min=0)] = 0,
+    worst: Annotated[int, typer.Option(help="Number of the worst presses to print, and to save as CSV.", min=0)] = 5,
+    out: Annotated[Path, out_option("Folder of results; a search with the same seed resumes.")] = Path("fits"),
+    as_json: Json = False,
+) -> None:
+    """Search for presses on which `palpate fit tissue` is wrong without saying so.
+
+    Draws travel, rows in contact, noise, drift, cycles and other flaws, fits the law that made each press, and counts
+    by stratum how often all true values lie in their intervals. The exit code is 1 if a value is silently wrong.
+    """
+    from palpate.physics.writable import check_folder
+    from palpate.studies.fits.cases import CASES
+    from palpate.studies.fits.report import plain, save_press, text, worst_of
+    from palpate.studies.fits.search import search
+
+    names = case or list(CASES)
+    if unknown := [name for name in names if name not in CASES]:
+        raise ArgumentError(f"--case: found {', '.join(unknown)}, expected some of {', '.join(CASES)}")
+    check_folder(out)
+    with StageBars(silent=as_json) as bars:
+        done = bars.begin(f"bench fits: {presses} presses of {len(names)} cases", "")
+        found = search(names, presses, seed, out, done, first)
+    listed = worst_of(found, worst)
+    commands = [save_press(outcome, out) for outcome in listed]
+    report = plain(found, listed, commands)
+    (out / "fits.txt").write_text(text(found, listed, commands), encoding="utf-8")
+    if as_json:
+        print_json(report)
+    else:
+        typer.echo(text(found, listed, commands))
+        say(
+            f"written {out}/fits.txt, presses.jsonl; the same command resumes, a larger --presses adds to it", wrap=True
+        )
+    if not report["ok"]:
+        raise typer.Exit(1)

@@ -1,0 +1,87 @@
+"""What a search for fits found, as a table and as JSON; the worst presses as files."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.models.fit.tissue.rigs import Rig
+from palpate.studies.fits.presses import draw_press
+from palpate.studies.fits.search import GOAL, WRONG, Outcome, strata
+
+RESULTS = ("inside", "withheld", "refused", "missed")
+
+
+def rows(found: Sequence[Outcome]) -> list[dict[str, Any]]:
+    """One row per stratum: counts of the results, the share that is right, and wrong values."""
+    out = []
+    for name, each in strata(found).items():
+        count = Counter(outcome.result for outcome in each)
+        out.append({
+            "stratum": name, "presses": len(each), **{result: count[result] for result in RESULTS},
+            "right": 1.0 - count["missed"] / len(each),
+            "wrong": sum(o.result == "missed" and o.off > WRONG for o in each),
+            "silent": sum(o.silent for o in each), "apart": max(o.apart for o in each),
+        })  # fmt: skip
+    return out
+
+
+def worst_of(found: Sequence[Outcome], count: int) -> list[Outcome]:
+    """The missed presses, those without a note first, then by how far their interval is from the true value."""
+    missed = [outcome for outcome in found if outcome.result == "missed"]
+    return sorted(missed, key=lambda o: (not o.silent, -o.apart))[:count]
+
+
+def text(found: Sequence[Outcome], listed: Sequence[Outcome], commands: Sequence[str]) -> str:
+    """The table of all strata, and the worst presses."""
+    low, high = (100 * share for share in GOAL)
+    lines = [
+        f"{len(found)} presses. right: inside all intervals, withheld or refused with a reason (goal {low:g} to",
+        f"{high:g} %); wrong: missed, and off by more than {WRONG:g}; silent: these without a note; apart: the end of",
+        "an interval over the true value, at worst.", "",
+        f"{'stratum':28}{'presses':>8}{'right':>8}{'inside':>8}{'withheld':>9}{'refused':>8}{'missed':>7}{'wrong':>6}"
+        f"{'silent':>7}{'apart':>7}",
+    ]  # fmt: skip
+    lines += [
+        f"{r['stratum']:28}{r['presses']:>8}{100 * r['right']:>7.1f}%{r['inside']:>8}{r['withheld']:>9}"
+        f"{r['refused']:>8}{r['missed']:>7}{r['wrong']:>6}{r['silent']:>7}{r['apart']:>7.3g}"
+        for r in rows(found)
+    ]  # fmt: skip
+    for outcome, command in zip(listed, commands, strict=True):
+        lines += ["", f"{outcome.case}, press {outcome.number}: off {outcome.off:.3g}, apart {outcome.apart:.3g}; "
+                  + ", ".join(f"{name} {size}" for name, size in outcome.strata.items())]  # fmt: skip
+        lines += [f"    note: {note}" for note in outcome.notes] or ["    no note"]
+        lines.append(f"    {command}")
+    return "\n".join(lines) + "\n"
+
+
+def plain(found: Sequence[Outcome], listed: Sequence[Outcome], commands: Sequence[str]) -> dict[str, Any]:
+    """The report for programs."""
+    return {
+        "ok": not any(outcome.silent for outcome in found), "presses": len(found), "rows": rows(found),
+        "worst": [asdict(o) | {"command": command} for o, command in zip(listed, commands, strict=True)],
+    }  # fmt: skip
+
+
+def save_press(outcome: Outcome, folder: Path) -> str:
+    """Write a press as CSV; returns the command that fits it."""
+    press = draw_press(outcome.case, outcome.seed, outcome.number)
+    path = folder / f"{outcome.case.replace(' ', '-').replace(':', '-')}-{outcome.number}.csv"
+    table = np.column_stack([press.time, 1e3 * press.depth, press.force])
+    np.savetxt(path, table, fmt="%.9e", delimiter=",", header="time [s],depth [mm],force [N]", comments="")
+    case = press.case
+    words = ["palpate", "fit", "tissue", str(path), *_rig(case.rig), "--law", case.law]
+    return shlex.join([*words, *(["--relaxation", case.relaxation] if case.relaxation != "none" else [])])
+
+
+def _rig(rig: Rig) -> list[str]:
+    """The options of a rig."""
+    size = [] if rig.kind == "fingertip" else ["--radius", f"{1e3 * rig.radius:.9g} mm"]
+    height = ["--height", f"{1e3 * rig.height:.9g} mm"] if rig.height else []
+    return ["--rig", rig.kind, *size, *height]

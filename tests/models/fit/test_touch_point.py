@@ -1,0 +1,74 @@
+"""Touch points after a long approach, cycles, and what is left out of a fit: never the force without a note."""
+
+import numpy as np
+import pytest
+
+from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.fit import fit_tissue
+from palpate.models.fit.tissue.measured import MOST_ROWS, hertz_touch, prepare_press
+from palpate.models.fit.tissue.rigs import Rig
+
+TRAVEL, YOUNG = 50e-6, 5000.0  # [m], [Pa]
+
+
+def approach(contact, radius, length, rows=2000, rise=0.03, noise=1e-3, beyond=1.0):
+    """A press of a colloid in its last `contact` [m], with a force that rises over `length` [m] before it."""
+    rng = np.random.default_rng(1)
+    depth = np.linspace(0.0, TRAVEL, rows)
+    inside = depth - (TRAVEL - contact)
+    force = 4.0 / 3.0 / 0.75 * np.sqrt(radius) * YOUNG * np.maximum(inside, 0.0) ** 1.5
+    peak = force.max()
+    force = force + peak * (rise * np.exp(np.minimum(inside, 0.0) / length) + noise * rng.standard_normal(rows))
+    return prepare_press("press.csv", depth / TRAVEL, depth, force)
+
+
+@pytest.mark.parametrize(("contact", "radius"), [(0.5e-6, 5e-6), (0.9e-6, 20e-6)])
+@pytest.mark.parametrize("length", [5e-6, 20e-6])
+def test_a_rise_before_a_shallow_contact_is_not_the_contact(contact, radius, length):
+    """It gave 22 Pa (1 to 384) without a note."""
+    fit = fit_tissue([approach(contact, radius, length)], Rig("ball", radius), "hertz")
+    assert fit.young[0] == pytest.approx(YOUNG, rel=0.02) and not fit.estimate.withheld
+    assert fit.young[1] < 1.005 * YOUNG and fit.young[2] > 0.995 * YOUNG
+    assert fit.estimate.touches[0] == pytest.approx(TRAVEL - contact, abs=0.03 * contact)
+
+
+def test_rows_in_contact_of_a_long_record_are_not_averaged_away():
+    press = approach(0.5e-6, 5e-6, 20e-6, rows=20000)
+    assert len(press.depth) <= MOST_ROWS and (press.depth > TRAVEL - 0.5e-6).sum() >= 100
+
+
+def test_most_of_the_force_is_not_left_out_without_a_note():
+    press = approach(0.9e-6, 5e-6, 20e-6)  # 18 % of the radius, of which the law is valid to 10
+    fit = fit_tissue([press], Rig("ball", 5e-6), "hertz")
+    kept = float(fit.presses[0].force.max()) / float(press.force.max())
+    assert kept < 0.5 and any("most of the force is excluded" in note for note in fit.notes)
+    assert fit.young[1] < YOUNG < fit.young[2]
+
+
+def test_the_touch_point_by_hertz_lies_at_the_contact():
+    depth = np.linspace(0.0, 1.0, 1000)
+    for contact in (0.01, 0.1, 0.5):
+        force = np.maximum(depth - 1.0 + contact, 0.0) ** 1.5 / contact**1.5 + 0.03 * np.exp(
+            np.minimum(depth - 1.0 + contact, 0.0)
+        )
+        assert hertz_touch(depth, depth, force, 0.0) == pytest.approx(1.0 - contact, abs=0.15 * contact)
+
+
+def test_only_the_last_cycle_is_fitted():
+    """The unloading of the cycle before has less force at the same depth."""
+    rng = np.random.default_rng(3)
+    path = np.concatenate([np.linspace(-0.5e-3, 0.7e-3, 200), np.linspace(0.7e-3, -0.5e-3, 200),
+                           np.linspace(-0.5e-3, 0.75e-3, 210)])  # fmt: skip
+    force = 4.0 / 3.0 / 0.75 * np.sqrt(8e-3) * 1e4 * np.maximum(path, 0.0) ** 1.5
+    force[200:400] *= 0.6
+    force += 5e-3 * force.max() * rng.standard_normal(len(path))
+    press = prepare_press("press.csv", 0.01 * np.arange(len(path)), path, force)
+    fit = fit_tissue([press], Rig("ball", 8e-3), "hertz")
+    assert any("400 rows of earlier cycles are excluded" in note or "earlier cycles" in note for note in fit.notes)
+    assert fit.young[1] < 1e4 < fit.young[2] and fit.young[0] == pytest.approx(1e4, rel=0.03)
+
+
+def test_a_press_that_is_no_contact_is_refused():
+    rng = np.random.default_rng(1)
+    with pytest.raises(SessionError, match="never touches"):
+        prepare_press("p", None, np.linspace(0.0, 1e-3, 300), 1e-3 * rng.standard_normal(300))

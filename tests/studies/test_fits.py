@@ -1,0 +1,73 @@
+"""`palpate bench fits`: presses are reproducible, a search resumes, no value of a small sample is silently wrong."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palpate.cli.__main__ import app
+from palpate.models.fit.tissue.rigs import closed_form
+from palpate.studies.fits import search as searching
+from palpate.studies.fits.cases import CASES
+from palpate.studies.fits.presses import NOISES, draw_press
+from palpate.studies.fits.search import FLAWS, Outcome, judge, search, strata
+
+SAMPLE = {"ball hertz": 4, "punch hertz": 3, "cylinder linear": 3, "ball power": 2}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_press_is_drawn_again_from_its_numbers_and_its_law_has_a_true_value_for_each_parameter(case):
+    one, other = draw_press(case, 3, 5), draw_press(case, 3, 5)
+    assert np.array_equal(one.force, other.force) and one.case == other.case
+    assert not np.array_equal(one.force[:10], draw_press(case, 3, 6).force[:10])
+    law = closed_form(one.case.rig, one.case.law)
+    assert {p.name for p in law.parameters} <= set(one.case.truth) and one.case.reach <= law.reach
+    assert len(one.time) == len(one.depth) == len(one.force) and np.isfinite(one.force).all()
+    assert (np.diff(one.time) > 0.0).all()
+
+
+def test_presses_have_every_noise_and_every_flaw():
+    drawn = [draw_press(case, 1, number) for case in ("ball hertz", "ball layer prony:1") for number in range(150)]
+    assert {press.noise for press in drawn} == set(NOISES)
+    assert {name for press in drawn for name in press.flaws} == set(FLAWS)
+
+
+def test_no_press_of_a_seeded_sample_is_silently_wrong():
+    outcomes = [judge(case, 1, number) for case, count in SAMPLE.items() for number in range(count)]
+    assert not [outcome for outcome in outcomes if outcome.silent]
+    missed = [outcome for outcome in outcomes if outcome.result == "missed"]
+    assert len(missed) <= 2, missed  # of 12; the goal is 0.2 to 1
+    assert max(outcome.apart for outcome in outcomes) < 1.1
+
+
+def test_a_search_resumes_and_counts_strata(tmp_path, monkeypatch):
+    made = []
+
+    def counted(name, seed, number):
+        made.append((name, number))
+        result = "missed" if number == 1 else "inside"
+        return Outcome(name, number, seed, {"noise": "white", "rise": 0.01}, result, 2.0, 1.6, [])
+
+    monkeypatch.setattr(searching, "judge", counted)
+    search(["ball hertz"], 2, 1, tmp_path, lambda share, what: None)
+    with (tmp_path / searching.KEPT).open("a") as file:
+        file.write('{"case": "ball hertz", "num')  # was cut off
+    found = search(["ball hertz"], 4, 1, tmp_path, lambda share, what: None)
+    assert made == [("ball hertz", n) for n in range(4)] and len(found) == 4
+    counts = {name: len(each) for name, each in strata(found).items()}
+    assert counts == {"ball hertz": 4, "noise: white": 4, "flaw: rise": 4}
+    assert [outcome.silent for outcome in found] == [False, True, False, False]
+    result = CliRunner().invoke(
+        app, ["bench", "fits", "--presses", "4", "--case", "ball hertz", "-o", str(tmp_path), "--json"]
+    )
+    report = json.loads(result.stdout)
+    assert result.exit_code == 1 and not report["ok"] and report["rows"][0]["silent"] == 1
+    assert report["worst"][0]["command"].startswith("palpate fit tissue ")
+    assert len(made) == 4 and (tmp_path / "ball-hertz-1.csv").exists()
+    shown = CliRunner().invoke(app, ["bench", "fits", "--presses", "4", "--case", "ball hertz", "-o", str(tmp_path)])
+    assert "flaw: rise" in shown.output and "75.0%" in shown.output
+    wrong = CliRunner().invoke(app, ["bench", "fits", "--case", "sphere"])
+    assert wrong.exit_code == 2 and "--case: found sphere, expected some of ball hertz" in " ".join(
+        wrong.output.split()
+    )
