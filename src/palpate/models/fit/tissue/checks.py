@@ -131,7 +131,7 @@ def allow_for_drift(
     problem: Problem, best: Estimate, drift: str, keep: bool
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
     """Replace the intervals of `best` by those of a fit in which the zero of the force of each press drifts, linearly
-    or also quadratically in time (`drift`: linear, curved; none changes nothing).
+    or also quadratically in time and with a rise before contact (`drift`: linear, curved; none changes nothing).
 
     A bend hides below the noise before contact, and its shape is similar to that of a press, so no test can exclude
     it: the fit with it shows what the rows determine. Its interval inverts a likelihood-ratio test in which the
@@ -146,7 +146,10 @@ def allow_for_drift(
     if drift == "none" or best.withheld:
         return {}, []
     bends = drift == "curved"
-    other = problem.with_changes([replace(press, drifts=True, bends=bends) for press in problem.presses])
+    risen = _with_rise(problem, best) if bends else problem.presses
+    other = problem.with_changes([replace(press, drifts=True, bends=bends) for press in risen])
+    if other.count < LEAST_PER_UNKNOWN * len(other.names):  # the rise needs too many rows
+        other = problem.with_changes([replace(press, drifts=True, bends=bends) for press in problem.presses])
     if other.names == problem.names:
         return {}, []
     if other.count < LEAST_PER_UNKNOWN * len(other.names):
@@ -172,7 +175,9 @@ def allow_for_drift(
         its = free.intervals[name]
         ends = [now.value, its.low, its.high, *(() if sure and not keep else (now.low, now.high))]
         best.intervals[name] = replace(now, low=min(ends), high=max(ends), profile=its.profile, curve=its.curve)
-    return before, ["the zero of the force seems to drift along a curve; the intervals include this"] * sure
+    return before, [
+        "the zero of the force seems to drift along a curve or to rise before contact; the intervals include this"
+    ] * sure
 
 
 def with_smooth_factor(law: Law, reach: float) -> Law:
