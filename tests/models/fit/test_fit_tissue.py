@@ -189,7 +189,7 @@ OPTIONS = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--uni
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("t,d,F [N]\n" + ROWS, "column 'd': no unit; give it with --unit indentation=mm"),
+        ("t,d,F [N]\n" + ROWS, "column 'd': no unit; give it with --unit indentation=UNIT"),
         ("t,d [furlong],F [N]\n" + ROWS, "unit 'furlong'"),
         ("t,d [s],F [N]\n" + ROWS, "unit 's'.*expected a length"),
         ("t,d [m],F [N]\n" + ROWS, r"found 0.6, too large for the indentation of a press; is the unit right\?"),

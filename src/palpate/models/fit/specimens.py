@@ -14,6 +14,7 @@ PRESSES = (
     "repetition", "replicate", "curve", "indent", "experiment", "measurement", "site", "location",
 )  # fmt: skip
 """Columns whose values separate the presses of a table, in the order of their names."""
+NAMED = ("subject", "session", "press")  # part of the name of a press also where all rows have the same value
 BODIES = ("subject", "specimen", "sample", "person", "finger")  # those that name what is pressed
 INDENTERS = ("indenter", "probe", "tip", "ball", "cantilever", "radius", "diameter", "tip radius", "tip diameter")
 """Columns that identify the indenter; a file with several values mixes several indenters."""
@@ -74,7 +75,12 @@ def check_one_body(path: object, table: Table, what: str) -> None:
 
 def press_labels(table: Table, lines: Sequence[int], depth: np.ndarray) -> list[str]:
     """The label of each of n rows: the values of `PRESSES`, and the number of its block if blocks are presses."""
-    parts = [_values(table, k)[: len(lines)] for k in columns_named(table, PRESSES).values()]
+    named = columns_named(table, PRESSES) | {
+        name: k
+        for name in NAMED
+        if (k := next((k for k, n in enumerate(table.names) if plain_name(n) == name), -1)) >= 0
+    }
+    parts = [_values(table, named[name])[: len(lines)] for name in PRESSES if name in named]
     blocks = block_presses(table, lines, depth)
     if blocks.max(initial=0) > 0:
         parts.append([f"block {k + 1}" for k in blocks])

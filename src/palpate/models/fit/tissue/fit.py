@@ -33,6 +33,7 @@ UNLOADED = 0.1  # [1] Indentation after unloading, over the largest one, up to w
 ELASTIC = 0.02  # [1] Dissipated share of the work below which a press counts as elastic
 DRIFTS = ("curved", "linear", "none")
 WIDER = 1.2  # [1] Ratio of the widths with and without a drifting zero above which the report lists both
+EMPIRICAL = ("power", "exponential")
 RANGES = 6  # Most turns in which touch points and the rows in the range of a law are found
 WEAK = 0.5  # [1] Share of the force in the rows fitted below which a note follows
 FINE = 14  # Elements across the contact in the finer mesh that checks the table
@@ -142,6 +143,9 @@ def fit_tissue(
     notes += checks.baselines(problem, best) + misfits
     steady, more = checks.allow_for_drift(problem, best, drift, bool(misfits or hidden or len(loaded) > 1))
     notes += more
+    if limited := _limited(law, best):
+        best.withhold()
+        notes.append(limited)
     if rig.kind == "fingertip" and relaxation != "none":
         best.withhold()
         notes.append(
@@ -191,6 +195,18 @@ def _in_range(problem: Problem) -> tuple[list[MeasuredPress], list[str]]:
         return whole, []
     valid = f"law {law.name} is valid to {1e3 * law.reach:.3g} mm ({law.remark})"
     return loaded, [f"pressed {1e3 * found:.3g} mm, {valid}: the deeper rows are excluded"]
+
+
+def _limited(law: Law, best: Estimate) -> str:
+    """A note if a constant of an empirical law lies at the end of its range, so that no value is best; else ""."""
+    for p in law.parameters[1:] if law.name in EMPIRICAL else ():
+        if p.at_limit(best.values[p.name]):
+            other = " or ".join(name for name in EMPIRICAL if name != law.name)
+            return (
+                f"{p.name} lies at the limit of its range, {best.values[p.name]:g}: the law {law.name} does not follow "
+                f"the press, or the rows do not determine it, so no interval is given; try --law {other}"
+            )
+    return ""
 
 
 def _begins_in_contact(best: Estimate, press: MeasuredPress) -> bool:

@@ -201,7 +201,9 @@ def prepare_press(
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
     later = hertz_touch(when[: deepest + 1], depth[: deepest + 1], force[: deepest + 1], touch) if free else touch
-    if later - touch > 2.0 * slack:  # a rise before contact, or a law of another curvature: allow for both
+    rise = float((force - line)[int(np.argmax(depth >= later))])
+    if later - touch > 2.0 * slack and rise < STEEPEST * peak:
+        # a rise before contact, or a law of another curvature: allow for both
         touch, slack = later, later - touch
     # a drift below the noise before contact may still matter at the peak: fit one in each press that has these rows
     press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts=free, air=free, step=step)
