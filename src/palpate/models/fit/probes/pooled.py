@@ -24,6 +24,7 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.rigs import Law
 
 STEPS = 12  # Gauss-Newton steps of the modes of all probes
+LONGEST = 1.0  # [1] Longest step of the mean ln K in a turn
 TURNS = 40  # of linearisation and linear fit
 FAR = 12.0  # Largest distance of ln K of a probe from the mean
 FURTHEST = 2.0  # [1] Largest distance of a touch point from 0, over the greatest depth
@@ -281,6 +282,9 @@ def _fit(rows: Rows, law: Law) -> PooledFit:
         low, high = np.array(model.bounds).reshape(-1, 2).T
         shape = np.clip(state.shape + np.clip(b[3:] - state.shape, -1.0, 1.0), low, high)
         mean = b[:3] + cov[:3, 3:] @ np.linalg.pinv(cov[3:, 3:], hermitian=True) @ (shape - b[3:])  # given the shape
+        # far from the minimum the linear fit is no guide: limit the steps of ln K and of the touch point
+        most = np.array([LONGEST, 0.5 * model.reach / MM, np.inf])
+        mean = state.mean + np.clip(mean - state.mean, -most, most)
         new = _State(state.mean + share * (mean - state.mean), state.deviations + share * (found.x - state.deviations),
                      state.shape + share * (shape - state.shape))  # fmt: skip
         done, state = new.near(state), new

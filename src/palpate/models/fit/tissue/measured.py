@@ -29,7 +29,9 @@ LEAST_ROWS = 10
 BACK = 0.5  # [1] Fall of the indentation between two rows, over its range, from which another press begins
 LEAST_AIR = 8  # Least number of rows before contact from which the zero of the force is estimated
 STEEPEST = 0.3  # [1] Rise of the baseline up to the deepest row, over the peak, above which the press begins in contact
-MOST_RISE = 0.1  # [1] Force at touch, over the peak, up to which it is a rise before contact, and not the begin of a law
+MOST_RISE = (
+    0.1  # [1] Force at touch, over the peak, up to which it is a rise before contact, and not the begin of a law
+)
 LEAST_RISE = 2e-3  # [1] The same ratio below which a drift is negligible
 RARE, SUSPECT = 1e-3, 0.2  # p-values below which an effect is significant, and below which it is included in the fit
 GRID = np.geomspace(1.0, 2e-3, 60)  # [1] Shares of the travel in contact at which a touch point is tried
