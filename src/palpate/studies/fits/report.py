@@ -26,7 +26,7 @@ def rows(found: Sequence[Outcome]) -> list[dict[str, Any]]:
         out.append({
             "stratum": name, "presses": len(each), **{result: count[result] for result in RESULTS},
             "right": 1.0 - count["missed"] / len(each),
-            "wrong": sum(o.result == "missed" and o.off > WRONG for o in each),
+            "wrong": sum(o.wrong for o in each),
             "silent": sum(o.silent for o in each), "apart": max(o.apart for o in each),
         })  # fmt: skip
     return out
@@ -43,8 +43,8 @@ def text(found: Sequence[Outcome], listed: Sequence[Outcome], commands: Sequence
     low, high = (100 * share for share in GOAL)
     lines = [
         f"{len(found)} presses. right: inside all intervals, withheld or refused with a reason (goal {low:g} to",
-        f"{high:g} %); wrong: missed, and off by more than {WRONG:g}; silent: these without a note; apart: the end of",
-        "an interval over the true value, at worst.", "",
+        f"{high:g} %); apart: the end of an interval over the true value, at worst; wrong: apart by more than",
+        f"{WRONG:g}; silent: these without a note that warns.", "",
         f"{'stratum':28}{'presses':>8}{'right':>8}{'inside':>8}{'withheld':>9}{'refused':>8}{'missed':>7}{'wrong':>6}"
         f"{'silent':>7}{'apart':>7}",
     ]  # fmt: skip

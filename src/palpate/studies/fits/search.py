@@ -29,7 +29,8 @@ class Outcome:
 
     result  inside: all intervals contain the true values; withheld; refused; missed
     off     [1] largest factor between the value of a scale parameter and the true one
-    apart   [1] largest factor between the nearest end of an interval and the true value, 1 if inside
+    apart   [1] largest factor between the nearest end of an interval and the true value, 1 if inside; of parameters
+            that are searched as logarithms
     notes   warnings of the fit, or the error
     """
 
@@ -43,9 +44,14 @@ class Outcome:
     notes: list[str]
 
     @property
+    def wrong(self) -> bool:
+        """Whether an interval is given whose nearest end is off by more than `WRONG`."""
+        return self.result == "missed" and self.apart > WRONG
+
+    @property
     def silent(self) -> bool:
-        """Whether the value is off by more than `WRONG`, its interval excludes the true one, and no note warns."""
-        return self.result == "missed" and self.off > WRONG and not self.notes
+        """Whether it is wrong and no note warns; notes on excluded rows do not."""
+        return self.wrong and all("excluded" in note for note in self.notes)
 
 
 def judge(name: str, seed: int, number: int) -> Outcome:
