@@ -94,7 +94,7 @@ def _quantity(name: str) -> str:
 
 
 def _columns(table: Table, wrong: Callable[[str], SettingError]) -> list[str]:
-    """Names of the columns. SettingError: a name that is read is there twice."""
+    """Names of the columns. SettingError: two columns with a name that is read."""
     names = [name.lower() for name in table.names]
     for name in names:
         if (_quantity(name) in SI or name == "buttons") and names.count(name) > 1:

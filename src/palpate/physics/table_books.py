@@ -28,7 +28,7 @@ def workbook_lines(path: str | Path) -> list[str]:
     full = [name for name, rows in sheets.items() if sum(map(_is_numeric, rows)) >= LEAST_ROWS]
     if len(full) != 1:
         found = f"numbers in the sheets {', '.join(full)}" if full else "no sheet with rows of numbers"
-        raise ValueError(f"a workbook with {found}, expected one such sheet; save it as CSV")
+        raise ValueError(f"a workbook with {found}, expected one sheet with numbers; save it as CSV")
     return ["\t".join(map(_text, row)) for row in sheets[full[0]]]
 
 

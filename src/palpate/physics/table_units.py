@@ -14,7 +14,7 @@ UNITS = re.compile(r"(?i)\s*units?\s*[:=]\s*")
 LVM = "Y_Unit_Label"  # LabVIEW: units of all columns after the first
 
 Source = tuple[str, str]
-"""(unit, where it stands)."""
+"""(unit, where it is written)."""
 
 
 class Units:

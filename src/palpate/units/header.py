@@ -135,7 +135,7 @@ def _word(word: str) -> str:
 
 @lru_cache(maxsize=1)
 def _capitals() -> dict[str, str]:
-    """Units of lengths, times, forces and angles by their letters, whatever their case; none if two have the same."""
+    """Units of lengths, times, forces and angles by their letters, in any case; none if two have the same."""
     found: dict[str, set[str]] = {}
     for si in ("m", "s", "N"):
         for name in spellings(parse(si)):

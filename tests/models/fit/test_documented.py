@@ -29,7 +29,7 @@ def listed(row):
 
 
 @pytest.mark.parametrize(("row", "si"), [("lengths", "m"), ("forces", "N"), ("times", "s")])
-def test_units_are_all_that_are_read_but_for_prefixes(row, si):
+def test_units_are_all_that_are_read_except_for_prefixes(row, si):
     """A unit with a prefix is listed if it is common."""
     known, bare = (
         spellings(parse(si)),

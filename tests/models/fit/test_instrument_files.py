@@ -212,7 +212,7 @@ def test_workbooks_and_files_of_matlab_are_tables(tmp_path):
         book["Notes"].append(row)
     book.save(tmp_path / "press.xlsx")
     with pytest.raises(
-        SessionError, match="numbers in the sheets Sheet, Notes, expected one such sheet; save it as CSV"
+        SessionError, match="numbers in the sheets Sheet, Notes, expected one sheet with numbers; save it"
     ):
         PressReader([], (), False)(tmp_path / "press.xlsx")
 

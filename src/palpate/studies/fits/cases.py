@@ -96,4 +96,4 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
     **{f"ball layer {kind}": _ball("layer", kind) for kind in ("kelvin-voigt", "hunt-crossley", "prony:1")},
 }  # fmt: skip
 """Laws with a closed form and up to three parameters. Those tabulated by finite elements take seconds per press, and
-have the tests of their own."""
+have separate tests."""

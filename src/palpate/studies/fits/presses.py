@@ -20,7 +20,7 @@ MOST_ROWS = 4000
 
 @dataclass(frozen=True)
 class RandomPress:
-    """A press with its truth. `flaws` are its strata: name -> size (share of the peak, or number)."""
+    """A press with its true parameters. `flaws` are its strata: name -> size (share of the peak, or number)."""
 
     case: Case
     time: np.ndarray
@@ -68,7 +68,7 @@ def _spread(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _fade(count: int) -> np.ndarray:
-    """0 to 1 within a tenth of the rows: the force leaves the loading curve where the motion turns."""
+    """0 to 1 within 10 % of the rows: the force leaves the loading curve where the motion turns."""
     return np.minimum(np.arange(count) / max(0.1 * count, 1.0), 1.0)
 
 

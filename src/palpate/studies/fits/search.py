@@ -45,7 +45,7 @@ class Outcome:
 
     @property
     def wrong(self) -> bool:
-        """Whether an interval is given whose nearest end is off by more than `WRONG`."""
+        """Whether an interval is given whose nearest end differs by more than `WRONG` from the true value."""
         return self.result == "missed" and self.apart > WRONG
 
     @property

@@ -77,7 +77,7 @@ def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
 
 
 def last_cycle(press: MeasuredPress, top: int) -> int:
-    """First row of the loading that ends at row `top`: the lowest row after an earlier cycle; 0 if there is none."""
+    """First row of the loading that ends at row `top`: the lowest row after an earlier cycle, else 0."""
     depth = press.depth[: top + 1]
     reach = float(depth[top]) - press.touch
     fall = np.maximum.accumulate(depth) - depth

@@ -1,4 +1,4 @@
-"""`palpate bench fits`: random presses of every rig and law, and how often the intervals of a fit contain the truth."""
+"""`palpate bench fits`: random presses of every rig and law, and how often intervals contain the true values."""
 
 from __future__ import annotations
 
