@@ -166,7 +166,7 @@ def test_the_only_plausible_unit_is_used(tmp_path, scale, unit):
         (0.2, "mm", r"in mm it is 0.2 mm across.*--unit m \(200 mm across\)"),
         (11.0, None, r"several are plausible: --unit cm \(110 mm across\) or --unit mm \(11 mm across\)"),
         (5e4, None, "implausible in every unit"),
-        (200.0, "inch", "'inch', expected one of m, cm, mm"),
+        (200.0, "furlong", "unit 'furlong' is unknown; expected a length"),
     ],
 )
 def test_a_wrong_or_missing_unit_is_an_error_with_the_plausible_units(tmp_path, across, unit, text):
