@@ -37,14 +37,18 @@ NO_READERS = {
     "launch/load/launchfile.py": "the first line of a file that `values/source.py` has read",
     "launch/run/busy.py": "/proc and the control group of this process",
     "launch/run/interrupts.py": "/dev/null",
-    "launch/run/member.py": "/proc",
+    "launch/run/work/activity.py": "/proc",
+    "launch/run/work/forked.py": "/proc",
+    "launch/run/work/offered.py": "a recording that a logger replaces: its first bytes",
+    "launch/run/work/process.py": "/dev/null",
     "launch/run/wire/addresses.py": "locks in the private folder of the user",
     "nodes/deformation/basis_store.py": "the index of the shipped bases",
     "nodes/device/mailbox.py": "a file in the private folder of a page",
     "src/palpate/cli/commands/graphs/new.py": "a shipped graph, as a template",
+    "src/palpate/cli/machine/bytecode.py": "the bytecode of installed modules",
     "src/palpate/cli/terminal/browser.py": "an address",
     "src/palpate/compiler/arithmetic.py": "/proc, and the version of numpy",
-    "src/palpate/compiler/kernel.py": "the sources of palpate",
+    "src/palpate/compiler/content/origin.py": "the sources of palpate",
     "src/palpate/compiler/kernel_cache.py": "the sources of palpate",
     "src/palpate/compiler/kernel_files.py": "a cache; `trust.py` checks its owner",
     "src/palpate/compiler/trust.py": "a cache; it checks the owner",
@@ -56,11 +60,14 @@ NO_READERS = {
     "src/palpate/models/fe/reduce/snapshots.py": "a cache; `trust.py` checks its owner",
     "src/palpate/models/files/hdf5.py": "called by readers",
     "src/palpate/physics/claims.py": "called by readers",
+    "src/palpate/physics/scratch.py": "a lock in a temporary folder of the user",
+    "src/palpate/records/reader.py": "a recording that `records/stored.py` has opened",
     "src/palpate/records/format/claim.py": "a regular file, to be overwritten",
     "src/palpate/records/format/mcap_append.py": "a recording that this process has written",
     "src/palpate/studies/accuracy/cells.py": "a cache; `trust.py` checks its owner",
     "src/palpate/studies/accuracy/output/stored.py": "the shipped results",
     "src/palpate/studies/accuracy/sites.py": "the shipped references",
+    "src/palpate/studies/fits/search.py": "results that this search has kept",
     "src/palpate/studies/peers/calculix.py": "what a solver has written in a temporary folder",
     "src/palpate/studies/psychophysics/opening.py": "the experiment's file, which `values/source.py` has read",
     "src/palpate/views/page/reel.py": "a recording that `records/stored.py` has opened",
@@ -284,7 +291,8 @@ READERS = {
     "basis": Reader(basis, (f"{PHYSICS}/archive.py", f"{PHYSICS}/bodies/condensed_basis.py"), ("a.npz",)),
     "sampled basis": Reader(sampled, (f"{PHYSICS}/archive.py", f"{PHYSICS}/bodies/sampled_body.py"), ("a.npz",)),
     "fingertip": Reader(fingertip, (f"{PHYSICS}/archive.py",), ("a.npz",)),
-    "sessions": Reader(sessions, (f"{PHYSICS}/table_text.py",), ("a.csv",)),
+    "sessions": Reader(sessions, (f"{PHYSICS}/table_text.py", f"{PHYSICS}/table_books.py"), ("a.csv", "a.xlsx",
+                                                                                             "a.mat")),
     "motion": Reader(motion, (f"{PHYSICS}/table_text.py",), ("a.csv",)),
     "pressing": Reader(pressed, ("src/palpate/models/fe/study/press_record.py",), ("run.json",)),
     "recording": Reader(recording, ("src/palpate/records/stored.py", "src/palpate/records/format/mcap_file.py",
@@ -531,6 +539,33 @@ def voxels_that_unpack_to_much(path):
         for _ in range(640):
             file.write(bytes(650 * 650))
     assert path.stat().st_size < 600_000
+
+
+@bomb("sessions", "a.xlsx")
+def a_workbook_that_unpacks_to_much(path):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("xl/worksheets/sheet1.xml", bytes(900_000_000))
+
+
+@bomb("sessions", "a.xlsx")
+def a_workbook_of_many_cells(path):
+    openpyxl = pytest.importorskip("openpyxl")
+    openpyxl.Workbook().save(path)
+    with zipfile.ZipFile(path) as file:
+        members = {name: file.read(name) for name in file.namelist()}
+    head, tail = members["xl/worksheets/sheet1.xml"].split(b"<sheetData", 1)
+    row = b"<row>" + b"<c><v>1</v></c>" * 500 + b"</row>"
+    rest = tail.split(b">", 1)[1].removeprefix(b"</sheetData>")
+    members["xl/worksheets/sheet1.xml"] = head + b"<sheetData>" + row * 8000 + b"</sheetData>" + rest
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+
+
+@bomb("sessions", "a.mat")
+def variables_that_unpack_to_much(path):
+    savemat = pytest.importorskip("scipy.io").savemat
+    savemat(path, {"force": np.zeros(100_000_000)}, do_compression=True)
 
 
 @bomb("archive", "a.npz")

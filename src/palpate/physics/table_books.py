@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Iterable, Sequence
 from datetime import date, datetime, time
 from pathlib import Path
@@ -9,10 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from palpate.physics.claims import check_claim, check_zip, largest_content
 from palpate.physics.extras import require_extra
 
 LEAST_ROWS = 4  # Rows of numbers of a sheet or variable that is a table
 MOST_COLUMNS = 64
+MOST_CELLS = 2_000_000  # of a workbook, 100 bytes each in memory
+COMPRESSED = 15  # type of a compressed element of a file of MATLAB (MAT-File Format, level 5, table 1-1)
 
 
 def workbook_lines(path: str | Path) -> list[str]:
@@ -20,9 +25,10 @@ def workbook_lines(path: str | Path) -> list[str]:
     with require_extra(Path(path).name, "sheets", ValueError):
         import openpyxl
     try:
+        check_zip(Path(path))
         with Path(path).open("rb") as file:  # openpyxl refuses some names of files
             book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-            sheets = {s.title: [list(row) for row in s.iter_rows(values_only=True)] for s in book.worksheets}
+            sheets = {s.title: _rows(s) for s in book.worksheets}
     except Exception as error:  # openpyxl and zipfile raise errors of many kinds
         raise ValueError(f"a workbook (.xlsx) that cannot be read ({error}); save its table as CSV") from None
     full = [name for name, rows in sheets.items() if sum(map(_is_numeric, rows)) >= LEAST_ROWS]
@@ -30,6 +36,18 @@ def workbook_lines(path: str | Path) -> list[str]:
         found = f"numbers in the sheets {', '.join(full)}" if full else "no sheet with rows of numbers"
         raise ValueError(f"a workbook with {found}, expected one sheet with numbers; save it as CSV")
     return ["\t".join(map(_text, row)) for row in sheets[full[0]]]
+
+
+def _rows(sheet: Any) -> list[list[Any]]:
+    """The rows of a sheet. ValueError: it has more than `MOST_CELLS` cells."""
+    rows: list[list[Any]] = []
+    count = 0
+    for row in sheet.iter_rows(values_only=True):
+        count += len(row)
+        if count > MOST_CELLS:
+            raise ValueError(f"the sheet {sheet.title!r} has more than {MOST_CELLS} cells")
+        rows.append(list(row))
+    return rows
 
 
 def _is_numeric(row: Iterable[Any]) -> bool:
@@ -58,6 +76,7 @@ def matlab_lines(path: str | Path) -> list[str]:
 
     cure = "save its table as CSV, in MATLAB with writetable(T, 'press.csv')"
     try:
+        _check_compressed(Path(path))
         content = loadmat(str(path), squeeze_me=True, struct_as_record=False)
     except Exception as error:  # of many kinds, if the file is damaged
         raise ValueError(f"a file of MATLAB (.mat) that cannot be read ({error}); {cure}") from None
@@ -71,6 +90,28 @@ def matlab_lines(path: str | Path) -> list[str]:
         raise ValueError(f"a file of MATLAB (.mat) with {found}, expected vectors of one length; {cure}")
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     return ["\t".join(columns), *("\t".join(map(_text, row)) for row in rows)]
+
+
+def _check_compressed(path: Path) -> None:
+    """ValueError: the compressed elements of a file of MATLAB unpack to too many bytes. Files of other versions have no
+    compressed elements, or are refused by scipy."""
+    held = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(128)
+        if len(head) < 128 or head[126:] not in (b"IM", b"MI"):
+            return
+        order, unpacked = "<" if head[126:] == b"IM" else ">", 0
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(f"{order}II", tag)
+            begin, inflate = file.tell(), zlib.decompressobj()
+            while (
+                kind == COMPRESSED and not inflate.eof and (part := file.read(min(1 << 16, begin + size - file.tell())))
+            ):
+                while part and unpacked <= largest_content(held):
+                    unpacked += len(inflate.decompress(part, 1 << 20))
+                    part = inflate.unconsumed_tail
+                check_claim("its compressed content", unpacked, held)
+            file.seek(begin + size)
 
 
 def _columns(name: str, value: Any) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 from palpate.units.quantity import parse
 from palpate.units.symbols import ONE, UnitError, describe, spellings
+from palpate.units.words import written
 
 WIDE = str.maketrans("（）［］／，：", "()[]/,:")
 BRACKET = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))\s*", re.DOTALL)
@@ -18,19 +19,6 @@ CLOCK = re.compile(r"(?i)(?=.*:)[hmsydftz:./,\-\s]+")  # hh:mm:ss.f, yyyy-mm-dd 
 WORD = re.compile(r"[A-Za-zÅµμ]+(?:[- ]force)?")
 NO_UNITS = ("-", "1", "a.u.", "#", "°c", "°f", "degc", "counts")
 """Entries of a row of units, without brackets, that are no units of a quantity that palpate reads."""
-WORDS = {
-    "sec": "s", "second": "s", "msec": "ms", "millisecond": "ms", "usec": "us", "microsecond": "us", "nsec": "ns",
-    "nanosecond": "ns", "minute": "min", "hour": "h", "hr": "h",
-    "meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm",
-    "micrometer": "um", "micrometre": "um", "micron": "um", "nanometer": "nm", "nanometre": "nm", "angstrom": "Å",
-    "inch": "in", "inche": "in", "thou": "mil", "foot": "ft", "feet": "ft",
-    "newton": "N", "kilonewton": "kN", "millinewton": "mN", "micronewton": "uN", "nanonewton": "nN",
-    "gram-force": "gf", "grams-force": "gf", "gram force": "gf", "grams force": "gf", "gmf": "gf",
-    "kilogram-force": "kgf", "kilograms-force": "kgf", "lb": "lbf", "pound": "lbf", "pound-force": "lbf",
-    "pounds-force": "lbf", "pound force": "lbf", "oz-force": "ozf", "dyne": "dyn", "kilopond": "kp",
-    "degree": "deg", "radian": "rad",
-}  # fmt: skip
-"""Words for units, without a plural s. A pound in a table is the force of a load cell."""
 SMALL = ("", "k", "c", "d", "da", "m", "u", "µ", "n")  # prefixes of units in capital letters
 ENDINGS = ("m", "s", "N", "g", "m/s", "m/s^2")
 """Units whose dimensions may follow a name without brackets: `depth_mm`, but not `subject_A`."""
@@ -77,7 +65,7 @@ def plain_unit(cell: str) -> str:
     if unit.lower() in NO_UNITS:
         return unit
     bare = unit.rstrip(".")
-    for form in (bare, WORD.sub(lambda word: _word(word[0]), bare), _capitals().get(bare.casefold(), "")):
+    for form in (bare, WORD.sub(lambda word: written(word[0]) or word[0], bare), _capitals().get(bare.casefold(), "")):
         if form and is_known(form):
             return form
     return unit
@@ -126,11 +114,6 @@ def is_known(unit: str) -> bool:
     except UnitError:
         return False
     return unit != "1"
-
-
-def _word(word: str) -> str:
-    lower = word.lower()
-    return WORDS.get(lower) or WORDS.get(lower.removesuffix("s")) or word
 
 
 @lru_cache(maxsize=1)

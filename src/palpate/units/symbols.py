@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.units.words import written
 
 Dimension = tuple[Fraction, ...]  # powers of m, kg, s, A, K, mol
 
@@ -82,7 +83,18 @@ def symbol(name: str) -> Unit:
         if name[:size] in _PREFIX and name[size:] in _PREFIXED:
             return _unit(Fraction(10) ** _PREFIX[name[:size]]) * _PREFIXED[name[size:]]
     known = ", ".join([*_PREFIXED, *(p for p in _PLAIN if p != "1")])
+    if meant := _meant(name):
+        raise UnitError(f"unit {name!r}: unknown; did you mean {' or '.join(map(repr, meant))}?")
     raise UnitError(f"unit {name!r}: unknown; known are {known}, with the prefixes {' '.join(_PREFIX)}")
+
+
+def _meant(name: str) -> list[str]:
+    """The symbols of a unit that is written out or in another case, such as "sec", "millimeters" or "kpa"."""
+    if unit := written(name):
+        return [unit]
+    word = name.lower().rstrip(".")
+    symbols = [before + unit for unit in _PREFIXED for before in ("", *_PREFIX)] + [*_PLAIN]
+    return [known for known in symbols if known.lower() == word][::-1]  # small ones first: mm, Mm
 
 
 def describe(unit: Unit) -> str:

@@ -11,9 +11,9 @@ from palpate.cli.__main__ import app
 from palpate.engine.faults import GraphError
 from palpate.launch.load.classes import catalogue
 from palpate.launch.load.graph import load
-from palpate.launch.load.values.units import UnitError, convert
 from palpate.nodes.base import SettingError, settings
 from palpate.nodes.base.node import convert as take
+from palpate.units.quantity import UnitError, convert
 
 PYTHON = re.compile(
     r"\b(str|int|float|bool|dict|list\[|tuple|NoneType|None|True|False|numpy|array|object|enum|Input should|got)\b"

@@ -10,9 +10,9 @@ import numpy as np
 
 from palpate.engine.faults import NOWHERE
 from palpate.launch.load.tissues import material, settings, tissues
-from palpate.launch.load.values.units import convert
 from palpate.physics.contact.under_finger import FINGER_RADIUS
 from palpate.physics.materials.hyperelastic import poisson_of, rest_moduli
+from palpate.units.quantity import convert
 from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure, look, save
 
 if TYPE_CHECKING:

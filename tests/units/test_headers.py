@@ -13,9 +13,10 @@ from palpate.nodes.base.measured_map import measured_factor
 from palpate.nodes.device.motion import read_motion
 from palpate.physics.table_units import Units
 from palpate.physics.texture.surface import _columns
-from palpate.units.header import WORDS, factor, split_unit
+from palpate.units.header import factor, split_unit
 from palpate.units.quantity import parse
 from palpate.units.symbols import spellings
+from palpate.units.words import WORDS
 
 FORMS = {
     "[]": "{0} [{1}]", "()": "{0} ({1})", "comma": "{0}, {1}", "slash": "{0}/{1}", "underscore": "{0}_{1}",
