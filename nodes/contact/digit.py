@@ -1,8 +1,7 @@
 """A digit that a device closes on an object: commanded depth, and the force on its pad as of a measured subject."""
 
+import math
 from typing import Annotated, Any
-
-import numpy as np
 
 from palpate.messages import ForceBand, Pose, Vector3
 from palpate.nodes.base import SettingError, Wants
@@ -26,8 +25,8 @@ class Digit(MeasuredSubject):
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        length = float(np.linalg.norm(self.closing))
-        if not (np.isfinite(length) and length > 0.0):
+        length = math.sqrt(sum(each * each for each in self.closing))
+        if not (math.isfinite(length) and length > 0.0):
             raise SettingError(f"setting 'closing' [1]: found {self.closing}, expected a direction")
         x, y, z = self.closing
         self.closing = x / length, y / length, z / length

@@ -155,7 +155,7 @@ def test_faults_accept_units_and_errors_list_the_known_faults():
     graph = find("falcon").but(overrides=("device.port=emulator", f"device.faults={given}")).load()
     assert graph.nodes["device"].settings["faults"]["latency"] == 2e-3
     for wrong, text in (
-        ("{latncy: 2 ms}", "latncy; expected latency, dropouts, garbled"),
+        ("{latncy: 2 ms}", "unknown key 'latncy'; expected latency, dropouts, garbled"),
         ("{latency: 2 mm}", "expected"),
         ("{dropouts: 5}", "<= 1"),
     ):

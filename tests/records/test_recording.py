@@ -148,7 +148,7 @@ def test_an_unknown_stream_cannot_be_left_out(tmp_path):
 
 def test_a_stream_that_the_plan_leaves_out_can_be_left_out_and_thinned(tmp_path):
     other = "  other: {use: nodes_for_runs.Spring, in: {pose: source}, when: tissue.other}\n  log:"
-    text = "scene: {tissue: {other: 0}}\n" + GRAPH.replace("  log:", other)
+    text = "scene: {tissue: {other: false}}\n" + GRAPH.replace("  log:", other)
     for more in ({"leave_out": ["other"]}, {"thin": {"other": 3}}):
         recording = Recording(record(tmp_path, text, **more))
         assert "other" not in recording.streams and recording.counts["source"]["count"] == 200

@@ -38,6 +38,7 @@ def kernels():
         for info in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
             importlib.import_module(info.name)
     found = {}
+    gc.unfreeze()  # objects that an earlier test has frozen are not listed
     for each in gc.get_objects():
         if type(each) is CompiledKernel and each.__module__.startswith(tuple(room.__name__ for room in ROOMS)):
             name = f"{each.__module__}.{each.__qualname__}"

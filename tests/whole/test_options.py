@@ -15,8 +15,8 @@ from palpate.compiler.arithmetic import LEVEL, pinnable
 from palpate.launch.load.classes import catalogue
 from palpate.launch.load.files import SCENES
 from palpate.launch.load.launchfile import find
+from palpate.messages.wording import words_of
 from palpate.nodes.base import settings
-from palpate.nodes.base.node import words_of
 
 RUNS = {
     ("kidney", None): 0.5,

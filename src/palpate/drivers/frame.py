@@ -2,8 +2,8 @@
 
 Each driver declares this as data in `rules`, and checks each frame with `FrameRules.fault`, `FrameOrder` and
 `Measured`. A frame that is invalid by its declaration is no sample: the driver answers with `absent`, the guard removes
-the force within FALL, and the run counts it in a note. `tests/drivers/test_frames.py` breaks every declared field of
-every driver.
+the force within FALL, and the run counts it in a note. `tests/drivers/test_frame_rules.py` breaks every declared field
+of every driver.
 """
 
 from collections import Counter

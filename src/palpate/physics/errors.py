@@ -19,6 +19,7 @@
       FingertipError    the surfaces of a fingertip
       MaterialError     the constants of a material
       MeshError         a mesh
+      PolygonError      a polygon of a mesh file
       ConvergenceError  a load step that fails at the smallest size
       ScanError         images of a scan
       SessionError      measured indentations

@@ -6,7 +6,6 @@ import math
 import fit_coverage
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from pytest import approx
 from typer.testing import CliRunner
 
@@ -248,7 +247,7 @@ def test_an_earlier_fit_is_kept_unless_forced_and_both_moduli_are_printed(tmp_pa
 
 def test_the_picture_shows_the_rows_that_were_left_out(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **how: drawn.append(figure))
+    monkeypatch.setattr("palpate.views.pictures.style.save", lambda figure, path, **how: drawn.append(figure))
     assert run(saved(tmp_path, limit=0.6, back=True), "-o", str(tmp_path / "out"))[0] == 0
     out = next(line for line in drawn[0].axes[0].lines if line.get_label() == "left out")
     depth, force = out.get_data()

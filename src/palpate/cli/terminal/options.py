@@ -200,6 +200,16 @@ def organ_file(
     return (OrganFile(written, "m") if steps else organ), (text,)
 
 
+def say_organ_file(
+    file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
+) -> OrganFile | None:
+    """The organ of `organ_file`; its notes are printed."""
+    organ, notes = organ_file(file, unit, piece, repair, silent)
+    for line in () if silent else notes:
+        typer.echo(line, err=True)
+    return organ
+
+
 def with_organ_file(
     launch: LaunchFile, file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
 ) -> LaunchFile:

@@ -130,6 +130,26 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     return files
 
 
+def rows_of(outcomes: Sequence[Outcome]) -> list[list[str]]:
+    """Participant, block, number of trials, name of a number, its value and interval, as text."""
+    return [
+        [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)}{one.units(name)}", *_as_text(number)]
+        for one in outcomes
+        for name, number in one.numbers.items()
+    ]
+
+
+def _as_text(number: IntervalEstimate) -> list[str]:
+    if not number.known:
+        return ["", "not determined"]
+    ends = [f"{end:.4g}" if math.isfinite(end) else "open" for end in (number.low, number.high)]
+    return [f"{number.value:.4g}", f"{ends[0]} to {ends[1]}"]
+
+
+def _rate(share: float) -> str:
+    return f" at {share:.0%}" if math.isfinite(share) else ""
+
+
 def outcome(
     experiment: Experiment, task: str, who: str, name: str, rows: Sequence[Row], about: dict[str, str]
 ) -> Outcome:

@@ -56,9 +56,8 @@ def rates(
     planned = launch.plan()
     study.effects_of(planned)
     file = options.launch_file(launch, out, "rates")
-    took = sum(one.duration or 0.0 for one in at_speeds(launch, fast).values()) * (
-        3 if peak_speeds(launch, fast)[1] else 1
-    )
+    motions = 3 if peak_speeds(launch, fast)[1] else 1
+    took = motions * sum(one.duration or 0.0 for one in at_speeds(launch, fast).values())
     title = f"rates: a touch of {launch.duration or 0.0:g} s, then again at other rates"
     with steps(title, 4, silent=as_json, seconds=PER_TICK * took * planned.graph.rate) as done:
         found = study.rates(launch, share, file, done, fast)

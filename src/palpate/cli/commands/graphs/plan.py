@@ -9,21 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal import options
+from palpate.cli.terminal.costs import PROVED, price_row
 from palpate.cli.terminal.output import console, print_json, table
 from palpate.launch.run.progress import steps
 
 if TYPE_CHECKING:
-    from rich.text import Text
-
     from palpate.engine.plan import Plan
     from palpate.launch.load.effect_costs import EffectCost
     from palpate.launch.load.placement import Placement
 
 EXAMPLE = "palpate plan kidney --scene frictionless"
-PROVED = (
-    "; in blue: the whole tick, recomputed on this machine with and without the effect; it includes the time that "
-    "other nodes spend on the effect"
-)
 
 
 def plan(
@@ -109,19 +104,6 @@ def _print(planned: Plan, placement: Placement, items: list[EffectCost], source:
     proved = PROVED if any(item.proof for item in items) else ""
     screen.print()
     screen.print(table(
-        ("", "effect", ">µs", "why"), map(_price_of, items), title=f"cost per effect, µs per tick ({timed})",
+        ("", "effect", ">µs", "why"), map(price_row, items), title=f"cost per effect, µs per tick ({timed})",
         caption=f"µs: median step time of the nodes that run only for this effect{proved}",
     ))  # fmt: skip
-
-
-def _price_of(item: EffectCost) -> tuple[Text | str, ...]:
-    from rich.text import Text
-
-    word = Text("on", style="green") if item.on else Text("off", style="yellow")
-    price = "" if not item.nodes else "?" if item.price is None else f"{item.price * 1e6:.1f}"
-    why = Text(item.rule)
-    if item.nodes or item.fields:
-        why.append(f"\nruns only for this effect: {', '.join([*item.nodes, *item.fields])}", style="dim")
-    if item.proof:
-        why.append(f"\n{item.proof}", style="cyan")
-    return word, item.effect, price, why

@@ -34,6 +34,7 @@ def _install(as_json: bool) -> None:
     from palpate.drivers.discover import RULE, udev_rules
 
     try:
+        Path(RULE).parent.stat()  # without udev, a rule has no effect
         replace_text(Path(RULE), udev_rules())
     except OSError as error:
         cure = "Run it as root: sudo $(which palpate) devices --install-udev"

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -13,9 +12,6 @@ from palpate.cli.terminal import options
 from palpate.cli.terminal.options import Host, Json, NoOpen, Port, Sets, out_option
 from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.launch.run.progress import steps
-
-if TYPE_CHECKING:
-    from palpate.studies.psychophysics.fit import IntervalEstimate
 
 EXAMPLE = "palpate experiment kidney-stiffness --simulate"
 
@@ -56,9 +52,7 @@ def experiment(
     from palpate.studies.psychophysics.opening import OF_EXPERIMENT, open_sitting
 
     simulated: Path | Literal["observer"] | None = observer or (OF_EXPERIMENT if simulate else None)
-    replaced, notes = options.organ_file(organ, unit, piece, repair, silent=as_json)
-    for line in () if as_json else notes:
-        say(line, err=True)
+    replaced = options.say_organ_file(organ, unit, piece, repair, silent=as_json)
     given = list(sets or [])
     with open_sitting(file, out, participant, session, given, resume, _confirm, simulated, replaced) as sitting:
         place = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
@@ -94,7 +88,7 @@ def _confirm(text: str) -> bool | None:
 
 
 def _analyse(folder: Path, as_json: bool) -> None:
-    from palpate.studies.psychophysics.analysis import analyse, save
+    from palpate.studies.psychophysics.analysis import analyse, rows_of, save
     from palpate.studies.psychophysics.pictures import draw_answers
 
     outcomes = analyse(folder)
@@ -102,27 +96,11 @@ def _analyse(folder: Path, as_json: bool) -> None:
     if as_json:
         print_json({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
         return
-    rows = [
-        [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)}{one.units(name)}", *_as_text(number)]
-        for one in outcomes
-        for name, number in one.numbers.items()
-    ]  # fmt: skip
     heads = ["who", "block", ">trials", "number", ">estimate", ">95 % interval"]
     tasks = ", ".join(dict.fromkeys(one.task for one in outcomes))
-    console(soft_wrap=True).print(table(heads, rows, title=tasks, fixed=("number", ">95 % interval")))
+    console(soft_wrap=True).print(table(heads, rows_of(outcomes), title=tasks, fixed=("number", ">95 % interval")))
     for one in outcomes:
         for note in one.notes:
             say(f"{one.participant}, {one.block}: {note}")
     for file in files:
         say(file)
-
-
-def _as_text(number: IntervalEstimate) -> list[str]:
-    if not number.known:
-        return ["", "not determined"]
-    ends = [f"{end:.4g}" if math.isfinite(end) else "open" for end in (number.low, number.high)]
-    return [f"{number.value:.4g}", f"{ends[0]} to {ends[1]}"]
-
-
-def _rate(share: float) -> str:
-    return f" at {share:.0%}" if math.isfinite(share) else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,9 +50,7 @@ def study(
     from palpate.studies.sweeps.file import find, load
 
     path = find(file)
-    replaced, notes = options.organ_file(organ, unit, piece, repair, silent=as_json)
-    for line in () if as_json else notes:
-        say(line, err=True)
+    replaced = options.say_organ_file(organ, unit, piece, repair, silent=as_json)
     folder = out or Path("runs", "studies", path.stem)
     opened = cluster_or_local(scheduler, workers, folder / "workers.log", lambda text: say(text, "yellow", err=True))
     with opened as executor:  # its processes start while the study is loaded
@@ -64,12 +63,7 @@ def study(
 
 def _run(found: Study, name: str, folder: Path, executor: Executor, as_json: bool, **given: bool) -> None:
     """Compute what the folder lacks, with a progress bar."""
-    left = len(found)
-
-    def report(text: str) -> None:
-        if not as_json:
-            say(text, err=True)
-
+    left, shown = len(found), dict[str, Any]() if as_json else {"report": partial(say, err=True)}
     with steps(f"study {name}", len(found), silent=as_json, timed=False) as done:
 
         def each(point: Any, computed: Any, remain: int) -> None:
@@ -79,7 +73,7 @@ def _run(found: Study, name: str, folder: Path, executor: Executor, as_json: boo
 
         try:
             with warnings.catch_warnings(action="ignore", category=PalpateWarning):  # `_print` prints the notes
-                found.run(folder, executor, report=report, done=each, **given)
+                found.run(folder, executor, done=each, **shown, **given)
         except KeyboardInterrupt as error:
             stored = sum(row["error"] != "not computed" for row in found.rows()) if found.folder else 0
             error.add_note(f"{stored} of {len(found)} points are stored in {folder}, the same command resumes")
