@@ -45,7 +45,7 @@ def test_a_module_without_valid_bytecode_is_found(tmp_path):
 @pytest.mark.long
 def test_after_the_set_up_a_run_with_pictures_parses_no_source(tmp_path):
     """With an empty folder of bytecode, as after an installation; the run may write none."""
-    pytest.importorskip("vtkmodules")
+    pytest.importorskip("pyvista")
     environment = os.environ | {"PYTHONPYCACHEPREFIX": str(tmp_path)}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     write = [sys.executable, "-m", "palpate.cli.machine.bytecode"]

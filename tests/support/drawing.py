@@ -9,6 +9,6 @@ from palpate.views.surface.off_screen import CURE
 
 def needs_drawing() -> None:
     """Skip if a package or the library for off-screen drawing is missing; with both, drawing must work."""
-    pytest.importorskip("vtkmodules", reason="VTK is not installed (extra view)")
+    pytest.importorskip("pyvista", reason="pyvista is not installed (extra view)")
     if find_library("OSMesa") is None:
         pytest.skip(CURE)

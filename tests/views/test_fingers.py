@@ -85,7 +85,7 @@ def test_an_instant_has_each_finger_on_its_side_of_the_organ(pinched):
 
 def test_the_pictures_show_each_finger_and_the_grip(pinched, tmp_path, monkeypatch):
     there = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda n, *more: None if n == "vtkmodules" else there(n, *more))
+    monkeypatch.setattr(importlib.util, "find_spec", lambda n, *more: None if n == "pyvista" else there(n, *more))
     made = [path.stem for path in draw_pictures(pinched, tmp_path)]
     each = [
         f"{name}-contact-{f}" for name in ("force", "compression", "friction", "device") for f in ("thumb", "index")

@@ -88,8 +88,8 @@ def surface(nodes=(), displacement=()):
 
 @pytest.fixture
 def without_3d(monkeypatch):
-    """Simulate a machine without VTK."""
-    hide(monkeypatch, "vtkmodules")
+    """Simulate a machine without pyvista."""
+    hide(monkeypatch, "pyvista")
 
 
 def hide(monkeypatch, *names):
@@ -349,7 +349,7 @@ def test_all_pictures_of_a_touch_are_made_without_a_display(touch_file, tmp_path
         assert len(printed) == 1 and "libosmesa6" in printed[0]
 
 
-def test_without_vtk_the_plots_are_drawn_with_one_hint(touch_file, tmp_path, without_3d):
+def test_without_pyvista_the_plots_are_drawn_with_one_hint(touch_file, tmp_path, without_3d):
     made, printed = drawn(touch_file, tmp_path)
     assert made == ["path.png", *PLOTS]
     assert len(printed) == 1 and 'pip install "palpate[view]"' in printed[0]
@@ -495,7 +495,7 @@ def test_a_sensor_and_a_probe_without_a_model_have_a_picture_of_force_over_depth
 @pytest.mark.parametrize("seen", [True, False])
 def test_missing_streams_only_remove_their_pictures(tmp_path, streams, expected, seen, monkeypatch):
     if not seen:
-        hide(monkeypatch, "vtkmodules")
+        hide(monkeypatch, "pyvista")
     made, printed = drawn(record(tmp_path / "r.mcap", streams), tmp_path)
     assert made == expected and len(printed) <= 1
 

@@ -27,8 +27,7 @@ TIMERSLACK = 29
 
 MESA = "Install Mesa (libosmesa6 or libegl1)."
 _PICTURE = (
-    "import vtkmodules.vtkRenderingOpenGL2; from vtkmodules.vtkRenderingCore import vtkRenderWindow as Window; "
-    "w = Window(); w.SetOffScreenRendering(1); w.Render(); raise SystemExit(not w.SupportsOpenGL())"
+    "import pyvista as pv; p = pv.Plotter(off_screen=True); p.add_mesh(pv.Sphere()); p.screenshot(return_img=True)"
 )
 
 
@@ -110,8 +109,8 @@ def _kernels() -> Diagnostic:
 def _pictures() -> Diagnostic:
     """Draw a test picture in a subprocess: without a display, some builds of VTK terminate the process."""
     what = "off-screen pictures"
-    if importlib.util.find_spec("vtkmodules") is None:
-        return Diagnostic(what, "note", "VTK is not installed", install("view"))
+    if importlib.util.find_spec("pyvista") is None:
+        return Diagnostic(what, "note", "pyvista is not installed", install("view"))
     try:
         run = subprocess.run([sys.executable, "-c", _PICTURE], capture_output=True, timeout=60)
         why = f"cannot be drawn (exit code {run.returncode})" if run.returncode else ""

@@ -66,8 +66,8 @@ def _draw_all(
     done(0.0, "reading")
     # Start the 3-D picture of the surface.
     try:
-        if importlib.util.find_spec("vtkmodules") is None:
-            warn(missing("no 3-D picture", "vtkmodules", "view"))
+        if importlib.util.find_spec("pyvista") is None:
+            warn(missing("no 3-D picture", "pyvista", "view"))
         else:
             views = Views(touch)  # renders in parallel with the other pictures
             if text := views.bodies.left_out:

@@ -1,1 +1,1 @@
-"""The deformed surface of a touch: its colours, views by VTK, films."""
+"""The deformed surface of a touch: its colours, views by pyvista, films."""

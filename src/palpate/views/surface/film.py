@@ -41,7 +41,7 @@ def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacem
 
     RecordingError, PictureError, ArgumentError: the picture cannot be drawn.
     """
-    _check_libraries("view", "matplotlib", "vtkmodules")
+    _check_libraries("view", "matplotlib", "pyvista")
     touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded_ticks(touch)
     if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant represents 1 ms
@@ -78,7 +78,7 @@ def film(
     if target.suffix.lower() not in ENDINGS:
         raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
     check_file(target)
-    _check_libraries("film", "matplotlib", "vtkmodules", "imageio_ffmpeg", "PIL")
+    _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
     touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded_ticks(touch)
     count = 1 + int((times[-1] - times[0]) * rate / speed)
