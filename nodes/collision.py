@@ -14,9 +14,11 @@ from palpate.compiler.records import floats, integers, longs, put, vector
 from palpate.messages import Pose, Proximity
 from palpate.messages.record import array_handle
 from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Out, SettingError
+from palpate.nodes.base.felt import WithWidth, bridge_notes, felt_surface, is_bridged
 from palpate.nodes.base.kernels import kernel
-from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, refinement, surface_patch
+from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, place_mesh, refinement, surface_patch
 from palpate.physics.geometry import mesh as meshes
+from palpate.physics.geometry.bvh import ORIGIN
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.proxy import BEHIND, PASSED, follow, follow_mesh, memory
@@ -29,7 +31,7 @@ CAUTIONS = {"outside": bool, "first": (CAUSES,), "seen": int}
 of each cause; number of causes as a bit mask."""
 
 
-class _Nearest(Placed, CompiledNode):
+class _Nearest(Placed, WithWidth, CompiledNode):
     """Settings and reports of both nodes."""
 
     thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05), Agrees(Pose, Proximity)] = 4e-3
@@ -98,6 +100,11 @@ class Nurbs(_Nearest):
         arrays = *closest.tables, *closest.scratch(), memory(patch.points, self.surface in OPEN, self.thickness)
         for name, array in zip([n for n in self.State if n not in CAUTIONS], arrays, strict=True):
             self.hold(name, array)
+        if is_bridged(self.surface, self.width):
+            self._notes.append(
+                f"{self.surface}: a finger {1e3 * self.width:.3g} mm wide cannot enter all of its hollows. "
+                "collision.Mesh bridges them; this node does not, and the force there is too small"
+            )
 
     @kernel
     def compute(own, pose: Pose, out: Out[Proximity], dt):
@@ -110,7 +117,8 @@ class Nurbs(_Nearest):
 
 
 class Mesh(_Nearest, OnSurface):
-    """The closest point of a triangle mesh (docs/equations/surface.md)."""
+    """The closest point of a triangle mesh, with bridges over what the finger is too wide to enter
+    (docs/equations/surface.md)."""
 
     State = CAUTIONS | {
         "points": TABLE, "cells": TABLE, "discs": TABLE, "star_at": ARRAY, "star": ARRAY,  # of the mesh
@@ -121,12 +129,17 @@ class Mesh(_Nearest, OnSurface):
 
     def start(self) -> None:
         super().start()
-        mesh = self.mesh()
+        mesh = whole = self.mesh()
+        bridged = felt_surface(self, self.width)
+        if bridged.felt is not None:
+            mesh = place_mesh(bridged.felt.mesh, self.position, self.rotation)
         closest = MeshClosestPoint(mesh)
         try:
             tables = closest.tables.arrays
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
+        if bridged.felt is not None:
+            tables[1][:, ORIGIN] = bridged.felt.origin[tables[1][:, ORIGIN]]
         border = edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0
         arrays = *tables, *closest.scratch(), memory(mesh.vertices, border, self.thickness)
         for name, array in zip([n for n in self.State if n not in CAUTIONS], arrays, strict=True):
@@ -134,7 +147,8 @@ class Mesh(_Nearest, OnSurface):
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # needs an optional package
 
-            self._notes = [*flaws(self.surface, self.piece), *self._refinement(mesh)]
+            self._notes = [*flaws(self.surface, self.piece), *self._refinement(whole)]
+        self._notes += bridge_notes(self.surface, self.width, bridged)
 
     def _refinement(self, mesh: meshes.Mesh) -> list[str]:
         """A note on the change by `refine`, if any."""

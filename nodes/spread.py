@@ -11,6 +11,7 @@ from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, fade_value
 from palpate.nodes.base.area import WithArea
+from palpate.nodes.base.felt import WithWidth, touchable_share
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.kernels import kernel as compiled
 from palpate.nodes.base.samples import sample_of
@@ -37,7 +38,7 @@ def within(force, limit):
     return scale * force[0], scale * force[1], scale * force[2]
 
 
-class Kernel(CompiledNode, WithArea):
+class Kernel(CompiledNode, WithArea, WithWidth):
     """Distributes the contact force over the vertices around the foot point with a smooth kernel.
 
     The force on the body is -f_n n + f_t, the sum of the nodal forces. Without force the load has no nodes. When the
@@ -72,7 +73,8 @@ class Kernel(CompiledNode, WithArea):
                 f"setting 'area': its law reaches a radius of {1e3 * law.radii[-1]:.2g} mm, expected one between "
                 f"{1e3 * spacing:.2g} mm, the spacing of the vertices, and {1e3 * extent:.2g} mm, half of the surface"
             )
-        self.hold("spreader", spreader(mesh, self.radius, "hertz" if grows else self.kernel))
+        share = touchable_share(self, mesh, self.width)
+        self.hold("spreader", spreader(mesh, self.radius, "hertz" if grows else self.kernel, share))
         if not grows and self.spacing > COARSEST * self.radius and mesh is not self.whole():
             self._notes.append(
                 f"Kernel: the surface is thinned to {1e3 * self.spacing:.2g} mm, which is coarse for a patch of "

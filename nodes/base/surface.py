@@ -169,6 +169,11 @@ def _placed_mesh(
             raise SettingError(f"setting 'file_unit': {error}") from None
         mesh = read_mesh(surface, scale, piece)
         mesh = refine_mesh(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
+    return place_mesh(mesh, position, rotation)
+
+
+def place_mesh(mesh: Mesh, position: Vector3, rotation: Vector3) -> Mesh:
+    """A mesh in the frame of a surface, rotated and moved to its position in the world."""
     turn = rotation_matrix(rotation)
     _finite("position", position)
     facing = None if mesh.facing is None else einsum("ik,jk->ij", mesh.facing, turn)

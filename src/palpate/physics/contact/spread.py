@@ -147,15 +147,20 @@ class Spreader(NamedTuple):
 TABLES = Spreader._fields[:-3]  # fields that no kernel writes
 
 
-def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
-    """The spreader for a surface, a radius of influence R > 0 [m] and one of KERNELS. ValueError: an unknown kernel, a
-    radius that is not positive."""
+def spreader(mesh: Mesh, radius: float, kernel: str = "biweight", share: np.ndarray | None = None) -> Spreader:
+    """The spreader for a surface, a radius of influence R > 0 [m] and one of KERNELS.
+
+    share  of the area of each vertex [1] (V) that bears load; None: all of it
+
+    ValueError: an unknown kernel, a radius that is not positive.
+    """
     if kernel not in KERNELS:
         raise ValueError(f"kernel {kernel!r}: unknown. Kernels: {', '.join(KERNELS)}.")
     if not 0.0 < radius < math.inf:
         raise ValueError(f"radius {radius} m: expected a positive number")
     origin, side, shape, first, order = cells(mesh.vertices, radius)
-    near = np.concatenate([mesh.vertices, mesh.normals, mesh.areas[:, None]], axis=1)[order]
+    areas = mesh.areas if share is None else mesh.areas * share
+    near = np.concatenate([mesh.vertices, mesh.normals, areas[:, None]], axis=1)[order]
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     margin, size = 20 * float(np.max(high - low)), max(len(near), 3)
     vertices, triangles, faces = map(np.ascontiguousarray, (mesh.vertices, mesh.triangles, mesh.face_vectors))

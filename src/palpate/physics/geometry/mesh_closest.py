@@ -39,10 +39,18 @@ class MeshClosestPoint:
     def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Foot points [m] (...,3), outward normals [1] (...,3), triangles (...) and signed distances [m] (...),
         positive outside, of points [m] (...,3)."""
+        return self._find(points, False)
+
+    def find_along(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """As `find`, 4 times as fast for points of which each is near the one before. Of equally near places the result
+        is the one next to that of the point before."""
+        return self._find(points, True)
+
+    def _find(self, points: np.ndarray, along: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         points = np.asarray(points, dtype=float)
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         feet = np.empty((len(flat), FOUND))
-        _find(*self.tables.arrays, flat, *self.scratch(), feet)
+        _find(*self.tables.arrays, flat, along, *self.scratch(), feet)
         feet = feet.reshape(*points.shape[:-1], FOUND)
         return feet[..., :3], feet[..., 3:6], feet[..., 9].astype(int), feet[..., 8]
 
@@ -96,12 +104,14 @@ def _find(
     star_at: Indices,
     star: Indices,
     queries: Matrix,
+    along: bool,
     work: Indices,
     foot: Array,
     results: Matrix,
 ):
     for k in range(len(queries)):
-        work[0] = -1
+        if not along:
+            work[0] = -1
         q = queries[k]
         track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, work, foot)
         results[k] = foot

@@ -121,6 +121,7 @@ def surface_sets(setting: Setting, folder: Path) -> list[str]:
     texts = [
         f"scene.surface.surface={name}", f"scene.surface.position={list(setting.position)}",
         f"scene.surface.rotation={list(setting.rotation)}", f"tissue.use=deformation.{setting.body}",
+        "scene.finger.width=0",  # the bounds are those of a point on the mesh itself
     ]  # fmt: skip
     if setting.count:
         texts.append("scene.surface.file_unit=mm")

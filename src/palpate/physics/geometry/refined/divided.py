@@ -140,7 +140,8 @@ class _Divided:
         kept = self.ends[straight & ~long]
         self.sharp = np.concatenate([kept, np.stack([one, half], 1), np.stack([other, half], 1)])
         self.points = np.concatenate([self.points, middle])
-        self.triangles = flip_caps(self.points, _divide_triangles(self.triangles, number[self.of]), self.sharp)
+        divided, _ = divide_triangles(self.triangles, number[self.of])
+        self.triangles = flip_caps(self.points, divided, self.sharp)
         normals = np.concatenate([self.normals, facing])
         new = np.arange(len(self.normals), len(normals))
         self.normals = fit_normals(self.points, self.triangles, normals, new, self.bent())
@@ -158,8 +159,8 @@ def _halfway(
     return 0.5 * (low + high) + lift, unit(both - slope[:, None] * along)
 
 
-def _divide_triangles(triangles: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """The triangles divided at the new vertices in the middle of their edges (T,3), -1: none."""
+def divide_triangles(triangles: np.ndarray, middle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The triangles divided at new vertices on their edges (T,3), -1: none; and of which triangle each is a part."""
     count = (middle >= 0).sum(axis=1)
     # turn each triangle so that its divided edges come first; of two, the edge that is not divided is the last
     first = np.where(count == 2, (middle < 0).argmax(axis=1) + 1, (middle >= 0).argmax(axis=1)) % 3
@@ -170,4 +171,5 @@ def _divide_triangles(triangles: np.ndarray, middle: np.ndarray) -> np.ndarray:
         (count == 0, a, b, c), (one, a, p, c), (one, p, b, c), (two, p, b, q), (two, a, p, q), (two, a, q, c),
         (three, a, p, r), (three, p, b, q), (three, r, q, c), (three, p, q, r),
     ]  # fmt: skip
-    return np.concatenate([np.stack([x[pick], y[pick], z[pick]], 1) for pick, x, y, z in parts])
+    origin = np.concatenate([np.arange(len(triangles))[pick] for pick, *_ in parts])
+    return np.concatenate([np.stack([x[pick], y[pick], z[pick]], 1) for pick, x, y, z in parts]), origin

@@ -1,0 +1,104 @@
+"""The width of the finger, and the surface that a finger of this width can touch, for collision and spread."""
+
+from functools import lru_cache
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Contact, Proximity
+from palpate.nodes.base.effect import Agrees
+from palpate.nodes.base.node import Node, SettingError
+from palpate.nodes.base.surface import LEVEL, SURFACES, OnSurface, content_of, surface_mesh
+from palpate.physics.errors import MeshError
+from palpate.physics.extras import missing
+from palpate.physics.geometry.felt.bridge import Felt, close_surface
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.nearest import nearest, tree_of
+
+SAMPLES = 3000  # vertices of a NURBS surface that are tested
+WIDTH = 16e-3  # [m] twice the radius of the patch of spread.Kernel
+
+
+class WithWidth(Node):
+    """Setting of the width of the finger, for collision and spread."""
+
+    width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Agrees(Proximity, Contact)] = WIDTH
+    """Diameter of the ball for which gaps, grooves and fissures of a mesh are bridged, twice the radius of the patch.
+    0: a needle or stylus, which enters all of them."""
+
+
+class Bridged(NamedTuple):
+    """The felt surface of a mesh, None: the mesh itself; and why it could not be made, "" if it could."""
+
+    felt: Felt | None
+    fault: str
+
+
+def felt_surface(node: OnSurface, width: float) -> Bridged:
+    """The felt surface in the frame of the surface, the same object for all nodes of a process with these settings.
+
+    SettingError: the finger fits nowhere."""
+    name, vertices, _, _, *more = node._surface
+    return _felt_surface(name, vertices, *more, content_of(name), width)
+
+
+def is_bridged(surface: str, width: float) -> bool:
+    """Whether a finger of this width [m] cannot touch all of a built-in surface."""
+    return _felt_surface(surface, SAMPLES, "m", 0, 0.0, b"", width).felt is not None
+
+
+@lru_cache(maxsize=4)
+def _felt_surface(
+    surface: str, vertices: int, file_unit: str, piece: int, refine: float, content: bytes, width: float
+) -> Bridged:
+    if width == 0.0 or (surface in SURFACES and width <= WIDTH):  # which a finger of this width touches everywhere
+        return Bridged(None, "")
+    mesh = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, refine)
+    try:
+        felt = close_surface(mesh, 0.5 * width)
+    except MeshError as error:
+        return Bridged(None, str(error))
+    except ImportError as error:
+        return Bridged(None, missing("collision.Mesh", error.name, "mesh"))
+    longest = float(np.ptp(mesh.vertices, axis=0).max())
+    if felt is not None and width > longest:
+        raise SettingError(
+            f"setting 'width': found {1e3 * width:.3g} mm, and {surface} is {1e3 * longest:.3g} mm across, so that the "
+            "finger bridges all of it. Expected less, or 0 for a needle or stylus"
+        )
+    return Bridged(felt, "")
+
+
+def touchable_share(node: OnSurface, mesh: Mesh, width: float) -> np.ndarray | None:
+    """Share of the area of each vertex of a mesh [1] (V) that the finger can touch; None: all of it.
+
+    mesh  of the surface of the node at its position, all of its vertices or some of them
+    """
+    felt, _ = felt_surface(node, width)
+    if felt is None:
+        return None
+    whole = node.mesh() if len(mesh.triangles) == len(felt.touchable) else surface_mesh(*node._surface)
+    third = np.repeat(np.linalg.norm(whole.face_vectors, axis=1) / 6.0 * felt.touchable, 3)
+    touched = np.bincount(whole.triangles.ravel(), third, minlength=len(whole.vertices))
+    share = touched / np.maximum(whole.areas, 1e-300)
+    return share if whole is mesh else share[nearest(tree_of(whole.vertices), mesh.vertices)[1][:, 0]]
+
+
+def bridge_notes(surface: str, width: float, bridged: Bridged) -> list[str]:
+    """A note on the bridges of a felt surface, if any."""
+    felt, fault = bridged
+    wide = f"narrower than the finger ({1e3 * width:.3g} mm)"
+    if fault:
+        return [
+            f"{surface}: gaps and grooves {wide} are not bridged, because {fault}. If it has any, the finger is drawn "
+            "in there, and the force is too small"
+        ]
+    if felt is None:
+        return []
+    at = ", ".join(f"{1e3 * x:.3g}" for x in felt.place)
+    return [
+        f"{surface}: gaps and grooves {wide} are bridged: {1e4 * felt.area:.2g} cm² over parts up to "
+        f"{1e3 * felt.depth:.2g} mm deep, the deepest at ({at}) mm of the surface. The tissue there is as stiff as "
+        "without the gap. scene.finger.width=0 is a needle or stylus, which enters them"
+    ]

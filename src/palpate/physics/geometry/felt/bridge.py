@@ -1,0 +1,219 @@
+"""The closing of a body by a ball: its surface, with bridges where no ball of the radius touches it.
+
+The closing of a solid by a ball of radius r is the complement of all balls of this radius that avoid it (J. Serra,
+Image Analysis and Mathematical Morphology, Academic Press 1982). A ball that rolls over a groove of width w < 2r with
+sharp rims sinks by r - (r² - w²/4)^½. Triangles that a ball touches are those of the body. Over the others lies the
+surface of the *plug*,
+
+    c = r - (distance to the surface of centres) = 0,
+
+raised by `RIM` at untouchable triangles, so that it crosses the rims without a step, and lowered by `RIM` from `SHORE`
+beyond them, so that it is inside the body where nothing changes. An exact boolean (manifold3d) joins plug and body.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.compiler.exact import einsum
+from palpate.physics.errors import MeshError
+from palpate.physics.geometry.bvh import weld
+from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
+from palpate.physics.geometry.felt.centres import centre_surface, march, rounded
+from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.geometry.pieces import pieces
+from palpate.physics.nearest import tree_of
+
+STEP = 0.125  # [1] of the radius: step of the grid
+FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
+RIM = 10e-6  # [m] by which the plug is raised at the rims, and lowered outside
+SHORE = 1e-3  # [m] from untouchable triangles, where it is lowered by all of it
+
+
+class Felt(NamedTuple):
+    """A felt surface.
+
+    mesh       the surface that a ball can touch
+    origin     (T,) for each of its triangles the triangle of the body, or the nearest touchable one under a bridge
+    touchable  (T',) whether a ball touches each triangle of the body
+    area       [m²] of the bridges
+    depth      [m] of the deepest point of the body below a bridge
+    place      [m] (3) of this point
+    """
+
+    mesh: Mesh
+    origin: np.ndarray
+    touchable: np.ndarray
+    area: float
+    depth: float
+    place: np.ndarray
+
+
+def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Felt | None:
+    """The surface of a closed body that a ball of the radius [m] can feel; None: the ball touches every triangle.
+
+    offset  [m] of the grid's origin, which changes the result by less than 20 um
+
+    MeshError: the body has no inside, or the boolean fails.
+    """
+    fine, part = divide_long_edges(mesh, SHORT * radius)
+    body = MeshClosestPoint(mesh)
+    hidden = untouchable(fine, body, radius)
+    if not hidden.any():
+        return None
+    if not mesh.closed:
+        raise MeshError("it is open")
+    touchable = np.zeros(len(mesh.triangles), bool)
+    touchable[part[~hidden]] = True
+    hollow = Hollow(Mesh(fine.vertices, fine.triangles[hidden]))
+    plug, centres = _plug(hollow, body, _touched(fine, hidden, radius), radius, np.asarray(offset))
+    vertices, triangles, origin = _join(mesh, plug)
+    felt = Mesh(vertices, triangles, _normals(vertices, triangles[origin < 0], mesh, hollow, centres, radius))
+    return _describe(felt, origin, mesh, touchable)
+
+
+class Hollow:
+    """The untouchable triangles of a body; size [m]: largest distance of a corner from the middle."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        corners = mesh.vertices[mesh.triangles]
+        self.low, self.high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        self._middles = corners.mean(axis=1)
+        self.size = float(np.linalg.norm(corners - self._middles[:, None], axis=2).max())
+        self._tree, self._closest = tree_of(self._middles), MeshClosestPoint(mesh)
+
+    def about(self, points: np.ndarray) -> np.ndarray:
+        """A lower bound of the distances [m] (n) of points (n,3), by less than the size of a triangle."""
+        return np.maximum(self._tree.query(points)[0] - self.size, 0.0)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Distances [m] (n) of points [m] (n,3), exact up to `SHORE`."""
+        found = self.about(points)
+        near = np.flatnonzero(found < SHORE)
+        found[near] = distance_to(self._closest, points[near])
+        return found
+
+
+def distance_to(surface: MeshClosestPoint, points: np.ndarray) -> np.ndarray:
+    """Distances [m] (n) of points (n,3) from a surface that may have borders."""
+    return np.asarray(np.linalg.norm(points - surface.find_along(points)[0], axis=1))
+
+
+def _touched(fine: Mesh, hidden: np.ndarray, radius: float) -> np.ndarray:
+    """Corners [m] (n,3,3) of the touchable triangles, moved by the radius along their normals."""
+    vector = fine.face_vectors[~hidden]
+    length = np.linalg.norm(vector, axis=1)
+    out = (radius * vector / np.maximum(length, 1e-300)[:, None])[length > 0.0]
+    return fine.vertices[fine.triangles[~hidden][length > 0.0]] + out[:, None]
+
+
+def _plug(
+    hollow: Hollow, body: MeshClosestPoint, touched: np.ndarray, radius: float, offset: np.ndarray
+) -> tuple[Mesh, MeshClosestPoint]:
+    """The plug, and the surface of centres."""
+    step = STEP * radius
+    reach = radius + 4.0 * step  # of the plug; the centres of balls that touch it are within r of it
+    margin = reach + radius + hollow.size + 2.0 * BLOCK * step
+    grid = Grid.round_box(hollow.low - margin + offset, hollow.high + margin + step, step)
+    distances = sample(grid, lambda at: body.find_along(at)[3], radius, hollow.about, margin)
+    touched = touched[hollow.about(touched.mean(axis=1)) < margin - radius]
+    centres = centre_surface(body, distances, grid, radius, touched)
+    away = sample(grid, lambda at: distance_to(centres, at), radius, hollow.about, reach)
+    closing = np.where(distances >= radius, step, radius - away)
+    # raised at the rims, lowered outside, and ended inside the body
+    index = np.argwhere(np.isfinite(away) & (np.abs(closing) < 2.0 * step))
+    level = np.where(np.isfinite(away), closing, step)
+    level[tuple(index.T)] -= _lift(hollow.distance(grid.points(index)), radius, step)
+    marched = Mesh(*march(np.clip(level, -2.0 * step, 2.0 * step), grid, 0.0))
+    # shorter edges, whose ends are moved exactly to the level
+    plug, _ = divide_long_edges(marched, FACET * radius)
+    points = plug.vertices
+    out = centres.find_along(points)[0] - points
+    length = np.linalg.norm(out, axis=1)
+    shift = _lift(hollow.distance(points), radius, step) - (radius - length)
+    shift[np.abs(shift) > 0.5 * step] = 0.0  # where the plug ends inside the body
+    points = points + (shift / np.maximum(length, 1e-12))[:, None] * out
+    return Mesh(rounded(points), plug.triangles), centres
+
+
+def _lift(away: np.ndarray, radius: float, step: float) -> np.ndarray:
+    """Height [m] of the plug over the closing, by the distance [m] from untouchable triangles."""
+    x, y = np.clip(away / SHORE, 0.0, 1.0), np.clip((away - radius) / (3.0 * step), 0.0, 1.0)
+    return RIM * (1.0 - 2.0 * x * x * (3.0 - 2.0 * x)) - 3.0 * step * y
+
+
+def _join(mesh: Mesh, plug: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices and triangles of the union of both, without the voids inside, and for each of its triangles that of the
+    body, -1: of the plug."""
+    import manifold3d  # its package is an extra
+
+    name = manifold3d.Manifold.reserve_ids(2)
+
+    def solid(points: np.ndarray, triangles: np.ndarray, name: int) -> manifold3d.Manifold:
+        made = manifold3d.Manifold(
+            manifold3d.Mesh64(
+                np.ascontiguousarray(points, np.float64), np.ascontiguousarray(triangles, np.uint64),
+                run_index=np.array([0, triangles.size], np.uint64), run_original_id=np.array([name], np.uint32),
+                face_id=np.arange(len(triangles), dtype=np.uint64),
+            )
+        )  # fmt: skip
+        if made.status() != manifold3d.Error.NoError:
+            raise MeshError(f"the surface does not enclose a solid ({made.status().name})")
+        return made
+
+    joined = solid(mesh.vertices, weld(mesh.vertices)[mesh.triangles], name) + solid(
+        plug.vertices, plug.triangles, name + 1
+    )
+    found = joined.to_mesh64()
+    points, triangles = np.asarray(found.vert_properties)[:, :3], np.asarray(found.tri_verts).astype(np.int64)
+    run = np.repeat(np.asarray(found.run_original_id), np.diff(np.asarray(found.run_index)) // 3)
+    origin = np.where(run == name, np.asarray(found.face_id).astype(np.int64), -1)
+    label = pieces(triangles, len(points))
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    outer = (np.bincount(label, einsum("ij,ij->i", a, np.cross(b, c))) > 0.0)[label]
+    used, corner = np.unique(triangles[outer], return_inverse=True)
+    points = points[used]
+    points = np.where((_own(points, mesh) < 0)[:, None], rounded(points), points)
+    return points, np.ascontiguousarray(corner.reshape(-1, 3), np.int32), origin[outer]
+
+
+def _own(points: np.ndarray, mesh: Mesh) -> np.ndarray:
+    """The vertex of the mesh at each point (n), -1: none."""
+    same = weld(np.concatenate([mesh.vertices, points]))[len(mesh.vertices) :]
+    return np.where(same < len(mesh.vertices), same, -1)
+
+
+def _normals(
+    points: np.ndarray, bridges: np.ndarray, mesh: Mesh, hollow: Hollow, centres: MeshClosestPoint, radius: float
+) -> np.ndarray:
+    """Normals (V,3): towards the centre of the ball on bridges and their shores, else those of the body."""
+    own = _own(points, mesh)
+    normal = np.where((own >= 0)[:, None], mesh.normals[own], 0.0)
+    bridge = np.zeros(len(points), bool)
+    bridge[bridges] = True
+    near = np.flatnonzero(bridge | (own < 0) | (hollow.distance(points) < SHORE))
+    out = centres.find_along(points[near])[0] - points[near]
+    length = np.linalg.norm(out, axis=1)
+    good = np.abs(length - radius) < 10.0 * RIM + (STEP * radius) ** 2 / radius
+    normal[near[good]] = out[good] / length[good, None]
+    return normal
+
+
+def _middles(mesh: Mesh, triangles: np.ndarray) -> np.ndarray:
+    return np.asarray(mesh.vertices[mesh.triangles[triangles]].mean(axis=1))
+
+
+def _describe(felt: Mesh, origin: np.ndarray, mesh: Mesh, touchable: np.ndarray) -> Felt:
+    kept, of_plug = np.flatnonzero(touchable), np.flatnonzero(origin < 0)
+    bridged = of_plug[distance_to(MeshClosestPoint(mesh), _middles(felt, of_plug)) > 2.0 * RIM]
+    unknown = np.flatnonzero((origin < 0) | ~touchable[origin])  # also the edge of a wall at a rim
+    floor = MeshClosestPoint(Mesh(mesh.vertices, mesh.triangles[kept]))
+    origin[unknown] = kept[floor.find_along(_middles(felt, unknown))[2]]
+    area = 0.5 * float(np.linalg.norm(felt.face_vectors[bridged], axis=1).sum())
+    under = np.unique(mesh.triangles[~touchable])
+    depth = -MeshClosestPoint(felt).find_along(mesh.vertices[under])[3]
+    deepest = int(depth.argmax())
+    place = mesh.vertices[under[deepest]]
+    return Felt(felt, origin.astype(np.int32), touchable, area, float(max(depth[deepest], 0.0)), place)

@@ -1,0 +1,153 @@
+"""The felt surface: bridges over gaps and grooves against the closed form of a rolling ball."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.nodes.base.felt import WIDTH
+from palpate.nodes.base.surface import OPEN, SURFACES, surface_mesh
+from palpate.physics.errors import MeshError
+from palpate.physics.geometry.felt.bridge import RIM, close_surface
+from palpate.physics.geometry.felt.touchable import divide_long_edges, untouchable
+from palpate.physics.geometry.mesh import Mesh, heights
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.studies.organs.shapes import star
+
+R = 8e-3
+TOP = 6e-3  # [m] of the bodies
+NEAR = 45e-6  # [m] the plug is raised and lowered by 10 um; the chords of its facets add up to 30 um
+
+
+def prism(profile, length=0.02):
+    """A prism along x over a simple polygon (n,2) of (y, z) [m], counter-clockwise seen from +x."""
+    import manifold3d
+
+    solid = manifold3d.Manifold.extrude(manifold3d.CrossSection([np.asarray(profile) * 1e3]), 1e3 * length)
+    made = solid.to_mesh64()
+    y, z, x = 1e-3 * np.asarray(made.vert_properties)[:, :3].T
+    triangles = np.asarray(made.tri_verts).astype(np.int32)
+    coarse = Mesh(np.stack([x - 0.5 * length, y, z], axis=1), triangles)
+    return divide_long_edges(coarse, 2e-3)[0]
+
+
+def groove(width, depth=9e-3):
+    w = 0.5 * width
+    return prism(
+        [(-0.02, -TOP), (0.02, -TOP), (0.02, TOP), (w, TOP), (w, TOP - depth), (-w, TOP - depth), (-w, TOP),
+         (-0.02, TOP)]
+    )  # fmt: skip
+
+
+def cut(gap, half=0.02):
+    """A block in two pieces, `gap` [m] apart."""
+    one, other = (prism([(y, -TOP), (y + half, -TOP), (y + half, TOP), (y, TOP)]) for y in (-half - gap / 2, gap / 2))
+    return Mesh(
+        np.concatenate([one.vertices, other.vertices]),
+        np.concatenate([one.triangles, other.triangles + len(one.vertices)]).astype(np.int32),
+    )
+
+
+def dips(felt, y, x=0.3e-3):
+    """Depth [m] of the felt surface below the top at places y."""
+    return TOP - heights(felt.mesh, np.stack([np.full(len(y), x), y], axis=1))
+
+
+def rolls(width, y):
+    """Depth [m] of a ball of radius R that rests on two rims this far apart."""
+    return np.sqrt(R * R - y * y) - np.sqrt(R * R - 0.25 * width * width)
+
+
+@pytest.mark.parametrize("width", [0.5e-3, 4e-3, 12e-3, 15.8e-3])
+def test_a_ball_sinks_into_a_groove_as_far_as_its_rims_allow(width):
+    felt = close_surface(groove(width), R)
+    y = np.linspace(-0.49, 0.49, 15) * width
+    steep = 0.5 * width / np.sqrt(R * R - 0.25 * width * width)  # change of the depth over that of the width
+    np.testing.assert_allclose(dips(felt, y), rolls(width, y), atol=NEAR + steep * RIM)
+    outside = np.array([-0.019, -0.0185, 0.0185, 0.019])
+    np.testing.assert_allclose(dips(felt, outside), 0.0, atol=1e-12)
+    assert 2e-3 < felt.depth < 9e-3
+    assert felt.mesh.closed
+
+
+def test_a_gap_that_closes_converges_to_the_uncut_body():
+    for gap in (2e-3, 0.2e-3, 0.05e-3):
+        felt = close_surface(cut(gap), R)
+        y = np.array([-3e-3, -1e-3, -0.4 * gap, 0.0, 0.4 * gap, 1e-3, 3e-3])
+        over = np.abs(y) < 0.5 * gap
+        np.testing.assert_allclose(dips(felt, y), np.where(over, rolls(gap, np.where(over, y, 0)), 0.0), atol=NEAR)
+        _, normal, _, _ = MeshClosestPoint(felt.mesh).find(np.stack([0 * y, y, 0 * y + TOP + 2e-3], axis=1))
+        assert (np.abs(normal[:, 1]) <= 0.5 * gap / R + 0.02).all()
+
+
+def test_where_every_point_can_be_touched_there_is_no_other_surface():
+    ball = star(lambda u: np.full(len(u), 0.02), 2000)
+    assert close_surface(ball, R) is None
+    wide = groove(30e-3, depth=1e-3)
+    felt = close_surface(wide, R)  # only the corners at the floor are rounded
+    np.testing.assert_allclose(dips(felt, np.array([0.0, 5e-3])), 1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize("surface", [name for name in SURFACES if name not in OPEN])
+def test_a_finger_touches_every_point_of_the_built_in_surfaces(surface):
+    mesh = surface_mesh(surface, 3000)
+    assert not untouchable(mesh, MeshClosestPoint(mesh), 0.5 * WIDTH).any()
+
+
+def test_the_walls_and_the_floor_of_a_groove_bear_no_load():
+    body = groove(6e-3)
+    felt = close_surface(body, R)
+    middle = body.vertices[body.triangles].mean(axis=1)
+    inside = (np.abs(middle[:, 1]) < 3e-3 + 1e-9) & (middle[:, 2] > TOP - 9e-3 - 1e-9) & (middle[:, 2] < TOP - 1e-9)
+    inside &= np.abs(middle[:, 0]) < 0.006  # at its ends the ball touches the floor from the side
+    on_top = (middle[:, 2] > TOP - 1e-9) & (np.abs(middle[:, 1]) > 3e-3)
+    assert inside.any() and not felt.touchable[inside].any() and felt.touchable[on_top].all()
+    assert felt.touchable[felt.origin].all()
+
+
+def test_the_bridge_is_the_same_for_another_grid_and_a_turned_body():
+    body, width = groove(7e-3), 7e-3
+    y = np.linspace(-0.45, 0.45, 7) * width
+    usual = dips(close_surface(body, R), y)
+    np.testing.assert_allclose(dips(close_surface(body, R, (0.31e-3, 0.57e-3, 0.13e-3)), y), usual, atol=NEAR)
+    a, b = 0.6, -0.4
+    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]) @ np.array(
+        [[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]]
+    )
+    felt = close_surface(Mesh(body.vertices @ turn.T, body.triangles), R)
+    back = felt._replace(mesh=Mesh(felt.mesh.vertices @ turn, felt.mesh.triangles))
+    np.testing.assert_allclose(dips(back, y), usual, atol=NEAR)
+
+
+def test_closing_twice_is_closing_once():
+    once = close_surface(cut(1e-3), R)
+    twice = close_surface(once.mesh, R)
+    y = np.linspace(-2e-3, 2e-3, 9)
+    after = dips(twice, y) if twice is not None else dips(once, y)
+    np.testing.assert_allclose(after, dips(once, y), atol=NEAR)
+
+
+def test_a_wider_ball_never_feels_a_lower_surface():
+    body = groove(5e-3)
+    y = np.linspace(-2.4e-3, 2.4e-3, 9)
+    narrow, wide = (dips(close_surface(body, r), y) for r in (5e-3, 9e-3))
+    assert (wide <= narrow + NEAR).all() and wide[4] < narrow[4] - 1e-4
+
+
+def test_between_two_balls_the_finger_rests_on_both():
+    ball = star(lambda u: np.full(len(u), 0.015), 4000)
+    away = 0.0155
+    pair = Mesh(
+        np.concatenate([ball.vertices - (0, away, 0), ball.vertices + (0, away, 0)]),
+        np.concatenate([ball.triangles, ball.triangles + len(ball.vertices)]).astype(np.int32),
+    )
+    felt = close_surface(pair, R)
+    lowest = np.sqrt((0.015 + R) ** 2 - away**2) - R  # of a ball over both
+    z = heights(felt.mesh, np.array([[0.2e-3, 0.0]]))
+    assert z == approx(lowest, abs=0.1e-3)  # facets of the balls: up to 60 um
+
+
+def test_an_open_sheet_with_a_groove_is_refused():
+    body = groove(4e-3)
+    lower = body.vertices[body.triangles].mean(axis=1)[:, 2] > -TOP + 1e-9
+    with pytest.raises(MeshError, match="open"):
+        close_surface(Mesh(body.vertices, body.triangles[lower]), R)
