@@ -111,7 +111,8 @@ def test_good_presses_have_no_warnings(correlation):
             for size in (0.001, 0.02):
                 how = way | {"size": size, "correlation": correlation, "seed": seed, "back": bool(seed % 2)}
                 output_text += any("after the deepest" not in note for note in fitted(**how).notes)
-    assert output_text <= 2
+    # correlated noise of 2 % looks like a rise before contact, so more of these intervals are withheld
+    assert output_text <= (8 if correlation else 2)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
@@ -168,7 +169,9 @@ def test_drift_and_a_late_start_are_corrected_in_several_presses_at_once():
         ({"drift": 0.06}, {"drift": -0.04}, {"start": 0.2, "air": 0.0}, {}))]  # fmt: skip
     fit = fit_tissue(many, BALL, "hertz")
     own = fit.estimate.intervals["young"]
-    assert own.low < 7300.0 < own.high and own.high / own.low < 1.05
+    assert (
+        own.low < 7300.0 < own.high and own.high / own.low < 1.09
+    )  # 1.05 without the allowance for a rise before contact
     assert [note.split(":")[0] for note in fit.notes] == ["0.csv", "1.csv", "2.csv"]
 
 

@@ -180,8 +180,10 @@ def test_a_one_sided_surface_is_refused(tmp_path):
 
 
 def test_unknown_units_and_surfaces_are_errors(tmp_path):
-    with pytest.raises(SettingError, match=r"'inch'.*m, cm, mm"):
-        surface_mesh(save(tmp_path / "k.stl"), 0, file_unit="inch")
+    with pytest.raises(SettingError, match=r"'furlong' is unknown; expected a length, such as mm"):
+        surface_mesh(save(tmp_path / "k.stl"), 0, file_unit="furlong")
+    with pytest.raises(SettingError, match="a force; expected a length"):
+        surface_mesh(save(tmp_path / "k.stl"), 0, file_unit="N")
     with pytest.raises(SettingError, match=r"'liver'.*kidney, sphere, plane"):
         surface_mesh("liver", 100)
     with pytest.raises(SettingError, match=r"mesh file.*collision\.Mesh"):

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.cli.terminal import options
-from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.launch.run.notes import lines
 from palpate.launch.run.progress import steps
@@ -26,7 +25,7 @@ LISTED = 50  # points in the table
 
 def study(
     file: Annotated[str, typer.Argument(help="Study (.yaml), or the name of one that ships.", metavar="STUDY")],
-    out: Annotated[Path | None, out_option("Folder of the results; default runs/studies/STUDY.")] = None,
+    out: Annotated[Path | None, options.out_option("Folder of the results; default runs/studies/STUDY.")] = None,
     workers: Annotated[int | None, typer.Option(help="Number of processes; default: one per core.", min=1)] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Compute on a Dask cluster: address of its scheduler.", metavar="tls://HOST:PORT")
@@ -39,7 +38,7 @@ def study(
     repair: options.RepairOption = False,
     retry: Annotated[bool, typer.Option("--retry", help="Recompute points that failed before.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Compute more than 100,000 points.")] = False,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Run one graph at many points, with sensitivities.
 
@@ -62,8 +61,9 @@ def study(
 
 
 def _run(found: Study, name: str, folder: Path, executor: Executor, as_json: bool, **given: bool) -> None:
-    """Compute what the folder lacks, with a progress bar."""
-    left, shown = len(found), dict[str, Any]() if as_json else {"report": partial(say, err=True)}
+    """Compute the missing points."""
+    left = len(found)
+    shown: dict[str, Any] = {} if as_json else {"report": partial(say, err=True)}
     with steps(f"study {name}", len(found), silent=as_json, timed=False) as done:
 
         def each(point: Any, computed: Any, remain: int) -> None:
@@ -88,8 +88,8 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
     indices = None if found.sensitivity is None or failed else found.indices()
     if as_json:
         shown = [{k: v for k, v in row.items() if k not in ("base", "slot", "notes")} for row in rows]
-        data = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown}
-        data["notes"] = lines(found.notes, "point")
+        data = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown,
+                "notes": lines(found.notes, "point")}  # fmt: skip
         print_json(data | ({} if indices is None else {"indices": indices.to_dict("records")}))
         return
     if indices is None:
@@ -113,8 +113,8 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
 
 def _list(found: Study, listed: Any, units: dict[str, str], title: str = "") -> None:
     heads = [units.get(name, f">{name}" if kind.kind == "f" else name) for name, kind in listed.dtypes.items()]
-    rows = listed.head(LISTED).itertuples(index=False)
-    body = [[found.value_text(name, value) for name, value in zip(listed, row, strict=True)] for row in rows]
+    rows = (zip(listed, row, strict=True) for row in listed.head(LISTED).itertuples(index=False))
+    body = [[found.value_text(name, value) for name, value in row] for row in rows]
     console(soft_wrap=True).print(table(heads, body, title=title))
     if len(listed) > LISTED:
         say(f"... and {len(listed) - LISTED} more")
