@@ -169,9 +169,7 @@ def test_drift_and_a_late_start_are_corrected_in_several_presses_at_once():
         ({"drift": 0.06}, {"drift": -0.04}, {"start": 0.2, "air": 0.0}, {}))]  # fmt: skip
     fit = fit_tissue(many, BALL, "hertz")
     own = fit.estimate.intervals["young"]
-    assert (
-        own.low < 7300.0 < own.high and own.high / own.low < 1.09
-    )  # 1.05 without the allowance for a rise before contact
+    assert own.low < 7300.0 < own.high and own.high / own.low < 1.09  # 1.05 if no force may rise before contact
     assert [note.split(":")[0] for note in fit.notes] == ["0.csv", "1.csv", "2.csv"]
 
 

@@ -62,8 +62,7 @@ def study(
 
 def _run(found: Study, name: str, folder: Path, executor: Executor, as_json: bool, **given: bool) -> None:
     """Compute the missing points."""
-    left = len(found)
-    shown: dict[str, Any] = {} if as_json else {"report": partial(say, err=True)}
+    left, report = len(found), (lambda text: None) if as_json else partial(say, err=True)
     with steps(f"study {name}", len(found), silent=as_json, timed=False) as done:
 
         def each(point: Any, computed: Any, remain: int) -> None:
@@ -73,7 +72,7 @@ def _run(found: Study, name: str, folder: Path, executor: Executor, as_json: boo
 
         try:
             with warnings.catch_warnings(action="ignore", category=PalpateWarning):  # `_print` prints the notes
-                found.run(folder, executor, done=each, **shown, **given)
+                found.run(folder, executor, report=report, done=each, **given)
         except KeyboardInterrupt as error:
             stored = sum(row["error"] != "not computed" for row in found.rows()) if found.folder else 0
             error.add_note(f"{stored} of {len(found)} points are stored in {folder}, the same command resumes")
