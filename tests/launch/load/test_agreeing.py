@@ -68,7 +68,7 @@ def test_settings_that_agree_have_one_default():
     assert set(defaults) == {
         "area", "area_radius", "area_modulus", "area_forces", "area_radii", "radius", "kernel", "poisson",
         "second_order", "origin", "mu_static", "plate", "spectrum", "wavelength", "profile", "map", "shortest",
-        "roughness", "direction", "seed",
+        "roughness", "direction", "seed", "width",
     }  # fmt: skip
     assert {name: len(found) for name, found in defaults.items()} == dict.fromkeys(defaults, 1)
 

@@ -148,4 +148,4 @@ def test_a_launcher_elsewhere_names_no_local_socket():
             return reports.Connect(sources, {})
 
     with pytest.raises(RunError, match="names ipc:///tmp/other, expected an address tcp://"):
-        process._link(Told(), elsewhere=True)
+        process._link(Told(), alone=True)

@@ -30,7 +30,7 @@ def _spread(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _ball(law: str, relaxation: str = "none") -> Callable[[np.random.Generator], Case]:
-    def draw(rng: np.random.Generator) -> Case:
+    def draw_case(rng: np.random.Generator) -> Case:
         small = law in ("hertz", "power") and relaxation == "none" and rng.uniform() < AFM
         radius = _spread(rng, 2e-6, 2e-5) if small else _spread(rng, 2e-3, 2e-2)
         height = radius * _spread(rng, 1.0, 4.0) if law == "layer" else None
@@ -38,16 +38,16 @@ def _ball(law: str, relaxation: str = "none") -> Callable[[np.random.Generator],
         reach = rng.uniform(0.3, 0.95) * most
         return Case(Rig("ball", radius, height), law, relaxation, _truth(law, relaxation, rng, radius, reach), reach)
 
-    return draw
+    return draw_case
 
 
 def _punch(law: str) -> Callable[[np.random.Generator], Case]:
-    def draw(rng: np.random.Generator) -> Case:
+    def draw_case(rng: np.random.Generator) -> Case:
         radius = _spread(rng, 1e-3, 2e-2)
         reach = rng.uniform(0.02, 0.19) * radius
         return Case(Rig("punch", radius), law, "none", _truth(law, "none", rng, radius, reach), reach)
 
-    return draw
+    return draw_case
 
 
 def _fingertip(rng: np.random.Generator) -> Case:
@@ -56,13 +56,13 @@ def _fingertip(rng: np.random.Generator) -> Case:
 
 
 def _cylinder(law: str) -> Callable[[np.random.Generator], Case]:
-    def draw(rng: np.random.Generator) -> Case:
+    def draw_case(rng: np.random.Generator) -> Case:
         radius = _spread(rng, 3e-3, 3e-2)
         height = radius * rng.uniform(0.6, 2.0)
         reach = height * rng.uniform(0.1, 0.45)
         return Case(Rig("cylinder", radius, height), law, "none", _truth(law, "none", rng, radius, reach), reach)
 
-    return draw
+    return draw_case
 
 
 def _truth(law: str, relaxation: str, rng: np.random.Generator, radius: float, reach: float) -> dict[str, float]:

@@ -57,7 +57,7 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             camera = place_camera(size, views["vertices"], balls, heads, shot, near)
             scene.show_surface(views["vertices"] + shot[0], shot[1], edges=near)
             scene.show_fingers(*shot[2:], opacity=0.3 if near else 0.45)
-            out.append(scene.draw(size, camera))
+            out.append(scene.draw_view(size, camera))
             pixel["close_pixel" if near else "wide_pixel"].append(2.0 * camera.reach / size[1])
     scene.close()
     sizes = {name: np.array(values) for name, values in pixel.items()}
@@ -142,7 +142,7 @@ class Scene:
                     tip_radius=min(0.25, HEAD / length), shaft_radius=min(0.1, 0.55e-3 / length),
                 )  # fmt: skip
 
-    def draw(self, size: tuple[int, int], camera: Camera) -> np.ndarray:
+    def draw_view(self, size: tuple[int, int], camera: Camera) -> np.ndarray:
         """The picture (h,w,3) as RGB bytes, of a size (w,h)."""
         view = self._plotter.camera
         view.parallel_projection = True

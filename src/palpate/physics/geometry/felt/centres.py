@@ -18,10 +18,10 @@ from palpate.physics.geometry.refined.divided import divide_triangles
 from palpate.physics.geometry.refined.edges import edges_of
 
 ROUNDS = 12  # projections of a vertex at most
-APART = 1.2  # [1] distance of the feet of two neighbours over their own, above which a crease is between them
+APART = 1.2  # [1] distance of the feet of two neighbours over theirs, above which a crease is between them
 FARTHEST = 0.5  # [1] of the radius: from the middle of an edge to the crease
 FINE = 0.05  # [1] of the radius: longest edge of a moved triangle
-MISSED = 0.1  # [1] of a step: distance of a known centre from the surface above which the grid has missed it
+OFF_GRID = 0.1  # [1] of a step: distance of a known centre from the surface above which the grid has missed it
 EXACT, OFF = 1e-4, 0.02  # [1] of a step: error of the distance up to which, and above which, a vertex is left out of
 # further projections, and of the surface
 GRAIN = 1.0 / (1 << 30)
@@ -57,7 +57,7 @@ def centre_surface(
     middle = touched.mean(axis=1)
     if len(triangles):
         found = MeshClosestPoint(Mesh(points, np.ascontiguousarray(triangles, np.int32))).find_along(middle)[0]
-        touched = touched[np.linalg.norm(found - middle, axis=1) > MISSED * grid.step]
+        touched = touched[np.linalg.norm(found - middle, axis=1) > OFF_GRID * grid.step]
     if len(touched):
         more, _ = divide_long_edges(
             Mesh(touched.reshape(-1, 3), np.arange(touched[..., 0].size, dtype=np.int32).reshape(-1, 3)), FINE * radius
