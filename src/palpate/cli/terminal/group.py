@@ -192,6 +192,7 @@ def _commands(package: ModuleType, panel: str | None = None) -> Iterator[tuple[s
     for name in sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name)):
         if package is commands:  # its folders are the groups of the help
             folder = import_module(found[name])
-            yield from _commands(folder, folder.__doc__)
+            inside = hasattr(folder, "__path__")
+            yield from _commands(folder, folder.__doc__) if inside else [(panel, name, found[name])]
         else:
             yield panel, name, found[name]
