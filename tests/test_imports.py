@@ -63,7 +63,7 @@ MAY = {
     "physics.errors": (),
     "units": ("physics.errors",),
     "messages": ("registry",),
-    "compiler": (),
+    "compiler": ("registry",),
     "physics": (*GROUND, "compiler"),
     "drivers": (*GROUND, "messages", "compiler", "physics"),
     "records.format": (*GROUND, "messages", "compiler", "physics"),

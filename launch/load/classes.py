@@ -19,7 +19,7 @@ from palpate.messages.docs import summary
 from palpate.nodes.base import CompiledNode, Node, Observer, inputs, outputs, settings
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.extras import extra_of, missing
-from palpate.registry import declared_classes, files, importing, registered_modules
+from palpate.registry import collection_suspended, declared_classes, files, registered_modules
 
 SHIPPED = palpate.nodes.__name__
 
@@ -78,7 +78,7 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
     here = os.getcwd() if shipped else search_here()
     full = f"{SHIPPED}.{name}" if shipped else name
     try:
-        with importing():
+        with collection_suspended():
             return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):

@@ -202,9 +202,9 @@ def _use_ordinary_priority() -> None:
 def load() -> None:
     """Import the modules of the workers once, in parallel with the launcher's loading of the graph."""
     import palpate.nodes
-    from palpate.registry import importing, modules
+    from palpate.registry import collection_suspended, modules
 
-    with importing():
+    with collection_suspended():
         modules(palpate.nodes)
         _load_worker()
 

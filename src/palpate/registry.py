@@ -18,8 +18,9 @@ T = TypeVar("T")
 
 
 @contextmanager
-def importing() -> Iterator[None]:
-    """Suspend garbage collection during imports, which make little garbage, and where it takes 20 % of the time."""
+def collection_suspended() -> Iterator[None]:
+    """Suspend garbage collection, which takes 20 % of the time of imports and 10 % of that of compilations: both make
+    little garbage and many objects that stay."""
     if not gc.isenabled():
         yield
         return

@@ -167,14 +167,14 @@ def test_at_constant_normal_force_friction_rises_with_speed(whole):
     assert region is not None and time[region.stop - 1] - time[region.start] > 0.3
     first, last = slice(region.start, region.start + 60), slice(region.stop - 60, region.stop - 20)
     assert abs(normal[last].mean() / normal[first].mean() - 1.0) < 0.04
-    assert speed[last].mean() > 2.5 * speed[first].mean()
+    assert speed[last].mean() > 1.5 * speed[first].mean()  # 50 to 80 mm/s
 
     def steady(part: slice) -> float:
         return float(np.mean(0.5 + 0.2 * np.exp(-((speed[part] / 0.02) ** 2)) + 0.4 * speed[part]))
 
     rise = friction[last].mean() / friction[first].mean()
-    assert rise > 1.08
-    assert rise == pytest.approx(steady(last) / steady(first) * normal[last].mean() / normal[first].mean(), rel=0.03)
+    assert rise == pytest.approx(steady(last) / steady(first) * normal[last].mean() / normal[first].mean(), rel=0.01)
+    assert rise > 1.01  # 2 % in this range of speeds
 
 
 def test_a_process_for_each_node_sends_the_same_bytes(tmp_path, quick):

@@ -106,9 +106,10 @@ def runs(numbers):
                 continue
             chosen = words_of(setting.type) or isinstance(setting.default, bool)
             for value in others(use, setting) if bool(chosen) != numbers else ():
-                changed = f"{name}.{setting.name}={json.dumps(value)}"
-                more = [f"{name}.{text}" for text in WITH.get(f"{setting.name}={value}", ())]
-                made[f"{use} {setting.name}={value}"] = [*run, RUNS[run], [*sets, changed, *more]]
+                changed = [f"{setting.name}={json.dumps(value)}", *WITH.get(f"{setting.name}={value}", ())]
+                agree = ("spread", "tissue") if setting.name == "area" else (name,)  # the scene sets it for both
+                changed = [f"{node}.{text}" for node in agree for text in changed]
+                made[f"{use} {setting.name}={value}"] = [*run, RUNS[run], [*sets, *changed]]
     return made
 
 

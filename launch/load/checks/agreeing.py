@@ -75,10 +75,11 @@ def _settle(setting: str, group: Sequence[NodeSpec], given: Given, faults: Fault
     other = next((spec for spec in chosen if spec.settings[setting] != value), None)
     if other is not None:
         unit = settings(first.cls)[setting].unit
+        targets = " and ".join(f"{spec.name}.{setting}" for spec in (first, other))
         both = " and ".join(_describe(spec, setting, given) for spec in (first, other))
         faults.add(
             f"found {both}, expected one value, because both describe the same thing",
-            f"Set it for both, or for one of them only: {', '.join(f'{spec.name}.{setting}' for spec in group)}.",
+            f"Set the same value for {targets}, or in the scene.",
             given.get(other.name, {}).get(setting, other.place), node=other.name, setting=setting, unit=unit,
         )  # fmt: skip
         return

@@ -77,7 +77,7 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
         def on_end(self, event: Any) -> None:
             pass
 
-    from palpate.compiler.kernel import collection_suspended
+    from palpate.registry import collection_suspended
 
     listener = Compiled()
     with event.install_listener("numba:compile", listener), collection_suspended():

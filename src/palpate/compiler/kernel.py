@@ -4,9 +4,7 @@ Kernels are compiled for x86-64-v3 in any process (`arithmetic.pinnable`), indep
 compiles the user's functions (`target`). Functions of `numba.njit` may call kernels, but not the reverse.
 """
 
-import contextlib
-import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property, partial
 from pathlib import Path
 from types import FunctionType
@@ -20,24 +18,11 @@ from numba.core.target_extension import current_target, target_override
 from palpate.compiler import interpreted
 from palpate.compiler.code_cache import CodeCache
 from palpate.compiler.target.target import PINNED, REPLACED, TARGET, Pinned, replacement
+from palpate.registry import collection_suspended
 
 __all__ = ["PINNED", "REPLACED", "CachedFunction", "CompiledKernel", "ieee_kernel", "kernel", "replacement"]
 
 COMPILING = "palpate:compile"  # Name of numba's event while a kernel is compiled, or awaited from another process
-
-
-@contextlib.contextmanager
-def collection_suspended() -> Iterator[None]:
-    """Suspend garbage collection, which would take 10 % of the time of compilations: the compiler keeps millions of
-    objects."""
-    if not gc.isenabled():
-        yield
-        return
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
 
 
 class CachedFunction(Pinned):

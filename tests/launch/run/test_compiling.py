@@ -98,11 +98,14 @@ def test_waiting_for_a_kernel_that_another_process_compiles_is_a_sign_of_life(mo
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
-        with function._cache.lock_compilation():
-            os.write(writing, b"locked")
-            time.sleep(0.3)
-        os._exit(0)
-    os.read(reading, 6)
+        try:
+            with function._cache.lock_compilation((numba.types.float64,)):
+                os.write(writing, b"locked")
+                time.sleep(0.3)
+        finally:  # an error must not return into the tests of this process
+            os._exit(0)
+    os.close(writing)
+    assert os.read(reading, 6) == b"locked"
     changes = []
     with compiler_watched(lambda active: changes.append((active, time.monotonic()))):
         assert function(3.0) == 1.5

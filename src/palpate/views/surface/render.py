@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.registry import importing
+from palpate.registry import collection_suspended
 
 SIZE = (1080, 624)
 CLOSE_SIZE = (1080, 768)
@@ -97,7 +97,7 @@ class Scene:
     def __init__(
         self, vertices: np.ndarray, triangles: np.ndarray, most: float, colours: np.ndarray, fingers: int
     ) -> None:
-        with importing():
+        with collection_suspended():
             import pyvista.plotting
 
         self._pyvista, self._triangles = pyvista, triangles
