@@ -7,8 +7,8 @@ import subprocess
 import sys
 
 import pytest
+from compiler_copy import copy_compiler
 
-import palpate.compiler
 from palpate.compiler import kernel_cache, kernel_files
 from palpate.compiler.kernel_cache import KEPT, PREFIX
 
@@ -22,13 +22,12 @@ TEST = "from palpate.physics.outer import outer\n\n\ndef test_outer():\n    asse
 @pytest.fixture
 def tree(tmp_path):
     """A source tree with the files of the compiler and two kernels, one of which calls the other."""
-    compiler, physics = (tmp_path / "palpate" / name for name in ("compiler", "physics"))
-    physics.mkdir(parents=True)
-    shutil.copytree(palpate.compiler.__path__[0], compiler, ignore=shutil.ignore_patterns("__pycache__", "compiled"))
+    copy_compiler(tmp_path)
+    physics = tmp_path / "palpate" / "physics"
+    physics.mkdir()
     (physics / "__init__.py").touch()
     (physics / "inner.py").write_text(INNER.format("3.0"))
     (physics / "outer.py").write_text(OUTER)
-    (tmp_path / "palpate" / "__init__.py").touch()
     (tmp_path / "palpate" / "models").mkdir()
     (tmp_path / "palpate" / "models" / "__init__.py").touch()
     return tmp_path

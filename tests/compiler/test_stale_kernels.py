@@ -8,7 +8,6 @@ import ast
 import ctypes
 import importlib
 import random
-import shutil
 import subprocess
 import sys
 import warnings
@@ -17,8 +16,8 @@ import kernel_changes as shipped
 import numba
 import numpy as np
 import pytest
+from compiler_copy import copy_compiler
 
-import palpate.compiler
 from palpate.compiler.kernel import CachedFunction, kernel
 
 HEAD = """
@@ -295,9 +294,7 @@ def bytes_of_changes(folder, files, count, more, seed=86):
     """Compute with shipped kernels after each of `count` changes of their files, with one cache for all states, and
     with an empty one."""
     draw = random.Random(seed)
-    compiler = folder / "palpate" / "compiler"
-    shutil.copytree(palpate.compiler.__path__[0], compiler, ignore=shutil.ignore_patterns("__pycache__", "compiled"))
-    (folder / "palpate" / "__init__.py").touch()
+    compiler = copy_compiler(folder)
     (folder / "values.py").write_text(SHIPPED.replace("MORE", str(more)))
 
     def run(cache):
