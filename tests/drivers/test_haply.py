@@ -53,6 +53,19 @@ def test_a_force_moves_the_inverse3_over_a_real_socket():
         emulated.close()
 
 
+def test_the_emulator_leaves_processor_time_to_the_force_loop():
+    """The kernel stops a real-time process that never sleeps for 50 ms of each second: the hand moved on meanwhile."""
+    emulated, driver = service()
+    try:
+        driver.open()
+        begun = time.monotonic_ns()
+        answers = sum(driver.cycle((0.0, 0.0, 0.0)) is not None for _ in range(100))
+        assert time.monotonic_ns() - begun >= (answers - 1) * inverse3.ANSWER and answers > 50
+        driver.close()
+    finally:
+        emulated.close()
+
+
 def test_a_missing_service_and_missing_or_ambiguous_devices_are_errors():
     with pytest.raises(DeviceError, match=r"no Haply Inverse service at ws://127\.0\.0\.1:9: .*Start it"):
         WebSocket("ws://127.0.0.1:9", inverse3.NAME)

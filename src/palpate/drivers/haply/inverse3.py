@@ -25,6 +25,7 @@ NAME = "Haply Inverse service"
 ADDRESS = "ws://localhost:10001"
 PATIENCE = 0.005  # [s] timeout for a state
 FARTHEST = 1e3  # [m] a coordinate beyond it is a fault of the service
+ANSWER = 500_000  # [ns] least time between two answers of the emulator; without a limit it would occupy a whole core
 CALM = 10  # [1] cycles without backlog after which a state counts as current
 ENCODED = "A1"  # the device in an encoded message
 STATUS: dict[int | str, str] = {
@@ -171,9 +172,9 @@ class EmulatedService:
         return json.dumps({"inverse3": devices, "wireless_verse_grip": grips})
 
     def _serve(self, link: Any) -> None:
-        opened = time.monotonic_ns()
+        opened = answered = time.monotonic_ns()
         try:
-            link.send(self._state(time.monotonic_ns(), first=True))
+            link.send(self._state(opened, first=True))
             for text in link:
                 now = time.monotonic_ns()
                 if not self.hand.waits:
@@ -187,9 +188,12 @@ class EmulatedService:
                         self.force = given["x"], given["y"], given["z"]
                 if self.days.silent(now):
                     continue
-                if self.days.faults.latency > 0.0:
-                    time.sleep(self.days.faults.latency)
                 answer = self.days.spoil(self._state(now, first=False).encode())
+                due = max(now + round(self.days.faults.latency * 1e9), answered + ANSWER)
+                answered = time.monotonic_ns()
+                if due > answered:
+                    time.sleep((due - answered) * 1e-9)
+                    answered = due
                 if answer:
                     link.send(answer.decode(errors="replace"))
         except (self.errors.ConnectionClosed, KeyError, TypeError):
