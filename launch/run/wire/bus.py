@@ -39,14 +39,14 @@ LONGEST_ORDER = 1 << 26  # [bytes]
 BEHIND = 5
 """Multiple of `HIGH_WATER` that is buffered for the run's observers on the real clock, 5 s of 20 streams at 1 kHz: a
 log process gets little processor time next to a browser that draws in software."""
-AHEAD = 200  # frames buffered for the run's observers on simulated time; one may contain 0.1 MB of messages
+AHEAD = 200  # frames buffered by an observer, and for it on simulated time; one may contain 0.1 MB of messages
 BLOCKS = 4000  # blocks of 10 ms buffered for the run's observers on the real clock
 QUEUED = 1 << 26
-"""[bytes] Longest queue of frames between this group and an observer of the run, at each of its two ends, while the
-frames in it have their mean length; at most `VARIED` times as much, if all of them are as long as the longest."""
+"""[bytes] Longest queue of frames between this group and an observer of the run, at each of its two ends, if they have
+the mean length of the first ones; at most `VARIED` times as much, if all of them are as long as the longest of these.
+"""
 VARIED = 4
 FEWEST = 2  # frames of a queue, however long they are
-AVERAGED = 256  # frames in the running mean of their length
 LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that accepts the connection and stays silent
 
 
@@ -64,20 +64,28 @@ def split(data: bytes) -> tuple[str, bytes]:
 
 class _QueueBound:
     """Limits the number of frames that a socket queues, which libzmq counts in frames, so that they take at most about
-    `QUEUED` bytes. `most`: limit for short frames."""
+    `QUEUED` bytes.
+
+    The limit only falls, and only with the first frames. A writer learns what was read at each multiple of half the
+    limit, so that after another change it could wait forever for a report: the connection would be dead.
+    """
 
     def __init__(self, socket: zmq.Socket, limit: int) -> None:
-        self._socket, self._limit, self.most = socket, limit, int(socket.get(limit))
-        self._mean = self._longest = self._frames = 0
+        self._socket, self._limit = socket, limit
+        self._total = self._longest = self._frames = 0
+        self._open = True
 
     def count(self, length: int) -> None:
         """Count a frame of this length [bytes]."""
-        self._mean += (length - self._mean) // AVERAGED if self._frames else length
-        self._frames += 1
-        if length > self._longest or self._frames % AVERAGED == 0:
-            self._longest = max(self._longest, length)
-            each = max(self._mean, self._longest // VARIED, 1)
-            self._socket.set(self._limit, max(FEWEST, min(self.most, QUEUED // each)))
+        if not self._open:
+            return
+        self._total, self._frames = self._total + length, self._frames + 1
+        self._longest = max(self._longest, length)
+        each = max(self._total // self._frames, self._longest // VARIED, 1)
+        limit, now = max(FEWEST, QUEUED // each), int(self._socket.get(self._limit))
+        if limit < now and 2 * self._frames <= limit:
+            self._socket.set(self._limit, limit)
+        self._open = 2 * self._frames < min(limit, now)
 
 
 class Bus:
@@ -126,7 +134,7 @@ class Bus:
         self._observers = self._publisher()
         self._send = zmq.backend.Socket.send.__get__(self._observers)  # without the overhead of pyzmq's options
         self._observed = self._socket(zmq.SUB, 0)
-        self._observed.set(zmq.RCVHWM, HIGH_WATER if real else min(HIGH_WATER, AHEAD))
+        self._observed.set(zmq.RCVHWM, AHEAD)
         self._observed.set(zmq.RCVTIMEO, POLL_INTERVAL)
         self._observed.set(zmq.MAXMSGSIZE, LONGEST_FRAME)
         self._inlets: dict[str, Inlet | TcpInlet] = {}
@@ -334,8 +342,7 @@ class Bus:
     def sends_blocks(self) -> None:
         """Send the messages of all streams in blocks; call it before `bind`."""
         if self.real:
-            self._sent.most = min(HIGH_WATER, BLOCKS)
-            self._observers.set(zmq.SNDHWM, self._sent.most)
+            self._observers.set(zmq.SNDHWM, min(HIGH_WATER, BLOCKS))
 
     def sends(self, streams: Iterable[str]) -> None:
         """Set the streams that observers can subscribe to here."""

@@ -2,6 +2,7 @@
 frames that wait for it take bounded memory."""
 
 import os
+import random
 import threading
 import time
 
@@ -121,6 +122,29 @@ def test_a_large_message_still_has_a_queue(group):
     assert group.sender._observers.get(bus_module.zmq.SNDHWM) == bus_module.FEWEST
     assert group.reader.overheard(wait=True) is not None
     assert group.reader._observed.get(bus_module.zmq.RCVHWM) == bus_module.FEWEST
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_frames_of_changing_length_never_end_the_transfer(group, seed):
+    """A limit that changed while frames were under way left the writer waiting for a report of the reader forever."""
+    draw = random.Random(seed)
+
+    def send(length):
+        group.sender.keep(frame("node", b"x" * length))
+        group.sender.flush()
+
+    for _ in range(40):
+        length = draw.choice([100, 300, 1000, 3000, 10_000])
+        for _ in range(draw.randint(1, 40)):
+            send(length)
+            group.reader.overheard(wait=False)
+        while group.reader.overheard(wait=True) is not None:
+            pass
+        until = time.monotonic() + 5.0
+        send(length)
+        while group.reader.overheard(wait=True) is None:
+            assert time.monotonic() < until, "nothing that is sent arrives any more"
+            send(length)
 
 
 TWO = """
