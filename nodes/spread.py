@@ -73,7 +73,7 @@ class Kernel(CompiledNode, WithArea, WithWidth):
                 f"setting 'area': its law reaches a radius of {1e3 * law.radii[-1]:.2g} mm, expected one between "
                 f"{1e3 * spacing:.2g} mm, the spacing of the vertices, and {1e3 * extent:.2g} mm, half of the surface"
             )
-        share = touchable_share(self, mesh, self.width)
+        share = touchable_share(self, self.width)
         self.hold("spreader", spreader(mesh, self.radius, "hertz" if grows else self.kernel, share))
         if not grows and self.spacing > COARSEST * self.radius and mesh is not self.whole():
             self._notes.append(

@@ -9,11 +9,10 @@ import numpy as np
 from palpate.messages import Contact, Proximity
 from palpate.nodes.base.effect import Agrees
 from palpate.nodes.base.node import Node, SettingError
-from palpate.nodes.base.surface import LEVEL, SURFACES, OnSurface, content_of, surface_mesh
+from palpate.nodes.base.surface import LEVEL, SURFACES, OnSurface, OnThinnedSurface, content_of, surface_mesh
 from palpate.physics.errors import MeshError
 from palpate.physics.extras import missing
 from palpate.physics.geometry.felt.bridge import Felt, close_surface
-from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.nearest import nearest, tree_of
 
 SAMPLES = 3000  # vertices of a NURBS surface that are tested
@@ -70,15 +69,12 @@ def _felt_surface(
     return Bridged(felt, "")
 
 
-def touchable_share(node: OnSurface, mesh: Mesh, width: float) -> np.ndarray | None:
-    """Share of the area of each vertex of a mesh [1] (V) that the finger can touch; None: all of it.
-
-    mesh  of the surface of the node at its position, all of its vertices or some of them
-    """
+def touchable_share(node: OnThinnedSurface, width: float) -> np.ndarray | None:
+    """Share of the area of each vertex of the node's mesh [1] (V) that the finger can touch; None: all of it."""
     felt, _ = felt_surface(node, width)
     if felt is None:
         return None
-    whole = node.mesh() if len(mesh.triangles) == len(felt.touchable) else surface_mesh(*node._surface)
+    mesh, whole = node.mesh(), node.whole()
     third = np.repeat(np.linalg.norm(whole.face_vectors, axis=1) / 6.0 * felt.touchable, 3)
     touched = np.bincount(whole.triangles.ravel(), third, minlength=len(whole.vertices))
     share = touched / np.maximum(whole.areas, 1e-300)
