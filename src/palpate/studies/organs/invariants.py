@@ -238,7 +238,9 @@ INVARIANTS: dict[str, Callable[[Trace], Score]] = {
     "energy": energy_gain, "side": side,
 }  # fmt: skip
 UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad", "energy": "J",
-         "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak"}  # fmt: skip
+         "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak",
+         "merged": "N", "turns": "rad", "gap": "N", "groove": "N", "sideways": "1", "same": "N", "spun": "N",
+         "again": "m"}  # fmt: skip
 
 
 def score_touch(trace: Trace | None) -> dict[str, Score]:

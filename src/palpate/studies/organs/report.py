@@ -10,7 +10,7 @@ from typing import Any
 from palpate.physics.archive import replace_text
 from palpate.studies.organs.invariants import INVARIANTS, UNITS
 from palpate.studies.organs.search import Found, Results
-from palpate.studies.organs.zoo import ZOO
+from palpate.studies.organs.zoo import specimen_of
 
 NAMES = (*INVARIANTS, "finite")
 
@@ -36,8 +36,9 @@ def line(found: Found) -> str:
     """The score of a touch, in words."""
     s, given = found.score, found.touch.setting
     mesh = f"{given.count} vertices" if given.count else "NURBS"
+    bound = f"bound {s.bound:.3g}" if s.least is None else f"bounds {s.least:.3g} and {s.bound:.3g}"
     return (
-        f"{found.invariant}: {s.value:.3g} {UNITS[found.invariant]} at {s.time:.4f} s, bound {s.bound:.3g} "
+        f"{found.invariant}: {s.value:.3g} {UNITS[found.invariant]} at {s.time:.4f} s, {bound} "
         f"({s.score:.3g} x): {given.surface} ({mesh}), {given.body}, {given.friction or 'no friction'}, "
         f"{given.rate:g} Hz, {given.fingers} finger{'s' * (given.fingers > 1)}"
     )
@@ -58,10 +59,28 @@ def text(results: Results, folder: Path, count: int = 10, names: Sequence[str] =
     for found in results.top(count):
         lines += [line(found), "    " + found.touch.command(folder), ""]
     lines += [line(pair) for pair in sorted(results.pairs, key=lambda pair: (pair.invariant, -pair.score.score))]
+    lines += _relations(results, folder, count)
     for (surface, body, reason), touch in sorted(results.silent.items()):
         lines += [f"no note ({reason}): {surface}, {body}", "    " + touch.command(folder), ""]
     lines += [f"stopped: {error}\n    {touch.command(folder)}" for touch, error in results.failed[:count]]
     return "\n".join(lines) + "\n"
+
+
+def _unlike(results: Results, count: int) -> list[Found]:
+    """The worst touches of all relations."""
+    return sorted((f for listed in results.unlike.values() for f in listed), key=lambda f: -f.score.score)[:count]
+
+
+def _relations(results: Results, folder: Path, count: int) -> list[str]:
+    if not results.related and not results.unmade:
+        return []
+    lines = ["", "Relations of a finger with a width: touches that break it, of all, and the worst score.", ""]
+    for name, touches in sorted(results.related.items()):
+        lines.append(f"{name:10}{results.apart[name]:>6} of {touches:<6}{results.unlike[name][0].score.score:>8.3g}")
+    lines += [f"refused: {why}" for why in results.unmade] + [""]
+    for found in _unlike(results, count):
+        lines += [line(found), "    " + found.touch.command(folder), ""]
+    return lines
 
 
 def page(results: Results) -> str:
@@ -71,7 +90,7 @@ def page(results: Results) -> str:
     lines = ["| surface | " + " | ".join(bodies) + " |", "|---" * (1 + len(bodies)) + "|"]
     for surface in surfaces:
         cells = [_cell(results, surface, body) for body in bodies]
-        lines.append(f"| {surface}: {ZOO[surface].about} | " + " | ".join(cells) + " |")
+        lines.append(f"| {surface}: {specimen_of(surface).about} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -103,14 +122,21 @@ def plain(results: Results, folder: Path, count: int = 10) -> dict[str, Any]:
          "unit": UNITS[f.invariant], "time": f.score.time, "touch": f.touch.plain(), "command": f.touch.command(folder)}
         for f in results.top(count)
     ]  # fmt: skip
-    broken = results.broken.total()
+    broken, apart = results.broken.total(), results.apart.total()
     silent = [{"surface": s, "body": b, "reason": why, "command": touch.command(folder)}
               for (s, b, why), touch in sorted(results.silent.items())]  # fmt: skip
     stopped = [{"error": error, "command": touch.command(folder)} for touch, error in results.failed]
     return {
-        "ok": not (broken or silent or stopped or any(pair.score.broken for pair in results.pairs)),
+        "ok": not (broken or silent or stopped or apart or any(pair.score.broken for pair in results.pairs)),
         "touches": results.total, "broken": broken, "rows": rows(results), "worst": worst, "silent": silent,
         "stopped": stopped, "pairs": [_pair(pair) for pair in results.pairs],
+        "relations": [
+            {"relation": name, "touches": touches, "broken": results.apart[name],
+             "worst": results.unlike[name][0].score.score} for name, touches in sorted(results.related.items())
+        ],
+        "relations_refused": results.unmade,
+        "unlike": [_pair(f) | {"least": f.score.least, "command": f.touch.command(folder)}
+                   for f in _unlike(results, count)],
     }  # fmt: skip
 
 

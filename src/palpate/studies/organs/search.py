@@ -51,6 +51,10 @@ class Results:
     refused  why a setting was refused, by surface and body
     failed   errors of lanes that stopped
     pairs    the worst pair of each surface that was turned, and that was refined
+    related  number of touches by relation of a finger with a width (`widths`)
+    apart    number of these touches that break it
+    unlike   the worst of them, by relation
+    unmade   why relations were refused
     noted    by surface, body and reason: a touch out of the range of the models, and the notes of its run
     """
 
@@ -62,6 +66,10 @@ class Results:
     failed: list[tuple[Touch, str]] = field(default_factory=list)
     noted: dict[tuple[str, str, str], tuple[Touch, list[str]]] = field(default_factory=dict)
     pairs: list[Found] = field(default_factory=list)
+    related: Counter[str] = field(default_factory=Counter)
+    apart: Counter[str] = field(default_factory=Counter)
+    unlike: dict[str, list[Found]] = field(default_factory=dict)
+    unmade: list[str] = field(default_factory=list)
 
     @property
     def silent(self) -> dict[tuple[str, str, str], Touch]:
@@ -75,6 +83,17 @@ class Results:
         listed.append(Found(touch, invariant, score))
         listed.sort(key=lambda found: -found.score.score)
         del listed[KEPT:]
+
+    def relate(self, listed: Sequence[Found], why: str = "") -> None:
+        """Count what relations of a finger with a width found, and keep the worst; or why one was refused."""
+        self.unmade += [why] if why else []
+        for found in listed:
+            self.related[found.invariant] += 1
+            self.apart[found.invariant] += found.score.broken
+            worst = self.unlike.setdefault(found.invariant, [])
+            worst.append(found)
+            worst.sort(key=lambda one: -one.score.score)
+            del worst[KEPT:]
 
     @property
     def total(self) -> int:

@@ -16,7 +16,7 @@ from palpate.nodes.base.surface import OPEN
 from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.studies.organs.zoo import FAR, USUAL, ZOO, mesh_of, write_mesh
+from palpate.studies.organs.zoo import FAR, USUAL, mesh_of, specimen_of, write_mesh
 
 THICKNESS = 4e-3  # [m] of the fingertip, as in the scenes
 APART = 18e-3  # [m] between two fingers
@@ -47,6 +47,8 @@ class Setting:
     rotation  [rad] of the surface
     friction  node of the law; "": none
     exact     whether the device reports positions without encoder steps
+    width     [m] of the finger; 0: a point, for which the bounds of single touches hold
+    more      further values of `--set`
     """
 
     surface: str
@@ -57,6 +59,8 @@ class Setting:
     fingers: int = 1
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     exact: bool = False
+    width: float = 0.0
+    more: tuple[str, ...] = ()
 
     @property
     def position(self) -> tuple[float, float, float]:
@@ -117,11 +121,12 @@ class Touch:
 
 def surface_sets(setting: Setting, folder: Path) -> list[str]:
     """The values of `--set` that all touches of a setting share."""
-    name = ZOO[setting.surface].patch if not setting.count else str(write_mesh(setting.surface, setting.count, folder))
+    patch = specimen_of(setting.surface).patch
+    name = str(write_mesh(setting.surface, setting.count, folder)) if setting.count else patch
     texts = [
         f"scene.surface.surface={name}", f"scene.surface.position={list(setting.position)}",
         f"scene.surface.rotation={list(setting.rotation)}", f"tissue.use=deformation.{setting.body}",
-        "scene.finger.width=0",  # the bounds are those of a point on the mesh itself
+        f"scene.finger.width={setting.width:g}", *setting.more,
     ]  # fmt: skip
     if setting.count:
         texts.append("scene.surface.file_unit=mm")
@@ -164,7 +169,7 @@ def draw_touch(setting: Setting, rng: np.random.Generator) -> Touch:
 def _draw_touch(setting: Setting, rng: np.random.Generator) -> Touch:
     mesh, closest = setting.mesh(), setting.closest()
     areas = np.linalg.norm(mesh.face_vectors, axis=1)
-    if ZOO[setting.surface].patch in OPEN:  # far from its border, beyond which a finger touches nothing
+    if specimen_of(setting.surface).patch in OPEN:  # far from its border, beyond which a finger touches nothing
         inner = 0.25 * np.ptp(mesh.vertices, axis=0).max()
         areas = np.where(np.abs(mesh.vertices[mesh.triangles]).max(axis=(1, 2)) < inner, areas, 0.0)
     first, near = _place(mesh, areas, closest, rng), None

@@ -12,6 +12,7 @@ import numpy as np
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.errors import ArgumentError
 from palpate.physics.geometry.mesh import Mesh, write_ply
+from palpate.studies.organs.gaps import cut_mesh, makers, read_cut
 from palpate.studies.organs.shapes import arc, boxes, revolve_outline, star, together, torus
 
 COARSE, USUAL, FINE = 600, 5000, 300_000  # vertices of a mesh
@@ -210,6 +211,21 @@ ZOO = _all()
 """All surfaces by name."""
 
 
+GAPPED = {name: Specimen(name, make, about) for name, (make, about) in makers().items()}
+"""Bodies with gaps, which only a finger with a width is to touch, and the whole block."""
+
+
+def specimen_of(name: str) -> Specimen:
+    """The surface of a name: of the zoo, with gaps, or cut by a plane (`gaps`)."""
+    if (cut := read_cut(name)) is None:
+        return (ZOO | GAPPED)[name]
+    body, gap, number = cut
+    whole = specimen_of(body)
+    return Specimen(
+        name, lambda count: cut_mesh(whole.true(count), gap * MM, number), f"{whole.about}, cut, {gap:g} mm apart"
+    )
+
+
 def choose_specimens(names: list[str] | None) -> list[Specimen]:
     """These surfaces, or all. ArgumentError: an unknown name."""
     if unknown := [name for name in names or () if name not in ZOO]:
@@ -220,7 +236,7 @@ def choose_specimens(names: list[str] | None) -> list[Specimen]:
 @lru_cache(maxsize=16)
 def mesh_of(name: str, count: int) -> Mesh:
     """The mesh of a surface, near the origin, with about this number of vertices and all triangles outwards."""
-    return ZOO[name].true(count)
+    return specimen_of(name).true(count)
 
 
 def write_mesh(name: str, count: int, folder: Path) -> Path:
@@ -228,6 +244,6 @@ def write_mesh(name: str, count: int, folder: Path) -> Path:
     file = folder / f"{name}-{count}.ply"
     if not file.is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        mesh = ZOO[name].make(count)
+        mesh = specimen_of(name).make(count)
         write_ply(file, Mesh((mesh.vertices + FAR) / MM, mesh.triangles))
     return file

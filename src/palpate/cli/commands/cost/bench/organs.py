@@ -28,6 +28,9 @@ def organs(
     pairs: Annotated[
         int, typer.Option(help="Touches of each smooth surface that are also turned, and put on a finer mesh.", min=0)
     ] = 0,
+    widths: Annotated[
+        int, typer.Option(help="Touches of each relation of a finger with a width: gaps, grooves, cuts.", min=0)
+    ] = 0,
     fine: Annotated[bool, typer.Option("--fine", help="Also refine to 300 000 vertices: minutes per surface.")] = False,
     worst: Annotated[int, typer.Option(help="Number of the worst touches to print.", min=1)] = 10,
     out: Annotated[Path, out_option("Folder of meshes, report and pictures.")] = Path("organs"),
@@ -44,6 +47,7 @@ def organs(
     from palpate.studies.organs.pictures import draw_touches
     from palpate.studies.organs.report import plain, text, write_report
     from palpate.studies.organs.search import BODIES, Results, search, worsen_touch
+    from palpate.studies.organs.widths import compare_widths
     from palpate.studies.organs.zoo import choose_specimens
 
     if unknown := [name for name in body or () if name not in BODIES]:
@@ -70,6 +74,11 @@ def organs(
             for pair in compare_pairs(surfaces, bodies, pairs, seed, meshes, fine):
                 results.pairs.append(pair)
                 done(0.0, f"{pair.invariant}: {pair.touch.setting.surface}, {pair.touch.setting.body}")
+        if widths:
+            done = bars.begin("relations of a finger with a width", "")
+            for share, related, why in compare_widths(surfaces, bodies, widths, seed, meshes):
+                results.relate(related, why)
+                done(share, f"{results.related.total()} comparisons, {results.apart.total()} broken")
     files = write_report(results, meshes, out, worst)
     if not no_pictures:
         files |= draw_touches(results.top(worst), meshes, out)

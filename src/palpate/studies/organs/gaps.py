@@ -1,0 +1,148 @@
+"""Bodies with gaps, grooves and fissures narrower than the finger, and bodies of the zoo cut by planes.
+
+The name of a cut body tells how it is cut: `box@0.2@7` is the box without a slab 0.2 mm thick, in the plane number 7.
+Its other points are those of the whole body, which is the reference.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from palpate.physics.errors import ArgumentError
+from palpate.physics.geometry.mesh import Mesh
+from palpate.studies.organs.shapes import boxes, star, together
+
+MM = 1e-3
+GAPS = (0.05, 0.2, 0.5, 2.0)  # [mm]
+GROOVES = (1.0, 2.0, 4.0, 8.0, 16.0)  # [mm]
+LONG, WIDE, HIGH, DEEP = 40 * MM, 60 * MM, 24 * MM, 10 * MM  # [m] of a block, and the depth of a groove
+APART = "@"
+
+
+def block(count: int) -> Mesh:
+    """The block without a gap."""
+    x, y, z = ((-0.5 * a, 0.5 * a) for a in (LONG, WIDE, HIGH))
+    return boxes(x, y, z, np.ones((1, 1, 1), bool), count)
+
+
+def slotted(width: float, starts: tuple[float, ...], deep: float, count: int) -> Mesh:
+    """The block with slots along x of a width and depth [m], which start at these y [m]."""
+    lines = [-0.5 * WIDE, *sorted(y + d for y in starts for d in (0.0, width)), 0.5 * WIDE]
+    full = np.ones((1, len(lines) - 1, 2), bool)
+    full[0, 1::2, 1] = False
+    levels = (-0.5 * HIGH, 0.5 * HIGH - deep, 0.5 * HIGH)
+    return boxes((-0.5 * LONG, 0.5 * LONG), lines, levels, full, count)
+
+
+def cut_block(width: float, count: int) -> Mesh:
+    """The block in two pieces with a gap [m] between them."""
+    lines = (-0.5 * WIDE, -0.5 * width, 0.5 * width, 0.5 * WIDE)
+    full = np.array([[[True], [False], [True]]])
+    return boxes((-0.5 * LONG, 0.5 * LONG), lines, (-0.5 * HIGH, 0.5 * HIGH), full, count)
+
+
+def cut_mesh(mesh: Mesh, gap: float, number: int) -> Mesh:
+    """A closed mesh without a slab of the thickness `gap` [m] in a random plane through its inner half.
+
+    ArgumentError: the mesh does not enclose a solid.
+    """
+    import manifold3d  # its package is an extra
+
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh64(
+            np.ascontiguousarray(mesh.vertices, np.float64), np.ascontiguousarray(mesh.triangles, np.uint64)
+        )
+    )
+    if solid.status() != manifold3d.Error.NoError:
+        raise ArgumentError(f"found a surface that does not enclose a solid ({solid.status().name})")
+    normal, offset = plane_of(mesh, number)
+    parts = [
+        solid.trim_by_plane(tuple(sense * normal), sense * offset + 0.5 * gap).to_mesh64() for sense in (1.0, -1.0)
+    ]
+    return together(
+        *(Mesh(np.asarray(p.vert_properties)[:, :3].copy(), np.asarray(p.tri_verts).astype(np.int32)) for p in parts)
+    )
+
+
+def plane_of(mesh: Mesh, number: int) -> tuple[np.ndarray, float]:
+    """The normal [1] (3) and the distance from the origin [m] of the plane with a number, in the frame of the mesh."""
+    rng = np.random.default_rng(number)
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    along = mesh.vertices @ normal
+    low, high = along.min(), along.max()
+    return normal, float(low + (high - low) * rng.uniform(0.3, 0.7))
+
+
+def name_of_cut(name: str, gap: float, number: int) -> str:
+    """The name of a body with a gap [mm]."""
+    return f"{name}{APART}{gap:g}{APART}{number}"
+
+
+def read_cut(name: str) -> tuple[str, float, int] | None:
+    """Body, gap [mm] and plane of a name; None: it is not that of a cut body."""
+    parts = name.split(APART)
+    return (parts[0], float(parts[1]), int(parts[2])) if len(parts) == 3 else None
+
+
+def _overlapping(count: int) -> Mesh:
+    low, high = _ball(20 * MM, count // 2), _ball(20 * MM, count // 2)
+    return together(low, Mesh(high.vertices + (18 * MM, 0.0, 0.0), high.triangles))
+
+
+def _joined(count: int) -> Mesh:
+    """The surface of both balls that overlap."""
+    import manifold3d  # its package is an extra
+
+    both = _overlapping(count)
+    low, high = (
+        manifold3d.Manifold(manifold3d.Mesh64(half, _half(both).astype(np.uint64)))
+        for half in np.split(both.vertices, 2)
+    )
+    made = (low + high).to_mesh64()
+    return Mesh(np.asarray(made.vert_properties)[:, :3].copy(), np.asarray(made.tri_verts).astype(np.int32))
+
+
+def _half(both: Mesh) -> np.ndarray:
+    return both.triangles[: len(both.triangles) // 2]
+
+
+def _near(count: int) -> Mesh:
+    low, high = _ball(20 * MM, count // 2), _ball(20 * MM, count // 2)
+    return together(low, Mesh(high.vertices + (40.2 * MM, 0.0, 0.0), high.triangles))
+
+
+def _ball(radius: float, count: int) -> Mesh:
+    return star(lambda unit: np.full(len(unit), radius), count)
+
+
+def _fissured(count: int) -> Mesh:
+    """A liver's lobes: an ellipsoid with a wedge-like fissure, 3 mm wide at the surface and 15 mm deep."""
+    import manifold3d  # its package is an extra
+
+    body = star(lambda unit: np.ones(len(unit)), count)
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh64(body.vertices * (45 * MM, 35 * MM, 25 * MM), body.triangles.astype(np.uint64))
+    )
+    corners = [(a * 60 * MM, b * 1.5 * MM, 30 * MM) for a in (-1, 1) for b in (-1, 1)]
+    corners += [(a * 60 * MM, 0.0, 8 * MM) for a in (-1, 1)]
+    left = (solid - manifold3d.Manifold.hull_points(np.array(corners))).to_mesh64()
+    return Mesh(np.asarray(left.vert_properties)[:, :3].copy(), np.asarray(left.tri_verts).astype(np.int32))
+
+
+def makers() -> dict[str, tuple[Callable[[int], Mesh], str]]:
+    """How to make each body with a gap, and what it is, by name."""
+    found: dict[str, tuple[Callable[[int], Mesh], str]] = {"block": (block, "40 x 60 x 24 mm")}
+    for gap in GAPS:
+        found[f"cut-{gap:g}"] = partial(cut_block, gap * MM), f"the block in two pieces, {gap:g} mm apart"
+    for width in GROOVES:
+        start = (-0.5 * width * MM,)
+        found[f"groove-{width:g}"] = partial(slotted, width * MM, start, DEEP), f"a groove {width:g} mm wide"
+    comb = tuple(y * MM for y in (-16.0, -8.0, 0.0, 8.0, 16.0))
+    found["comb"] = partial(slotted, 1.5 * MM, comb, DEEP), "five slots, 1.5 mm wide"
+    found["fissure"] = _fissured, "an ellipsoid with a fissure, 3 mm wide"
+    found["near"] = _near, "two balls, 0.2 mm apart"
+    found["overlap"] = _overlapping, "two balls that overlap"
+    found["union"] = _joined, "the surface of both"
+    return found

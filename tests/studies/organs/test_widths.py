@@ -1,0 +1,70 @@
+"""The relations of a finger that has a width, and that the search sees a force that a gap has swallowed."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.physics.geometry.topology import edge_counts
+from palpate.studies.organs.gaps import MM, cut_mesh, plane_of
+from palpate.studies.organs.report import line, plain, text
+from palpate.studies.organs.search import Results
+from palpate.studies.organs.widths import block_relations, merged, same
+from palpate.studies.organs.zoo import COARSE, GAPPED, USUAL, ZOO, mesh_of, specimen_of
+
+POINT = ("scene.finger.width=0",)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("meshes")
+
+
+def related(listed):
+    results = Results()
+    results.relate(listed)
+    return results
+
+
+def volume(mesh):
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+@pytest.mark.parametrize("name", GAPPED)
+def test_bodies_with_gaps_are_closed(name):
+    mesh = GAPPED[name].make(COARSE)
+    assert edge_counts(mesh.triangles, len(mesh.vertices)) == (0, 0)
+    assert volume(mesh) > 0.0
+
+
+def test_a_cut_body_lacks_a_slab_of_the_gap():
+    whole, gap = mesh_of("box", USUAL), 2 * MM
+    cut, (normal, offset) = cut_mesh(whole, gap, 7), plane_of(whole, 7)
+    away = np.abs(cut.vertices @ normal - offset)
+    assert away.min() == approx(0.5 * gap, abs=1e-9)
+    assert 0.0 < volume(whole) - volume(cut) < gap * 70 * MM * 60 * MM
+    assert specimen_of("box@2@7").about == "50 x 40 x 30 mm, cut, 2 mm apart"
+
+
+def test_gaps_and_grooves_of_a_block_lose_and_add_no_force(folder):
+    results = related(block_relations("MassSpring", 3, np.random.default_rng(1), folder))
+    assert results.related["gap"] == 15 and results.related["groove"] >= 9
+    assert not results.apart.total(), text(results, folder)
+
+
+def test_a_body_cut_by_a_plane_feels_whole_and_a_convex_one_does_not_change(folder):
+    rng = np.random.default_rng(2)
+    listed = merged(ZOO["box"], "MassSpring", 4, rng, folder) + same(ZOO["sphere"], "MassSpring", 2, rng, folder)
+    results = related(listed)
+    assert results.related["merged"] == 4 and results.related["same"] == 2
+    assert not results.apart.total(), text(results, folder)
+
+
+def test_the_search_sees_a_force_that_a_gap_has_swallowed(folder):
+    """The finger without a width falls into the gaps: the lower bound is broken, and the report prints both."""
+    results = related(block_relations("MassSpring", 3, np.random.default_rng(1), folder, POINT))
+    assert results.apart["gap"] >= 5 and results.apart["groove"] >= 3
+    worst = results.unlike["gap"][0]
+    assert worst.score.value < worst.score.least < worst.score.bound and "bounds" in line(worst)
+    report = plain(results, folder)
+    assert not report["ok"] and {"least", "bound"} <= set(report["unlike"][0])
