@@ -1,6 +1,6 @@
 """Bodies with gaps, grooves and fissures narrower than the finger, and bodies of the zoo cut by planes.
 
-The name of a cut body tells how it is cut: `box@0.2@7` is the box without a slab 0.2 mm thick, in the plane number 7.
+The name of a cut body says how it is cut: `box@0.2@7` is the box without a slab 0.2 mm thick, in the plane number 7.
 Its other points are those of the whole body, which is the reference.
 """
 

@@ -127,7 +127,7 @@ def within(value: float, least: float, bound: float, time: float, one_sided: boo
     """
     if one_sided:
         return Score(value / bound, time, value, bound, least)
-    middle, half = 0.5 * (least + bound), 0.5 * (bound - least)
+    middle, half = 0.5 * (least + bound), max(0.5 * (bound - least), 1e-12)  # bounds that exclude each other: broken
     return Score(abs(value - middle) / half, time, value, bound, least)
 
 
@@ -147,7 +147,7 @@ def compare_cut(
         slack = share * f + LIGHT
         found.append(Found(touch, name, within(g, f - slack, f + slack, time)))
         if name == "merged" and f > LEAST_FORCE:
-            angle = float(2.0 * np.arcsin(min(1.0, 0.5 * np.linalg.norm(one.normal[k] - two.normal[k]))))
+            angle = float(2.0 * np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(one.normal[k] - two.normal[k])))))
             found.append(Found(touch, "turns", within(angle, 0.0, TURNS, time, one_sided=True)))
     return found
 
