@@ -46,12 +46,14 @@ def test_a_cut_body_lacks_a_slab_of_the_gap():
     assert specimen_of("box@2@7").about == "50 x 40 x 30 mm, cut, 2 mm apart"
 
 
+@pytest.mark.long  # tests/nodes/test_width.py: the product's forces at a cut and in grooves
 def test_gaps_and_grooves_of_a_block_lose_and_add_no_force(folder):
     results = related(block_relations("MassSpring", 3, np.random.default_rng(1), folder))
     assert results.related["gap"] == 15 and results.related["groove"] >= 9
     assert not results.apart.total(), text(results, folder)
 
 
+@pytest.mark.long  # tests/nodes/test_width.py: the product's forces at a cut and in grooves
 def test_a_body_cut_by_a_plane_feels_whole_and_a_convex_one_does_not_change(folder):
     rng = np.random.default_rng(2)
     listed = merged(ZOO["box"], "MassSpring", 4, rng, folder) + same(ZOO["sphere"], "MassSpring", 2, rng, folder)
