@@ -71,7 +71,7 @@ def varied(setting: Setting, rng: np.random.Generator) -> Setting:
     return replace(setting, more=more, width=2.0 * radius)
 
 
-def press(setting: Setting, place: np.ndarray, toward: np.ndarray, deep: float) -> Touch:
+def press_touch(setting: Setting, place: np.ndarray, toward: np.ndarray, deep: float) -> Touch:
     """A touch that presses at a point of the surface [m] (3) in a direction [1] (3), and holds."""
     start, bottom = (place - toward * d for d in (THICKNESS + 6 * MM, THICKNESS - deep))
     points = [tuple(round(float(x), 6) for x in each) for each in (start, bottom)]
@@ -100,7 +100,7 @@ def draw_press(setting: Setting, away: np.ndarray, offset: float, rng: np.random
         inside, outside = (closest.find(place + sense * normal * line)[3] for sense in (-1.0, 1.0))
         if (inside > -0.9 * line[:, 0]).any() or (outside < 0.9 * line[:, 0]).any():
             continue
-        touch = press(setting, place, -normal, float(rng.uniform(5 * MM, 12 * MM)))
+        touch = press_touch(setting, place, -normal, float(rng.uniform(5 * MM, 12 * MM)))
         if reachable(touch.fingers[0]):
             return touch
     return None
@@ -173,7 +173,7 @@ def top_presses(setting: Setting, count: int, rng: np.random.Generator) -> list[
         far = NEAR if rng.uniform() < 0.5 else CLOSE
         x, y = rng.uniform(-5 * MM, 5 * MM), rng.uniform(-far, far)
         place, down = np.array([x, y, 0.5 * HIGH]), np.array([0.0, 0.0, -1.0])
-        found.append(press(setting, place, down, float(rng.uniform(4 * MM, 11 * MM))))
+        found.append(press_touch(setting, place, down, float(rng.uniform(4 * MM, 11 * MM))))
     return found
 
 
@@ -247,7 +247,7 @@ def again(surface: str) -> list[Found]:
     if twice is not None:
         off = float(np.abs(MeshClosestPoint(felt.mesh).find(twice.mesh.vertices)[3]).max())
     x, y, z = setting.mesh().vertices[0]
-    touch = press(setting, np.array([x, y, z]), np.array([0.0, 0.0, -1.0]), MM)
+    touch = press_touch(setting, np.array([x, y, z]), np.array([0.0, 0.0, -1.0]), MM)
     return [Found(touch, "again", within(off, 0.0, AGAIN, 0.0, one_sided=True))]
 
 
