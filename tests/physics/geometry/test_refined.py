@@ -5,10 +5,12 @@ import pytest
 
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.refined.contracted import contract_edges
 from palpate.physics.geometry.refined.divided import ABOVE, CURVED, FINEST, TURN, refine_mesh
 from palpate.physics.geometry.refined.edges import directions
 from palpate.physics.geometry.topology import edge_counts
+from palpate.studies.organs.zoo import specimen_of
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -171,4 +173,16 @@ def test_a_surface_from_an_image_is_smooth(turn, voxel, rms, most):
     assert np.sqrt((error**2).mean()) < rms and error.max() < most
     flat = directions(fine.vertices, fine.triangles)
     assert np.einsum("ij,ij->i", flat, outwards(fine.vertices[fine.triangles].mean(axis=1))).min() > 0.75
+    assert edge_counts(fine.triangles, len(fine.vertices)) == (0, 0)
+
+
+@pytest.mark.parametrize(("name", "count"), [("union", 600), ("union", 5000), ("vessel", 600), ("bumpy", 600)])
+def test_triangles_at_a_straight_edge_do_not_fold(name, count):
+    """A long edge that stays straight among short ones: each round halved the height of the triangles between them."""
+    given = specimen_of(name).make(count)
+    fine = refine_mesh(given, 0.0016, 200_000)
+    middles = fine.vertices[fine.triangles].mean(axis=1)
+    nearest = MeshClosestPoint(given).find_along(middles)[2]
+    faces = directions(given.vertices, given.triangles)[nearest]
+    assert np.einsum("ij,ij->i", faces, directions(fine.vertices, fine.triangles)).min() > 0.7
     assert edge_counts(fine.triangles, len(fine.vertices)) == (0, 0)

@@ -65,7 +65,10 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     for _ in range(ROUNDS):
         divided.find_edges()
         long = divided.turns & (divided.lengths > finest)
-        if not long.any() or len(divided.points) + long.sum() > room:
+        if not long.any():
+            break
+        long = divided.with_straight(long, finest)
+        if len(divided.points) + long.sum() > room:
             break
         divided.halve(long)
     if len(divided.points) == len(mesh.vertices):
@@ -111,6 +114,22 @@ class _Divided:
         between = unit(facing[two[:, 0]] + facing[two[:, 1]])
         self.at_low, self.at_high = (np.where(bent[end][:, None], between, self.normals[end]) for end in (low, high))
         self.turns = (einsum("ij,ij->i", self.at_low, self.at_high) < cos(TURN)) & ~self.straight
+
+    def with_straight(self, long: np.ndarray, finest: float) -> np.ndarray:
+        """These edges (E,), and each straight one that is the longest of a triangle with one of them.
+
+        Else the triangles at a long straight edge would become thinner with each round, until they fold over it.
+        """
+        lengths = np.where(self.lengths > finest, self.lengths, 0.0)[self.of]
+        rows = np.arange(len(self.of))
+        longest = self.of[rows, lengths.argmax(axis=1)]
+        able = self.straight[longest] & (lengths.max(axis=1) > 0.0)
+        while True:
+            more = long.copy()
+            more[longest[able & long[self.of].any(axis=1)]] = True
+            if (more == long).all():
+                return long
+            long = more
 
     def fit(self, longest: float, finest: float) -> None:
         """Fit the normals of all vertices, if any edge will be divided."""
