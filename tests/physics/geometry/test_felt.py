@@ -8,10 +8,14 @@ from palpate.nodes.base.felt import WIDTH
 from palpate.nodes.base.surface import OPEN, SURFACES, surface_mesh
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.felt.bridge import RIM, close_surface
+from palpate.physics.geometry.felt.solid import piece_volumes
 from palpate.physics.geometry.felt.touchable import divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh, heights
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.geometry.refined.divided import refine_mesh
+from palpate.physics.geometry.topology import edge_counts
 from palpate.studies.organs.shapes import star
+from palpate.studies.organs.zoo import COARSE, GAPPED
 
 R = 8e-3
 TOP = 6e-3  # [m] of the bodies
@@ -151,3 +155,30 @@ def test_an_open_sheet_with_a_groove_is_refused():
     lower = body.vertices[body.triangles].mean(axis=1)[:, 2] > -TOP + 1e-9
     with pytest.raises(MeshError, match="open"):
         close_surface(Mesh(body.vertices, body.triangles[lower]), R)
+
+
+@pytest.mark.parametrize("name", GAPPED)
+def test_a_felt_surface_has_no_fold_and_no_inner_piece(name):
+    """A finger sticks at a triangle of a bridge that does not face the centre of its ball, or at a surface inside."""
+    body = refine_mesh(GAPPED[name].make(COARSE), 2e-3, 50_000)
+    felt = close_surface(body, R)
+    if felt is None:
+        assert name in ("block", "groove-16")
+        return
+    mesh = felt.mesh
+    _, volume = piece_volumes(mesh.vertices, mesh.triangles)
+    assert edge_counts(mesh.triangles, len(mesh.vertices)) == (0, 0)
+    assert len(volume) == 1, volume  # the bridge joins what is near
+    facing = np.einsum("ij,ij->i", mesh.face_vectors, mesh.normals[mesh.triangles].sum(axis=1) / 3.0)
+    size = np.linalg.norm(mesh.face_vectors, axis=1)
+    folded = (facing < 0.0) & (size > 1e-12)
+    assert 0.5 * size[folded].sum() < 0.06e-6, folded.sum()  # [m²] slivers at edges of the body
+
+
+def test_bodies_that_overlap_feel_like_their_union():
+    felt = [
+        close_surface(refine_mesh(GAPPED[name].make(COARSE), 2e-3, 50_000), R).mesh for name in ("overlap", "union")
+    ]
+    for one, other in (felt, felt[::-1]):
+        away = MeshClosestPoint(one).find_along(other.vertices)[3]
+        assert np.abs(away).max() < 0.1e-3  # facets of the balls at their seam

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from palpate.physics.errors import ArgumentError
+from palpate.physics.geometry.felt.solid import mesh_of_solid, solid_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.studies.organs.shapes import boxes, star, together
 
@@ -45,23 +45,12 @@ def cut_block(width: float, count: int) -> Mesh:
 def cut_mesh(mesh: Mesh, gap: float, number: int) -> Mesh:
     """A closed mesh without a slab of the thickness `gap` [m] in a random plane through its inner half.
 
-    ArgumentError: the mesh does not enclose a solid.
+    MeshError: the mesh does not enclose a solid. ImportError: a package is missing.
     """
-    import manifold3d  # its package is an extra
-
-    solid = manifold3d.Manifold(
-        manifold3d.Mesh64(
-            np.ascontiguousarray(mesh.vertices, np.float64), np.ascontiguousarray(mesh.triangles, np.uint64)
-        )
-    )
-    if solid.status() != manifold3d.Error.NoError:
-        raise ArgumentError(f"found a surface that does not enclose a solid ({solid.status().name})")
+    solid = solid_of(mesh.vertices, mesh.triangles)
     normal, offset = plane_of(mesh, number)
-    parts = [
-        solid.trim_by_plane(tuple(sense * normal), sense * offset + 0.5 * gap).to_mesh64() for sense in (1.0, -1.0)
-    ]
     return together(
-        *(Mesh(np.asarray(p.vert_properties)[:, :3].copy(), np.asarray(p.tri_verts).astype(np.int32)) for p in parts)
+        *(mesh_of_solid(solid.trim_by_plane(tuple(s * normal), s * offset + 0.5 * gap)) for s in (1.0, -1.0))
     )
 
 
@@ -86,49 +75,34 @@ def read_cut(name: str) -> tuple[str, float, int] | None:
     return (parts[0], float(parts[1]), int(parts[2])) if len(parts) == 3 else None
 
 
+def _two_balls(apart: float, count: int) -> tuple[Mesh, Mesh]:
+    ball = star(lambda unit: np.full(len(unit), 20 * MM), count // 2)
+    return ball, Mesh(ball.vertices + (apart, 0.0, 0.0), ball.triangles)
+
+
 def _overlapping(count: int) -> Mesh:
-    low, high = _ball(20 * MM, count // 2), _ball(20 * MM, count // 2)
-    return together(low, Mesh(high.vertices + (18 * MM, 0.0, 0.0), high.triangles))
+    return together(*_two_balls(18 * MM, count))
 
 
 def _joined(count: int) -> Mesh:
     """The surface of both balls that overlap."""
-    import manifold3d  # its package is an extra
-
-    both = _overlapping(count)
-    low, high = (
-        manifold3d.Manifold(manifold3d.Mesh64(half, _half(both).astype(np.uint64)))
-        for half in np.split(both.vertices, 2)
-    )
-    made = (low + high).to_mesh64()
-    return Mesh(np.asarray(made.vert_properties)[:, :3].copy(), np.asarray(made.tri_verts).astype(np.int32))
-
-
-def _half(both: Mesh) -> np.ndarray:
-    return both.triangles[: len(both.triangles) // 2]
+    low, high = (solid_of(ball.vertices, ball.triangles) for ball in _two_balls(18 * MM, count))
+    return mesh_of_solid(low + high)
 
 
 def _near(count: int) -> Mesh:
-    low, high = _ball(20 * MM, count // 2), _ball(20 * MM, count // 2)
-    return together(low, Mesh(high.vertices + (40.2 * MM, 0.0, 0.0), high.triangles))
-
-
-def _ball(radius: float, count: int) -> Mesh:
-    return star(lambda unit: np.full(len(unit), radius), count)
+    return together(*_two_balls(40.2 * MM, count))
 
 
 def _fissured(count: int) -> Mesh:
     """A liver's lobes: an ellipsoid with a wedge-like fissure, 3 mm wide at the surface and 15 mm deep."""
-    import manifold3d  # its package is an extra
+    from manifold3d import Manifold  # its package is an extra
 
     body = star(lambda unit: np.ones(len(unit)), count)
-    solid = manifold3d.Manifold(
-        manifold3d.Mesh64(body.vertices * (45 * MM, 35 * MM, 25 * MM), body.triangles.astype(np.uint64))
-    )
+    solid = solid_of(body.vertices * (45 * MM, 35 * MM, 25 * MM), body.triangles)
     corners = [(a * 60 * MM, b * 1.5 * MM, 30 * MM) for a in (-1, 1) for b in (-1, 1)]
     corners += [(a * 60 * MM, 0.0, 8 * MM) for a in (-1, 1)]
-    left = (solid - manifold3d.Manifold.hull_points(np.array(corners))).to_mesh64()
-    return Mesh(np.asarray(left.vert_properties)[:, :3].copy(), np.asarray(left.tri_verts).astype(np.int32))
+    return mesh_of_solid(solid - Manifold.hull_points(np.array(corners)))
 
 
 def makers() -> dict[str, tuple[Callable[[int], Mesh], str]]:

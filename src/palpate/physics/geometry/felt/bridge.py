@@ -11,24 +11,25 @@ raised by `RIM` at untouchable triangles, so that it crosses the rims without a 
 beyond them, so that it is inside the body where nothing changes. An exact boolean (manifold3d) joins plug and body.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from palpate.compiler.exact import einsum
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
-from palpate.physics.geometry.felt.centres import centre_surface, march, rounded
+from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
+from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.physics.geometry.pieces import pieces
 from palpate.physics.nearest import tree_of
 
 STEP = 0.125  # [1] of the radius: step of the grid
 FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
 RIM = 10e-6  # [m] by which the plug is raised at the rims, and lowered outside
+EDGE = 3.0  # [1] `apart` of `divide_creases`: convex parts whose radius is below r/2 are edges
 SHORE = 1e-3  # [m] from untouchable triangles, where it is lowered by all of it
 
 
@@ -98,7 +99,7 @@ class Hollow:
 
 def distance_to(surface: MeshClosestPoint, points: np.ndarray) -> np.ndarray:
     """Distances [m] (n) of points (n,3) from a surface that may have borders."""
-    return np.asarray(np.linalg.norm(points - surface.find_along(points)[0], axis=1))
+    return _nearest(surface, points)[1]
 
 
 def _touched(fine: Mesh, hidden: np.ndarray, radius: float) -> np.ndarray:
@@ -126,16 +127,31 @@ def _plug(
     index = np.argwhere(np.isfinite(away) & (np.abs(closing) < 2.0 * step))
     level = np.where(np.isfinite(away), closing, step)
     level[tuple(index.T)] -= _lift(hollow.distance(grid.points(index)), radius, step)
-    marched = Mesh(*march(np.clip(level, -2.0 * step, 2.0 * step), grid, 0.0))
-    # shorter edges, whose ends are moved exactly to the level
-    plug, _ = divide_long_edges(marched, FACET * radius)
-    points = plug.vertices
-    out = centres.find_along(points)[0] - points
-    length = np.linalg.norm(out, axis=1)
+    points, triangles = march(np.clip(level, -2.0 * step, 2.0 * step), grid, 0.0)
+    # at an edge of the body the plug has one as well, which marching cubes cut off
+    points, feet, good = _settle(points, centres, hollow, radius)
+    points, triangles = divide_creases(partial(_nearest, centres), points, feet, triangles, good, radius, step, EDGE)
+    plug, _ = divide_long_edges(Mesh(points, np.ascontiguousarray(triangles, np.int32)), FACET * radius)
+    return Mesh(rounded(_settle(plug.vertices, centres, hollow, radius)[0]), plug.triangles), centres
+
+
+def _nearest(surface: MeshClosestPoint, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest points [m] (n,3) of a surface that may have borders, and their distances [m] (n)."""
+    feet = surface.find_along(points)[0]
+    return feet, np.asarray(np.linalg.norm(points - feet, axis=1))
+
+
+def _settle(
+    points: np.ndarray, centres: MeshClosestPoint, hollow: Hollow, radius: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points [m] (n,3) moved to the level of the plug, their nearest centres [m] (n,3), and which are on it (n): not
+    where the plug ends inside the body."""
+    step = STEP * radius
+    feet, length = _nearest(centres, points)
     shift = _lift(hollow.distance(points), radius, step) - (radius - length)
-    shift[np.abs(shift) > 0.5 * step] = 0.0  # where the plug ends inside the body
-    points = points + (shift / np.maximum(length, 1e-12))[:, None] * out
-    return Mesh(rounded(points), plug.triangles), centres
+    good = np.abs(shift) <= 0.5 * step
+    share = np.where(good, shift, 0.0) / np.maximum(length, 1e-12)
+    return points + share[:, None] * (feet - points), feet, good
 
 
 def _lift(away: np.ndarray, radius: float, step: float) -> np.ndarray:
@@ -147,36 +163,31 @@ def _lift(away: np.ndarray, radius: float, step: float) -> np.ndarray:
 def _join(mesh: Mesh, plug: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices and triangles of the union of both, without the voids inside, and for each of its triangles that of the
     body, -1: of the plug."""
-    import manifold3d  # its package is an extra
+    from manifold3d import Manifold  # its package is an extra
 
-    name = manifold3d.Manifold.reserve_ids(2)
-
-    def solid(points: np.ndarray, triangles: np.ndarray, name: int) -> manifold3d.Manifold:
-        made = manifold3d.Manifold(
-            manifold3d.Mesh64(
-                np.ascontiguousarray(points, np.float64), np.ascontiguousarray(triangles, np.uint64),
-                run_index=np.array([0, triangles.size], np.uint64), run_original_id=np.array([name], np.uint32),
-                face_id=np.arange(len(triangles), dtype=np.uint64),
-            )
-        )  # fmt: skip
-        if made.status() != manifold3d.Error.NoError:
-            raise MeshError(f"the surface does not enclose a solid ({made.status().name})")
-        return made
-
-    joined = solid(mesh.vertices, weld(mesh.vertices)[mesh.triangles], name) + solid(
-        plug.vertices, plug.triangles, name + 1
-    )
+    name = Manifold.reserve_ids(2)
+    # piece by piece, because pieces of a body may overlap
+    label, volume = piece_volumes(mesh.vertices, mesh.triangles)
+    parts = (np.flatnonzero(label == number) for number in np.flatnonzero(volume > 0.0))
+    joined = solid_of(plug.vertices, plug.triangles, name=name + 1)
+    for part in parts:
+        joined = solid_of(*_alone(mesh, part), faces=part, name=name) + joined
     found = joined.to_mesh64()
     points, triangles = np.asarray(found.vert_properties)[:, :3], np.asarray(found.tri_verts).astype(np.int64)
     run = np.repeat(np.asarray(found.run_original_id), np.diff(np.asarray(found.run_index)) // 3)
     origin = np.where(run == name, np.asarray(found.face_id).astype(np.int64), -1)
-    label = pieces(triangles, len(points))
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    outer = (np.bincount(label, einsum("ij,ij->i", a, np.cross(b, c))) > 0.0)[label]
+    label, volume = piece_volumes(points, triangles)
+    outer = (volume > 0.0)[label]
     used, corner = np.unique(triangles[outer], return_inverse=True)
     points = points[used]
     points = np.where((_own(points, mesh) < 0)[:, None], rounded(points), points)
     return points, np.ascontiguousarray(corner.reshape(-1, 3), np.int32), origin[outer]
+
+
+def _alone(mesh: Mesh, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points [m] and triangles of some triangles of a mesh, with equal vertices as one."""
+    used, corner = np.unique(weld(mesh.vertices)[mesh.triangles[part]], return_inverse=True)
+    return mesh.vertices[used], corner.reshape(-1, 3)
 
 
 def _own(points: np.ndarray, mesh: Mesh) -> np.ndarray:

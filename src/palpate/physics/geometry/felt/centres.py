@@ -7,6 +7,8 @@ triangles are divided at the point of the crease. A corridor between two walls i
 narrower than the grid: there the touchable triangles themselves are moved by the radius along their normals.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from palpate.compiler.exact import einsum
@@ -19,6 +21,7 @@ from palpate.physics.geometry.refined.edges import edges_of
 
 ROUNDS = 12  # projections of a vertex at most
 APART = 1.2  # [1] distance of the feet of two neighbours over theirs, above which a crease is between them
+BESIDE = 0.25  # [1] of an edge: distance of a crease from its end below which the end is moved, not the edge divided
 FARTHEST = 0.5  # [1] of the radius: from the middle of an edge to the crease
 FINE = 0.05  # [1] of the radius: longest edge of a moved triangle
 OFF_GRID = 0.1  # [1] of a step: distance of a known centre from the surface above which the grid has missed it
@@ -26,6 +29,10 @@ EXACT, OFF = 1e-4, 0.02  # [1] of a step: error of the distance up to which, and
 # further projections, and of the surface
 GRAIN = 1.0 / (1 << 30)
 """[m] To which new vertices are rounded, so that processors with other last bits give the same surface."""
+
+
+Find = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""The nearest points [m] (n,3) of a surface to points [m] (n,3), and their distances [m] (n)."""
 
 
 def rounded(points: np.ndarray) -> np.ndarray:
@@ -51,9 +58,15 @@ def centre_surface(
     touched  [m] (n,3,3) corners of triangles that the ball touches, moved to its centre
     """
     points, triangles = march(np.minimum(distances, 2.0 * radius), grid, radius)
-    points, feet, error = _project(body, points, radius, grid.step)
-    good = (np.abs(error) < OFF * grid.step)[triangles].all(axis=1)
-    points, triangles = _divide_creases(body, points, feet, triangles[good], radius, grid.step)
+
+    def find(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        feet, _, _, distance = body.find_along(at)
+        return feet, distance
+
+    points, feet, error = _project(find, points, radius, grid.step)
+    good = np.abs(error) < OFF * grid.step
+    triangles = triangles[good[triangles].all(axis=1)]
+    points, triangles = divide_creases(find, points, feet, triangles, good, radius, grid.step, APART)
     middle = touched.mean(axis=1)
     if len(triangles):
         found = MeshClosestPoint(Mesh(points, np.ascontiguousarray(triangles, np.int32))).find_along(middle)[0]
@@ -68,16 +81,14 @@ def centre_surface(
     return MeshClosestPoint(Mesh(rounded(points), np.ascontiguousarray(triangles, np.int32)))
 
 
-def _project(
-    body: MeshClosestPoint, points: np.ndarray, radius: float, step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _project(find: Find, points: np.ndarray, radius: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points [m] (n,3) moved to the distance `radius`, by at most a step in each round; their nearest points on the
     body [m] (n,3), and the error of the distance [m] (n) that is left."""
     points = points.copy()
     feet, error = np.empty_like(points), np.empty(len(points))
     left = np.arange(len(points))
     for _ in range(ROUNDS):
-        foot, _, _, distance = body.find_along(points[left])
+        foot, distance = find(points[left])
         feet[left], error[left] = foot, radius - distance
         off = np.abs(error[left]) > EXACT * step
         left, foot, distance = left[off], foot[off], distance[off]
@@ -88,19 +99,31 @@ def _project(
     return points, feet, error
 
 
-def _divide_creases(
-    body: MeshClosestPoint, points: np.ndarray, feet: np.ndarray, triangles: np.ndarray, radius: float, step: float
+def divide_creases(
+    find: Find,
+    points: np.ndarray,
+    feet: np.ndarray,
+    triangles: np.ndarray,
+    good: np.ndarray,
+    radius: float,
+    step: float,
+    apart: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The surface with its edges divided where they pass over a crease."""
+    """A surface at the distance `radius` [m] from another one, with its edges divided where they pass over a crease.
+
+    find  the nearest points of the other one;  points, feet [m] (V,3) of the surface and nearest to them;
+    good   (V,) which of them are at this distance;  step [m] by which a new point is moved at most
+    apart  [1] distance of the nearest points of two neighbours over theirs, above which a crease is between them
+    """
     ends, of, _ = edges_of(triangles, len(points))
     one, other = ends.T
     between = feet[other] - feet[one]
     square = einsum("ij,ij->i", between, between)
     length = np.linalg.norm(points[other] - points[one], axis=1)
-    crease = (square > (APART * length + 1e-6) ** 2) & (square < 3.9999 * radius * radius)
+    crease = (square > (apart * length + 1e-6) ** 2) & (square < 3.9999 * radius * radius) & good[one] & good[other]
     if not crease.any():
         return points, triangles
-    one, other, between, square = one[crease], other[crease], between[crease], square[crease]
+    one, other, between, square, long = one[crease], other[crease], between[crease], square[crease], length[crease]
     # the point at the distance r from both nearest points that is nearest to the middle of the edge
     axis = between / np.sqrt(square)[:, None]
     middle, hub = 0.5 * (points[one] + points[other]), 0.5 * (feet[one] + feet[other])
@@ -108,9 +131,14 @@ def _divide_creases(
     out -= einsum("ij,ij->i", out, axis)[:, None] * axis
     length = np.linalg.norm(out, axis=1)
     top = hub + (np.sqrt(radius * radius - 0.25 * square) / np.maximum(length, 1e-12))[:, None] * out
-    top, _, error = _project(body, top, radius, step)
+    top, _, error = _project(find, top, radius, step)
     good = (np.abs(error) < OFF * step) & (np.linalg.norm(top - middle, axis=1) < FARTHEST * radius) & (length > 1e-6)
+    points, edge = points.copy(), np.flatnonzero(crease)
+    for end in (one, other):
+        beside = good & (np.linalg.norm(top - points[end], axis=1) < BESIDE * long)
+        points[end[beside]] = top[beside]
+        good &= ~beside
     number = np.full(len(ends), -1)
-    number[np.flatnonzero(crease)[good]] = len(points) + np.arange(good.sum())
+    number[edge[good]] = len(points) + np.arange(good.sum())
     divided, _ = divide_triangles(triangles, number[of])
     return np.concatenate([points, top[good]]), divided
