@@ -79,10 +79,7 @@ class Results:
     def add(self, touch: Touch, invariant: str, score: Score, counted: bool = True) -> None:
         key = touch.setting.surface, touch.setting.body, invariant
         self.broken[key] += int(score.broken and counted)
-        listed = self.worst.setdefault(key, [])
-        listed.append(Found(touch, invariant, score))
-        listed.sort(key=lambda found: -found.score.score)
-        del listed[KEPT:]
+        _keep_worst(self.worst.setdefault(key, []), Found(touch, invariant, score))
 
     def relate(self, listed: Sequence[Found], why: str = "") -> None:
         """Count what relations of a finger with a width found, and keep the worst; or why one was refused."""
@@ -90,10 +87,7 @@ class Results:
         for found in listed:
             self.related[found.invariant] += 1
             self.apart[found.invariant] += found.score.broken
-            worst = self.unlike.setdefault(found.invariant, [])
-            worst.append(found)
-            worst.sort(key=lambda one: -one.score.score)
-            del worst[KEPT:]
+            _keep_worst(self.unlike.setdefault(found.invariant, []), found)
 
     @property
     def total(self) -> int:
@@ -103,6 +97,13 @@ class Results:
         """The worst touches, one of each surface, body and invariant; the largest score first."""
         firsts = [listed[0] for listed in self.worst.values() if listed]
         return sorted(firsts, key=lambda found: -found.score.score)[:count]
+
+
+def _keep_worst(listed: list[Found], found: Found) -> None:
+    """Add one; only the `KEPT` worst remain, the worst first."""
+    listed.append(found)
+    listed.sort(key=lambda one: -one.score.score)
+    del listed[KEPT:]
 
 
 def settings(

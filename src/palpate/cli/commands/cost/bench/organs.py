@@ -11,6 +11,7 @@ from palpate.cli.terminal.options import Json, NoPictures, out_option
 from palpate.cli.terminal.output import print_json, say
 from palpate.launch.run.progress import StageBars
 from palpate.physics.errors import ArgumentError
+from palpate.physics.extras import require_extra
 
 EXAMPLE = "palpate bench organs --touches 500 --seed 1"
 
@@ -76,9 +77,10 @@ def organs(
                 done(0.0, f"{pair.invariant}: {pair.touch.setting.surface}, {pair.touch.setting.body}")
         if widths:
             done = bars.begin("relations of a finger with a width", "")
-            for share, related, why in compare_widths(surfaces, bodies, widths, seed, meshes):
-                results.relate(related, why)
-                done(share, f"{results.related.total()} comparisons, {results.apart.total()} broken")
+            with require_extra("bench organs --widths", "mesh", ArgumentError):
+                for share, related, why in compare_widths(surfaces, bodies, widths, seed, meshes):
+                    results.relate(related, why)
+                    done(share, f"{results.related.total()} comparisons, {results.apart.total()} broken")
     files = write_report(results, meshes, out, worst)
     if not no_pictures:
         files |= draw_touches(results.top(worst), meshes, out)
