@@ -11,6 +11,7 @@ from prose import cell, prose, table
 from python import library, public
 
 from palpate.cli.commands.graphs.list.messages import describe as message
+from palpate.cli.commands.graphs.list.nodes import switched_by
 from palpate.launch.load.classes import catalogue, describe
 from palpate.launch.load.launchfile import find, names
 from palpate.launch.load.tissues import GRADES, tissues
@@ -21,7 +22,7 @@ HERE = Path(__file__).parents[1] / "reference"
 
 
 def nodes() -> str:
-    """Each node class with its ports and settings."""
+    """Each node class with its ports, settings and effects."""
     entries, missing = catalogue()
     if missing:
         raise SystemExit(f"nodes that cannot be loaded: {missing}; the site needs all extras, pip install -e '.[all]'")
@@ -43,6 +44,11 @@ def nodes() -> str:
             for s in data["settings"]
         ]
         lines += table(("setting", "unit", "default", "type", "limits"), settings)
+        effects = [
+            (f"`{e['effect']}`", switched_by(e), ", ".join(f"`{name}`" for name in e["fields"]), e["about"])
+            for e in data["effects"]
+        ]
+        lines += table(("effect", "switched by", "fields", ""), effects)
     return "\n".join(lines)
 
 

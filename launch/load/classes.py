@@ -16,7 +16,8 @@ from palpate.engine.imports import search_here
 from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.docs import summary
-from palpate.nodes.base import CompiledNode, Node, Observer, inputs, outputs, settings
+from palpate.nodes.base import CompiledNode, Effect, Node, Observer, effects, inputs, outputs, settings
+from palpate.nodes.base.effect import switch
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.extras import extra_of, missing
 from palpate.registry import collection_suspended, declared_classes, files, registered_modules
@@ -195,7 +196,7 @@ def _fitting(use: str, sends: Iterable[type[Message]]) -> str:
 
 
 def describe(use: str, cls: type[Node]) -> dict[str, Any]:
-    """A node class as plain data: ports, settings, units, first sentence of its docstring."""
+    """A node class as plain data: ports, settings, units, effects, first sentence of its docstring."""
     observer = issubclass(cls, Observer)
     return {
         "use": use,
@@ -213,7 +214,23 @@ def describe(use: str, cls: type[Node]) -> dict[str, Any]:
              "default": None if s.default is ... else s.default, "required": s.default is ...}
             for s in settings(cls).values()
         ],
+        "effects": [_describe_effect(cls, effect) for effect in effects(cls)],
     }  # fmt: skip
+
+
+def _describe_effect(cls: type[Node], effect: Effect) -> dict[str, Any]:
+    """An effect of a class as plain data: how the class computes it (by the whole node, by a part, by a setting), the
+    output fields that contain it (none listed: all), the fields of other effects that need it, and the setting that
+    switches it with the number that disables it."""
+    return {
+        "effect": effect.name,
+        "how": effect.how,
+        "fields": list(effect.fields),
+        "needed_by": list(effect.also),
+        "setting": effect.setting or None,
+        "off": switch(cls, effect).off if effect.setting else None,
+        "about": effect.about,
+    }
 
 
 def _type(hint: Any) -> str:

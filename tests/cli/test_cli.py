@@ -172,6 +172,39 @@ def test_the_catalogue_lists_every_shipped_class():
             assert setting["unit"] and "typing" not in setting["type"]
 
 
+def test_list_shows_the_effects_of_a_node_class():
+    text = run("list", "nodes", "deformation.BeamBundle").stdout
+    rows = [line.split() for line in text[text.index("switched by") :].splitlines()[1:] if line]
+    assert ["nodule", "nodule_radius,", "off", "at", "0"] in rows
+    assert any(row[:3] == ["pressure", "part", "pressure"] for row in rows)
+    assert any(row[:7] == ["shape", "part", "(also", "for", "pressure)", "nodes,", "displacement"] for row in rows)
+    code, data = json_output("list", "nodes", "deformation.BeamBundle")
+    assert code == 0
+    found = {(e["effect"], e["how"], e["setting"], e["off"], *e["fields"]) for e in data["effects"]}
+    assert found == {
+        ("deformation", "node", None, None),
+        ("pressure", "part", None, None, "pressure"),
+        ("shape", "part", None, None, "nodes", "displacement"),
+        ("nodule", "setting", "nodule_radius", 0.0),
+        ("relaxation", "setting", "relaxations", 0.0),
+    }
+    assert "switched by" not in run("list", "nodes", "kinematics.FalconStatics").stdout
+
+
+def test_the_catalogues_of_nodes_and_of_effects_agree():
+    nodes, effects = json_output("list", "nodes")[1]["nodes"], json_output("list", "effects")[1]["effects"]
+    computed, shown = {}, {}
+    for node in nodes:
+        names = {setting["name"] for setting in node["settings"]}
+        for effect in node["effects"]:
+            assert (effect["setting"] in names) == (effect["how"] == "setting") == (effect["off"] is not None)
+            use = node["use"] + f", {effect['setting']}" * (effect["how"] == "setting")
+            computed.setdefault(effect["effect"], set()).add(use)
+            shown.setdefault(effect["effect"], set()).update(effect["fields"])
+    assert computed == {row["effect"]: set(row["computed_by"]) for row in effects}
+    assert shown == {row["effect"]: set(row["shown_by"]) for row in effects}
+
+
 def test_a_setting_with_choices_lists_them():
     code, data = json_output("list", "nodes", "tactile.Flow")
     assert code == 0 and data["settings"][0]["type"] == "steel or silicone"

@@ -15,7 +15,7 @@ def nodes(
     name: Annotated[str | None, typer.Argument(help="One class, such as contact.Series.", metavar="[CLASS]")] = None,
     as_json: Json = False,
 ) -> None:
-    """List the node classes, or show one with ports, settings and units."""
+    """List the node classes, or show one with ports, settings, units and effects."""
     from palpate.engine.faults import Fault, GraphError
     from palpate.launch.load.classes import ClassError, catalogue, describe, find_class
 
@@ -68,3 +68,14 @@ def _show(data: dict[str, Any], text: str) -> None:
     ]
     if rows:
         out.print(table(("name", "unit", "default", "type", "limits"), rows, title="\nsettings"))
+    if data["effects"]:
+        effects = [(e["effect"], switched_by(e), ", ".join(e["fields"]), e["about"]) for e in data["effects"]]
+        out.print(table(("effect", "switched by", "fields", ""), effects, title="\neffects"))
+
+
+def switched_by(effect: dict[str, Any]) -> str:
+    """What a class leaves out without an effect: the node, a part of it, or what a setting describes."""
+    if effect["setting"]:
+        return f"{effect['setting']}, off at {effect['off']:g}"
+    needed = f" (also for {', '.join(effect['needed_by'])})" if effect["needed_by"] else ""
+    return effect["how"] + needed

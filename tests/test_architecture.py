@@ -1,0 +1,67 @@
+"""The page of the architecture names files that exist, and functions and classes that they define."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+PATHS = ("tick", "message", "setting", "mesh")
+
+
+def rows(text):
+    """Files and names of each row of a table, with its first cell in bold; and the paths without a table."""
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip("|"))] if line.startswith("| `") else []
+        if cells:
+            assert len(cells) == 3, line
+            files, names = (re.findall(r"`([^`]+)`", cell) for cell in cells[:2])
+            assert files and len(files) in (1, len(names)), line
+            yield files, names
+
+
+def defined(file):
+    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    return {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+
+
+def faults(text):
+    """What a page names and the sources lack."""
+    found = []
+    for files, names in rows(text):
+        missing = [file for file in files if not (ROOT / file).is_file()]
+        found += missing
+        if not missing:
+            of = [defined(file) for file in files]
+            found += [f"{files}: {name}" for k, name in enumerate(names) if name not in of[min(k, len(of) - 1)]]
+    return found
+
+
+def test_each_row_names_a_file_and_what_it_defines():
+    assert len(list(rows(PAGE))) >= 30
+    assert not faults(PAGE)
+
+
+def test_each_file_in_the_text_exists():
+    files = [name for name in re.findall(r"`([\w./-]+\.py)`", PAGE) if "/" in name]
+    assert len(files) > 30
+    assert not [file for file in files if not (ROOT / file).is_file()]
+
+
+def test_each_path_has_a_table_and_the_page_is_short():
+    assert re.findall(r"\*\*(tick|message|setting|mesh)\*\*", PAGE) == list(PATHS)
+    assert len(PAGE.splitlines()) <= 64
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "| `launch/run/execute.py` | `execute_all` | . |",
+        "| `launch/run/executed.py` | `execute` | . |",
+        "| `nodes/spread.py`, `nodes/collision.py` | `Kernel`, `Kernel` | . |",
+    ],
+)
+def test_a_wrong_row_is_found(line):
+    assert faults(line)
