@@ -38,14 +38,12 @@ class _Nearest(Placed, WithWidth, CompiledNode):
     """Fingertip tissue in front of the bone edge, h0."""
     hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
     """The foot point changes to another part of the surface when that part is nearer by this distance."""
-
-    def condition(self) -> str:
-        return "outside its range" if hasattr(self, "own") and self.own["outside"] else ""
+    conditions = {"outside": "outside its range"}
 
     def notes(self) -> list[str]:
         """A note for each cause for which the foot was not the nearest point."""
-        seen = int(self.own["seen"]) if hasattr(self, "own") else 0
-        name, (trails, passed) = type(self).__name__, 1e-9 * self.own["first"] if seen else (0.0, 0.0)
+        seen = int(self.known["seen"])
+        name, (trails, passed) = type(self).__name__, 1e-9 * self.known["first"]
         if seen & 1:
             self._note_once(
                 f"{name}: from {trails:.3f} s on the nearest point of the surface leapt ahead of the finger, as near a "

@@ -234,19 +234,18 @@ class Haptic(CompiledNode):
             weigh(own, state.wall, usual)
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own"):
-            if self.own["withheld"]:
-                self._note_once(
-                    f"Haptic: the force on the hand was withheld for more than {PATIENCE:g} s after messages "
-                    "of the contact, the pose or the device were missing; it recovers slowly, so that it does not push "
-                    "the hand"
-                )
-            if self.own["too_steep"]:
-                dt = float(self.own["steep_dt"])
-                most = stiffest.py_func(self.mass, self.drag, self.resolution, dt * (self.delay + 0.5))
-                self._note_once(
-                    f"Haptic: the contact is stiffer than {most:.0f} N/m, the limit of this device at this rate and "
-                    "delay, so the hand feels a softer one, and may oscillate by less than 1 mm under a large force. "
-                    "`palpate bench stability` computes the bounds"
-                )
+        if self.known["withheld"]:
+            self._note_once(
+                f"Haptic: the force on the hand was withheld for more than {PATIENCE:g} s after messages "
+                "of the contact, the pose or the device were missing; it recovers slowly, so that it does not push "
+                "the hand"
+            )
+        if self.known["too_steep"]:
+            dt = float(self.own["steep_dt"])
+            most = stiffest.py_func(self.mass, self.drag, self.resolution, dt * (self.delay + 0.5))
+            self._note_once(
+                f"Haptic: the contact is stiffer than {most:.0f} N/m, the limit of this device at this rate and "
+                "delay, so the hand feels a softer one, and may oscillate by less than 1 mm under a large force. "
+                "`palpate bench stability` computes the bounds"
+            )
         return super().notes()

@@ -69,7 +69,7 @@ class _Sliding(CompiledNode):
 
     def notes(self) -> list[str]:
         """Also a note, once, that the finger does not rest."""
-        if hasattr(self, "own") and self.own["rest"]["worst"] > 0.0:
+        if self.known["rest"]["worst"] > 0.0:
             seconds = unrest.WINDOW * unrest.LONG
             self._note_once(
                 f"{type(self).__name__}: the finger does not rest: its friction oscillates by more than "

@@ -45,6 +45,7 @@ class Energy(CompiledNode):
         "account": ledger.LEDGER, "past": TABLE,
         "tripped": bool, "by": int, "most": (), "time": int,  # row of the part that tripped it, its energy, time [ns]
     }  # fmt: skip
+    conditions = {"tripped": "tripped"}
 
     def start(self) -> None:
         super().start()
@@ -53,9 +54,6 @@ class Energy(CompiledNode):
     def generated_energy(self, part: str) -> float:
         """Energy [J] that one part has generated."""
         return float(self.own["account"]["accounts"]["generated"][PARTS.index(part)])
-
-    def condition(self) -> str:
-        return "tripped" if hasattr(self, "own") and self.own["tripped"] else ""
 
     def notes(self) -> list[str]:
         if self.condition():

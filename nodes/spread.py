@@ -57,6 +57,7 @@ class Kernel(CompiledNode, WithArea, WithWidth):
         "law_forces": ARRAY, "law_radii": ARRAY,  # of the area law; empty: fixed
         "rigid": bool, "gives": (2,), "cautioned": bool,  # compression and indentation [m] at the first rigid contact
     }  # fmt: skip
+    conditions = {"rigid": "outside its range"}
 
     shared = tuple(f"spreader.{name}" for name in TABLES)
 
@@ -127,11 +128,8 @@ class Kernel(CompiledNode, WithArea, WithWidth):
             put(place, vector(contact.foot))
             put(normal, n)
 
-    def condition(self) -> str:
-        return "outside its range" if hasattr(self, "own") and self.own["rigid"] else ""
-
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and self.own["cautioned"]:
+        if self.known["cautioned"]:
             (give, deep), width = 1e3 * self.own["gives"], 1e3 * self.radius
             self._note_once(
                 f"Kernel: the finger gives {give:.2g} mm where the body gives {deep:.2g} mm, as a rigid tip does. The "

@@ -150,7 +150,7 @@ class Spectral(_TextureNode, WithTexture):
         self.own["relief"] = self.is_relief
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and self.own["late"]:
+        if self.known["late"]:
             self._note_once(f"Spectral: the finger slid faster than {self.fit:.3g} m/s, the highest speed that fits "
                             f"{self.sampling:g} Hz; the texture was silent there")  # fmt: skip
         return super().notes()

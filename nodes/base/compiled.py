@@ -46,10 +46,12 @@ class CompiledNode(Node):
     idle     a kernel with the same arguments, called before `compute`: whether a step on these inputs would change
              neither state nor answers. It may keep the sample that it saw (`samples.slid`)
     shared   arrays of the state, or groups of them ("body.model"), that no kernel writes; parallel runs share them
+    conditions  words of `condition` for each field of the state that causes it while it is true or positive
     """
 
     State: ClassVar[dict[str, Any]] = {}
     shared: ClassVar[tuple[str, ...]] = ()
+    conditions: ClassVar[dict[str, str]] = {}
     compute: ClassVar[Any]
     idle: ClassVar[Any] = None
 
@@ -81,6 +83,15 @@ class CompiledNode(Node):
             elif isinstance(part := getattr(type(self), name, None), Part):
                 self.own[name] = part.is_wanted(self)
         self._records: Records | None = None
+
+    @property
+    def known(self) -> Any:
+        """The record of the node, for notes and conditions. They are also asked before the start: then it is zero."""
+        return self.own if hasattr(self, "own") else np.zeros((), record(type(self)))
+
+    def condition(self) -> str:
+        known = self.known
+        return next((words for field, words in self.conditions.items() if known[field] > 0), "")
 
     def _note_once(self, text: str) -> None:
         """Add a line for the user, at most once after a start."""

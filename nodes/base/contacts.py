@@ -9,6 +9,7 @@ from palpate.messages import Load, Surface
 from palpate.nodes.base.compiled import TABLE, CompiledNode
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.node import Node, SettingError, inputs
+from palpate.nodes.base.nodule import WithNodule
 
 SEVERAL = {"laws": TABLE, "slopes": TABLE, "coupling": TABLE}
 """The fields of `Surface` for several contacts."""
@@ -47,13 +48,16 @@ def unknown_vertex(load, count):
     return False
 
 
-def vertex_error(surface: str, count: int, loads: Sequence[Load]) -> SettingError:
-    """The error of a body for `NO_VERTEX`."""
-    nodes = next(n for each in loads if len(n := each.nodes) and not 0 <= n.min() <= n.max() < count)
-    return SettingError(
-        f"Load.nodes: found nodes {nodes.min()} ... {nodes.max()}, the surface has {count} vertices "
-        f"({surface!r}); give the node that spreads the load the same surface"
-    )
+class MeshBody(CompiledNode, WithNodule):
+    """A body that takes loads on the vertices of its mesh, and has no fault but `NO_VERTEX`."""
+
+    def explain(self, fault: int, *messages: Sequence[Load]) -> Exception:
+        count = len(self.mesh().vertices)
+        nodes = next(n for each in messages[0] if len(n := each.nodes) and not 0 <= n.min() <= n.max() < count)
+        return SettingError(
+            f"Load.nodes: found nodes {nodes.min()} ... {nodes.max()}, the surface has {count} vertices "
+            f"({self.surface!r}); give the node that spreads the load the same surface"
+        )
 
 
 def press_body(body: Node, *loads: Load, dt: float) -> Surface:

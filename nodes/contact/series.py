@@ -149,8 +149,8 @@ class Series(CompiledNode):
         return super().notes()
 
     def _fingers(self) -> Any:
-        """The state of each fingertip; none before the start."""
-        return np.atleast_1d(self.own["finger"]) if hasattr(self, "own") else ()
+        """The state of each fingertip."""
+        return np.atleast_1d(self.known["finger"])
 
     def _beyond(self, state: Any) -> str:
         """The note of a fingertip that was compressed beyond its tissue."""

@@ -1,6 +1,6 @@
 """The deformable body as a foundation of viscoelastic beams below its surface."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -8,10 +8,9 @@ import numpy as np
 from palpate.compiler.exact import row_times
 from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
-from palpate.nodes.base import ARRAY, TABLE, Agrees, Calibrated, CompiledNode, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
+from palpate.nodes.base import ARRAY, TABLE, Agrees, Calibrated, Out, Part, SettingError, Switch
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, unknown_vertex
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
 from palpate.physics.bodies import spring_range
@@ -25,7 +24,7 @@ OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")
 _bed_of = unpacking(beams.BeamFoundation)
 
 
-class BeamBundle(CompiledNode, WithNodule):
+class BeamBundle(MeshBody):
     """Beams of viscoelastic layers below each vertex of a surface (docs/equations/beam-bundle.md).
 
     Layers are listed from the surface inwards. The terminal law is that of the next implicit step. The pressure is the
@@ -170,9 +169,6 @@ class BeamBundle(CompiledNode, WithNodule):
 
     def notes(self) -> list[str]:
         """A note if the indentation exceeds the range of the foundation."""
-        if hasattr(self, "own") and self.own["beyond"]:
+        if self.known["beyond"]:
             self._note_once(f"{type(self).__name__}: {spring_range.deep_note()}")
         return super().notes()
-
-    def explain(self, fault: int, *messages: Any) -> Exception:
-        return vertex_error(self.surface, len(self._bed.beams.areas), messages[0])

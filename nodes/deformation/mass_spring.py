@@ -1,7 +1,7 @@
 """The mass-spring body (docs/equations/mass-spring.md)."""
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -10,11 +10,10 @@ from palpate.compiler.exact import exp, log, row_times
 from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
-from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Out, Part, Switch
-from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, send_laws, unknown_vertex, vertex_error
+from palpate.nodes.base import ARRAY, TABLE, Agrees, Out, Part, Switch
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, unknown_vertex
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.measured_map import measured_factor
-from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
@@ -31,7 +30,7 @@ _body_of = unpacking(springs.NodalBody)
 _courses_of = array_of(element_type(end_rate.COURSE))
 
 
-class MassSpring(CompiledNode, WithNodule):
+class MassSpring(MeshBody):
     """Nodes on springs and dampers in the zone of influence of the contact.
 
     The total normal force determines one indentation s by the law K <s + tau s'>^n <1 + c s'>. In an implicit step this
@@ -86,6 +85,8 @@ class MassSpring(CompiledNode, WithNodule):
 
     shared = "hard", "ground", "thick", "body.law", "body.nodal", "body.edges"
 
+    conditions = {"excess": "outside its range"}
+
     _count = 1  # of contacts; kept over a start, so that their arrays exist before the first step
 
     def start(self) -> None:
@@ -136,21 +137,18 @@ class MassSpring(CompiledNode, WithNodule):
 
     def notes(self) -> list[str]:
         """A note for each limit that was exceeded."""
-        beyond = int(self.own["beyond"]) if hasattr(self, "own") else 0
+        beyond = int(self.known["beyond"])
         if beyond & spring_range.DEEP_NOTE:
             self._note_once(f"{type(self).__name__}: {spring_range.deep_note(self.radius)}")
         if beyond & spring_range.FAST_NOTE:
             self._note_once(f"{type(self).__name__}: {spring_range.fast_note(self.retardation, self.radius)}")
-        if hasattr(self, "own") and self.own["deepest"][0] > 0.0:
+        if self.known["deepest"][0] > 0.0:
             self._note_once(
                 f"MassSpring: the organ is indented by more than its thickness, {1e3 * self.own['deepest'][1]:.3g} mm "
                 "on average (2 x volume / area). The law K s^n has no thickness, so the finger sinks deeper than the "
                 "organ: the force is meaningless there. Take deformation.ReducedFE"
             )
         return super().notes()
-
-    def explain(self, fault: int, *messages: Any) -> Exception:
-        return vertex_error(self.surface, len(self.mesh().vertices), messages[0])
 
     def bases(self) -> list[ReducedFE]:
         """The bodies whose bases this node reads."""
@@ -159,9 +157,6 @@ class MassSpring(CompiledNode, WithNodule):
     def _reference(self) -> ReducedFE:
         names = "surface", "position", "rotation", "vertices", "file_unit", "piece", "refine", "spacing", "radius"
         return ReducedFE(**{name: getattr(self, name) for name in names})
-
-    def condition(self) -> str:
-        return "outside its range" if hasattr(self, "own") and self.own["excess"] > 0.0 else ""
 
     def resize(self, counts: list[int]) -> None:
         if counts[0] != self._count:

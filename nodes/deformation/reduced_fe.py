@@ -11,11 +11,10 @@ from palpate.compiler.entry_point import NO_FLOATS
 from palpate.compiler.exact import einsum, exp
 from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
-from palpate.nodes.base import Agrees, CompiledNode, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, make_room, unknown_vertex, vertex_error
+from palpate.nodes.base import Agrees, Out, Part, SettingError, Switch
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, unknown_vertex
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.node import once_per_class
-from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.samples import oldest
 from palpate.nodes.base.surface import LEVEL, SURFACES, rotation_matrix, surface_mesh
 from palpate.nodes.deformation import basis_store
@@ -47,7 +46,7 @@ GRID = 1e-6
 _condensed_of, _sampled_of = unpacking(CondensedBody), unpacking(SampledBody)
 
 
-class ReducedFE(CompiledNode, WithNodule):
+class ReducedFE(MeshBody):
     """A finite-element organ on an elastic foundation, condensed to its surface, corrected for large displacement.
 
     Optionally with a hard nodule and a stiffer capsule. `palpate build basis` builds its basis once for a surface,
@@ -109,6 +108,8 @@ class ReducedFE(CompiledNode, WithNodule):
         "areas", "body.model", "body.ground", "body.fine.reach", *(f"body.fine.spreader.{name}" for name in TABLES)
     )  # fmt: skip
 
+    conditions = {"beyond": "outside its range"}
+
     def __new__(cls, **given: Any) -> "ReducedFE":
         sampled = given.get("model", cls.model) == "sampled"
         return super().__new__(_sampled_class(cls) if sampled else cls)
@@ -133,9 +134,6 @@ class ReducedFE(CompiledNode, WithNodule):
     def bases(self) -> list["ReducedFE"]:
         """The bodies whose bases this node reads."""
         return [self]
-
-    def condition(self) -> str:
-        return "outside its range" if hasattr(self, "own") and self.own["beyond"] > 0.0 else ""
 
     _count = 1  # of contacts; kept over a start, so that their arrays exist before the first step
 
@@ -207,12 +205,9 @@ class ReducedFE(CompiledNode, WithNodule):
 
     def notes(self) -> list[str]:
         """A note for each new cause of extrapolation."""
-        for cause, *found in self.own["cautions"][: self.own["causes"]] if hasattr(self, "own") else ():
+        for cause, *found in self.known["cautions"][: self.known["causes"]]:
             self._note_once(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
         return super().notes()
-
-    def explain(self, fault: int, *messages: Any) -> Exception:
-        return vertex_error(self.surface, len(self.mesh().vertices), messages[0])
 
     def _apart(self) -> np.ndarray | None:
         """Distance [m] (V,) of each vertex of the basis to the nearest change of modulus; None: homogeneous."""

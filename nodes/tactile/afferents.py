@@ -149,7 +149,7 @@ class Afferents(WithReceptors):
             lend(out.rate, own.rate)
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and self.own["slow"] > SLOW:
+        if self.known["slow"] > SLOW:
             self._note_once(
                 f"Afferents: the stress arrived every {1e3 * self.own['slow']:.3g} ms. Between messages it is linear, "
                 "and its corners are vibrations to PC; give tactile.Stress no divisor, and the graph 500 Hz or more"

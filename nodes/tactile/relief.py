@@ -161,7 +161,7 @@ class Relief(WithReceptors, WithTexture):
             lend(out.deflection, own.deflection)
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and self.own["fastest"] * self.finest > COARSE:
+        if self.known["fastest"] * self.finest > COARSE:
             self._note_once(
                 f"Relief: a step moved the relief by {1e3 * self.own['fastest']:.2g} mm, where its shortest wavelength "
                 f"is {1e3 / self.finest:.2g} mm: the spikes miss it. Raise the rate of the graph to "

@@ -9,6 +9,7 @@ import typer
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.cli.terminal.run_options import RunOptions, takes_run
 from palpate.launch.run.progress import steps
 from palpate.physics.errors import TROUBLE
 
@@ -20,17 +21,12 @@ EXAMPLE = "palpate rates kidney --error '1 %'"
 PER_TICK = 2e-3  # [s] computing time per tick of a run and its replay at two rates
 
 
+@takes_run()
 def rates(
-    graph: options.Graph,
+    chosen: RunOptions,
     error: Annotated[
         str, typer.Option(help="Allowed RMS error, % of peak, of each effect's output and of the force.")
     ] = "1 %",
-    sets: options.Sets = None,
-    scene: options.SceneOption = None,
-    organ: options.OrganOption = None,
-    unit: options.UnitOption = None,
-    piece: options.PieceOption = None,
-    repair: options.RepairOption = False,
     duration: options.Duration = None,
     speeds: Annotated[
         str,
@@ -51,8 +47,7 @@ def rates(
 
     share, _ = read_error(error)
     fast = study.read_speeds(speeds)
-    launch = options.choose_launch(graph, sets, scene).but(duration=duration)
-    launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
+    launch = chosen.launch(silent=as_json).but(duration=duration)
     planned = launch.plan()
     study.effects_of(planned)
     file = options.launch_file(launch, out, "rates")

@@ -9,6 +9,7 @@ import typer
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.cli.terminal.run_options import RunOptions, takes_run
 from palpate.launch.run.progress import steps
 from palpate.physics.errors import TROUBLE
 
@@ -29,8 +30,9 @@ def _budget(text: str) -> float:
     raise typer.BadParameter(f"found {text!r} without a unit; expected a time such as '{text} ms' or '{text} s'")
 
 
+@takes_run()
 def tune(
-    graph: options.Graph,
+    chosen: RunOptions,
     budget: Annotated[
         float | None,
         typer.Option(help="Processor time per tick, all nodes, p99: '0.5 ms'.", parser=_budget, metavar="TIME"),
@@ -38,12 +40,6 @@ def tune(
     error: Annotated[
         str | None, typer.Option(help="Allowed RMS error, % of peak: '2 % force'; also indentation or shape.")
     ] = None,
-    sets: options.Sets = None,
-    scene: options.SceneOption = None,
-    organ: options.OrganOption = None,
-    unit: options.UnitOption = None,
-    piece: options.PieceOption = None,
-    repair: options.RepairOption = False,
     duration: options.Duration = None,
     out: Annotated[Path | None, options.out_option("Launch file to write; default runs/GRAPH-tuned.yaml.")] = None,
     as_json: options.Json = False,
@@ -59,8 +55,7 @@ def tune(
     if budget is None and error is None:
         raise typer.BadParameter("expected --budget '0.5 ms', --error '2 % force', or both")
     goal = study.Goal(budget, *(read_error(error, study.QUANTITIES) if error is not None else (None, "force")))
-    launch = options.choose_launch(graph, sets, scene).but(duration=duration)
-    launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
+    launch = chosen.launch(silent=as_json).but(duration=duration)
     file = options.launch_file(launch, out, "tuned")
     loaded = launch.load()
     bodies, length = len(study.candidates(loaded)), launch.duration or 0.0

@@ -2,18 +2,14 @@
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console, print_json, say
+from palpate.cli.terminal.run_options import RunOptions, takes_run
 
 EXAMPLE = "palpate check kidney --scene frictionless"
 
 
+@takes_run()
 def check(
-    graph: options.Graph,
-    sets: options.Sets = None,
-    scene: options.SceneOption = None,
-    organ: options.OrganOption = None,
-    unit: options.UnitOption = None,
-    piece: options.PieceOption = None,
-    repair: options.RepairOption = False,
+    chosen: RunOptions,
     place: options.PlaceOption = None,
     fused: options.Fused = False,
     as_json: options.Json = False,
@@ -24,8 +20,7 @@ def check(
     """
     from palpate.launch.load.plan import check_stored
 
-    run = options.choose_launch(graph, sets, scene, place, fused)
-    run = options.with_organ_file(run, organ, unit, piece, repair, silent=as_json)
+    run = chosen.launch(place, fused, silent=as_json)
     plan = run.plan()
     check_stored(plan)
     groups = run.placement(plan).groups

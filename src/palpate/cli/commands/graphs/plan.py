@@ -11,6 +11,7 @@ import typer
 from palpate.cli.terminal import options
 from palpate.cli.terminal.costs import PROVED, price_row
 from palpate.cli.terminal.output import console, print_json, table
+from palpate.cli.terminal.run_options import RunOptions, takes_run
 from palpate.launch.run.progress import steps
 
 if TYPE_CHECKING:
@@ -21,14 +22,9 @@ if TYPE_CHECKING:
 EXAMPLE = "palpate plan kidney --scene frictionless"
 
 
+@takes_run()
 def plan(
-    graph: options.Graph,
-    sets: options.Sets = None,
-    scene: options.SceneOption = None,
-    organ: options.OrganOption = None,
-    unit: options.UnitOption = None,
-    piece: options.PieceOption = None,
-    repair: options.RepairOption = False,
+    chosen: RunOptions,
     place: options.PlaceOption = None,
     fused: options.Fused = False,
     ablate: Annotated[
@@ -44,10 +40,9 @@ def plan(
     from palpate.launch.load.effect_costs import effect_costs
     from palpate.records.times import step_times
 
-    if ablate is not None and organ is not None:
+    if ablate is not None and chosen.organ is not None:
         raise typer.BadParameter("--ablate computes a recorded touch again, on its organ; leave out --organ")
-    run = options.choose_launch(graph, sets, scene, place, fused)
-    run = options.with_organ_file(run, organ, unit, piece, repair, silent=as_json)
+    run = chosen.launch(place, fused, silent=as_json)
     planned = run.plan()
     times, source = step_times(planned, ablate)
     placement = run.placement(planned, times)
@@ -58,7 +53,7 @@ def plan(
 
         title = f"plan: the touch again with each of {len(items)} effects toggled"
         with steps(title, len(items), silent=as_json) as done:
-            ablation.ablate(Recording(ablate), items, sets or [], lambda name: done(f"{name} toggled"))
+            ablation.ablate(Recording(ablate), items, chosen.sets or [], lambda name: done(f"{name} toggled"))
     if as_json:
         groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host,
                    "why": g.why}

@@ -8,19 +8,15 @@ import typer
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console
+from palpate.cli.terminal.run_options import RunOptions, takes_run
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate run kidney --set tissue.use=deformation.ReducedFE"
 
 
+@takes_run("kidney")
 def run(
-    graph: options.Graph = "kidney",
-    sets: options.Sets = None,
-    scene: options.SceneOption = None,
-    organ: options.OrganOption = None,
-    unit: options.UnitOption = None,
-    piece: options.PieceOption = None,
-    repair: options.RepairOption = False,
+    chosen: RunOptions,
     place: options.PlaceOption = None,
     fused: options.Fused = False,
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
@@ -61,12 +57,11 @@ def run(
     """
     with contextlib.ExitStack() as ending:
         # The run that the options describe.
-        launch = options.choose_launch(graph, sets, scene, place, fused)
-        launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
+        launch = chosen.launch(place, fused, silent=as_json)
         options.one_of("clock", clock, "simulated", "real")
         launch = launch.but(clock=clock, duration=duration, pace=pace)
         launch = options.reconnecting(launch) if reconnect else launch
-        name = (organ or launch.path or launch.graph).stem
+        name = (chosen.organ or launch.path or launch.graph).stem
         launch, folder = options.recorded_to(launch, name, record, out, no_record, record_only, ending)
         loaded = page = None
         if see:

@@ -1,6 +1,7 @@
 """`palpate touch`: a page in the browser where the mouse is the finger."""
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -8,19 +9,15 @@ import typer
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.browser import show
+from palpate.cli.terminal.run_options import RunOptions, takes_run
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate touch kidney"
 
 
+@takes_run("kidney")
 def touch(
-    graph: options.Graph = "kidney",
-    sets: options.Sets = None,
-    scene: options.SceneOption = None,
-    organ: options.OrganOption = None,
-    unit: options.UnitOption = None,
-    piece: options.PieceOption = None,
-    repair: options.RepairOption = False,
+    chosen: RunOptions,
     port: options.Port = 0,
     host: options.Host = "127.0.0.1",
     no_open: options.NoOpen = False,
@@ -46,13 +43,12 @@ def touch(
     from palpate.launch.run.interrupts import StoppedError
     from palpate.views.page.session import Session
 
-    launch = options.with_organ_file(
-        options.choose_launch(graph, None if organ is None else sets, scene), organ, unit, piece, repair
-    )
-    build_missing(launch.but(overrides=sets or ()).load())
+    sets = chosen.sets or []
+    launch = (replace(chosen, sets=None) if chosen.organ is None else chosen).launch()
+    build_missing(launch.but(overrides=sets).load())
     with contextlib.nullcontext(out) if out else new_folder("touch") as folder:
         session = Session(
-            launch, folder, list(sets or []), record_only, lambda graph, begin: build_missing(graph, begin=begin)
+            launch, folder, list(sets), record_only, lambda graph, begin: build_missing(graph, begin=begin)
         )
         session.keep = not no_record
         stopped: StoppedError | None = None

@@ -7,24 +7,20 @@ import typer
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.output import print_json, say
+from palpate.cli.terminal.run_options import RunOptions, takes_run
 from palpate.launch.run.progress import steps
 
 EXAMPLE = "palpate fit body kidney"
 PER_TICK = 1e-3  # [s] computing time per tick of the touch, for a body and its reference
 
 
+@takes_run()
 def body(
-    graph: options.Graph,
+    chosen: RunOptions,
     reference: Annotated[
         list[str] | None,
         typer.Option(help="Settings of the reference, as for --set; default: ReducedFE instead of the body."),
     ] = None,
-    sets: options.Sets = None,
-    scene: options.SceneOption = None,
-    organ: options.OrganOption = None,
-    unit: options.UnitOption = None,
-    piece: options.PieceOption = None,
-    repair: options.RepairOption = False,
     duration: options.Duration = None,
     out: Annotated[Path | None, options.out_option("Launch file to write; default runs/GRAPH-fitted.yaml.")] = None,
     as_json: options.Json = False,
@@ -36,8 +32,7 @@ def body(
     """
     from palpate.studies import fit_body as study
 
-    launch = options.choose_launch(graph, sets, scene).but(duration=duration)
-    launch = options.with_organ_file(launch, organ, unit, piece, repair, silent=as_json)
+    launch = chosen.launch(silent=as_json).but(duration=duration)
     launch.load()
     file = options.launch_file(launch, out, "fitted")
     length = launch.duration or 0.0
