@@ -21,6 +21,7 @@ def test_the_check_finds_a_missing_kernel_and_leaves_nothing(tmp_path):
     done = call(tmp_path, "check")
     assert (done.returncode, done.stdout, done.stderr) == (MISSING, "", "")
     assert not list((tmp_path / "temporary").iterdir())
+    assert not list((tmp_path / "cache").rglob("*.nb[ci]")), "it ends at the first missing kernel"
 
 
 @pytest.mark.long

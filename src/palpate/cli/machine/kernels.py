@@ -85,6 +85,7 @@ def compile_all(
     report  called with the name of a run before it, and the number so far before each compilation
     folder  for recordings
     """
+    importlib.import_module("palpate.compiler.kernel")  # with numba: before that, `compiling` sees nothing
     count, now = 0, ""
 
     def count_kernel(_: int) -> None:
