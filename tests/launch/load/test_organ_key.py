@@ -20,9 +20,14 @@ from palpate.physics.errors import MeshError
 trimesh = pytest.importorskip("trimesh")
 
 
+COARSE = "scene.surface.refine=12 mm"
+"""Refined to 1.6 mm, the ball would have 40 962 vertices, which each process divides and places again."""
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with a ball of 120 mm, in mm, and an empty cache of bases."""
+    """A folder with balls of 120 and 40 mm, in mm, and an empty cache of bases."""
+    trimesh.creation.icosphere(2, 20.0).export(tmp_path / "small.stl")
     trimesh.creation.icosphere(2, 60.0).export(tmp_path / "ball.stl")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))  # processes compile nothing again
@@ -32,29 +37,29 @@ def folder(tmp_path, monkeypatch):
 
 def surface(launch):
     graph = launch.load()
-    return graph.scene["surface"], [note for note in graph.notes if "ball.stl" in note]
+    return graph.scene["surface"], [note for note in graph.notes if ".stl" in note]
 
 
 def test_launch_files_and_scenes_take_the_organ_of_a_file_next_to_them(folder, monkeypatch):
-    expected, notes = surface(find("kidney").but(organ=OrganFile(folder / "ball.stl", "mm")))
+    expected, notes = surface(find("kidney").but(organ=OrganFile(folder / "small.stl", "mm")))
     assert len(notes) == 1 and "its top lies at" in notes[0] and expected["file_unit"] == "mm"
-    (folder / "run.yaml").write_text("graph: kidney\norgan: {file: ball.stl, unit: mm}\n")
-    (folder / "scene.yaml").write_text("extends: kidney\norgan: {file: ball.stl, unit: mm}\n")
+    (folder / "run.yaml").write_text("graph: kidney\norgan: {file: small.stl, unit: mm}\n")
+    (folder / "scene.yaml").write_text("extends: kidney\norgan: {file: small.stl, unit: mm}\n")
     (folder / "elsewhere").mkdir()
     monkeypatch.chdir(folder / "elsewhere")
     for launch in (find(str(folder / "run.yaml")), find("kidney").but(scene=folder / "scene.yaml")):
         assert surface(launch) == surface(launch.settle_organ()) == (expected, notes)
     monkeypatch.chdir(folder)
-    assert surface(find("kidney").but(overrides=("scene.organ=ball.stl",)))[0] == expected
+    assert surface(find("kidney").but(overrides=("scene.organ={file: small.stl, unit: mm}",)))[0] == expected
 
 
 def test_python_gives_the_same_force_as_the_shell(folder):
     words = ["run", "kidney", "--organ", "ball.stl", "--duration", "0.6 s", "--fused", "--no-pictures", "--json"]
-    shell = CliRunner().invoke(app, [*words, "--out", "shell"])
+    shell = CliRunner().invoke(app, [*words, "--set", COARSE, "--out", "shell"])
     assert shell.exit_code == 0, shell.output
     expected = np.asarray(palpate.open("shell/ball.mcap").contact.force)
     assert expected.max() > 0.5
-    given = {"organ": "ball.stl", "duration": 0.6}
+    given = {"organ": "ball.stl", "sets": (COARSE,), "duration": 0.6}
     np.testing.assert_array_equal(palpate.run("kidney", record="python.mcap", **given).contact.force, expected)
     lanes = palpate.Ensemble("kidney", 2, **given).run(quiet=True)["contact.force"]
     np.testing.assert_array_equal(np.asarray(lanes)[1], expected)
@@ -68,10 +73,10 @@ def test_an_environment_takes_an_organ(folder):
     gymnasium = pytest.importorskip("gymnasium")
     import palpate.gym  # noqa: F401, registers the environments
 
-    env = gymnasium.make("palpate/Touch-v0", organ={"file": "ball.stl", "unit": "mm"})
+    env = gymnasium.make("palpate/Touch-v0", organ={"file": "small.stl", "unit": "mm"})
     env.reset(seed=1)
     collision = env.unwrapped.stepper.plan.graph.nodes["collision"]
-    assert collision.settings["surface"].endswith("ball.stl")
+    assert collision.settings["surface"].endswith("small.stl")
     env.close()
 
 
@@ -102,7 +107,7 @@ def test_a_missing_file_and_a_wrong_unit_are_errors_without_traceback(folder):
 
 def test_a_missing_basis_is_built_once_and_used(folder):
     trimesh.creation.icosphere(1, 60.0).export("ball.stl")
-    given = {"organ": "ball.stl", "tissue": "deformation.ReducedFE", "duration": 0.5}
+    given = {"organ": "ball.stl", "tissue": "deformation.ReducedFE", "sets": (COARSE,), "duration": 0.5}
     force = palpate.run("kidney", record="one.mcap", **given).contact.force
     (basis,) = cache().glob("ball-condensed-*.npz")
     assert force.max() > 0.5 and about(basis)["inputs"]["surface"] == "ball"
@@ -167,8 +172,8 @@ def test_the_bases_of_all_points_and_lanes_are_built(folder):
 
 
 def test_a_basis_that_cannot_be_built_is_an_error_with_the_reason(folder):
-    trimesh.Trimesh(*(lambda m: (m.vertices, m.faces[:-1]))(trimesh.creation.icosphere(1, 60.0))).export("open.stl")
-    given = {"organ": "open.stl", "duration": 0.2}
+    trimesh.Trimesh(*(lambda m: (m.vertices, m.faces[:-1]))(trimesh.creation.icosphere(1, 20.0))).export("open.stl")
+    given = {"organ": {"file": "open.stl", "unit": "mm"}, "sets": (COARSE,), "duration": 0.2}
     with pytest.raises(SettingError, match="not closed"):
         palpate.Ensemble("kidney", 2, {"tissue.young": [1e4, 2e4]}, tissue="deformation.ReducedFE", **given)
     lines = []

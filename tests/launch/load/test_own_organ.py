@@ -201,7 +201,7 @@ def test_a_small_ball_gets_a_narrower_path_on_its_surface(tmp_path):
 
 
 def test_the_rotation_of_the_scene_is_kept(tmp_path):
-    launch = find("kidney").but(overrides=("scene.surface.rotation=[0, 1.5707963, 0]",))
+    launch = find("kidney").but(overrides=("scene.surface.rotation=[0, 1.5707963, 0]", "scene.surface.refine=0"))
     changed = launch.but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settle_organ()
     surface = changed.load().scene["surface"]
     placed = surface_mesh(surface["surface"], 0, tuple(surface["position"]), tuple(surface["rotation"]), "mm")
@@ -225,7 +225,7 @@ def test_one_command_from_a_mesh_to_a_touch(tmp_path, monkeypatch):
     """The hand presses as deep into the liver as into the kidney; the notes include the flaw of the file."""
     monkeypatch.chdir(tmp_path)
     saved(tmp_path, inside_out())
-    common = ["--fused", "--duration", "1 s", "--json", "--no-pictures"]
+    common = ["--fused", "--duration", "1 s", "--json", "--no-pictures", "--set", "scene.surface.refine=4 mm"]
     outcome = run("run", "kidney", "--organ", "liver.stl", "--unit", "mm", "--out", "own", *common)
     assert outcome.exit_code == 0, outcome.output
     data = json.loads(outcome.stdout)
@@ -252,7 +252,8 @@ def test_the_unit_of_a_file_is_a_value_of_the_scene(tmp_path):
 
 def test_the_mouse_touches_a_custom_organ(tmp_path):
     """The path along the organ belongs to the simulated hand, which the page replaces."""
-    launch = find("kidney").but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settle_organ()
+    launch = find("kidney").but(overrides=("scene.surface.refine=0",))
+    launch = launch.but(organ=OrganFile(saved(tmp_path, liver()), "mm")).settle_organ()
     planned = steer_launch(launch, tmp_path)[0].plan()
     begin = launch.plan().graph.nodes["device"].settings["begin"]
     assert planned.graph.nodes["device"].settings["begin"] == begin
