@@ -16,6 +16,7 @@ import pytest
 import typer.testing
 from whole_touch import WHOLE
 
+from palpate.compiler import kernel_cache
 from palpate.launch.run.wire.addresses import has_unix_sockets
 
 gc.disable()  # until all tests are collected
@@ -30,6 +31,8 @@ if has_unix_sockets():
     import warm_fork_server
 
     warm_fork_server.use()
+# A test with caches of its own (XDG_CACHE_HOME) and the processes that it starts would compile all kernels again.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))
 os.environ["PALPATE_TESTS"] = str(os.getpid())  # by which a node knows this process from those below it
 
 # Commands are called by the hundred, and typer builds the tree of all of them for each.

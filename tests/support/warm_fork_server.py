@@ -37,7 +37,7 @@ from palpate.launch.run.work.forked import Child
 
 AFTER_IMPORT = {
     "BROWSER", "COLUMNS", "DISPLAY", "PALPATE_FAULT", "PALPATE_TEST", "PYTEST_CURRENT_TEST", "PYTHONPATH",
-    "PYTHONUNBUFFERED", "TMPDIR", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR",
+    "PYTHONUNBUFFERED", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR",
 }  # fmt: skip
 """Variables that no library reads at import."""
 AT_A_RUN = ("palpate.cli.terminal.run_summary", "palpate.records.times")

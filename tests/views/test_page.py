@@ -15,7 +15,6 @@ import pytest
 
 from palpate.bases import build_missing
 from palpate.cli.terminal.browser import show
-from palpate.compiler import kernel_cache
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ_file import OrganFile
 from palpate.records.changed import change_plan
@@ -173,7 +172,6 @@ def test_another_body_starts_a_new_run_and_its_recording_replays(server):
 @pytest.mark.long
 def test_switching_to_a_body_without_a_basis_builds_it(tmp_path, monkeypatch):
     trimesh = pytest.importorskip("trimesh")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     trimesh.creation.icosphere(1, 60.0).export(tmp_path / "ball.stl")
     said, say = [], Session.say

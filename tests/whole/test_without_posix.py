@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from palpate.cli.machine import diagnostics
-from palpate.compiler import kernel_cache
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import Network, execute
 from palpate.launch.run.wire import addresses, discover
@@ -108,7 +107,6 @@ def test_processes_are_connected_by_encrypted_tcp_without_unix_sockets(tmp_path)
 
 @pytest.mark.long
 def test_processes_compute_a_study_and_a_basis_without_inherited_pipes(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     without_posix(tmp_path, "computed")
 

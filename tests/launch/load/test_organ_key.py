@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 import palpate
 from palpate import bases
 from palpate.cli.__main__ import app
-from palpate.compiler import kernel_cache
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ_file import OrganFile, organ_of
@@ -30,7 +29,6 @@ def folder(tmp_path, monkeypatch):
     trimesh.creation.icosphere(2, 20.0).export(tmp_path / "small.stl")
     trimesh.creation.icosphere(2, 60.0).export(tmp_path / "ball.stl")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))  # processes compile nothing again
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path
 
