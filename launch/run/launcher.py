@@ -28,7 +28,8 @@ from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.wire.addresses import has_unix_sockets
 from palpate.launch.run.wire.discover import Running
 from palpate.launch.run.wire.keys import Key
-from palpate.launch.run.wire.wires import ControlChannel, blocked_by, listeners, read_streams
+from palpate.launch.run.wire.printable import lines_of, one_line, printable
+from palpate.launch.run.wire.wires import ControlChannel, blocked_by, listeners, read_streams, wrong_endpoint
 from palpate.launch.run.work.activity import ENDED, Activity
 from palpate.launch.run.work.spawner import Spawner, worker_server
 from palpate.launch.run.work.worker import REPORT
@@ -216,30 +217,34 @@ class Launcher:
             case reports.Pulse(found):
                 self._take_pulse(member, found)
             case reports.Starting(node, kernels):
-                member.busy, member.kernels = node, kernels
+                member.busy, member.kernels = node if node in member.nodes else "", kernels
             case reports.Compiling(active):
                 member.compiling = active
             case reports.InCall(node):
-                member.busy = node
+                member.busy = node if node in member.nodes else ""
             case reports.Ready():
                 self._ready(member, report)
             case reports.Linked():
                 self._link_worker(member)
             case reports.Alive(nodes, awaits):
-                self.result.health.update(msgspec.to_builtins(nodes))
+                of_group = {name: counters for name, counters in nodes.items() if name in member.nodes}
+                self.result.health.update(msgspec.to_builtins(of_group))
                 member.waits(awaits)
             case reports.Paused(tick):
                 member.paused = tick
                 ticks = [lead.paused for lead in self._leads()]
                 if None not in ticks:
                     self._control.send_order("*", reports.End(max(tick for tick in ticks if tick is not None)))
-            case NodeFault():
-                self._report_death(member, report)
+            case NodeFault(node, where, text, trace):
+                text, trace = (lines_of(each) if member.joined else printable(each) for each in (text, trace))
+                fault = NodeFault(node if node in member.nodes else "", one_line(where), text, trace)
+                self._report_death(member, fault)
             case reports.Note(text, node, time_):
-                self.result.notes.append(RunNote(text, node, time_))
+                note = RunNote(one_line(text) if member.joined else text, node if node in member.nodes else "", time_)
+                self.result.notes.append(note)
                 if self.printed is not silent:
-                    self.result.live.add(text)
-                self.printed(text + "\n")
+                    self.result.live.add(note.text)
+                self.printed(note.text + "\n")
             case reports.Observes():
                 member.observes = True
                 self._ending.follow()
@@ -267,12 +272,20 @@ class Launcher:
     def _ready(self, member: WorkerHandle, report: reports.Ready) -> None:
         if not member.alive:
             return
+        if wrong := wrong_endpoint(self.run_id, member.job.group, member.joined, report.endpoints):
+            self._report_death(member, NodeFault("", "process", wrong))
+            self.forkserver.ask(reports.Kill(member.job.group, reports.KILL))
+            if member.joined:
+                self._control.send_order(member.job.group, reports.Quit())
+                self._is_gone(member)
+            return
         member.endpoints, member.secured = report.endpoints, report.secured
         member.busy, member.state = "", "ready"
         if self._ending.over or (self._real and not any(lead.alive for lead in self._leads())):
             self._control.send_order(member.job.group, reports.Stop())  # it missed the end of the run
             return
-        self.result.notes += [n for n in report.refused if n not in self.result.notes]
+        refused = map(one_line, report.refused)
+        self.result.notes += [text for text in refused if text not in self.result.notes]
         if self.phase == "running":
             self._link(member)
         elif self._all("ready"):

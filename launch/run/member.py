@@ -73,8 +73,13 @@ class WorkerHandle:
         return self.state in ALIVE
 
     @property
+    def nodes(self) -> list[str]:
+        """Names of its nodes and observers. A report about another one is not about this worker."""
+        return [given.name for given in members(self.job)]
+
+    @property
     def names(self) -> str:
-        return ", ".join(given.name for given in members(self.job))
+        return ", ".join(self.nodes)
 
     def reset_silence(self) -> None:
         self.silent, self._passed, self._checked = SilentTime(), 0.0, time.monotonic()

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, overload
 
+from palpate.launch.run.wire.printable import printable
 from palpate.physics.errors import PalpateWarning
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ _NUMBER = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")
 
 
 class RunNote(str):
-    """A line for the user.
+    """A line for the user. Control characters in its text, which may be that of a file or a device, are shown.
 
     node  the node that it is about; "": the run
     time  [s] on the graph's clock when it was reported; 0: before the first tick
@@ -31,7 +32,7 @@ class RunNote(str):
     lane: int | None
 
     def __new__(cls, text: str, node: str = "", time: float = 0.0, lane: int | None = None) -> "RunNote":
-        note = super().__new__(cls, text)
+        note = super().__new__(cls, printable(text))
         note.node, note.time, note.lane = node, time, lane
         return note
 

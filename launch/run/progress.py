@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from palpate.launch.run.busy import busy
+from palpate.launch.run.wire.printable import printable
 
 INTERVAL = 10.0  # [s] between lines in a log
 
@@ -40,6 +41,7 @@ class StageBars:
         In a log, the name of the stage is printed with its first progress report, so that invalid input prints only its
         error.
         """
+        name, note = printable(name), printable(note)
         task = self.bars.add_task(name, total=total, note=note)
         printed, named = time.monotonic(), not (self.lines and name and note)
         first = begun = 0.0
@@ -50,6 +52,7 @@ class StageBars:
 
         def done(share: float, note: str = note) -> None:
             nonlocal printed, named, first, begun
+            note = printable(note)
             self.bars.update(task, total=1.0, completed=share, note=note)
             if not named:
                 named = True

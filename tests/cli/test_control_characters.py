@@ -1,14 +1,26 @@
 """Text of a file or of another program never controls the terminal."""
 
+import ast
 import io
+import json
 import os
+from pathlib import Path
 
 import pytest
 
+import palpate.cli
 from palpate.cli.terminal import output
+from palpate.launch.run.notes import RunNote, warn
 from palpate.physics.archive import replacing
+from palpate.physics.errors import PalpateWarning
 
 CLIPBOARD = "\x1b]52;c;ZXZpbA==\x07"  # xterm's OSC 52: write to the clipboard
+RAW = {
+    ("output.py", "typer.echo"): "of `write`, which shows them",
+    ("__main__.py", "typer.echo"): "the version",
+    ("kernels.py", "print"): "names of kernels of palpate, over one another",
+}
+"""Calls that write a text as it is, and why that is safe."""
 CONTROLS = [chr(code) for code in (*range(0x20), *range(0x7F, 0xA0)) if chr(code) not in "\t\n\r"]
 
 
@@ -28,6 +40,34 @@ def test_no_control_character_of_a_text_reaches_the_terminal(capsys):
     for character in CONTROLS:
         assert character not in said and character not in table
     assert "␛]52;c;ZXZpbA==" in said and "␛" in table
+
+
+def test_no_control_character_of_a_json_text_reaches_the_terminal_and_none_is_lost(capsys):
+    output.print_json({"note": "".join(CONTROLS)})
+    shown = capsys.readouterr().out
+    assert not any(character in shown for character in CONTROLS)
+    assert json.loads(shown) == {"note": "".join(CONTROLS)}
+
+
+def test_every_command_prints_by_the_functions_that_show_control_characters():
+    """`typer.echo` and `print` write a text as it is."""
+    found = []
+    for file in sorted(Path(palpate.cli.__file__).parent.rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            name = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+            if name in ("print", "typer.echo", "typer.secho", "click.echo", "sys.stdout.write", "Console"):
+                found.append((file.name, name))
+    assert set(found) <= set(RAW), set(found) - set(RAW)
+    assert set(RAW) <= set(found), "a reason that is no longer needed"
+
+
+def test_the_notes_of_a_run_have_no_control_characters():
+    """Python prints them as warnings, and a recording stores them."""
+    note = RunNote(f"a{CLIPBOARD}b", "contact")
+    assert str(note) == note.text == "a␛]52;c;ZXZpbA==␇b"
+    with pytest.warns(PalpateWarning) as warned:
+        warn([note])
+    assert "\x1b" not in str(warned[0].message)
 
 
 def test_styles_still_reach_a_terminal():

@@ -11,6 +11,7 @@ folder of its run, so that stale folders of killed launchers can be recognised.
 import contextlib
 import hashlib
 import os
+import re
 import shutil
 import socket
 import stat
@@ -23,6 +24,7 @@ from urllib.parse import quote, unquote
 LONGEST = 100  # [bytes] path of a socket; the kernel's limit is 107
 LOOPBACK = "127.0.0.1"
 _LOCK = "lock"
+_TCP = re.compile(r"tcp://([\w.-]{1,253}|\[[0-9a-fA-F:.]{2,45}(%\w{1,15})?\]):([0-9]{1,5})", re.ASCII)
 
 
 def has_unix_sockets() -> bool:
@@ -58,6 +60,13 @@ def endpoint(run: str, name: str, outlet: str = "") -> str:
     if len(os.fsencode(path)) > LONGEST:
         path = path.with_name(f"{hashlib.sha256(name.encode()).hexdigest()[:16]}.{outlet}")
     return f"ipc://{path}"
+
+
+def is_tcp(address: str) -> bool:
+    """Whether an address is `tcp://host:port` of one host and port: neither a local socket nor another transport, which
+    a peer on another machine must not name."""
+    found = _TCP.fullmatch(address)
+    return found is not None and 0 < int(found[3]) < 1 << 16
 
 
 class RunFolder:

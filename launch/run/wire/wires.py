@@ -11,9 +11,10 @@ import zmq
 
 from palpate.engine.job import Job
 from palpate.launch.run.reports import REPORTS, Addressed, Order
-from palpate.launch.run.wire.addresses import LOOPBACK, RunFolder, endpoint, has_unix_sockets
+from palpate.launch.run.wire.addresses import LOOPBACK, RunFolder, endpoint, has_unix_sockets, is_tcp
 from palpate.launch.run.wire.bus import END, HEALTH, frame
 from palpate.launch.run.wire.keys import Authenticator, Key
+from palpate.launch.run.wire.printable import one_line
 
 LONGEST_REPORT = 1 << 26  # [bytes]
 
@@ -114,6 +115,27 @@ class ControlChannel:
         self._context.destroy(linger=linger)
         if self._folder is not None:
             self._folder.close()
+
+
+OUTLETS = {"force": "force", "observers": "members"}  # names of the local sockets by outlet
+
+
+def wrong_endpoint(run: str, group: str, joined: bool, endpoints: Mapping[str, Collection[str]]) -> str:
+    """What is wrong with the addresses that a worker reports; empty: nothing.
+
+    Other workers connect to them. The report may come from another machine, so accepted are the local sockets that
+    belong to the group, if it runs here, and `tcp://host:port`. A group without one of the two outlets is wrong.
+    """
+    for outlet, name in OUTLETS.items():
+        if not endpoints.get(outlet):
+            return f"it reports no address of its outlet {outlet!r}"
+        local = "" if joined or not has_unix_sockets() else endpoint(run, group, name)
+        for address in endpoints[outlet]:
+            if address != local and not is_tcp(address):
+                return (
+                    f"it reports the address {one_line(address)!r}, expected {local and f'{local} or '}tcp://host:port"
+                )
+    return ""
 
 
 def read_streams(job: Job, others: Mapping[str, Job]) -> Iterator[tuple[str, str, list[str]]]:

@@ -20,7 +20,7 @@ from palpate.engine.slot import NodeError
 from palpate.launch.run import reports
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.result import NodeFault
-from palpate.launch.run.wire.addresses import has_unix_sockets
+from palpate.launch.run.wire.addresses import has_unix_sockets, is_tcp
 from palpate.launch.run.wire.bus import LONGEST_ORDER, Bus, split
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.activity import ENDED, Activity, activity
@@ -130,7 +130,7 @@ def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
         match poll(WAIT):
             case reports.Connect(sources, observed):
                 for source in sources:
-                    if alone and not source.address.startswith("tcp://"):
+                    if alone and not is_tcp(source.address):
                         raise RunError(f"the launcher names {source.address}, expected an address tcp://host:port")
                     bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}

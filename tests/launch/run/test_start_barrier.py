@@ -27,6 +27,7 @@ def free_port() -> int:
             return port
 
 
+READY = Ready({"force": ["tcp://127.0.0.1:1"], "observers": ["tcp://127.0.0.1:2"]})
 END = Stop | Quit | Close  # a waiting worker ends on any of these orders
 
 
@@ -35,7 +36,7 @@ def late(port: int, group: str, orders: list[Order], seconds: float, until=Order
     with zmq.Context() as context, context.socket(zmq.PUSH) as reports, context.socket(zmq.SUB) as subscription:
         reports.connect(f"tcp://127.0.0.1:{port + 1}")
         subscription.connect(f"tcp://127.0.0.1:{port}")
-        reports.send(msgspec.msgpack.encode(Addressed(group, Ready({"force": [], "observers": []}))))
+        reports.send(msgspec.msgpack.encode(Addressed(group, READY)))
         time.sleep(seconds)
         for topic in (group, "*"):
             subscription.subscribe(f"~{topic}".encode() + b"\0")
@@ -94,9 +95,7 @@ def test_a_worker_that_missed_the_stop_gets_it_after_its_subscription(launched, 
     assert result.interrupted and not result.deaths
 
 
-@pytest.mark.parametrize(
-    "report", [Ready({"force": [], "observers": []}), Linked()], ids=lambda report: type(report).__name__
-)
+@pytest.mark.parametrize("report", [READY, Linked()], ids=lambda report: type(report).__name__)
 def test_a_late_report_of_a_killed_worker_is_ignored(launched, report):
     """Otherwise it would count as alive, and its end as a failure of its node in a run stopped by Ctrl-C."""
     _, launch = launched

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from palpate.cli.terminal.output import write
+
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
     from palpate.views.page.feed import FrameSource
@@ -32,9 +34,9 @@ def show(
     page, signals = serve(source, port, host), list[int]()
     try:
         with interrupts(signals.append):
-            typer.echo(f"{verb} it at {page.address}\nCtrl-C ends it")
+            write(f"{verb} it at {page.address}\nCtrl-C ends it")
             if host not in LOOPBACK:
-                typer.echo(REMOTE.format(host=host), err=True)
+                write(REMOTE.format(host=host), err=True)
             if not no_open:
                 threading.Thread(target=webbrowser.open, args=(page.address,), daemon=True).start()
             while not signals and not over():
@@ -68,7 +70,7 @@ class RunPage:
         self.live = LiveView(planned)
         self._server = serve(self.live)
         if not silent:
-            typer.echo(f"view it at {self._server.address}", err=True)
+            write(f"view it at {self._server.address}", err=True)
         webbrowser.open(self._server.address)
 
     def stay(self) -> None:
@@ -76,7 +78,7 @@ class RunPage:
         from palpate.launch.run.interrupts import until_ctrl_c
 
         with until_ctrl_c():
-            typer.echo("the view stays open until you close it or press Ctrl-C", err=True)
+            write("the view stays open until you close it or press Ctrl-C", err=True)
             while not self._server.deserted:
                 time.sleep(0.2)
 

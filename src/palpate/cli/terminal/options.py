@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.cli.terminal.output import write
+
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
     from palpate.launch.load.organ_file import OrganFile
@@ -194,7 +196,7 @@ def organ_file(
     from palpate.models.build.repair import repair_mesh
 
     if not silent:
-        typer.echo(f"repairing {file} ...", err=True)
+        write(f"repairing {file} ...", err=True)
     written, steps = repair_mesh(file, organ.in_unit(), organ.setting)
     text = f"{file}: {', '.join(steps)}; written to {written}" if steps else f"{file} needs no repair"
     return (OrganFile(written, "m") if steps else organ), (text,)
@@ -206,7 +208,7 @@ def say_organ_file(
     """The organ of `organ_file`; its notes are printed."""
     organ, notes = organ_file(file, unit, piece, repair, silent)
     for line in () if silent else notes:
-        typer.echo(line, err=True)
+        write(line, err=True)
     return organ
 
 
@@ -218,7 +220,7 @@ def with_organ_file(
     organ, notes = organ_file(file, unit, piece, repair, silent)
     launch = dataclasses.replace(launch.but(organ=organ), notes=(*launch.notes, *notes)).settle_organ()
     for line in () if silent else launch.notes:
-        typer.echo(line, err=True)
+        write(line, err=True)
     return launch
 
 

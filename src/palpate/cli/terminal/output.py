@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from palpate.launch.run.wire.printable import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -15,12 +18,6 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from palpate.messages import Message
-
-
-_CONTROLS = {code: chr(0x2400 + code) if code < 0x20 else "\N{REPLACEMENT CHARACTER}" for code in (
-    *range(0x20), *range(0x7F, 0xA0)) if chr(code) not in "\t\n\r"}  # fmt: skip
-"""Control characters and what is printed for them: a terminal would obey those in a file or a report, for example write
-to its clipboard."""
 
 
 def console(**options: Any) -> Console:
@@ -32,13 +29,23 @@ def console(**options: Any) -> Console:
     class PlainConsole(Console):
         def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
             for segment in super().render(renderable, options):
-                yield segment if segment.control else Segment(segment.text.translate(_CONTROLS), segment.style)
+                yield segment if segment.control else Segment(printable(segment.text), segment.style)
 
     return PlainConsole(**{"highlight": False, "markup": False, **options})
 
 
 def print_json(data: Any) -> None:
-    typer.echo(json.dumps(data, indent=2, ensure_ascii=False, default=str))
+    print_encoded(json.dumps(data, indent=2, ensure_ascii=False, default=str))
+
+
+def print_encoded(text: str) -> None:
+    """Print JSON. The control characters that it may contain unescaped are escaped."""
+    write(re.sub(r"[\x7f-\x9f]", lambda found: f"\\u{ord(found[0]):04x}", text))
+
+
+def write(text: str, *, err: bool = False) -> None:
+    """Write a text as it is, except that control characters are shown."""
+    typer.echo(printable(text), err=err)
 
 
 def say(text: object, style: str = "", *, err: bool = False, wrap: bool = False) -> None:

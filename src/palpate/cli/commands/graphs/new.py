@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Force, Json, check_new, one_of, out_option
-from palpate.cli.terminal.output import print_json
+from palpate.cli.terminal.output import print_json, write
 from palpate.physics.archive import replace_text
 
 EXAMPLE = "palpate new graph mine --like kidney"
@@ -64,7 +64,7 @@ def new(
     if as_json:
         print_json({"ok": True, "files": [str(file) for file in files], "next": following})
     else:
-        typer.echo("\n".join([*map(str, files), f"Next:  {following}"]))
+        write("\n".join([*map(str, files), f"Next:  {following}"]))
 
 
 def _file(kind: str, name: str, like: str | None, out: Path) -> tuple[dict[str, str], str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Trust
-from palpate.cli.terminal.output import console, line
+from palpate.cli.terminal.output import console, line, print_encoded
 
 if TYPE_CHECKING:
     from palpate.messages import Message
@@ -41,7 +41,7 @@ def echo(
     try:
         for message in itertools.islice(messages, 0, None if count is None else count * every, every):
             if as_json:
-                typer.echo(_json(message))
+                print_encoded(_json(message))
             else:
                 out.print(line(message))
     except KeyboardInterrupt as error:

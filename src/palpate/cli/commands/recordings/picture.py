@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import ENDINGS, ColourOption, File, Json, Trust, check_ending, instant, out_option
-from palpate.cli.terminal.output import print_json, say
+from palpate.cli.terminal.output import print_json, say, write
 from palpate.cli.terminal.run_summary import standard_pictures
 from palpate.views.pictures.style import save
 
@@ -64,7 +64,7 @@ def picture(
         print_json({"ok": True, "pictures": [str(path) for path in made]})
     else:
         for path in made:
-            typer.echo(f"{path}{note}")
+            write(f"{path}{note}")
 
 
 def _plot(file: Path, names: list[str], over: str | None, target: Path) -> Path:

@@ -9,6 +9,7 @@ import typer
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.browser import show
+from palpate.cli.terminal.output import write
 from palpate.cli.terminal.run_options import RunOptions, takes_run
 from palpate.physics.errors import TROUBLE
 
@@ -57,9 +58,9 @@ def touch(
         except StoppedError as error:  # the recordings are complete
             stopped = error
     for file in session.kept:
-        typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
+        write(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
     for trouble in session.troubles:
-        typer.echo(trouble, err=True)
+        write(trouble, err=True)
     if stopped is not None:
         raise stopped
     if session.troubles:

@@ -7,6 +7,7 @@ import typer
 
 from palpate.cli.terminal.browser import show
 from palpate.cli.terminal.options import Host, NoOpen, Port, Trust
+from palpate.cli.terminal.output import write
 
 EXAMPLE = "palpate view runs/kidney.mcap"
 
@@ -30,5 +31,5 @@ def view(
     reels = Reels(files)
     for reel in reels.reels:
         for text in filter(None, (reel.recording.ending, reel.touched.bodies.left_out)):
-            typer.echo(text, err=True)
+            write(text, err=True)
     show(reels, "see", port, host, no_open)

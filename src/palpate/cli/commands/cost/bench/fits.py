@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json, out_option
-from palpate.cli.terminal.output import print_json, say
+from palpate.cli.terminal.output import print_json, say, write
 from palpate.launch.run.progress import StageBars
 from palpate.physics.errors import ArgumentError
 
@@ -48,7 +48,7 @@ def fits(
     if as_json:
         print_json(report)
     else:
-        typer.echo(text(found, listed, commands))
+        write(text(found, listed, commands))
         say(
             f"written {out}/fits.txt, presses.jsonl; the same command resumes, a larger --presses adds to it", wrap=True
         )

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json, NoPictures, out_option
-from palpate.cli.terminal.output import print_json, say
+from palpate.cli.terminal.output import print_json, say, write
 from palpate.launch.run.progress import StageBars
 from palpate.physics.errors import ArgumentError
 from palpate.physics.extras import require_extra
@@ -88,7 +88,7 @@ def organs(
     if as_json:
         print_json(report | {"files": {name: str(file) for name, file in files.items()}})
     else:
-        typer.echo(text(results, meshes, worst))
+        write(text(results, meshes, worst))
         for name, file in files.items():
             say(f"{name:14} {file}")
     if not report["ok"]:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.terminal.options import Json, out_option
-from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.cli.terminal.output import console, print_json, say, table, write
 from palpate.launch.run.progress import steps
 from palpate.physics.extras import missing
 
@@ -57,7 +57,7 @@ def stability(
         print_json(results)
         return
     _print(results["rows"], device)
-    typer.echo(", ".join(filter(None, (results["table"], results["picture"]))))
+    write(", ".join(filter(None, (results["table"], results["picture"]))))
     if not results["picture"]:
         say(missing("no pictures", "matplotlib", "view"), err=True)
 

@@ -53,7 +53,7 @@ def basis(
         sampled = node.model == "sampled" and node.reduced_count() is None
         cure = f"more vertices in {node.surface}" if "." in node.surface and sampled else finer
         text = f"stored, but the error is above {WORST:.0%} at some touches. Use a finer surface: {cure}"
-        typer.secho(text, fg="red", err=True)
+        say(text, "red", err=True)
         raise typer.Exit(TROUBLE)
 
 

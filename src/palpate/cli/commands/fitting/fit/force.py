@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Dialect, Json, NoPictures, out_option
-from palpate.cli.terminal.output import console, draw_if_possible, print_json, say
+from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, write
 
 EXAMPLE = "palpate fit force sessions.csv -o finger.model.yaml"
 
@@ -50,7 +50,7 @@ def force(
         if as_json:
             print_json({"ok": True, "file": str(example)})
         else:
-            typer.echo(f"Wrote synthetic sessions of two subjects to {example}.")
+            write(f"Wrote synthetic sessions of two subjects to {example}.")
         return
     if sessions is None:
         raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Duration, Json, Sets
-from palpate.cli.terminal.output import console, print_json
+from palpate.cli.terminal.output import console, print_json, write
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate fit record press.csv --subject gel --session 1 --set sensor.port=emulator --set device.port=emulator"
@@ -68,12 +68,12 @@ def record(
         arrays = {"depths": press.depth, "rates": press.rate, "forces": press.force}
         print_json(data | {name: values.tolist() for name, values in arrays.items()})
         return
-    typer.echo(
+    write(
         f"{len(press.depth)} depths to {1e3 * press.depth[-1]:g} mm, at up to {1e3 * press.rate.max():.3g} mm/s and "
         f"{press.force.max():.3g} N: added to {sessions}"
     )
-    typer.echo(f"recording {file}")
+    write(f"recording {file}")
     law = "--rig ball --radius '8 mm' --law power --relaxation hunt-crossley"
-    typer.echo(f"next: palpate fit tissue {file} {law}  # the shape of your probe")
+    write(f"next: palpate fit tissue {file} {law}  # the shape of your probe")
     more = f"{FOLDS - count} more sessions for" if count < FOLDS else "or"
-    typer.echo(f"      {more} the scatter of the force: palpate fit force {sessions}")
+    write(f"      {more} the scatter of the force: palpate fit force {sessions}")

@@ -2,10 +2,8 @@
 
 from inspect import signature
 
-import typer
-
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import print_json
+from palpate.cli.terminal.output import print_json, say, write
 
 EXAMPLE = "palpate list laws"
 
@@ -26,6 +24,6 @@ def laws(as_json: Json = False) -> None:
         print_json({"ok": True, "laws": rows})
         return
     for row in rows:
-        typer.secho(str(row["make"]), bold=True)
-        typer.echo(f"{row['text']}\n\nat rest with {row['example']}: shear modulus {row['shear Pa']:.4g} Pa, bulk "
+        say(row["make"], "bold")
+        write(f"{row['text']}\n\nat rest with {row['example']}: shear modulus {row['shear Pa']:.4g} Pa, bulk "
                    f"modulus {row['bulk Pa']:.4g} Pa\n")  # fmt: skip

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import trust_packages
+from palpate.cli.terminal.output import write
 
 EXAMPLE = "palpate remote join tcp://10.0.0.1:5600 loop"
 
@@ -41,5 +42,5 @@ def join(
     from palpate.launch.run.work.process import join as serve
 
     secured = None if unencrypted else keys.load(key)
-    typer.echo(f"waiting up to {timeout:g} s for the launcher at {address}", err=True)
+    write(f"waiting up to {timeout:g} s for the launcher at {address}", err=True)
     raise typer.Exit(serve(address, group, timeout, secured))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Json, out_option
-from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.cli.terminal.output import console, print_json, say, table, write
 
 if TYPE_CHECKING:
     from palpate.models.fe.study.press_record import PressRun, Record
@@ -52,7 +52,7 @@ def fingertip(
         return
     _print(plate, material, record)
     if fields.exists():
-        typer.echo(f"{fields}: displacement, equivalent strain and contact pressure")
+        write(f"{fields}: displacement, equivalent strain and contact pressure")
 
 
 def _pressing(plate: str, material: str, depth: float, cells: int, friction: float) -> Pressing:
@@ -107,4 +107,4 @@ def _print(plate: str, material: str, record: Record) -> None:
     console().print(table(heads, cells, title=title, fixed=heads))
     for force, depth in PAPER[plate]:
         found = f"{1e3 * record.at(force)[0]:.2f} mm" if force <= record.force[-1] else "not reached"
-        typer.echo(f"{force} N: {found} (paper: {1e3 * depth:.2f} mm)")
+        write(f"{force} N: {found} (paper: {1e3 * depth:.2f} mm)")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json, out_option
-from palpate.cli.terminal.output import print_json
+from palpate.cli.terminal.output import print_json, write
 
 EXAMPLE = (
     "palpate build fe table runs/fingertip/steel-calibrated-6-0.2 runs/fingertip/silicone-calibrated-6-0.2 -o flow.npz"
@@ -44,4 +44,4 @@ def table(
     if as_json:
         print_json({"ok": True, "table": str(out), "force": {p: r.force[-1] for p, r in records.items()}})
     else:
-        typer.echo(f"{out}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in records.items())}")
+        write(f"{out}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in records.items())}")
