@@ -49,6 +49,7 @@ def test_launch_files_and_scenes_take_the_organ_of_a_file_next_to_them(folder, m
         assert surface(launch) == surface(launch.settle_organ()) == (expected, notes)
     monkeypatch.chdir(folder)
     assert surface(find("kidney").but(overrides=("scene.organ={file: small.stl, unit: mm}",)))[0] == expected
+    assert surface(find("kidney").but(overrides=("scene.organ=ball.stl", COARSE)))[0]["file_unit"] == "mm"
 
 
 def test_python_gives_the_same_force_as_the_shell(folder):
