@@ -6,7 +6,8 @@ e = <h0 - d>: contact begins at d = h0. Once p is inside, S is a proxy: it stays
 nearest point leaps, S follows it no faster than p moves (`physics.geometry.proxy`); both cases are reported.
 """
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import msgspec
 
@@ -81,6 +82,10 @@ def send(own, foot, element, pose, out):
                 own.first[cause] = pose.time
 
 
+def _hollow(surface: str, width: float) -> str:
+    return f"a finger {1e3 * width:.3g} mm wide cannot enter all hollows of {surface}"
+
+
 class Nurbs(_Nearest):
     """The closest point of a smooth patch (docs/equations/surface.md)."""
 
@@ -91,6 +96,12 @@ class Nurbs(_Nearest):
     """The last 11: arguments of `physics.geometry.proxy.follow`."""
     shared = ("patch", "layout", "seeds", "index")
 
+    @classmethod
+    def instead(cls, values: Mapping[str, Any]) -> tuple[str, str] | None:
+        surface, width = values["surface"], values["width"]
+        bridged = surface in SURFACES and is_bridged(surface, width)
+        return ("collision.Mesh", _hollow(surface, width)) if bridged else None
+
     def start(self) -> None:
         super().start()
         patch = surface_patch(self.surface, self.position, self.rotation)
@@ -98,10 +109,10 @@ class Nurbs(_Nearest):
         arrays = *closest.tables, *closest.scratch(), memory(patch.points, self.surface in OPEN, self.thickness)
         for name, array in zip([n for n in self.State if n not in CAUTIONS], arrays, strict=True):
             self.hold(name, array)
-        if is_bridged(self.surface, self.width):
+        if is_bridged(self.surface, self.width):  # a lane of an ensemble, or a node by itself
             self._notes.append(
-                f"{self.surface}: a finger {1e3 * self.width:.3g} mm wide cannot enter all of its hollows. "
-                "collision.Mesh bridges them; this node does not, and the force there is too small"
+                f"{_hollow(self.surface, self.width)}. collision.Mesh bridges them; this node does not, and the force "
+                "there is too small"
             )
 
     @kernel

@@ -70,13 +70,18 @@ LINE = tuple(field.encode_name for field in msgspec.structs.fields(_NodeLine))
 
 @dataclass
 class _Draft:
-    """A node while the graph is being read. `set_keys`: the keys of its line that may be settings."""
+    """A node while the graph is being read.
+
+    set_keys  the keys of its line that may be settings
+    instead   why its class is not that of the line, "": it is
+    """
 
     line: YamlSource
     keys: _NodeLine
     cls: type[Node]
     set_keys: list[str]
     wires: list[Wire] = field(default_factory=list)
+    instead: str = ""
 
 
 def load(
@@ -130,7 +135,7 @@ def load(
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
     # Check that each value of the scene is used, and switch the effects.
-    notes: list[str] = []
+    notes = [draft.instead for draft in drafts.values() if draft.instead]
     by_value: tuple[str, ...] = ()
     if not unclear:
         check_offers(offers, world, faults)
@@ -303,10 +308,17 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
             if keys.startswith("Did you mean") and not close.startswith("Did you mean"):
                 text, close, named = f"unknown key {key!r}", f"{keys} {close}", {}
             faults.add(text, close + cure, line.place(key), node=name, **named)
-    values = resolve(name, draft.cls, line, [key for key in draft.set_keys if key in known], scene, offers, faults)
+    given, before, bad = [key for key in draft.set_keys if key in known], len(offers), len(faults.entries)
+    values, use = resolve(name, draft.cls, line, given, scene, offers, faults), draft.keys.use
+    other = draft.cls.instead(values) if len(faults.entries) == bad and off is None else None
+    if other is not None:
+        use, why = other
+        draft.cls, draft.instead = find_class(use), f"{name}: {use} in place of {draft.keys.use}, because {why}"
+        del offers[before:]
+        values = resolve(name, draft.cls, line, given, scene, offers, faults)
     return NodeSpec(
         name,
-        draft.keys.use,
+        use,
         draft.cls,
         values,
         every=draft.keys.every or 1,

@@ -43,8 +43,11 @@ def felt_surface(node: OnSurface, width: float) -> Bridged:
 
 
 def is_bridged(surface: str, width: float) -> bool:
-    """Whether a finger of this width [m] cannot touch all of a built-in surface."""
-    return _felt_surface(surface, SAMPLES, "m", 0, 0.0, b"", width).felt is not None
+    """Whether a finger of this width [m] cannot touch all of a built-in surface, or this is not known.
+
+    SettingError: the finger fits nowhere."""
+    felt, fault = _felt_surface(surface, SAMPLES, "m", 0, 0.0, b"", width)
+    return felt is not None or fault != ""
 
 
 @lru_cache(maxsize=4)

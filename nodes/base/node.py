@@ -3,7 +3,7 @@
 import inspect
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, cast
@@ -136,6 +136,12 @@ class Node:
 
         Before the run, the runner steps the node on examples to compile its kernels, and then starts it again.
         """
+
+    @classmethod
+    def instead(cls, values: Mapping[str, Any]) -> tuple[str, str] | None:
+        """The name of a class that takes the place of this one with these settings, which has the same inputs, outputs
+        and settings at least, and why; None: this one."""
+        return None
 
     def replaces(self) -> None:
         """Called after `start` if the run has begun already: a node of this name died, or this one started late.

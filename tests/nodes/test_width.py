@@ -80,6 +80,17 @@ def test_a_note_says_what_is_bridged_and_how_to_turn_it_off(cut):
     assert len(notes) == 1 and "narrower than the finger (16 mm)" in notes[0] and "scene.finger.width=0" in notes[0]
 
 
+def test_a_built_in_surface_with_hollows_becomes_a_mesh_for_a_wide_finger():
+    """The hilum of the kidney; the sphere has none, and a needle enters all of them."""
+    for changes, kind in (((), Nurbs), (("scene.finger.width=20 mm",), Mesh),
+                          (("scene.finger.width=0",), Nurbs),
+                          (("scene.finger.width=20 mm", "collision.surface=sphere"), Nurbs)):  # fmt: skip
+        graph = find("kidney").but(overrides=changes).load()
+        found = graph.nodes["collision"]
+        assert found.cls is kind and found.use == f"collision.{kind.__name__}"
+        assert sum("in place of collision.Nurbs" in note for note in graph.notes) == (kind is Mesh)
+
+
 def test_the_element_is_a_triangle_of_the_file_that_can_be_touched(cut):
     collision = node(Mesh, cut, refine=0.0)
     mesh = collision.mesh()
