@@ -11,19 +11,24 @@ from typing import Annotated, Any
 
 import msgspec
 
-from palpate.compiler.records import floats, integers, longs, put, vector
+from palpate.compiler.fields import element_type
+from palpate.compiler.records import array_of, floats, integers, longs, put, vector
 from palpate.messages import Pose, Proximity
 from palpate.messages.record import array_handle
-from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Out, SettingError
+from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, SettingError
 from palpate.nodes.base.felt import WithWidth, bridge_notes, felt_surface, is_bridged
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, place_mesh, refinement, surface_patch
+from palpate.physics.geometry import closest, mesh_closest
 from palpate.physics.geometry import mesh as meshes
-from palpate.physics.geometry.bvh import ORIGIN
-from palpate.physics.geometry.closest import ClosestPoint
-from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.physics.geometry.proxy import BEHIND, PASSED, follow, follow_mesh, memory
+from palpate.physics.geometry.bvh import CELLS, DISCS, POINTS
+from palpate.physics.geometry.foot import FOOT
+from palpate.physics.geometry.nurbs import LAYOUT
+from palpate.physics.geometry.proxy import MEMORY, follow, follow_mesh, memory
 from palpate.physics.geometry.topology import edge_counts
+
+_points_of, _cells_of, _discs_of = map(array_of, (POINTS, CELLS, DISCS))
+_samples_of, _clusters_of = array_of(element_type(closest.SAMPLE)), array_of(element_type(closest.CLUSTER))
 
 TRAILS = 0.5e-3  # [m] distance of the foot from the nearest point above which it is reported
 CAUSES = 2  # the foot trails the nearest point; the nearest point is on another side
@@ -60,20 +65,21 @@ class _Nearest(Placed, WithWidth, CompiledNode):
 
 
 @kernel
-def send(own, foot, element, pose, out):
-    """Fill the message from a result: foot (3) [m], normal (3) [1], coordinates (2), signed distance [m]."""
-    n0, n1, n2, depth = foot[3], foot[4], foot[5], own.thickness - foot[8]
+def send(own, foot, pose, out):
+    """Fill the message from a `FOOT`."""
+    n0, n1, n2 = vector(foot.normal)
+    depth = own.thickness - foot.distance
     out.delayed = pose.delayed
     v = pose.velocity
     away = v[0] * n0 + v[1] * n1 + v[2] * n2
-    put(out.foot, vector(foot))
+    put(out.foot, vector(foot.point))
     put(out.normal, (n0, n1, n2))
     put(out.slip, (v[0] - away * n0, v[1] - away * n1, v[2] - away * n2))
-    out.coordinates[0], out.coordinates[1], out.element, out.gap = foot[6], foot[7], element, foot[8]
+    out.coordinates[0], out.coordinates[1] = foot.place[0], foot.place[1]
+    out.element, out.gap = foot.triangle, foot.distance
     out.approach, out.separation = (0.0, -depth) if depth < 0.0 else (depth, 0.0)
     # report a foot that is not the nearest point
-    memory = floats(own.memory)
-    trails, passed = memory[BEHIND] > TRAILS and depth > 0.0, memory[PASSED] != 0.0
+    trails, passed = own.memory.behind > TRAILS and depth > 0.0, own.memory.passed
     own.outside = trails or passed
     if own.outside:
         for cause, found in enumerate((trails, passed)):
@@ -90,11 +96,12 @@ class Nurbs(_Nearest):
     """The closest point of a smooth patch (docs/equations/surface.md)."""
 
     State = CAUTIONS | {
-        "patch": ARRAY, "layout": ARRAY, "seeds": ARRAY, "index": ARRAY,  # of the patch and its samples
-        "found": ARRAY, "work": ARRAY, "derivatives": array_handle(3), "foot": ARRAY, "memory": ARRAY,
+        "patch": ARRAY, "layout": LAYOUT, "spans": ARRAY,
+        "samples": ARRAY, "clusters": ARRAY, "links": ARRAY, "spacing": closest.SPACING,
+        "tracked": closest.TRACKED, "work": ARRAY, "derivatives": array_handle(3), "foot": FOOT, "memory": MEMORY,
     }  # fmt: skip
-    """The last 11: arguments of `physics.geometry.proxy.follow`."""
-    shared = ("patch", "layout", "seeds", "index")
+    """The last 12: arguments of `physics.geometry.proxy.follow`."""
+    shared = ("patch", "spans", "samples", "clusters", "links")
 
     @classmethod
     def instead(cls, values: Mapping[str, Any]) -> tuple[str, str] | None:
@@ -105,10 +112,10 @@ class Nurbs(_Nearest):
     def start(self) -> None:
         super().start()
         patch = surface_patch(self.surface, self.position, self.rotation)
-        closest = ClosestPoint(patch)
-        arrays = *closest.tables, *closest.scratch(), memory(patch.points, self.surface in OPEN, self.thickness)
-        for name, array in zip([n for n in self.State if n not in CAUTIONS], arrays, strict=True):
-            self.hold(name, array)
+        search = closest.ClosestPoint(patch)
+        held = *search.tables, *search.scratch(), memory(self.surface in OPEN, self.thickness)
+        for name, each in zip([n for n in self.State if n not in CAUTIONS], held, strict=True):
+            self.hold(name, each)
         if is_bridged(self.surface, self.width):  # a lane of an ensemble, or a node by itself
             self._notes.append(
                 f"{_hollow(self.surface, self.width)}. collision.Mesh bridges them; this node does not, and the force "
@@ -117,12 +124,12 @@ class Nurbs(_Nearest):
 
     @kernel
     def compute(own, pose: Pose, out: Out[Proximity], dt):
-        foot = floats(own.foot)
         follow(
-            floats(own.patch), longs(own.layout), floats(own.seeds), longs(own.index), vector(pose.position),
-            own.hysteresis, floats(own.found), floats(own.work), floats(own.derivatives), foot, floats(own.memory), dt,
+            floats(own.patch), own.layout, longs(own.spans), _samples_of(own.samples), _clusters_of(own.clusters),
+            longs(own.links), own.spacing, vector(pose.position), own.hysteresis,
+            own.tracked, floats(own.work), floats(own.derivatives), own.foot, own.memory, dt,
         )  # fmt: skip
-        send(own, foot, 0, pose, out)
+        send(own, own.foot, pose, out)
 
 
 class Mesh(_Nearest, OnSurface):
@@ -130,10 +137,10 @@ class Mesh(_Nearest, OnSurface):
     (docs/equations/surface.md)."""
 
     State = CAUTIONS | {
-        "points": TABLE, "cells": TABLE, "discs": TABLE, "star_at": ARRAY, "star": ARRAY,  # of the mesh
-        "work": ARRAY, "foot": ARRAY, "memory": ARRAY,
+        "points": ARRAY, "cells": ARRAY, "discs": ARRAY, "star_at": ARRAY, "star": ARRAY,  # of the mesh
+        "tracked": mesh_closest.TRACKED, "work": ARRAY, "foot": FOOT, "memory": MEMORY,
     }  # fmt: skip
-    """The last 8: arguments of `physics.geometry.proxy.follow_mesh`."""
+    """The last 9: arguments of `physics.geometry.proxy.follow_mesh`."""
     shared = ("points", "cells", "discs", "star_at", "star")
 
     def start(self) -> None:
@@ -142,17 +149,17 @@ class Mesh(_Nearest, OnSurface):
         bridged = felt_surface(self, self.width)
         if bridged.felt is not None:
             mesh = place_mesh(bridged.felt.mesh, self.position, self.rotation)
-        closest = MeshClosestPoint(mesh)
+        search = mesh_closest.MeshClosestPoint(mesh)
         try:
-            tables = closest.tables.arrays
+            tables = search.tables
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
         if bridged.felt is not None:
-            tables[1][:, ORIGIN] = bridged.felt.origin[tables[1][:, ORIGIN]]
+            tables.cells["origin"] = bridged.felt.origin[tables.cells["origin"]]
         border = edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0
-        arrays = *tables, *closest.scratch(), memory(mesh.vertices, border, self.thickness)
-        for name, array in zip([n for n in self.State if n not in CAUTIONS], arrays, strict=True):
-            self.hold(name, array)
+        held = *tables.arrays, *search.scratch(), memory(border, self.thickness)
+        for name, each in zip([n for n in self.State if n not in CAUTIONS], held, strict=True):
+            self.hold(name, each)
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # needs an optional package
 
@@ -178,9 +185,8 @@ class Mesh(_Nearest, OnSurface):
 
     @kernel
     def compute(own, pose: Pose, out: Out[Proximity], dt):
-        foot = floats(own.foot)
         follow_mesh(
-            floats(own.points), integers(own.cells), floats(own.discs), longs(own.star_at), integers(own.star),
-            vector(pose.position), own.hysteresis, longs(own.work), foot, floats(own.memory), dt,
+            _points_of(own.points), _cells_of(own.cells), _discs_of(own.discs), longs(own.star_at), integers(own.star),
+            vector(pose.position), own.hysteresis, own.tracked, longs(own.work), own.foot, own.memory, dt,
         )  # fmt: skip
-        send(own, foot, int(foot[9]), pose, out)
+        send(own, own.foot, pose, out)

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import floats, integers, lend, lend_first, longs
+from palpate.compiler.fields import element_type
+from palpate.compiler.records import array_of, floats, integers, lend, lend_first, longs
 from palpate.messages import Spikes, Subsurface
 from palpate.nodes.base import ARRAY, TABLE, Out, Part, Wants
 from palpate.nodes.base.kernels import ieee_kernel
@@ -19,6 +20,8 @@ from palpate.physics.afferents.published import RATE
 LONGEST = 0.1  # [s] Limit of the computed time between messages
 BLOCK = 60  # Samples per call, one bit each
 SLOW = 2.5e-3  # [s] Longest time between messages whose corners the filter of the fibres removes
+_STATE = element_type(fibre.STATE)
+_fibres_of, _states_of = array_of(element_type(fibre.CONSTANTS)), array_of(_STATE)
 
 
 class Afferents(WithReceptors):
@@ -47,7 +50,7 @@ class Afferents(WithReceptors):
 
     rates = Part("tactile", "rate", about="The smoothed rate of each afferent.")
     State = {
-        "rows": TABLE, "state": TABLE, "since": ARRAY, "at": TABLE, "kind": ARRAY, "keys": ARRAY, "gain": ARRAY,
+        "fibres": ARRAY, "state": ARRAY, "since": ARRAY, "at": TABLE, "kind": ARRAY, "keys": ARRAY, "gain": ARRAY,
         "dynamic": ARRAY, "slow": (),
         "corners": TABLE, "weights": TABLE, "basis": TABLE, "unit": ARRAY, "moment": ARRAY, "rate": ARRAY,
         "points": int, "sample": int, "rest": (), "bad": int, "counts": (3,), "average": (3,),
@@ -59,14 +62,14 @@ class Afferents(WithReceptors):
         self.three("gains", 0.0)
         made = self.make_population()
         n = len(made.kind)
-        rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson, made.kind)
+        constants, gain = fibre.constants_of(made.fits, made.at[:, 2], self.poisson, made.kind)
         share = np.array(self.gains)[made.kind]
         gain = share * (gain if self.stimulus == "energy" else 1e-6)  # Pa to MPa
         dynamic = share * 1e-3 / (1e3 * made.at[:, 2]) ** 2  # N/m to MPa/mm
         since = np.full(n, 1000, np.int64)
         room = n * (math.ceil(LONGEST * RATE) // fibre.REFRACTORY + 2)
         held = {
-            "rows": rows, "state": np.zeros((n, fibre.STATE)), "since": since, "at": made.at, "kind": made.kind,
+            "fibres": constants, "state": np.zeros(n, _STATE), "since": since, "at": made.at, "kind": made.kind,
             "keys": made.keys, "gain": gain, "dynamic": dynamic,
             "corners": np.zeros((n, 8), np.int32), "weights": np.zeros((n, 8)),
             "basis": np.ascontiguousarray(fibre.post_spike()), "unit": np.zeros(room, np.int32),
@@ -85,7 +88,7 @@ class Afferents(WithReceptors):
     def compute(own, stress: Annotated[Subsurface, Wants("points", "stress", "deflection")], out: Out[Spikes], dt):
         # place the receptors in the grid of the stress at the first message
         tensor, corners, weights = floats(stress.stress), integers(own.corners), floats(own.weights)
-        state, since, begins = floats(own.state), longs(own.since), own.points == 0
+        state, since, begins = _states_of(own.state), longs(own.since), own.points == 0
         if not find_receptors(own, stress):
             return
         # samples of this step, at RATE
@@ -101,7 +104,7 @@ class Afferents(WithReceptors):
         unit, moment, now = integers(own.unit), floats(own.moment), (stress.time - stress.delayed) * 1e-9
         first, stride = (1.0 / RATE - own.rest) / span, 1.0 / RATE / span
         left = own.rest + span - count / RATE
-        rows, keys, gain, basis = floats(own.rows), longs(own.keys), floats(own.gain), floats(own.basis)
+        fibres, keys, gain, basis = _fibres_of(own.fibres), longs(own.keys), floats(own.gain), floats(own.basis)
         kind, rate = integers(own.kind), floats(own.rate)
         dynamic, surface, energy = floats(own.dynamic), floats(stress.deflection), own.stimulus == 1
         fade, spikes = own.smoothing / (own.smoothing + span), 0
@@ -114,16 +117,16 @@ class Afferents(WithReceptors):
             else:
                 target = gain[n] * population.traction(tensor, corners[n], weights[n])
             if energy or len(surface) == 0:
-                above = rows[n, 13] * target
+                above = fibres[n].dynamic * target
             else:
                 above = dynamic[n] * population.deflection_stimulus(surface, corners[n], weights[n])
             if begins:
-                state[n, 6], state[n, 12] = target, above
+                state[n].target, state[n].path_target = target, above
             fired_before = spikes
             for start in range(0, count, BLOCK):
                 part = min(BLOCK, count - start)
                 fired, since[n] = fibre.advance(
-                    rows[n], state[n], since[n], basis, keys[n], own.sample + start, part,
+                    fibres[n], state[n], since[n], basis, keys[n], own.sample + start, part,
                     first + start * stride, stride, target, above,
                 )  # fmt: skip
                 k = start
@@ -134,7 +137,7 @@ class Afferents(WithReceptors):
                         spikes += 1
                     fired >>= 1
                     k += 1
-            state[n, 6], state[n, 12] = target, above
+            state[n].target, state[n].path_target = target, above
             more = (spikes - fired_before) / (own.smoothing + span)
             own.average[kind[n]] += more / own.counts[kind[n]]
             if own.rates:

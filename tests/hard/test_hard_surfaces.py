@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+from formulas import foot_row
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -27,27 +28,27 @@ def slab(width, thickness):
 def nearest(mesh, path, proxy):
     """Gap [m] (k), normals and foot points (k,3) along a path: by the proxy, or by the nearest point alone."""
     closest, rows = MeshClosestPoint(mesh), []
-    (work, nearest), kept = closest.scratch(), memory(mesh.vertices)
+    (*state, nearest), kept = closest.scratch(), memory()
     for p in path:
         if proxy:
-            follow_mesh(*closest.tables.arrays, tuple(p.tolist()), 1e-4, work, nearest, kept, 1e-3)
+            follow_mesh(*closest.tables.arrays, tuple(p.tolist()), 1e-4, *state, nearest, kept, 1e-3)
         else:
-            track_mesh(*closest.tables.arrays, *p.tolist(), 1e-4, work, nearest)
-        rows.append(nearest[:9].copy())
+            track_mesh(*closest.tables.arrays, *p.tolist(), 1e-4, *state, nearest)
+        rows.append(foot_row(nearest))
     rows = np.array(rows)
     return rows[:, 8], rows[:, 3:6], rows[:, :3]
 
 
 def press(mesh, proxy, mass=0.1, push=3.0, stiffness=300.0, dt=1e-3, speed=0.0):
     """Height [m] of a ball under a push onto a slab that answers in proportion to the depth."""
-    closest, (work, nearest) = MeshClosestPoint(mesh), MeshClosestPoint(mesh).scratch()
-    kept, z, v, line = memory(mesh.vertices), 1e-3, -speed, []
+    closest, (*state, nearest) = MeshClosestPoint(mesh), MeshClosestPoint(mesh).scratch()
+    kept, z, v, line = memory(), 1e-3, -speed, []
     for _ in range(400):
         if proxy:
-            follow_mesh(*closest.tables.arrays, (1e-4, 2e-4, z), 1e-4, work, nearest, kept, 1e-3)
+            follow_mesh(*closest.tables.arrays, (1e-4, 2e-4, z), 1e-4, *state, nearest, kept, 1e-3)
         else:
-            track_mesh(*closest.tables.arrays, 1e-4, 2e-4, z, 1e-4, work, nearest)
-        force = stiffness * max(-nearest[8], 0.0) * nearest[5]
+            track_mesh(*closest.tables.arrays, 1e-4, 2e-4, z, 1e-4, *state, nearest)
+        force = stiffness * max(-nearest.distance, 0.0) * nearest.normal[2]
         v += dt * (force - push - 5.0 * v) / mass
         z += dt * v
         line.append(z)
@@ -133,18 +134,18 @@ def test_across_the_pole_and_the_seam_of_a_patch_the_foot_is_the_exact_one(azimu
         up = np.array([np.sin(lat) * np.cos(azimuth), np.sin(lat) * np.sin(azimuth), np.cos(lat)])
         track(*closest.tables, *((0.02 + height) * up).tolist(), 1e-4, *scratch)
         nearest = scratch[3]
-        assert nearest[8] == approx(height, abs=1e-9) and nearest[3:6] == approx(up, abs=1e-6)
+        assert nearest.distance == approx(height, abs=1e-9) and nearest.normal == approx(up, abs=1e-6)
 
 
 def test_across_the_pole_the_proxy_follows_a_finger_inside():
     surface = sphere(0.02)
-    closest, kept = ClosestPoint(surface), memory(surface.points)
+    closest, kept = ClosestPoint(surface), memory()
     scratch = closest.scratch()
     for lat in np.linspace(-0.5, 0.5, 101):
         depth = 2e-3 if lat > -0.49 else -1e-3
         p = (0.02 - depth) * np.array([np.sin(lat), 0.0, np.cos(lat)])
         follow(*closest.tables, tuple(p.tolist()), 1e-4, *scratch, kept, 1e-3)
-        assert scratch[3][8] == approx(-depth, abs=2e-9)
+        assert scratch[3].distance == approx(-depth, abs=2e-9)
 
 
 @settings(deadline=None, max_examples=40)

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from formulas import foot_row
 from pytest import approx
 
 import palpate
@@ -181,16 +182,16 @@ def test_on_a_thin_tube_the_normal_is_right_to_a_depth_of_78_percent_of_its_radi
     ring, deep = 0.05, 0.78 * tube
     mesh = torus(ring, tube)
     closest = MeshClosestPoint(mesh)
-    (work, foot), kept = closest.scratch(), memory(mesh.vertices, thickness=4e-3)
+    (*state, foot), kept = closest.scratch(), memory(thickness=4e-3)
     down = np.linspace(tube + 5e-3, tube - deep, 400)  # distance from the middle of the tube
     turn = np.concatenate([np.zeros(400), np.linspace(0.0, 0.7, 400), np.full(20, 0.7), np.linspace(0.7, -0.7, 800)])
     away = np.concatenate([down, np.full(len(turn) - len(down), tube - deep)])
     out = np.stack([np.sin(turn), np.zeros(len(turn)), np.cos(turn)], axis=1)
     path = away[:, None] * out + (ring, 0.0, -tube)
     for p, true, normal in zip(path, away - tube, out, strict=True):
-        follow_mesh(*closest.tables.arrays, tuple(p.tolist()), 1e-4, work, foot, kept, DT)
-        assert foot[8] == approx(true, abs=0.01 * tube)
-        assert true > 0.0 or foot[3:6] @ normal > np.cos(0.12)
+        follow_mesh(*closest.tables.arrays, tuple(p.tolist()), 1e-4, *state, foot, kept, DT)
+        assert foot.distance == approx(true, abs=0.01 * tube)
+        assert true > 0.0 or foot.normal @ normal > np.cos(0.12)
 
 
 def sphere_file(path, vertices):
@@ -215,12 +216,12 @@ def test_a_still_finger_keeps_its_normal_while_the_nearest_point_is_elsewhere():
     """The tool crosses from one half of the kidney to the other and stops on the way: nothing moves any more."""
     mesh = tessellate(kidney(), 3000)
     closest = MeshClosestPoint(mesh)
-    (work, foot), kept = closest.scratch(), memory(mesh.vertices, thickness=4e-3)
+    (*state, foot), kept = closest.scratch(), memory(thickness=4e-3)
     z = np.concatenate([np.linspace(0.03, -2e-3, 400), np.full(50, -2e-3)])
     rows = []
     for height in z.tolist():
-        follow_mesh(*closest.tables.arrays, (0.0, 0.004, height), 1e-4, work, foot, kept, DT)
-        rows.append(foot[:9].copy())
+        follow_mesh(*closest.tables.arrays, (0.0, 0.004, height), 1e-4, *state, foot, kept, DT)
+        rows.append(foot_row(foot)[:9])
     last = np.array(rows[-50:])
     assert np.abs(np.diff(last, axis=0)).max() <= 1e-6
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.nodes.base.surface import surface_patch
 from palpate.physics import kept
-from palpate.physics.geometry.closest import samples
+from palpate.physics.geometry.closest import samples_of
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.kept import KEPT
 
@@ -49,6 +49,6 @@ def test_a_mesh_is_ranked_once():
 
 def test_a_smooth_surface_is_sampled_once_for_all_users():
     first, again, away = (surface_patch("kidney", (0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.0, 0.0, 0.01))
-    assert first is not again and samples(first, 500) is samples(again, 500)
-    assert (samples(away, 500)[0] != samples(first, 500)[0]).any()
-    assert len(samples(first, 2000)[0]) > len(samples(first, 500)[0])
+    assert first is not again and samples_of(first, 500) is samples_of(again, 500)
+    assert (samples_of(away, 500).samples["point"] != samples_of(first, 500).samples["point"]).any()
+    assert len(samples_of(first, 2000).samples) > len(samples_of(first, 500).samples)

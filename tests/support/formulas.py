@@ -41,12 +41,17 @@ def pad_pressure(r, contact):
     return 2.0 * contact.modulus * contact.curvature / np.pi * np.sqrt(inside)
 
 
+def foot_row(foot):
+    """Point, normal, place, distance and triangle (10) of a foot."""
+    return np.array([*foot.point, *foot.normal, *foot.place, foot.distance, foot.triangle])
+
+
 def outward_normal(surface, u, v):
     """Outward unit normal [1] (...,3) of a NURBS patch, at a pole the limit."""
     u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
     derivatives = surface.derivatives(u, v).reshape(-1, 6, 3)
     rows = zip(u.ravel().tolist(), v.ravel().tolist(), derivatives, strict=True)
-    return np.array([normal_of(*surface.packed, x, y, d) for x, y, d in rows]).reshape(*u.shape, 3)
+    return np.array([normal_of(*surface.packed[:2], x, y, d) for x, y, d in rows]).reshape(*u.shape, 3)
 
 
 def static_split(approach, finger, body_stiffness, body_exponent):

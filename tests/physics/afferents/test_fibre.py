@@ -7,6 +7,7 @@ import pytest
 from pytest import approx
 from scipy import signal
 
+from palpate.compiler.fields import blank_record
 from palpate.physics.afferents import fibre, population
 from palpate.physics.afferents.published import ADAPTATION, DENSITIES, DEPTHS, FITS, PROBE, RATE
 from palpate.physics.contact.subsurface import PAIRS, point_stress
@@ -44,16 +45,17 @@ def reference(kind, fit, s):
 
 def spikes_of(kind, fit, s, noise=False, block=1, key=5):
     """The same with the kernel, for an input s [MPa] (n) that is linear within blocks of samples."""
-    rows, _ = fibre.rows(fit[None], np.array([DEPTHS[kind]]), 0.45, np.array([kind]))
+    (constants,), _ = fibre.constants_of(fit[None], np.array([DEPTHS[kind]]), 0.45, np.array([kind]))
     if not noise:
-        rows[:, 15] = 0.0
-    state, since, basis, out = np.zeros(fibre.STATE), 1000, fibre.post_spike(), []
+        constants.noise = 0.0
+    state, since, basis, out = blank_record(fibre.STATE), 1000, fibre.post_spike(), []
     for start in range(0, len(s), block):
+        target = s[start + block - 1]
+        moved = constants.dynamic * target
         fired, since = fibre.advance(
-            rows[0], state, since, basis, key, start, block, 1.0 / block, 1.0 / block, s[start + block - 1],
-            rows[0, 13] * s[start + block - 1],
-        )  # fmt: skip
-        state[6], state[12] = s[start + block - 1], rows[0, 13] * s[start + block - 1]
+            constants, state, since, basis, key, start, block, 1.0 / block, 1.0 / block, target, moved
+        )
+        state.target, state.path_target = target, moved
         out += [start + k for k in range(block) if fired >> k & 1]
     return out
 

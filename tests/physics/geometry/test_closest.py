@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from formulas import bspline, outward_normal, torus
+from formulas import bspline, foot_row, outward_normal, torus
 from scipy.spatial import cKDTree
 
 from palpate.physics.geometry.closest import ClosestPoint, track
@@ -23,7 +23,7 @@ def follow(closest, path, hysteresis=1e-4):
     feet = []
     for p in np.asarray(path, dtype=float):
         track(*closest.tables, *p, hysteresis, *scratch)
-        feet.append(scratch[3].copy())
+        feet.append(foot_row(scratch[3]))
     return np.array(feet)
 
 

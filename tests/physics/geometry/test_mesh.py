@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from formulas import foot_row
 
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.kidney import kidney
@@ -44,11 +45,11 @@ def brute(mesh, points):
 
 def follow(mesh, path, hysteresis=1e-4):
     closest = MeshClosestPoint(mesh)
-    work, foot = closest.scratch()
+    *state, foot = closest.scratch()
     results = []
     for p in np.asarray(path, dtype=float):
-        track_mesh(*closest.tables.arrays, *p, hysteresis, work, foot)
-        results.append(foot.copy())
+        track_mesh(*closest.tables.arrays, *p, hysteresis, *state, foot)
+        results.append(foot_row(foot))
     return np.array(results)
 
 

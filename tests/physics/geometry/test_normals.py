@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from formulas import foot_row
 
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
@@ -119,9 +120,9 @@ def test_in_a_deep_touch_of_a_tube_the_foot_is_that_of_the_smooth_body():
 def follow(mesh, path):
     """Feet [m] and normals [1] (T,6) of a path [m] (T,3)."""
     closest = MeshClosestPoint(mesh)
-    arrays, (work, foot), found = closest.tables.arrays, closest.scratch(), []
+    arrays, (tracked, work, foot), found = closest.tables.arrays, closest.scratch(), []
     for p in path:
-        track_mesh(*arrays, *p, 1e-4, work, foot)
-        smooth_foot(arrays[0], arrays[1], int(work[0]), foot[6], foot[7], tuple(p), foot)
-        found.append(foot[:6].copy())
+        track_mesh(*arrays, *p, 1e-4, tracked, work, foot)
+        smooth_foot(arrays[0], arrays[1], tracked.triangle, *foot.place, tuple(p), foot)
+        found.append(foot_row(foot)[:6])
     return np.array(found)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from formulas import foot_row
 from numpy.testing import assert_array_equal
 from pytest import approx
 
@@ -16,13 +17,13 @@ RADIUS = 20e-3
 def feet(mesh: Mesh, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Smooth and nearest feet with normals (T,6) of a path [m] (T,3)."""
     closest = MeshClosestPoint(mesh)
-    arrays, (work, foot) = closest.tables.arrays, closest.scratch()
+    arrays, (tracked, work, foot) = closest.tables.arrays, closest.scratch()
     found = np.empty((2, len(path), 6))
     for k, p in enumerate(path):
-        track_mesh(*arrays, *p, 1e-4, work, foot)
-        found[1, k] = foot[:6]
-        t, v, w = smooth_foot(arrays[0], arrays[1], int(work[0]), foot[6], foot[7], tuple(p), foot)
-        found[0, k] = foot[:6]
+        track_mesh(*arrays, *p, 1e-4, tracked, work, foot)
+        found[1, k] = foot_row(foot)[:6]
+        t, v, w = smooth_foot(arrays[0], arrays[1], tracked.triangle, *foot.place, tuple(p), foot)
+        found[0, k] = foot_row(foot)[:6]
         assert min(v, w) >= 0.0 and v + w <= 1.0 + 1e-12 and 0 <= t < len(mesh.triangles)
     return found[0], found[1]
 

@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from formulas import foot_row
 from pytest import approx
 
 from palpate.physics.geometry.closest import ClosestPoint, track
@@ -42,21 +43,21 @@ def flat(radius, thickness):
 
 def patch_run(surface, path):
     closest = ClosestPoint(surface)
-    scratch, kept = closest.scratch(), memory(surface.points)
+    scratch, kept = closest.scratch(), memory()
     feet = []
     for p in path:
         follow(*closest.tables, tuple(map(float, p)), 1e-4, *scratch, kept, 1e-3)
-        feet.append(scratch[3][:9].copy())
+        feet.append(foot_row(scratch[3]))
     return np.array(feet)
 
 
 def mesh_run(mesh, path, thickness=0.0):
     closest = MeshClosestPoint(mesh)
-    (work, result), kept = closest.scratch(), memory(mesh.vertices, thickness=thickness)
+    (*state, result), kept = closest.scratch(), memory(thickness=thickness)
     feet = []
     for p in path:
-        follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, work, result, kept, 1e-3)
-        feet.append(result[:9].copy())
+        follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, *state, result, kept, 1e-3)
+        feet.append(foot_row(result))
     return np.array(feet)
 
 
@@ -200,13 +201,13 @@ def test_in_a_thick_body_the_proxy_is_the_nearest_point(form):
         scratch = closest.scratch()
         for k, p in enumerate(path):
             track(*closest.tables, *p, 1e-4, *scratch)
-            nearest[k] = scratch[3][:9]
+            nearest[k] = foot_row(scratch[3])
     else:
         closest = MeshClosestPoint(mesh)
-        work, result = closest.scratch()
+        *state, result = closest.scratch()
         for k, p in enumerate(path):
-            track_mesh(*closest.tables.arrays, *p, 1e-4, work, result)
-            nearest[k] = result[:9]
+            track_mesh(*closest.tables.arrays, *p, 1e-4, *state, result)
+            nearest[k] = foot_row(result)
     if form == "patch":
         assert (feet == nearest).all() or feet == approx(nearest, abs=1e-12)
         return
@@ -247,14 +248,14 @@ def test_a_finger_near_a_sharp_rim_slides_off_and_meets_the_underside_only_from_
     the middle of the plate, and beyond its side or under it, except for rounding of interpolated normals."""
     mesh = box(0.04, thickness)
     closest = MeshClosestPoint(mesh)
-    (work, result), kept = closest.scratch(), memory(mesh.vertices)
+    (*state, result), kept = closest.scratch(), memory()
     position, speed, seen = np.array([0.02 - aside, 1e-3, 6e-3]), np.zeros(3), []
     for k in range(1200):
         hand = np.array([0.02 - aside, 1e-3, 6e-3 - 18e-3 * min(k / 500, 1.0)])
-        follow_mesh(*closest.tables.arrays, tuple(map(float, position)), 1e-4, work, result, kept, 1e-3)
-        push = 3000.0 * max(4e-3 - result[8], 0.0) ** 1.5 * result[3:6]
+        follow_mesh(*closest.tables.arrays, tuple(map(float, position)), 1e-4, *state, result, kept, 1e-3)
+        push = 3000.0 * max(4e-3 - result.distance, 0.0) ** 1.5 * result.normal
         speed = speed + 1e-3 * (500.0 * (hand - position) - 20.0 * speed + push) / 0.2
-        seen.append((position[2], result[5], result[8]))
+        seen.append((position[2], result.normal[2], result.distance))
         position = position + 1e-3 * speed
     z, normal, gap = np.array(seen).T
     assert np.abs(np.diff(gap)).max() < 1e-3

@@ -27,11 +27,24 @@ import math
 import numpy as np
 
 from palpate.compiler.exact import cos, log, sin
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.compiler.records import put, vector
 from palpate.physics.afferents.published import ADAPTATION, PROBE, RATE
-from palpate.physics.arrays import Array, Matrix
+from palpate.physics.arrays import Array, Matrix, Record
 
-STATE = 13  # Filter of s (3), s, d, V, last input, m; filter of the integral of d (3), its output and last input
+CONSTANTS = {
+    "b": (4,), "a": (3,), "static": (2,), "speed": (2,), "change": (2,),
+    "dynamic": (), "saturation": (), "noise": (), "leak": (), "after": (2,), "adapts": (), "subtracts": (),
+}  # fmt: skip
+"""Of a fibre: the filter, b and a; the weights w_1 to w_6 of s, d and the change of d, positive and negative; D [1/mm];
+S; standard deviation of the noise; 1/tau; a_1, a_2; T/tau_m; g."""
+STATE = {
+    "filter": (3,), "path_filter": (3,), "input": (), "speed": (), "potential": (), "adapted": (), "path": (),
+    "target": (), "path_target": (),
+}  # fmt: skip
+"""Of a fibre: the filters of s and of the integral of d; s [MPa], d, V, m, and the filtered integral of d at the last
+sample; s and the integral of d before the filter at the end of the last step."""
 REFRACTORY = 6  # Minimum number of samples between spikes
 
 
@@ -60,20 +73,25 @@ def probe_gains(depth: np.ndarray, poisson: float) -> tuple[np.ndarray, np.ndarr
     return normal / np.sqrt(energy), math.pi * (1e3 * PROBE) / (normal * (1e3 * depth) ** 2)
 
 
-def rows(fits: np.ndarray, depth: np.ndarray, poisson: float, kind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Constants (n,21) of `advance`, and the factor (n) from q [Pa] to the input [MPa], of fibres with these fits
-    (n,12), depths [m] (n) and types (n). Constants: filter b (4) and a (3), weights (6), D, saturation, noise, 1/tau,
-    a_1, a_2, T/tau_m, g."""
+def constants_of(
+    fits: np.ndarray, depth: np.ndarray, poisson: float, kind: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`CONSTANTS` (n), and the factor (n) from q [Pa] to the input [MPa], of fibres with these fits (n,12), depths [m]
+    (n) and types (n)."""
     chi, dynamic = probe_gains(depth, poisson)
     angle = math.pi * fits[:, 0] * 10.0 / RATE
     k = sin(angle) / cos(angle)  # prewarped bilinear transform of 1/((s + 1)(s² + s + 1))
     first, second = (1.0 + k, k - 1.0), (1.0 + k + k * k, 2.0 * (k * k - 1.0), 1.0 - k + k * k)
     a = [sum(first[i] * second[j] for i in range(2) for j in range(3) if i + j == n) for n in range(4)]
-    b = [weight * k * k * k / a[0] for weight in (1.0, 3.0, 3.0, 1.0)]
-    out = [*b, *(each / a[0] for each in a[1:]), *fits[:, 1:7].T, dynamic, fits[:, 7], fits[:, 8], 1.0 / fits[:, 9]]
-    slow, share = np.array(ADAPTATION)[kind].T
-    out += [fits[:, 10], fits[:, 11], 1.0 / (slow * RATE), share]
-    return np.ascontiguousarray(np.stack(out, axis=1)), 1e-6 * chi
+    made = np.zeros(len(fits), element_type(CONSTANTS))
+    made["b"] = np.stack([weight * k * k * k / a[0] for weight in (1.0, 3.0, 3.0, 1.0)], axis=1)
+    made["a"] = np.stack([each / a[0] for each in a[1:]], axis=1)
+    made["static"], made["speed"], made["change"] = fits[:, 1:3], fits[:, 3:5], fits[:, 5:7]
+    made["dynamic"], made["saturation"], made["noise"] = dynamic, fits[:, 7], fits[:, 8]
+    made["leak"], made["after"] = 1.0 / fits[:, 9], fits[:, 10:12]
+    slow, made["subtracts"] = np.array(ADAPTATION)[kind].T
+    made["adapts"] = 1.0 / (slow * RATE)
+    return made, 1e-6 * chi
 
 
 @kernel
@@ -90,14 +108,14 @@ def _noise(key: int, sample: int):
 
 
 @kernel
-def _weighted_input(x: float, positive: float, negative: float):
-    return positive * x if x >= 0.0 else -negative * x
+def _weighted_input(x: float, weights: Array):
+    return weights[0] * x if x >= 0.0 else -weights[1] * x
 
 
 @ieee_kernel
 def advance(
-    row: Array,
-    state: Array,
+    fibre: Record,
+    state: Record,
     since: int,
     basis: Matrix,
     key: int,
@@ -110,49 +128,53 @@ def advance(
 ):
     """Advance a fibre by `count` <= 62 samples. Returns a bit mask of those with a spike, and samples since the last.
 
-    row, state   its constants and state;  since: samples since its last spike
+    fibre, state  `CONSTANTS` and `STATE`;  since: samples since its last spike
     first        position of the first sample between the last input (0) and `target` (1);  stride: between samples
     target       [MPa] s before the filter at the end;  moved: [MPa/mm] integral of d before the filter at the end
     """
-    fired, before, step, resting, path = 0, state[6], target - state[6], state[12], moved - state[12]
-    p0, p1, p2, w = state[8], state[9], state[10], state[11]
-    z0, z1, z2, s, d, v, m = state[0], state[1], state[2], state[3], state[4], state[5], state[7]
+    fired, before, step = 0, state.target, target - state.target
+    resting, path = state.path_target, moved - state.path_target
+    (p0, p1, p2), w, (z0, z1, z2) = vector(state.path_filter), state.path, vector(state.filter)
+    s, d, v, m = state.input, state.speed, state.potential, state.adapted
+    b0, b1, b2, b3 = fibre.b[0], fibre.b[1], fibre.b[2], fibre.b[3]
+    a1, a2, a3 = vector(fibre.a)
     passed = since
     for k in range(count):
         # Butterworth filter (transposed direct form II) of s and of the integral of d, and d from the latter
         x = before + step * (first + k * stride)
-        y = row[0] * x + z0
-        z0 = row[1] * x - row[4] * y + z1
-        z1 = row[2] * x - row[5] * y + z2
-        z2 = row[3] * x - row[6] * y
+        y = b0 * x + z0
+        z0 = b1 * x - a1 * y + z1
+        z1 = b2 * x - a2 * y + z2
+        z2 = b3 * x - a3 * y
         x = resting + path * (first + k * stride)
-        out = row[0] * x + p0
-        p0 = row[1] * x - row[4] * out + p1
-        p1 = row[2] * x - row[5] * out + p2
-        p2 = row[3] * x - row[6] * out
+        out = b0 * x + p0
+        p0 = b1 * x - a1 * out + p1
+        p1 = b2 * x - a2 * out + p2
+        p2 = b3 * x - a3 * out
         speed = (out - w) * RATE
         w = out
         # adaptation, and the current of the inputs
-        m += row[19] * (y - m)
-        static = max(y - row[20] * m, min(y, 0.0))
+        m += fibre.adapts * (y - m)
+        static = max(y - fibre.subtracts * m, min(y, 0.0))
         current = (
-            _weighted_input(static, row[7], row[8])
-            + _weighted_input(speed, row[9], row[10])
-            + _weighted_input(speed - d, row[11], row[12])
+            _weighted_input(static, fibre.static)
+            + _weighted_input(speed, fibre.speed)
+            + _weighted_input(speed - d, fibre.change)
         )
         s, d = y, speed
-        current += row[15] * _noise(key, sample + k)
+        current += fibre.noise * _noise(key, sample + k)
         # saturation, and the currents after a spike
-        if row[14] > 0.0:
-            current *= row[14] / (row[14] + abs(current))
+        if fibre.saturation > 0.0:
+            current *= fibre.saturation / (fibre.saturation + abs(current))
         if passed < len(basis):
-            current += row[17] * basis[passed, 0] + row[18] * basis[passed, 1]
+            current += fibre.after[0] * basis[passed, 0] + fibre.after[1] * basis[passed, 1]
             passed += 1
         # membrane, and spike
-        v += current - v * row[16]
+        v += current - v * fibre.leak
         if v > 1.0 and passed >= REFRACTORY:
             fired |= 1 << k
             v, passed = 0.0, 0
-    state[0], state[1], state[2], state[3], state[4], state[5], state[7] = z0, z1, z2, s, d, v, m
-    state[8], state[9], state[10], state[11] = p0, p1, p2, w
+    put(state.filter, (z0, z1, z2))
+    put(state.path_filter, (p0, p1, p2))
+    state.input, state.speed, state.potential, state.adapted, state.path = s, d, v, m, w
     return fired, passed

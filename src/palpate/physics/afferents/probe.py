@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
 from palpate.physics.afferents import fibre
 from palpate.physics.afferents.published import DEPTHS, FITS, PROBE, RATE
-from palpate.physics.arrays import Array, Matrix
+from palpate.physics.arrays import Array, Matrix, Record
 
 MODULUS = 0.05 / (1.0 - 0.4**2)  # [MPa] of the skin of the published fits, E/(1 - nu²)
 
@@ -17,11 +18,12 @@ def input_of(kind: int, u: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def _count(row: Array, state: Array, basis: Matrix, key: int, s: Array, begin: int):
+def _count(constants: Record, state: Record, basis: Matrix, key: int, s: Array, begin: int):
     since, spikes = 1000, 0
     for k in range(len(s)):
-        fired, since = fibre.advance(row, state, since, basis, key, k, 1, 1.0, 1.0, s[k], row[13] * s[k])
-        state[6], state[12] = s[k], row[13] * s[k]
+        moved = constants.dynamic * s[k]
+        fired, since = fibre.advance(constants, state, since, basis, key, k, 1, 1.0, 1.0, s[k], moved)
+        state.target, state.path_target = s[k], moved
         if fired and k >= begin:
             spikes += 1
     return spikes
@@ -43,14 +45,14 @@ def tuning_threshold(
     cycles.
     """
     fit = fits[kind][which]
-    rows, _ = fibre.rows(fit[None], np.array([DEPTHS[kind]]), poisson, np.array([kind]))
+    (constants,), _ = fibre.constants_of(fit[None], np.array([DEPTHS[kind]]), poisson, np.array([kind]))
     cycles = max(10, round(0.4 * frequency))
     t = np.arange(round((cycles + 4.0) / frequency * RATE)) / RATE
     wave, basis, begin = input_of(kind, gain * np.sin(2.0 * np.pi * frequency * t)), fibre.post_spike(), 4.0 / frequency
     low, high = -4.5, 1.3  # log10 of mm
     while high - low > 0.005:
         middle = 0.5 * (low + high)
-        spikes = _count(rows[0], np.zeros(fibre.STATE), basis, 5, 10.0**middle * wave, round(begin * RATE))
+        spikes = _count(constants, blank_record(fibre.STATE), basis, 5, 10.0**middle * wave, round(begin * RATE))
         low, high = (low, middle) if spikes >= cycles else (middle, high)
     return 20.0 * (high + 3.0)
 

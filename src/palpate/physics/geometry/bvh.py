@@ -11,27 +11,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.compiler.exact import product
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix
+from palpate.compiler.records import vector
+from palpate.physics.arrays import Array, Indices, Matrix, Record
 
 LEAF = 4
 PART, WHOLE = 64, 2048  # A node of at least WHOLE leaves is bounded by the discs of its parts of PART leaves
 FLAT = 1e-12  # [1] A triangle is degenerate if its area over its longest edge squared is smaller
 
-ACROSS, KIND, ORIGIN, COLUMNS = 3, 6, 7, 8  # columns of `cells`
+POINT = {"position": (3,), "normal": (3,)}
+"""A vertex: position [m], outward unit normal [1]."""
+INDEX, THREE = np.dtype("<i4"), np.dtype(("<i4", 3))
+CELL = {"corners": THREE, "across": THREE, "kind": INDEX, "origin": INDEX}
+"""A triangle: its corners; its neighbours across its edges (corner i to i+1; -1 at a border); 0, or 1 + its longest
+edge if it is degenerate; its index in the mesh."""
+DISC = {"centre": (3,), "axis": (3,), "radius": (), "height": ()}
+"""The bound of a node of the tree: a cylinder with this centre [m], axis [1], radius and half height [m]."""
+MOMENTS = {"corners": (3,), "normals": (3,), "count": ()}
+"""Sums over the triangles below a node: corners [m], normals [m²], number of corners."""
+POINTS, CELLS, DISCS = map(element_type, (POINT, CELL, DISC))
 
 
 @dataclass(frozen=True, eq=False)
 class MeshTables:
-    """Tables of a mesh for the search.
+    """Tables of a mesh for the search."""
 
-    cells    (T,8)  each triangle in the order of the tree: three corners; neighbours across its edges (corner i to
-                    i+1; -1 at a border); 0, or 1 + its longest edge if it is degenerate; its index in the mesh
-    """
-
-    points: np.ndarray  # (V,6) position [m] and outward unit normal of each vertex; equal positions are merged
-    cells: np.ndarray
-    discs: np.ndarray  # (N,8) centre, axis, radius and half height of each node; node 0 is unused, node 1 the root
+    points: np.ndarray  # (V) `POINT`; equal positions are merged
+    cells: np.ndarray  # (T) `CELL` of each triangle in the order of the tree
+    discs: np.ndarray  # (N) `DISC` of each node; node 0 is unused, node 1 the root
     star_at: np.ndarray  # (V+1) index in `star` where the list of each vertex begins
     star: np.ndarray  # (3T) the triangles round each vertex
 
@@ -61,17 +69,17 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray, facing: np.ndarray 
     order = np.argsort(morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
     triangles = np.ascontiguousarray(triangles[order])
     star_at, star = stars(triangles, len(vertices))
-    cells = np.empty((len(triangles), COLUMNS), dtype=np.int32)
-    cells[:, :3] = triangles
-    cells[:, ORIGIN] = keep[order]
-    points = np.zeros((len(vertices), 6))
-    points[:, :3] = vertices
+    cells = np.zeros(len(triangles), CELLS)
+    cells["corners"] = triangles
+    cells["origin"] = keep[order]
+    points = np.zeros(len(vertices), POINTS)
+    points["position"] = vertices
     _topology(points, cells, star_at, star)
     if facing is not None:
-        points[:, 3:] = np.where((facing != 0.0).any(axis=1, keepdims=True), facing, points[:, 3:])
+        points["normal"] = np.where((facing != 0.0).any(axis=1, keepdims=True), facing, points["normal"])
     leaves = 1 << (-(-len(triangles) // LEAF) - 1).bit_length()
-    discs = np.zeros((2 * leaves, 8))
-    _discs(vertices, triangles, leaves, discs)
+    discs = np.zeros(2 * leaves, DISCS)
+    _discs(vertices, triangles, leaves, np.zeros(2 * leaves, element_type(MOMENTS)), discs)
     return MeshTables(points, cells, discs, star_at, star)
 
 
@@ -93,9 +101,9 @@ def stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @kernel
-def is_segment(triangles: Indices, t: int):
-    """Whether two corners of a triangle are equal."""
-    a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+def is_segment(corners: Indices):
+    """Whether two corners (3) of a triangle are equal."""
+    a, b, c = corners[0], corners[1], corners[2]
     return a == b or b == c or c == a
 
 
@@ -105,14 +113,14 @@ def _superfluous(triangles: Indices, at: Indices, star: Indices):
     superfluous = np.zeros(len(triangles), dtype=np.bool_)
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        flat = is_segment(triangles, t)
+        flat = is_segment(triangles[t])
         other = b if b != a else c
         for k in range(at[a], at[a + 1]):
             s = star[k]
             x, y, z = triangles[s, 0], triangles[s, 1], triangles[s, 2]
             if flat:
                 superfluous[t] = superfluous[t] or (
-                    not is_segment(triangles, s) and (x == other or y == other or z == other)
+                    not is_segment(triangles[s]) and (x == other or y == other or z == other)
                 )
             elif s < t and (
                 (x == a and y == b and z == c) or (x == b and y == c and z == a) or (x == c and y == a and z == b)
@@ -131,22 +139,20 @@ def morton(centre: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
 
 
 @kernel
-def _discs(vertices: Matrix, triangles: Indices, leaves: int, discs: Matrix):
-    """Bounding discs of all nodes: centre, axis, radius, half height.
+def _discs(vertices: Matrix, triangles: Indices, leaves: int, sums: Record, discs: Record):
+    """Bounding discs of all nodes, with their `MOMENTS`.
 
     Nodes with less than `WHOLE` leaves enclose their vertices; larger ones the discs of their descendants with `PART`
     leaves, at 1 % of the cost.
     """
     count = len(triangles)
-    sums = np.zeros((2 * leaves, 7))
     # moments from the leaves upwards; the children of a node are 2 node and 2 node + 1
     for node in range(2 * leaves - 1, 0, -1):
         if node >= leaves:
             for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
                 _add_triangle(vertices, triangles[t], sums[node])
         else:
-            for i in range(7):
-                sums[node, i] = sums[2 * node, i] + sums[2 * node + 1, i]
+            _add_moments(sums[2 * node], sums[2 * node + 1], sums[node])
         _start_disc(sums[node], discs[node])
         # extent along the axis and across it
         below = 1
@@ -156,13 +162,13 @@ def _discs(vertices: Matrix, triangles: Indices, leaves: int, discs: Matrix):
         if below >= WHOLE:
             step = below // PART
             for part in range(node * step, node * step + step):
-                if sums[part, 6] == 0.0:
+                if sums[part].count == 0.0:
                     continue
                 along, across, cosine = _relative_disc(discs[part], discs[node])
                 sine = np.sqrt(max(1.0 - cosine * cosine, 0.0))
-                reach = discs[part, 6] * sine + discs[part, 7] * cosine
+                reach = discs[part].radius * sine + discs[part].height * cosine
                 low, high = min(low, along - reach), max(high, along + reach)
-                wide = max(wide, across + discs[part, 6] + discs[part, 7] * sine)
+                wide = max(wide, across + discs[part].radius + discs[part].height * sine)
         else:
             first = (node * below - leaves) * count // leaves
             last = (node * below - leaves + below) * count // leaves
@@ -174,64 +180,75 @@ def _discs(vertices: Matrix, triangles: Indices, leaves: int, discs: Matrix):
             low = high = 0.0
         # the centre moves to the middle of the extent along the axis
         middle = 0.5 * (low + high)
-        size = high - low + wide
+        size, disc = high - low + wide, discs[node]
         for i in range(3):
-            discs[node, i] += middle * discs[node, 3 + i]
-            size += abs(discs[node, i])
+            disc.centre[i] += middle * disc.axis[i]
+            size += abs(disc.centre[i])
         # a margin for rounding
-        discs[node, 6] = wide + 1e-9 * size
-        discs[node, 7] = 0.5 * (high - low) + 1e-12 * size
+        disc.radius = wide + 1e-9 * size
+        disc.height = 0.5 * (high - low) + 1e-12 * size
 
 
 @kernel
-def _add_triangle(vertices: Matrix, triangle: Indices, sums: Array):
+def _add_moments(left: Record, right: Record, sums: Record):
+    for i in range(3):
+        sums.corners[i] = left.corners[i] + right.corners[i]
+        sums.normals[i] = left.normals[i] + right.normals[i]
+    sums.count = left.count + right.count
+
+
+@kernel
+def _add_triangle(vertices: Matrix, triangle: Indices, sums: Record):
     p, q, r = vertices[triangle[0]], vertices[triangle[1]], vertices[triangle[2]]
     ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
     for i in range(3):
-        sums[i] += p[i] + q[i] + r[i]
-    sums[3] += uy * vz - uz * vy
-    sums[4] += uz * vx - ux * vz
-    sums[5] += ux * vy - uy * vx
-    sums[6] += 3.0
+        sums.corners[i] += p[i] + q[i] + r[i]
+    sums.normals[0] += uy * vz - uz * vy
+    sums.normals[1] += uz * vx - ux * vz
+    sums.normals[2] += ux * vy - uy * vx
+    sums.count += 3.0
 
 
 @kernel
-def _start_disc(sums: Array, disc: Array):
-    length = np.sqrt(sums[3] * sums[3] + sums[4] * sums[4] + sums[5] * sums[5])
+def _start_disc(sums: Record, disc: Record):
+    x, y, z = vector(sums.normals)
+    length = np.sqrt(x * x + y * y + z * z)
     for i in range(3):
-        disc[i] = sums[i] / max(sums[6], 1.0)
-        disc[3 + i] = sums[3 + i] / length if length > 0.0 else (1.0 if i == 2 else 0.0)
+        disc.centre[i] = sums.corners[i] / max(sums.count, 1.0)
+        disc.axis[i] = sums.normals[i] / length if length > 0.0 else (1.0 if i == 2 else 0.0)
 
 
 @kernel
-def _corner(x: Array, disc: Array):
+def _corner(x: Array, disc: Record):
     """Coordinate of a point along the axis of a disc, and its distance from the axis."""
-    a, b, c = x[0] - disc[0], x[1] - disc[1], x[2] - disc[2]
-    along = a * disc[3] + b * disc[4] + c * disc[5]
+    a, b, c = x[0] - disc.centre[0], x[1] - disc.centre[1], x[2] - disc.centre[2]
+    along = a * disc.axis[0] + b * disc.axis[1] + c * disc.axis[2]
     return along, np.sqrt(max(a * a + b * b + c * c - along * along, 0.0))
 
 
 @kernel
-def _relative_disc(part: Array, disc: Array):
+def _relative_disc(part: Record, disc: Record):
     """Centre of a disc relative to another: along its axis, distance from it, and the cosine between both axes."""
-    along, across = _corner(part, disc)
-    return along, across, abs(part[3] * disc[3] + part[4] * disc[4] + part[5] * disc[5])
+    along, across = _corner(part.centre, disc)
+    a, b = part.axis, disc.axis
+    return along, across, abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @kernel
-def _topology(points: Matrix, cells: Indices, star_at: Indices, star: Indices):
+def _topology(points: Record, cells: Record, star_at: Indices, star: Indices):
     """Fill in the neighbours, degenerate triangles and angle-weighted normals of the vertices."""
     side = np.empty((3, 3))
     square = np.empty(3)
     for t in range(len(cells)):
+        cell = cells[t]
         for i in range(3):
-            a, b = cells[t, i], cells[t, (i + 1) % 3]
+            a, b = cell.corners[i], cell.corners[(i + 1) % 3]
             square[i] = 0.0
             for c in range(3):
-                side[i, c] = points[b, c] - points[a, c]
+                side[i, c] = points[b].position[c] - points[a].position[c]
                 square[i] += side[i, c] * side[i, c]
-            cells[t, ACROSS + i] = _neighbour(cells, star_at, star, t, a, b)
+            cell.across[i] = _neighbour(cells, star_at, star, t, a, b)
         x = side[0, 1] * side[1, 2] - side[0, 2] * side[1, 1]
         y = side[0, 2] * side[1, 0] - side[0, 0] * side[1, 2]
         z = side[0, 0] * side[1, 1] - side[0, 1] * side[1, 0]
@@ -239,34 +256,36 @@ def _topology(points: Matrix, cells: Indices, star_at: Indices, star: Indices):
         # a degenerate triangle has no normal; its kind names its longest side
         longest = 0 if square[0] >= max(square[1], square[2]) else (1 if square[1] >= square[2] else 2)
         if 0.5 * length <= FLAT * square[longest]:
-            cells[t, KIND] = 1 + longest
+            cell.kind = 1 + longest
             continue
-        cells[t, KIND] = 0
+        cell.kind = 0
         # add the normal to the corners, weighted by the angle there
         for i in range(3):
             j = (i + 2) % 3
             cosine = -(side[i, 0] * side[j, 0] + side[i, 1] * side[j, 1] + side[i, 2] * side[j, 2])
             weight = np.arctan2(length, cosine) / length
-            points[cells[t, i], 3] += weight * x
-            points[cells[t, i], 4] += weight * y
-            points[cells[t, i], 5] += weight * z
+            normal = points[cell.corners[i]].normal
+            normal[0] += weight * x
+            normal[1] += weight * y
+            normal[2] += weight * z
     for v in range(len(points)):
-        length = np.sqrt(points[v, 3] ** 2 + points[v, 4] ** 2 + points[v, 5] ** 2)
+        normal = points[v].normal
+        length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
         if length > 1e-12:
-            for c in range(3, 6):
-                points[v, c] /= length
+            for c in range(3):
+                normal[c] /= length
 
 
 @kernel
-def _neighbour(cells: Indices, star_at: Indices, star: Indices, t: int, a: int, b: int):
+def _neighbour(cells: Record, star_at: Indices, star: Indices, t: int, a: int, b: int):
     """The triangle across the edge from corner a to b of triangle t, preferably with the same orientation; or -1."""
     neighbour = -1
     for k in range(star_at[a], star_at[a + 1]):
         s = star[k]
-        if s == t or is_segment(cells, s):
+        if s == t or is_segment(cells[s].corners):
             continue
         for j in range(3):
-            x, y = cells[s, j], cells[s, (j + 1) % 3]
+            x, y = cells[s].corners[j], cells[s].corners[(j + 1) % 3]
             if x == b and y == a:
                 return s
             if x == a and y == b and neighbour < 0:

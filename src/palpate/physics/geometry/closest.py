@@ -12,11 +12,15 @@ that of the nearest branch, and therefore 1-Lipschitz along any path.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix, Tensor
+from palpate.compiler.records import put, vector
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor, Vector3
+from palpate.physics.geometry.foot import FOOT, find_feet
 from palpate.physics.geometry.newton import flattest, inside_border, newton
 from palpate.physics.geometry.nurbs import NurbsPatch, evaluate, normal_of
 from palpate.physics.kept import keep_results
@@ -29,7 +33,18 @@ sagitta is added. Between two minima at nearly the same distance the distance of
 FLAT = 0.25  # [1] 1 - d kappa (distance times curvature) at a foot point below which its neighbourhood is also searched
 ROUND = 9  # Number of directions in which the search leaves a collapsed border
 STARTS = 8  # Maximum number of starts of Newton's method per step, in addition to the last foot point
-FOUND = 9  # Length of a result: foot (3), normal (3), u, v, signed distance
+SAMPLE = {"point": (3,), "place": (2,), "begin": int, "end": int}
+"""A sample of the surface: its place [m], u and v; which of the links lead to its neighbours."""
+CLUSTER = {"centre": (3,), "radius": (), "begin": int, "end": int}
+"""The bounding sphere [m] of consecutive samples, from `begin` to `end`."""
+SPACING = {"sagitta": (), "cover": ()}
+"""Largest distance [m] of the surface from the chords between samples, and of its points from a sample."""
+START = {"sample": int, "square": (), "point": (3,), "least": ()}
+"""A sample from which a search starts, and its squared distance [m²]; the minimum found from there [m], and its squared
+distance [m²]."""
+TRACKED = {"exists": bool, "place": (2,), "normal": (3,), "starts": (STARTS, START)}
+"""Kept from step to step: whether a last foot point exists, and its u and v. Of the last step: the normal at the
+nearest point [1], and the starts of the search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,59 +55,55 @@ class ClosestPoint:
     surface: NurbsPatch
 
     @cached_property
-    def tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Arguments of the kernels: floats and integers of the surface, floats and integers of the samples."""
-        return (*self.surface.packed, *samples(self.surface, SAMPLES))
+    def tables(self) -> tuple[Any, ...]:
+        """Arguments of the kernels: `NurbsPatch.packed` and `SurfaceSamples`."""
+        return (*self.surface.packed, *samples_of(self.surface, SAMPLES))
 
-    def scratch(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """State (u, v, 1 while tracking), workspace, derivatives and result of `track`."""
-        work = np.empty(24 + 3 * (self.surface.degree_u + self.surface.degree_v + 2) + 6 * STARTS)
-        return np.zeros(3), work, np.empty((2, 6, 3)), np.zeros(FOUND)
+    def scratch(self) -> tuple[Record, np.ndarray, np.ndarray, Record]:
+        """State, workspace, derivatives and result of `track`."""
+        work = np.empty(24 + 3 * (self.surface.degree_u + self.surface.degree_v + 2))
+        return blank_record(TRACKED), work, np.empty((2, 6, 3)), blank_record(FOOT)
 
     def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Foot points [m] (...,3), outward normals [1] (...,3), parameters [1] (...,2) and signed distances [m] (...),
         positive outside, of points [m] (...,3)."""
-        points = np.asarray(points, dtype=float)
-        flat = np.ascontiguousarray(points.reshape(-1, 3))
-        feet = np.empty((len(flat), FOUND))
-        _find(*self.tables, flat, *self.scratch(), feet)
-        feet = feet.reshape(*points.shape[:-1], FOUND)
-        return feet[..., :3], feet[..., 3:6], feet[..., 6:8], feet[..., 8]
+        scratch = self.scratch()[:3]
+        feet = find_feet(lambda each, found: _find(*self.tables, each, *scratch, found), points)
+        return feet["point"], feet["normal"], feet["place"], feet["distance"]
 
 
 @kernel
 def track(
     data: Array,
-    layout: Indices,
-    seeds: Array,
-    index: Indices,
+    layout: Record,
+    first: Indices,
+    samples: Record,
+    clusters: Record,
+    links: Indices,
+    spacing: Record,
     p0: float,
     p1: float,
     p2: float,
     hysteresis: float,
-    state: Array,
+    tracked: Record,
     work: Array,
     d: Tensor,
-    foot: Array,
+    foot: Record,
 ):
-    """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, u, v, signed distance.
-
-    state  (3)  u and v of the last foot point, and 1; 0 in the last place if there is no last foot point
-    work   afterwards begins with the normal [1] (3) at the nearest point
-    """
+    """The foot of p = (p0, p1, p2) [m], on the branch of the last one (`TRACKED`)."""
     p0, p1, p2 = min(max(p0, -FAR), FAR), min(max(p1, -FAR), FAR), min(max(p2, -FAR), FAR)
     here, there = d[0], d[1]
-    if state[2] == 0.0:
-        k = _nearest(seeds, index, p0, p1, p2)
-        state[0], state[1] = seeds[5 * k + 3], seeds[5 * k + 4]
+    if not tracked.exists:
+        first_guess = samples[_nearest(samples, p0, p1, p2)]
+        tracked.place[0], tracked.place[1] = first_guess.place[0], first_guess.place[1]
         hysteresis = 0.0
     # 1. the minimum to which the last foot point leads
-    u, v, f = newton(data, layout, p0, p1, p2, state[0], state[1], work, here)
+    u, v, f = newton(data, layout, first, p0, p1, p2, tracked.place[0], tracked.place[1], work, here)
     n0, n1, n2 = normal_of(data, layout, u, v, here)
     distance = np.sqrt(f)
     signed = (p0 - here[0, 0]) * n0 + (p1 - here[0, 1]) * n1 + (p2 - here[0, 2]) * n2
     best, best_u, best_v = distance, u, v
-    cover = seeds[len(seeds) - 1]
+    cover = spacing.cover
     # 2. if p is near the centre of curvature there: minima on both sides of the foot point
     curvature, du, dv, collapsed = flattest(data, layout, p0, p1, p2, v, here)
     starts = 0
@@ -107,143 +118,152 @@ def track(
         else:
             # near the end of the medial axis a second minimum may lie between the samples
             x, y = u + (1.4 * k - 0.7) * cover * du, v + (1.4 * k - 0.7) * cover * dv
-        x, y, f = newton(data, layout, p0, p1, p2, x, y, work, there)
+        x, y, f = newton(data, layout, first, p0, p1, p2, x, y, work, there)
         if f < best * best:
             best, best_u, best_v = np.sqrt(f), x, y
             n0, n1, n2 = normal_of(data, layout, x, y, there)
             signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
     # 3. minima elsewhere: from each sample that may lead to a nearer one, unless it belongs to a known minimum
-    at = len(work) - 6 * STARTS
-    count = _starts(seeds, index, p0, p1, p2, distance, here, work, at)
+    count = _starts(samples, clusters, links, spacing, p0, p1, p2, distance, here, tracked.starts)
     for c in range(count):
-        k = int(work[at + 2 * c + 1])
-        known = False
+        start = tracked.starts[c]
+        sample, known = samples[start.sample], False
         for e in range(c):
-            b = at + 2 * STARTS + 4 * e
-            known = known or _belongs(seeds, k, work[at + 2 * c], work[b], work[b + 1], work[b + 2], work[b + 3])
-        b = at + 2 * STARTS + 4 * c
+            other = tracked.starts[e]
+            known = known or _belongs(sample, start.square, vector(other.point), other.least, cover)
         if known:
-            work[b + 3] = np.inf
+            start.least = np.inf
             continue
-        x, y, f = newton(data, layout, p0, p1, p2, seeds[5 * k + 3], seeds[5 * k + 4], work, there)
-        work[b], work[b + 1], work[b + 2], work[b + 3] = there[0, 0], there[0, 1], there[0, 2], f
-        other = np.sqrt(f)
-        if other < best:
-            best, best_u, best_v = other, x, y
+        x, y, f = newton(data, layout, first, p0, p1, p2, sample.place[0], sample.place[1], work, there)
+        start.point[0], start.point[1], start.point[2], start.least = there[0, 0], there[0, 1], there[0, 2], f
+        if np.sqrt(f) < best:
+            best, best_u, best_v = np.sqrt(f), x, y
             n0, n1, n2 = normal_of(data, layout, x, y, there)
             signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
     # 4. change to another minimum only if it is nearer by the hysteresis
     if best < distance - hysteresis:
         u, v = best_u, best_v
-        evaluate(data, layout, u, v, work, here)
-    work[0], work[1], work[2] = n0, n1, n2
-    n0, n1, n2 = normal_of(data, layout, u, v, here)
-    state[0], state[1], state[2] = u, v, 1.0
-    foot[0], foot[1], foot[2] = here[0, 0], here[0, 1], here[0, 2]
-    foot[3], foot[4], foot[5] = n0, n1, n2
-    foot[6], foot[7], foot[8] = u, v, signed
+        evaluate(data, layout, first, u, v, work, here)
+    tracked.normal[0], tracked.normal[1], tracked.normal[2] = n0, n1, n2
+    tracked.place[0], tracked.place[1], tracked.exists = u, v, True
+    put(foot.point, vector(here[0]))
+    put(foot.normal, normal_of(data, layout, u, v, here))
+    foot.place[0], foot.place[1], foot.distance = u, v, signed
 
 
 @kernel
 def _find(
     data: Array,
-    layout: Indices,
-    seeds: Array,
-    index: Indices,
+    layout: Record,
+    first: Indices,
+    samples: Record,
+    clusters: Record,
+    links: Indices,
+    spacing: Record,
     points: Matrix,
-    state: Array,
+    tracked: Record,
     work: Array,
     d: Tensor,
-    foot: Array,
-    results: Matrix,
+    feet: Record,
 ):
     for k in range(len(points)):
-        state[2] = 0.0
-        track(data, layout, seeds, index, points[k, 0], points[k, 1], points[k, 2], 0.0, state, work, d, foot)
-        results[k] = foot
+        tracked.exists, p = False, points[k]
+        track(
+            data, layout, first, samples, clusters, links, spacing, p[0], p[1], p[2], 0.0, tracked, work, d, feet[k]
+        )  # fmt: skip
 
 
 @kernel
-def _square(seeds: Array, k: int, p0: float, p1: float, p2: float):
-    a, b, c = seeds[5 * k] - p0, seeds[5 * k + 1] - p1, seeds[5 * k + 2] - p2
+def _square(sample: Record, p0: float, p1: float, p2: float):
+    a, b, c = sample.point[0] - p0, sample.point[1] - p1, sample.point[2] - p2
     return a * a + b * b + c * c
 
 
 @kernel
-def _nearest(seeds: Array, index: Indices, p0: float, p1: float, p2: float):
+def _nearest(samples: Record, p0: float, p1: float, p2: float):
     best, nearest = np.inf, 0
-    for k in range(index[0]):
-        f = _square(seeds, k, p0, p1, p2)
+    for k in range(len(samples)):
+        f = _square(samples[k], p0, p1, p2)
         if f < best:
             best, nearest = f, k
     return nearest
 
 
 @kernel
-def _belongs(seeds: Array, k: int, f: float, x0: float, x1: float, x2: float, least: float):
-    """Whether sample k, at the squared distance f, belongs to the minimum x at the squared distance `least`."""
-    cover = seeds[len(seeds) - 1]
-    return f >= least * (1.0 - 1e-9) and _square(seeds, k, x0, x1, x2) < cover * cover
+def _belongs(sample: Record, f: float, x: Vector3, least: float, cover: float):
+    """Whether a sample at the squared distance f belongs to the minimum x at the squared distance `least`."""
+    return f >= least * (1.0 - 1e-9) and _square(sample, x[0], x[1], x[2]) < cover * cover
 
 
 @kernel
 def _starts(
-    seeds: Array, index: Indices, p0: float, p1: float, p2: float, distance: float, here: Matrix, work: Array, at: int
+    samples: Record,
+    clusters: Record,
+    links: Indices,
+    spacing: Record,
+    p0: float,
+    p1: float,
+    p2: float,
+    distance: float,
+    here: Matrix,
+    starts: Record,
 ):
-    """Samples that may lead to a nearer minimum, nearest first, as pairs (squared distance, sample) into work[at:];
-    returns their number."""
-    samples, clusters = index[0], index[1]
-    cover = seeds[len(seeds) - 1]
+    """Samples that may lead to a nearer minimum, nearest first, into `starts`; returns their number."""
+    cover = spacing.cover
     reach = distance + cover
     limit = reach * reach
-    slack = SLACK * cover * cover + 2.0 * distance * seeds[len(seeds) - 2]
-    links = 3 + clusters
+    slack = SLACK * cover * cover + 2.0 * distance * spacing.sagitta
     count = 0
-    for c in range(clusters):
-        b = 5 * samples + 4 * c
+    for c in range(len(clusters)):
         # skip a cluster whose bounding sphere is out of reach
-        x, y, z = seeds[b] - p0, seeds[b + 1] - p1, seeds[b + 2] - p2
-        far = reach + seeds[b + 3]
+        cluster = clusters[c]
+        x, y, z = cluster.centre[0] - p0, cluster.centre[1] - p1, cluster.centre[2] - p2
+        far = reach + cluster.radius
         if x * x + y * y + z * z >= far * far:
             continue
-        for k in range(index[2 + c], index[3 + c]):
-            f = _square(seeds, k, p0, p1, p2)
-            if f >= limit or (count == STARTS and f >= work[at + 2 * count - 2]):
+        for k in range(cluster.begin, cluster.end):
+            sample = samples[k]
+            f = _square(sample, p0, p1, p2)
+            if f >= limit or (count == STARTS and f >= starts[count - 1].square):
                 continue
             # keep a sample that is nearer than its neighbours and belongs to no known minimum
             lowest = True
-            for j in range(index[links + k], index[links + k + 1]):
-                if _square(seeds, index[links + samples + 1 + j], p0, p1, p2) < f - slack:
+            for j in range(sample.begin, sample.end):
+                if _square(samples[links[j]], p0, p1, p2) < f - slack:
                     lowest = False
                     break
-            if not lowest or _belongs(seeds, k, f, here[0, 0], here[0, 1], here[0, 2], distance * distance):
+            if not lowest or _belongs(sample, f, vector(here[0]), distance * distance, cover):
                 continue
             # insert it into the sorted list
             count = min(count + 1, STARTS)
             place = count - 1
-            while place > 0 and work[at + 2 * place - 2] > f:
-                work[at + 2 * place] = work[at + 2 * place - 2]
-                work[at + 2 * place + 1] = work[at + 2 * place - 1]
+            while place > 0 and starts[place - 1].square > f:
+                starts[place].square, starts[place].sample = starts[place - 1].square, starts[place - 1].sample
                 place -= 1
-            work[at + 2 * place], work[at + 2 * place + 1] = f, k
+            starts[place].square, starts[place].sample = f, k
     return count
 
 
-@keep_results
-def samples(surface: NurbsPatch, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """About `count` samples of the surface with their neighbours, in clusters, as arrays for the kernels:
+class SurfaceSamples(NamedTuple):
+    """Samples of a surface with their neighbours, in clusters."""
 
-    floats    (5 s) x, y, z, u, v of each sample; (4 c) centre and radius of each cluster; sagitta; cover
-    integers  s, c; (c+1) first sample of each cluster; (s+1) first link of each sample; the links
-    """
+    samples: np.ndarray  # (s) `SAMPLE`
+    clusters: np.ndarray  # (c) `CLUSTER`
+    links: np.ndarray  # (l) neighbours of each sample
+    spacing: Record  # `SPACING`
+
+
+@keep_results
+def samples_of(surface: NurbsPatch, count: int) -> SurfaceSamples:
+    """About `count` samples of the surface."""
     u, v = _grid(surface, count)
     n, m = len(u), len(v)
     points = surface(u[:, None], v)
     number = np.arange(n * m).reshape(n, m)
-    low, high = surface.packed[1][8:10]
-    if low:
+    layout = surface.packed[1]
+    if layout.pole_low:
         number[:, 0] = number[0, 0]
-    if high:
+    if layout.pole_high:
         number[:, -1] = number[0, -1]
     pairs = _links(number, surface.closed_u, surface.closed_v)
     flat = points.reshape(-1, 3)
@@ -255,14 +275,17 @@ def samples(surface: NurbsPatch, count: int) -> tuple[np.ndarray, np.ndarray]:
     rank[order] = np.arange(len(order))
     pairs = np.unique(rank[pairs], axis=0)
     first = np.searchsorted(pairs[:, 0], np.arange(len(order) + 1))
-    table = np.column_stack([flat, np.repeat(u, m), np.tile(v, n)])[order]
-    spheres = []
-    for group in groups:
-        centre = (flat[group].min(axis=0) + flat[group].max(axis=0)) / 2
-        spheres.append([*centre, np.linalg.norm(flat[group] - centre, axis=1).max()])
-    starts = np.cumsum([0] + [len(g) for g in groups])
-    index = np.concatenate([[len(order), len(groups)], starts, first, pairs[:, 1]]).astype(np.int64)
-    return np.concatenate([table.ravel(), np.ravel(spheres), [sagitta, cover]]), index
+    samples = np.zeros(len(order), element_type(SAMPLE))
+    samples["point"], samples["place"] = flat[order], np.column_stack([np.repeat(u, m), np.tile(v, n)])[order]
+    samples["begin"], samples["end"] = first[:-1], first[1:]
+    clusters = np.zeros(len(groups), element_type(CLUSTER))
+    for cluster, group in zip(clusters, groups, strict=True):
+        cluster["centre"] = (flat[group].min(axis=0) + flat[group].max(axis=0)) / 2
+        cluster["radius"] = np.linalg.norm(flat[group] - cluster["centre"], axis=1).max()
+    clusters["end"] = np.cumsum([len(group) for group in groups])
+    clusters["begin"][1:] = clusters["end"][:-1]
+    links = np.ascontiguousarray(pairs[:, 1], dtype=np.int64)
+    return SurfaceSamples(samples, clusters, links, blank_record(SPACING, sagitta=sagitta, cover=cover))
 
 
 def _grid(surface: NurbsPatch, count: int) -> tuple[np.ndarray, np.ndarray]:

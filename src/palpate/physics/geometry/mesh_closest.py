@@ -8,16 +8,20 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix
-from palpate.physics.geometry.bvh import ACROSS, KIND, ORIGIN, MeshTables, mesh_tables
+from palpate.compiler.records import vector
+from palpate.physics.arrays import Indices, Matrix, Record
+from palpate.physics.geometry.bvh import MeshTables, mesh_tables
 from palpate.physics.geometry.closest import FAR
+from palpate.physics.geometry.foot import FOOT, find_feet
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pseudonormal import EDGE, FACE, VERTEX, foot_of, normal_at, signed_distance
 
-STACK = 128
-FOUND = 10
-"""Length of a result: foot (3), normal (3), weights of the second and third corner, signed distance, triangle."""
+STACK = 128  # nodes of the tree that wait for the search
+TRACKED = {"exists": bool, "triangle": int, "nearest": int}
+"""Kept from step to step: whether a last foot point exists, and its triangle. Of the last step: that of the nearest
+point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +36,9 @@ class MeshClosestPoint:
         """ValueError: a mesh without triangles, or whose vertices are not finite."""
         return mesh_tables(self.mesh.vertices, self.mesh.triangles, self.mesh.facing)
 
-    def scratch(self) -> tuple[np.ndarray, np.ndarray]:
-        """Workspace of `track_mesh`, whose first entry is the last triangle (-1: none), and its result."""
-        return np.full(STACK, -1, dtype=np.int64), np.zeros(FOUND)
+    def scratch(self) -> tuple[Record, np.ndarray, Record]:
+        """State, workspace and result of `track_mesh`."""
+        return blank_record(TRACKED), np.zeros(STACK, dtype=np.int64), blank_record(FOOT)
 
     def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Foot points [m] (...,3), outward normals [1] (...,3), triangles (...) and signed distances [m] (...),
@@ -47,39 +51,36 @@ class MeshClosestPoint:
         return self._find(points, True)
 
     def _find(self, points: np.ndarray, along: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        points = np.asarray(points, dtype=float)
-        flat = np.ascontiguousarray(points.reshape(-1, 3))
-        feet = np.empty((len(flat), FOUND))
-        _find(*self.tables.arrays, flat, along, *self.scratch(), feet)
-        feet = feet.reshape(*points.shape[:-1], FOUND)
-        return feet[..., :3], feet[..., 3:6], feet[..., 9].astype(int), feet[..., 8]
+        tables, scratch = self.tables.arrays, self.scratch()[:2]
+        feet = find_feet(lambda each, found: _find(*tables, each, along, *scratch, found), points)
+        return feet["point"], feet["normal"], feet["triangle"], feet["distance"]
 
 
 @kernel
 def track_mesh(
-    points: Matrix,
-    cells: Indices,
-    discs: Matrix,
+    points: Record,
+    cells: Record,
+    discs: Record,
     star_at: Indices,
     star: Indices,
     p0: float,
     p1: float,
     p2: float,
     hysteresis: float,
+    tracked: Record,
     work: Indices,
-    foot: Array,
+    foot: Record,
 ):
-    """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, two weights, signed distance, triangle.
+    """The foot of p = (p0, p1, p2) [m].
 
     Descent from the last foot point over neighbouring triangles gives the point of the same branch, whose distance
     bounds the tree search. The foot point remains on its branch until the search finds one nearer by more than the
-    hysteresis [m]. The signed distance is that of the nearest point, on the triangle work[1].
+    hysteresis [m]. The signed distance is that of the nearest point, on the triangle `tracked.nearest`.
     """
     p0, p1, p2 = min(max(p0, -FAR), FAR), min(max(p1, -FAR), FAR), min(max(p2, -FAR), FAR)
-    last = work[0]
     local, settled = 0, False
-    if last >= 0:
-        local, settled = _descend(points, cells, star_at, star, p0, p1, p2, last)
+    if tracked.exists:
+        local, settled = _descend(points, cells, star_at, star, p0, p1, p2, tracked.triangle)
     f, v, w, place = _on_triangle(points, cells, local, p0, p1, p2)
     t = _search(points, cells, discs, p0, p1, p2, local, f, work)
     if t != local:
@@ -92,38 +93,37 @@ def track_mesh(
     else:
         signed = signed_distance(points, cells, star_at, star, local, v, w, place, p0, p1, p2, foot)
     normal_at(points, cells, local, v, w, foot)
-    work[0], work[1] = local, t
-    foot[6], foot[7], foot[8], foot[9] = v, w, signed, cells[local, ORIGIN]
+    tracked.exists, tracked.triangle, tracked.nearest = True, local, t
+    foot.place[0], foot.place[1], foot.distance, foot.triangle = v, w, signed, cells[local].origin
 
 
 @kernel
 def _find(
-    points: Matrix,
-    cells: Indices,
-    discs: Matrix,
+    points: Record,
+    cells: Record,
+    discs: Record,
     star_at: Indices,
     star: Indices,
     queries: Matrix,
     along: bool,
+    tracked: Record,
     work: Indices,
-    foot: Array,
-    results: Matrix,
+    feet: Record,
 ):
     for k in range(len(queries)):
-        if not along:
-            work[0] = -1
-        q = queries[k]
-        track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, work, foot)
-        results[k] = foot
+        tracked.exists, q = tracked.exists and along, queries[k]
+        track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, tracked, work, feet[k])
 
 
 @kernel
-def _same(points: Matrix, cells: Indices, s: int, t: int, v: float, w: float, x: float, y: float):
+def _same(points: Record, cells: Record, s: int, t: int, v: float, w: float, x: float, y: float):
     """Whether two points on triangles coincide, such as on the common edge of neighbours."""
-    total = 0.0
+    total, first, second = 0.0, vector(cells[s].corners), vector(cells[t].corners)
     for c in range(3):
-        a = points[cells[s, 0], c] * (1.0 - v - w) + points[cells[s, 1], c] * v + points[cells[s, 2], c] * w
-        b = points[cells[t, 0], c] * (1.0 - x - y) + points[cells[t, 1], c] * x + points[cells[t, 2], c] * y
+        i, j, k = first
+        a = points[i].position[c] * (1.0 - v - w) + points[j].position[c] * v + points[k].position[c] * w
+        i, j, k = second
+        b = points[i].position[c] * (1.0 - x - y) + points[j].position[c] * x + points[k].position[c] * y
         total += (a - b) * (a - b)
     return total < 1e-24
 
@@ -139,15 +139,16 @@ def _segment(ax: float, ay: float, az: float, bx: float, by: float, bz: float):
 
 
 @kernel
-def _on_triangle(points: Matrix, cells: Indices, t: int, p0: float, p1: float, p2: float):
+def _on_triangle(points: Record, cells: Record, t: int, p0: float, p1: float, p2: float):
     """Squared distance [m²], weights [1] of the second and third corner, and region of a triangle's nearest point."""
-    i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
-    ax, ay, az = points[i, 0] - p0, points[i, 1] - p1, points[i, 2] - p2
-    bx, by, bz = points[j, 0] - p0, points[j, 1] - p1, points[j, 2] - p2
-    cx, cy, cz = points[k, 0] - p0, points[k, 1] - p1, points[k, 2] - p2
+    i, j, k = vector(cells[t].corners)
+    a, b, c = points[i].position, points[j].position, points[k].position
+    ax, ay, az = a[0] - p0, a[1] - p1, a[2] - p2
+    bx, by, bz = b[0] - p0, b[1] - p1, b[2] - p2
+    cx, cy, cz = c[0] - p0, c[1] - p1, c[2] - p2
     v = w = 0.0
-    if cells[t, KIND] > 0:
-        edge = cells[t, KIND] - 1
+    if cells[t].kind > 0:
+        edge = cells[t].kind - 1
         if edge == 0:
             v = _segment(ax, ay, az, bx, by, bz)
             s = v
@@ -195,19 +196,20 @@ def nearest_weights(ax: float, ay: float, az: float, bx: float, by: float, bz: f
 
 
 @kernel
-def _disc(discs: Matrix, node: int, p0: float, p1: float, p2: float):
-    x, y, z = p0 - discs[node, 0], p1 - discs[node, 1], p2 - discs[node, 2]
-    along = abs(x * discs[node, 3] + y * discs[node, 4] + z * discs[node, 5])
+def _disc(disc: Record, p0: float, p1: float, p2: float):
+    """Squared distance [m²] of a point from a disc."""
+    x, y, z = p0 - disc.centre[0], p1 - disc.centre[1], p2 - disc.centre[2]
+    along = abs(x * disc.axis[0] + y * disc.axis[1] + z * disc.axis[2])
     across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
-    along, across = max(along - discs[node, 7], 0.0), max(across - discs[node, 6], 0.0)
+    along, across = max(along - disc.height, 0.0), max(across - disc.radius, 0.0)
     return along * along + across * across
 
 
 @kernel
 def _search(
-    points: Matrix,
-    cells: Indices,
-    discs: Matrix,
+    points: Record,
+    cells: Record,
+    discs: Record,
     p0: float,
     p1: float,
     p2: float,
@@ -222,7 +224,7 @@ def _search(
     while depth > 0:
         node = work[depth]
         depth -= 1
-        if _disc(discs, node, p0, p1, p2) >= least:
+        if _disc(discs[node], p0, p1, p2) >= least:
             continue
         if node >= leaves:
             leaf = node - leaves
@@ -231,7 +233,7 @@ def _search(
                 if f < least:
                     least, best = f, t
             continue
-        left, right = _disc(discs, 2 * node, p0, p1, p2), _disc(discs, 2 * node + 1, p0, p1, p2)
+        left, right = _disc(discs[2 * node], p0, p1, p2), _disc(discs[2 * node + 1], p0, p1, p2)
         near = 2 * node if left <= right else 2 * node + 1
         if max(left, right) < least:
             depth += 1
@@ -243,20 +245,20 @@ def _search(
 
 
 @kernel
-def _descend(points: Matrix, cells: Indices, star_at: Indices, star: Indices, p0: float, p1: float, p2: float, t: int):
+def _descend(points: Record, cells: Record, star_at: Indices, star: Indices, p0: float, p1: float, p2: float, t: int):
     """Descend from triangle t over nearer and nearer neighbours. Returns the last one, and whether it is a minimum."""
     f, _, _, place = _on_triangle(points, cells, t, p0, p1, p2)
     for _ in range(64):
         if place == FACE:
             return t, True
         best, least, spot = t, f, place
-        flat = cells[t, KIND] > 0
+        flat = cells[t].kind > 0
         for i in range(3):
             if not (flat or place == VERTEX + i or place == EDGE + i):
                 continue
-            a = cells[t, i]
+            a = cells[t].corners[i]
             if place == EDGE + i and not flat:
-                s = cells[t, ACROSS + i]
+                s = cells[t].across[i]
                 if s >= 0:
                     g, _, _, q = _on_triangle(points, cells, s, p0, p1, p2)
                     if g < least:

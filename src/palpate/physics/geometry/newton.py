@@ -17,7 +17,7 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, sec. 6.1 (point inv
 import numpy as np
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix
+from palpate.physics.arrays import Array, Indices, Matrix, Record
 from palpate.physics.geometry import nurbs
 
 ZERO_DISTANCE = 1e-9  # [m] Distance below which a point is on the surface
@@ -28,39 +28,39 @@ LIMIT = 60  # iterations
 
 
 @kernel
-def _polar(data: Array, layout: Indices, v: float):
+def _polar(data: Array, layout: Record, v: float):
     """+1 in the span next to a pole at the low end of v, -1 at the high end, 0 elsewhere."""
     _, _, v0, v1 = nurbs.bounds(data, layout)
-    b, spans = layout[nurbs.AT_BV], layout[nurbs.SPANS_V]
-    if layout[nurbs.POLE_LOW] and v < data[b + 1] and (spans > 1 or v - v0 <= v1 - v or not layout[nurbs.POLE_HIGH]):
+    b, spans = layout.ends_v, layout.spans_v
+    if layout.pole_low and v < data[b + 1] and (spans > 1 or v - v0 <= v1 - v or not layout.pole_high):
         return 1.0
-    if layout[nurbs.POLE_HIGH] and v >= data[b + spans - 1]:
+    if layout.pole_high and v >= data[b + spans - 1]:
         return -1.0
     return 0.0
 
 
 @kernel
-def _move_parameters(data: Array, layout: Indices, side: float, u: float, v: float, s1: float, s2: float):
+def _move_parameters(data: Array, layout: Record, side: float, u: float, v: float, s1: float, s2: float):
     """The parameters after a step (du, dv), or near a pole (radial, tangential) in units of v."""
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if side == 0.0:
-        v = nurbs.wrap(v + s2, v0, v1, layout[nurbs.CLOSED_V])
-        u = nurbs.wrap(u + s1, u0, u1, layout[nurbs.CLOSED_U])
+        v = nurbs.wrap(v + s2, v0, v1, layout.closed_v)
+        u = nurbs.wrap(u + s1, u0, u1, layout.closed_u)
     else:
         rho = (v - v0 if side > 0 else v1 - v) + s1
         u = nurbs.wrap(u + np.arctan2(s2, rho) * (u1 - u0) / (2.0 * np.pi), u0, u1, True)
         rho = np.hypot(rho, s2)
         v = min(max(v0 + rho if side > 0 else v1 - rho, v0), v1)
     keep = POLE_RADIUS * (v1 - v0)
-    if layout[nurbs.POLE_LOW]:
+    if layout.pole_low:
         v = max(v, v0 + keep)
-    if layout[nurbs.POLE_HIGH]:
+    if layout.pole_high:
         v = min(v, v1 - keep)
     return u, v
 
 
 @kernel
-def _model(data: Array, layout: Indices, side: float, v: float, d: Matrix, r0: float, r1: float, r2: float):
+def _model(data: Array, layout: Record, side: float, v: float, d: Matrix, r0: float, r1: float, r2: float):
     """Gradient (2), Hessian (3) and metric (3) of r.r / 2 in the coordinates of `_move_parameters`."""
     su = d[1, 0] * d[1, 0] + d[1, 1] * d[1, 1] + d[1, 2] * d[1, 2]
     sv = d[2, 0] * d[2, 0] + d[2, 1] * d[2, 1] + d[2, 2] * d[2, 2]
@@ -103,7 +103,7 @@ def _downhill(h11: float, h12: float, h22: float):
 
 
 @kernel
-def flattest(data: Array, layout: Indices, p0: float, p1: float, p2: float, v: float, d: Matrix):
+def flattest(data: Array, layout: Record, p0: float, p1: float, p2: float, v: float, d: Matrix):
     """The smallest eigenvalue of H in units of the metric (1 - d kappa if S_u and S_v are orthogonal), the parameters
     (du, dv) per metre along its direction, and whether the point is on a border collapsed to a point. Near a pole: 1
     and no direction."""
@@ -119,7 +119,7 @@ def flattest(data: Array, layout: Indices, p0: float, p1: float, p2: float, v: f
 
 
 @kernel
-def inside_border(data: Array, layout: Indices, u: float, v: float, d: Matrix, share: float):
+def inside_border(data: Array, layout: Record, u: float, v: float, d: Matrix, share: float):
     """Parameters 2 % inside of a collapsed border, at the fraction `share` [1] of its length; d (6,3): derivatives."""
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if d[1, 0] ** 2 + d[1, 1] ** 2 + d[1, 2] ** 2 <= d[2, 0] ** 2 + d[2, 1] ** 2 + d[2, 2] ** 2:
@@ -130,19 +130,41 @@ def inside_border(data: Array, layout: Indices, u: float, v: float, d: Matrix, s
 
 
 @kernel
-def _line(data: Array, layout: Indices, p0: float, p1: float, p2: float, u: float, v: float, work: Array, d: Matrix):
+def _line(
+    data: Array,
+    layout: Record,
+    first: Indices,
+    p0: float,
+    p1: float,
+    p2: float,
+    u: float,
+    v: float,
+    work: Array,
+    d: Matrix,
+):
     """The vector r [m] (3) from p to the surface at (u, v), and r.r; fills d with the derivatives there."""
-    nurbs.evaluate(data, layout, u, v, work, d)
+    nurbs.evaluate(data, layout, first, u, v, work, d)
     r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
     return r0, r1, r2, r0 * r0 + r1 * r1 + r2 * r2
 
 
 @kernel
-def newton(data: Array, layout: Indices, p0: float, p1: float, p2: float, u: float, v: float, work: Array, d: Matrix):
+def newton(
+    data: Array,
+    layout: Record,
+    first: Indices,
+    p0: float,
+    p1: float,
+    p2: float,
+    u: float,
+    v: float,
+    work: Array,
+    d: Matrix,
+):
     """Local minimum of the distance from p, by Newton's method from (u, v). Returns its u, v and squared distance [m²],
     and fills d (6,3) with the derivatives there."""
     u, v = _move_parameters(data, layout, 0.0, u, v, 0.0, 0.0)
-    r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
+    r0, r1, r2, f = _line(data, layout, first, p0, p1, p2, u, v, work, d)
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     steep = False
     escapes = 0
@@ -155,8 +177,8 @@ def newton(data: Array, layout: Indices, p0: float, p1: float, p2: float, u: flo
         # active set: a parameter at its limit is fixed while the distance decreases outwards
         hold1 = hold2 = False
         if side == 0.0:
-            hold1 = not layout[nurbs.CLOSED_U] and ((u <= u0 and g1 > 0.0) or (u >= u1 and g1 < 0.0))
-            hold2 = not layout[nurbs.CLOSED_V] and ((v <= v0 and g2 > 0.0) or (v >= v1 and g2 < 0.0))
+            hold1 = not layout.closed_u and ((u <= u0 and g1 > 0.0) or (u >= u1 and g1 < 0.0))
+            hold2 = not layout.closed_v and ((v <= v0 and g2 > 0.0) or (v >= v1 and g2 < 0.0))
         # stationary: r is normal to the surface, within ZERO_COSINE
         flat1 = hold1 or g1 * g1 <= ZERO_COSINE**2 * f * a11
         flat2 = hold2 or g2 * g2 <= ZERO_COSINE**2 * f * a22
@@ -175,7 +197,7 @@ def newton(data: Array, layout: Indices, p0: float, p1: float, p2: float, u: flo
             escapes += 1
             away = 0.05 * np.sqrt(f)
             u, v = _move_parameters(data, layout, side, u, v, away * e1 / np.sqrt(a11), away * e2 / np.sqrt(a22))
-            r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
+            r0, r1, r2, f = _line(data, layout, first, p0, p1, p2, u, v, work, d)
             continue
         # Newton's direction, at most 25 % of the patch; steepest descent after a failed line search
         s1, s2 = _direction(g1, g2, h11, h12, h22, a11, a22, hold1, hold2, steep)
@@ -189,8 +211,8 @@ def newton(data: Array, layout: Indices, p0: float, p1: float, p2: float, u: flo
         taken = False
         for _ in range(40):
             x, y = _move_parameters(data, layout, side, u, v, share * s1, share * s2)
-            r0, r1, r2, new = _line(data, layout, p0, p1, p2, x, y, work, d)
-            if side == 0.0 and not layout[nurbs.CLOSED_U] and x - u != share * s1:
+            r0, r1, r2, new = _line(data, layout, first, p0, p1, p2, x, y, work, d)
+            if side == 0.0 and not layout.closed_u and x - u != share * s1:
                 slope = (g1 * (x - u)) / share + g2 * s2
             # the tolerance accepts last steps whose gain is lost in the rounding of r.r
             if new <= f + 2e-4 * share * min(slope, 0.0) + 1e-15 * f or share * move <= ZERO_MOVE:
@@ -202,7 +224,7 @@ def newton(data: Array, layout: Indices, p0: float, p1: float, p2: float, u: flo
             if share * move <= ZERO_MOVE:
                 break
         else:
-            r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
+            r0, r1, r2, f = _line(data, layout, first, p0, p1, p2, u, v, work, d)
             if steep:
                 break
             steep = True

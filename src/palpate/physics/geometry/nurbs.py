@@ -13,12 +13,18 @@ from functools import cached_property
 import numpy as np
 
 from palpate.compiler.exact import einsum
+from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix, Tensor
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor
 from palpate.physics.kept import keep_results
 
-# Indices in the header of `layout`, which is followed by the first control point of each span.
-PU, PV, NU, NV, SPANS_U, SPANS_V, CLOSED_U, CLOSED_V, POLE_LOW, POLE_HIGH, AT_BV, AT_MU, AT_MV, AT_H, HEADER = range(15)
+LAYOUT = {
+    "degree_u": int, "degree_v": int, "spans_u": int, "spans_v": int, "columns": int,
+    "closed_u": bool, "closed_v": bool, "pole_low": bool, "pole_high": bool,
+    "ends_v": int, "matrices_u": int, "matrices_v": int, "points": int,
+}  # fmt: skip
+"""Of a patch: degrees, numbers of spans, number of control points along v; whether each direction is closed, and each
+end of v is a pole; where parts of its floats begin (`NurbsPatch.packed`): span ends v, basis matrices, points."""
 POLE_LIMIT = 2e-8  # [1] Distance of v from a pole over its domain, below which S_u is lost in rounding and S_uv is used
 
 
@@ -63,19 +69,23 @@ class NurbsPatch:
         return float(self.knots_u[p]), float(self.knots_u[n]), float(self.knots_v[q]), float(self.knots_v[m])
 
     @cached_property
-    def packed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Arguments of the kernels in two arrays, as each one costs 0.1 µs per call. Floats: span ends u, span ends v,
-        basis matrices u, basis matrices v, homogeneous points (n,m,4); integers: `layout`."""
-        n, m = self.weights.shape
+    def packed(self) -> tuple[np.ndarray, Record, np.ndarray]:
+        """Arguments of the kernels: all floats in one array (span ends u, span ends v, basis matrices u, basis matrices
+        v, homogeneous points (n,m,4)), as each argument costs 0.1 µs per call; a `LAYOUT`; first control point of each
+        span, of u and then of v."""
+        m = self.weights.shape[1]
         breaks_u, first_u, matrix_u = basis_matrices(self.knots_u, self.degree_u)
         breaks_v, first_v, matrix_v = basis_matrices(self.knots_v, self.degree_v)
         homogeneous = np.concatenate([self.points * self.weights[..., None], self.weights[..., None]], axis=-1)
         parts = [breaks_u, breaks_v, matrix_u.ravel(), matrix_v.ravel(), homogeneous.ravel()]
         at = np.cumsum([len(p) for p in parts])
         low, high = self._poles()
-        header = [self.degree_u, self.degree_v, n, m, len(first_u), len(first_v), self.closed_u, self.closed_v]
-        layout = [*header, low, high, at[0], at[1], at[2], at[3], *first_u, *first_v]
-        return np.concatenate(parts), np.array(layout, dtype=np.int64)
+        layout = blank_record(
+            LAYOUT, degree_u=self.degree_u, degree_v=self.degree_v, spans_u=len(first_u), spans_v=len(first_v),
+            columns=m, closed_u=self.closed_u, closed_v=self.closed_v, pole_low=low, pole_high=high,
+            ends_v=at[0], matrices_u=at[1], matrices_v=at[2], points=at[3],
+        )  # fmt: skip
+        return np.concatenate(parts), layout, np.concatenate([first_u, first_v])
 
     def _poles(self) -> tuple[bool, bool]:
         size = np.ptp(self.points.reshape(-1, 3), axis=0).max()
@@ -133,7 +143,7 @@ def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarr
 
 
 @kernel
-def wrap(x: float, low: float, high: float, closed: float):
+def wrap(x: float, low: float, high: float, closed: bool):
     """The parameter within its domain: wrapped if the direction is closed, limited if it is open."""
     if closed:
         if x < low or x >= high:
@@ -170,21 +180,21 @@ def _basis(data: Array, at_ends: int, spans: int, at_matrix: int, degree: int, x
 
 
 @kernel
-def evaluate(data: Array, layout: Indices, u: float, v: float, work: Array, out: Matrix):
+def evaluate(data: Array, layout: Record, first: Indices, u: float, v: float, work: Array, out: Matrix):
     """S, S_u, S_v, S_uu, S_uv, S_vv at a point of the domain into out (6,3). Workspace: at least 24 + 3 (p + q + 2)."""
     # values, first and second derivatives of the basis functions in both directions
-    p, q, m = layout[PU], layout[PV], layout[NV]
+    p, q, m = layout.degree_u, layout.degree_v, layout.columns
     at_u = 24
     at_v = at_u + 3 * (p + 1)
-    su = _basis(data, 0, layout[SPANS_U], layout[AT_MU], p, u, work, at_u)
-    sv = _basis(data, layout[AT_BV], layout[SPANS_V], layout[AT_MV], q, v, work, at_v)
-    i0 = layout[HEADER + su]
-    j0 = layout[HEADER + layout[SPANS_U] + sv]
+    su = _basis(data, 0, layout.spans_u, layout.matrices_u, p, u, work, at_u)
+    sv = _basis(data, layout.ends_v, layout.spans_v, layout.matrices_v, q, v, work, at_v)
+    i0 = first[su]
+    j0 = first[layout.spans_u + sv]
     # sums with the homogeneous control points: (w S, w) and its derivatives
     for k in range(24):
         work[k] = 0.0
     for a in range(p + 1):
-        base = layout[AT_H] + ((i0 + a) * m + j0) * 4
+        base = layout.points + ((i0 + a) * m + j0) * 4
         n0, n1, n2 = work[at_u + 3 * a], work[at_u + 3 * a + 1], work[at_u + 3 * a + 2]
         for c in range(4):
             s0 = s1 = s2 = 0.0
@@ -215,14 +225,14 @@ def evaluate(data: Array, layout: Indices, u: float, v: float, work: Array, out:
 
 
 @kernel
-def bounds(data: Array, layout: Indices):
+def bounds(data: Array, layout: Record):
     """The domain: u from, u to, v from, v to."""
-    b = layout[AT_BV]
-    return data[0], data[layout[SPANS_U]], data[b], data[b + layout[SPANS_V]]
+    b = layout.ends_v
+    return data[0], data[layout.spans_u], data[b], data[b + layout.spans_v]
 
 
 @kernel
-def normal_of(data: Array, layout: Indices, u: float, v: float, d: Matrix):
+def normal_of(data: Array, layout: Record, u: float, v: float, d: Matrix):
     """Outward unit normal at (u, v) from the derivatives d (6,3) there. At a pole or a collapsed border, where S_u or
     S_v vanishes, its derivative across the border replaces it. (0, 0, 1) if the normal is undefined."""
     u0, u1, v0, v1 = bounds(data, layout)
@@ -243,9 +253,9 @@ def normal_of(data: Array, layout: Indices, u: float, v: float, d: Matrix):
 
 
 @kernel
-def _derivatives(data: Array, layout: Indices, u: Array, v: Array, out: Tensor):
+def _derivatives(data: Array, layout: Record, first: Indices, u: Array, v: Array, out: Tensor):
     u0, u1, v0, v1 = bounds(data, layout)
-    work = np.empty(24 + 3 * (layout[PU] + layout[PV] + 2))
+    work = np.empty(24 + 3 * (layout.degree_u + layout.degree_v + 2))
     for k in range(len(u)):
-        x = wrap(u[k], u0, u1, layout[CLOSED_U])
-        evaluate(data, layout, x, wrap(v[k], v0, v1, layout[CLOSED_V]), work, out[k])
+        x = wrap(u[k], u0, u1, layout.closed_u)
+        evaluate(data, layout, first, x, wrap(v[k], v0, v1, layout.closed_v), work, out[k])

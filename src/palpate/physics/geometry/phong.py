@@ -17,8 +17,8 @@ way, g(x) = t² (3 - 2t) with t = (x - x_0)/(x_1 - x_0) in [0, 1].
 import numpy as np
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix, Vector3
-from palpate.physics.geometry.bvh import ACROSS, KIND
+from palpate.compiler.records import vector
+from palpate.physics.arrays import Record, Vector3
 from palpate.physics.geometry.pseudonormal import face_normal, foot_of, normal_at
 
 SINGULAR, REGULAR = 0.02, 0.06
@@ -31,20 +31,22 @@ SETTLED = 1e-8  # [m] motion at which it ends
 
 
 @kernel
-def _newton_step(points: Matrix, cells: Indices, t: int, v: float, w: float, p: Vector3):
+def _newton_step(points: Record, cells: Record, t: int, v: float, w: float, p: Vector3):
     """Changes of v and w [1], the determinant over that of constant normals [1], and the least cosine between normals
     of corners [1]."""
-    i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
+    i, j, k = vector(cells[t].corners)
+    at_a, at_b, at_c = points[i].position, points[j].position, points[k].position
+    n_a, n_b, n_c = points[i].normal, points[j].normal, points[k].normal
     a11 = a12 = a22 = re1 = re2 = ne1 = ne2 = d11 = d12 = d21 = d22 = 0.0  # products of edges, r, N and its changes
     normal = face_normal(points, cells, t)
     rf = nf = g1 = g2 = ab = bc = ca = 0.0
     for c in range(3):
-        a, f = points[i, c], normal[c]
-        e1, e2 = points[j, c] - a, points[k, c] - a
-        n1, n2 = points[j, 3 + c] - points[i, 3 + c], points[k, 3 + c] - points[i, 3 + c]
-        r, n = p[c] - a - v * e1 - w * e2, points[i, 3 + c] + v * n1 + w * n2
-        ab, ca = ab + points[i, 3 + c] * points[j, 3 + c], ca + points[i, 3 + c] * points[k, 3 + c]
-        bc += points[j, 3 + c] * points[k, 3 + c]
+        a, f = at_a[c], normal[c]
+        e1, e2 = at_b[c] - a, at_c[c] - a
+        n1, n2 = n_b[c] - n_a[c], n_c[c] - n_a[c]
+        r, n = p[c] - a - v * e1 - w * e2, n_a[c] + v * n1 + w * n2
+        ab, ca = ab + n_a[c] * n_b[c], ca + n_a[c] * n_c[c]
+        bc += n_b[c] * n_c[c]
         a11, a12, a22 = a11 + e1 * e1, a12 + e1 * e2, a22 + e2 * e2
         re1, re2, rf = re1 + r * e1, re2 + r * e2, rf + r * f
         ne1, ne2, nf = ne1 + n * e1, ne2 + n * e2, nf + n * f
@@ -62,7 +64,7 @@ def _newton_step(points: Matrix, cells: Indices, t: int, v: float, w: float, p: 
 
 
 @kernel
-def _neighbour(cells: Indices, t: int, v: float, w: float):
+def _neighbour(cells: Record, t: int, v: float, w: float):
     """The neighbour across the edge that a point outside a triangle has crossed most, and the weights v and w there of
     the nearest point of that edge; -1: none."""
     u, side = 1.0 - v - w, 2  # the edge opposite to b
@@ -70,15 +72,15 @@ def _neighbour(cells: Indices, t: int, v: float, w: float):
         side = 1
     elif w <= v:
         side = 0
-    other = cells[t, ACROSS + side]
-    if other < 0 or cells[other, KIND] > 0:
+    other = cells[t].across[side]
+    if other < 0 or cells[other].kind > 0:
         return -1, v, w
-    first, second = cells[t, side], cells[t, (side + 1) % 3]
+    first, second = cells[t].corners[side], cells[t].corners[(side + 1) % 3]
     shares = (max(u, 0.0), max(v, 0.0), max(w, 0.0))
     x, y = shares[side], shares[(side + 1) % 3]
     x, y, v, w = x / (x + y), y / (x + y), 0.0, 0.0
     for corner in range(1, 3):
-        a = cells[other, corner]
+        a = cells[other].corners[corner]
         share = x if a == first else y if a == second else 0.0
         if corner == 1:
             v = share
@@ -95,18 +97,18 @@ def _share(x: float, low: float, high: float):
 
 
 @kernel
-def smooth_foot(points: Matrix, cells: Indices, t: int, v: float, w: float, p: Vector3, foot: Array):
-    """Foot point [m] and normal [1] of p into foot[:6], from its nearest point (v, w) [1] on triangle t. Returns the
-    triangle of the foot, and its weights."""
+def smooth_foot(points: Record, cells: Record, t: int, v: float, w: float, p: Vector3, foot: Record):
+    """Set point and normal of the foot of p, from its nearest point (v, w) [1] on triangle t. Returns the triangle of
+    the foot, and its weights."""
     foot_of(points, cells, t, v, w, foot)
     normal_at(points, cells, t, v, w, foot)
-    if cells[t, KIND] > 0:
+    if cells[t].kind > 0:
         return t, v, w
     first, x0, y0 = t, v, w
-    nearest = (foot[0], foot[1], foot[2], foot[3], foot[4], foot[5])
+    nearest, facing = vector(foot.point), vector(foot.normal)
     least, even, settled = np.inf, 1.0, False
     for _ in range(STEPS):
-        q0, q1, q2 = foot[0], foot[1], foot[2]
+        q0, q1, q2 = vector(foot.point)
         dv, dw, c, b = _newton_step(points, cells, t, v, w, p)
         least, even = min(least, c), min(even, b)
         if c == 0.0:
@@ -120,16 +122,17 @@ def smooth_foot(points: Matrix, cells: Indices, t: int, v: float, w: float, p: V
             else:
                 t, v, w = other, x, y
         foot_of(points, cells, t, v, w, foot)
-        if (foot[0] - q0) ** 2 + (foot[1] - q1) ** 2 + (foot[2] - q2) ** 2 < SETTLED * SETTLED:
+        if (foot.point[0] - q0) ** 2 + (foot.point[1] - q1) ** 2 + (foot.point[2] - q2) ** 2 < SETTLED * SETTLED:
             settled = True
             break
     normal_at(points, cells, t, v, w, foot)
     share = _share(least, SINGULAR, REGULAR) * _share(even, BENT, EVEN) if settled else 0.0
     if share < 1.0:
         size = 0.0
-        for k in range(6):
-            foot[k] = nearest[k] + share * (foot[k] - nearest[k])
-            size += foot[k] ** 2 if k > 2 else 0.0
-        for k in range(3, 6):
-            foot[k] /= np.sqrt(size)
+        for k in range(3):
+            foot.point[k] = nearest[k] + share * (foot.point[k] - nearest[k])
+            foot.normal[k] = facing[k] + share * (foot.normal[k] - facing[k])
+            size += foot.normal[k] ** 2
+        for k in range(3):
+            foot.normal[k] /= np.sqrt(size)
     return (t, v, w) if share > 0.0 else (first, x0, y0)

@@ -41,10 +41,12 @@ dt/`ARRIVES` of the difference to it. A foot that the nearest point does not out
 
 import numpy as np
 
+from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix, Tensor, Vector3
-from palpate.physics.geometry.bvh import ORIGIN
+from palpate.compiler.records import put, vector
+from palpate.physics.arrays import Array, Indices, Record, Tensor, Vector3
 from palpate.physics.geometry.closest import FAR, track
+from palpate.physics.geometry.foot import set_values, values_of
 from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_mesh
 from palpate.physics.geometry.newton import newton
 from palpate.physics.geometry.nurbs import normal_of
@@ -72,126 +74,138 @@ BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from wh
 ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
 STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
 FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
-LEAVES, FADES = 2.0, 5e-3
-"""Mark of a tool that leaves; [m/s] speed at which its gap rises while it rests: 75 N/s of a fingertip at 9 N."""
-STARTED, INSIDE, GAP, TOOL, FOOT, NORMAL, PLACE = 0, 1, 2, 3, 6, 9, 12
-OPEN, THICKNESS, BEHIND, PASSED, OFF, PACE, SHOWN = 15, 16, 17, 18, 19, 20, 21
-"""Entries of the memory: whether a last step exists, whether the tool is inside (`LEAVES`: it leaves), last gap [m];
-tool [m], foot [m], normal [1] (3 each); parameters, or triangle and weights of the target (3); whether the surface has
-a border; tissue before the tool [m]; distance of the foot from its target [m]; whether the nearest point is on another
-side; gap of the target minus gap [m]; share of its greatest speed that a foot has reached since its target leapt, or
--1: it trails for another reason; triangle of the smooth foot, whose weights are stored."""
+FADES = 5e-3  # [m/s] Speed at which the gap of a tool that leaves rises while it rests: 75 N/s of a fingertip at 9 N
+OUT, IN, LEAVES = range(3)
+"""Side of a tool: outside, inside, leaving a thin body."""
+MEMORY = {
+    "started": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
+    "triangle": int, "shown": int, "border": bool, "thickness": (),
+    "behind": (), "passed": bool, "off": (), "pace": (),
+}  # fmt: skip
+"""
+started    whether a last step exists
+side       `OUT`, `IN` or `LEAVES`
+gap, tool, foot, normal  of the last step: gap [m], tool [m], foot [m], normal [1]
+place      u and v of the target; on a mesh the weights of the smooth foot [1]
+triangle   of the target on a mesh;  shown: that of the smooth foot
+border     whether the surface has a border;  thickness: of the tissue before the tool [m]
+behind     distance of the foot from its target [m]
+passed     whether the nearest point is on another side
+off        gap of the target minus gap [m]
+pace       share of its greatest speed that a foot has reached since its target leapt, or -1: it trails for another
+           reason
+"""
 
 
-def memory(points: np.ndarray, border: bool = False, thickness: float = 0.0) -> np.ndarray:
-    """Memory of a tool before its first step, for a surface through points [m] (...,3), with or without a border, and a
-    tool with soft tissue of this thickness [m]."""
-    state = np.zeros(22)
-    state[OPEN], state[THICKNESS] = float(border), thickness
-    return state
+def memory(border: bool = False, thickness: float = 0.0) -> Record:
+    """Memory of a tool before its first step, for a surface with or without a border, and a tool with soft tissue of
+    this thickness [m]."""
+    return blank_record(MEMORY, border=border, thickness=thickness)
 
 
 @kernel
-def _tool_motion(p: Vector3, memory: Array):
+def _tool_motion(p: Vector3, memory: Record):
     """Motion of the tool since the last step [m]; inf at the first step and after a jump."""
     square = 0.0
     for k in range(3):
-        square += (p[k] - memory[TOOL + k]) ** 2
-    return np.sqrt(square) if memory[STARTED] == 1.0 and square <= JUMP * JUMP else np.inf
+        square += (p[k] - memory.tool[k]) ** 2
+    return np.sqrt(square) if memory.started and square <= JUMP * JUMP else np.inf
 
 
 @kernel
-def _at_border(p: Vector3, along: float, foot: Array):
+def _at_border(p: Vector3, along: float, foot: Record):
     """Past the border of a sheet (the distance exceeds its part `along` the normal), the gap is the distance. Returned:
     whether it is past."""
-    a, b, c = p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]
+    a, b, c = p[0] - foot.point[0], p[1] - foot.point[1], p[2] - foot.point[2]
     distance = np.sqrt(a * a + b * b + c * c)
     past = distance > abs(along) * (1.0 + BORDER_EXCESS) + ROUNDING
     if past:
-        foot[3], foot[4], foot[5], foot[8] = a / distance, b / distance, c / distance, distance
+        put(foot.normal, (a / distance, b / distance, c / distance))
+        foot.distance = distance
     return past
 
 
 @kernel
-def _tool_turn(foot: Array, memory: Array):
-    along = foot[3] * memory[NORMAL] + foot[4] * memory[NORMAL + 1] + foot[5] * memory[NORMAL + 2]
-    return along < TURNED
+def _tool_turn(foot: Record, memory: Record):
+    a, b = foot.normal, memory.normal
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] < TURNED
 
 
 @kernel
-def _outside(p: Vector3, foot: Array, memory: Array):
+def _outside(p: Vector3, foot: Record, memory: Record):
     """Whether the tool is outside as seen from the side of entry, or far away."""
-    if not foot[8] > ROUNDING or foot[8] > FAR_BEYOND:  # on the surface no direction is known
-        return foot[8] > ROUNDING
+    if not foot.distance > ROUNDING or foot.distance > FAR_BEYOND:  # on the surface no direction is known
+        return foot.distance > ROUNDING
     along = square = 0.0
     for k in range(3):
-        along += (p[k] - foot[k]) * memory[NORMAL + k]
-        square += (p[k] - foot[k]) ** 2
+        along += (p[k] - foot.point[k]) * memory.normal[k]
+        square += (p[k] - foot.point[k]) ** 2
     return along >= OUTSIDE * np.sqrt(square)
 
 
 @kernel
-def _regular(foot: Array, moved: float, p: Vector3, memory: Array):
-    """Whether the nearest point is the target; updates whether the tool is inside."""
+def _regular(foot: Record, moved: float, p: Vector3, memory: Record):
+    """Whether the nearest point is the target; updates the side of the tool."""
     if moved == np.inf:
-        memory[INSIDE] = 0.0
+        memory.side = OUT
         return True
-    if memory[INSIDE] == 0.0:
+    if memory.side == OUT:
         turned = _tool_turn(foot, memory)
-        if memory[GAP] > 0.0 and (foot[8] <= 0.0 or (turned and memory[GAP] <= moved)):
-            memory[INSIDE] = 1.0
+        if memory.gap > 0.0 and (foot.distance <= 0.0 or (turned and memory.gap <= moved)):
+            memory.side = IN
             return not turned
         return True
-    apart = memory[GAP] >= memory[THICKNESS] and foot[8] >= memory[THICKNESS] and foot[8] > 0.0
-    if apart or (memory[INSIDE] == LEAVES and foot[8] > 0.0) or _outside(p, foot, memory):
-        memory[INSIDE] = 0.0
+    apart = memory.gap >= memory.thickness and foot.distance >= memory.thickness and foot.distance > 0.0
+    if apart or (memory.side == LEAVES and foot.distance > 0.0) or _outside(p, foot, memory):
+        memory.side = OUT
         return True
-    memory[INSIDE] = 1.0
-    return foot[8] <= 0.0 and not _tool_turn(foot, memory)
+    memory.side = IN
+    return foot.distance <= 0.0 and not _tool_turn(foot, memory)
 
 
 @kernel
-def _keep_side(p: Vector3, nearest: Vector3, foot: Array):
+def _keep_side(p: Vector3, nearest: Vector3, foot: Record):
     """The gap is that of the foot if the nearest point, with the normal `nearest` [1] (3), is on the other side."""
-    if foot[3] * nearest[0] + foot[4] * nearest[1] + foot[5] * nearest[2] < TURNED:
-        foot[8] = -np.sqrt((p[0] - foot[0]) ** 2 + (p[1] - foot[1]) ** 2 + (p[2] - foot[2]) ** 2)
+    n, q = foot.normal, foot.point
+    if n[0] * nearest[0] + n[1] * nearest[1] + n[2] * nearest[2] < TURNED:
+        foot.distance = -np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
 @kernel
-def _held_gap(p: Vector3, memory: Array):
+def _held_gap(p: Vector3, memory: Record):
     """The gap [m] if the foot does not move: the last one, changed by the tool's motion along the last normal."""
-    gap = memory[GAP]
+    gap = memory.gap
     for k in range(3):
-        gap += (p[k] - memory[TOOL + k]) * memory[NORMAL + k]
+        gap += (p[k] - memory.tool[k]) * memory.normal[k]
     return gap
 
 
 @kernel
-def _stay(memory: Array, gap: float, foot: Array):
+def _stay(memory: Record, gap: float, foot: Record):
     """Copy the last foot into `foot`, with this gap."""
-    foot[8] = gap
+    foot.distance = gap
     for k in range(3):
-        foot[k], foot[3 + k] = memory[FOOT + k], memory[NORMAL + k]
+        foot.point[k], foot.normal[k] = memory.foot[k], memory.normal[k]
 
 
 @kernel
-def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Array, memory: Array):
+def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, memory: Record):
     """Move the last foot towards the target `foot`, as far as the motion of the tool allows, into `foot`.
 
     moved [m] of the tool;  held [m] the gap if the foot does not move;  dt [s]
     """
-    deep, behind, off, target, least = memory[THICKNESS] - memory[GAP], memory[BEHIND], memory[OFF], foot[8], -np.inf
-    start, memory[BEHIND], pace, memory[PACE] = target, 0.0, memory[PACE], 0.0
+    deep, behind, off, target, least = memory.thickness - memory.gap, memory.behind, memory.off, foot.distance, -np.inf
+    start, memory.behind, pace, memory.pace = target, 0.0, memory.pace, 0.0
     if off != 0.0:  # the motion of the target
-        start = memory[GAP] + min(max(target - (memory[GAP] + off), -moved), moved)
+        start = memory.gap + min(max(target - (memory.gap + off), -moved), moved)
     if deep > 0.0:
         turn = move = along = 0.0
         for k in range(3):
-            turn += (foot[3 + k] - memory[NORMAL + k]) ** 2
-            move += (foot[k] - memory[FOOT + k]) ** 2
-            along += (p[k] - memory[TOOL + k]) * foot[3 + k]
+            turn += (foot.normal[k] - memory.normal[k]) ** 2
+            move += (foot.point[k] - memory.foot[k]) ** 2
+            along += (p[k] - memory.tool[k]) * foot.normal[k]
         turn, move = np.sqrt(turn), np.sqrt(move)
-        aside = np.sqrt(max(moved * moved - min((held - memory[GAP]) ** 2, along * along), 0.0))
+        aside = np.sqrt(max(moved * moved - min((held - memory.gap) ** 2, along * along), 0.0))
         easy = max(EASY * aside, FASTEST * dt)
         most, motion = min(AHEAD * moved, easy) + STILL, max(move - behind, 0.0)
         ramp = max(moved / LANDING, dt / ARRIVES)
@@ -204,32 +218,32 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Array, mem
         else:
             pace = -1.0
         most_turned = (moved + STILL) / max(SUDDEN * deep, SHARPEST)
-        if memory[GAP] < 0.0:
-            most_turned = min(most_turned, (easy + STILL) / -memory[GAP])
+        if memory.gap < 0.0:
+            most_turned = min(most_turned, (easy + STILL) / -memory.gap)
         share = min(most / move if move > most else 1.0, most_turned / turn if turn > most_turned else 1.0)
         if behind > 0.0:  # the motion of the target, and a part of the distance
             part = min(max(most / LANDING, dt / ARRIVES), 1.0)
             share = min(share, (motion + behind * part) / max(move, STILL))
         least = held - (REGAIN if share < 1.0 else BENT) * moved
         if (1.0 - share) * move > ROUNDING:
-            memory[BEHIND], memory[PACE] = (1.0 - share) * move, pace
+            memory.behind, memory.pace = (1.0 - share) * move, pace
             start, size = held if pace > 0.0 else start, 0.0
             for k in range(3):
-                foot[k] = memory[FOOT + k] + share * (foot[k] - memory[FOOT + k])
-                foot[3 + k] = memory[NORMAL + k] + share * (foot[3 + k] - memory[NORMAL + k])
-                size += foot[3 + k] ** 2
+                foot.point[k] = memory.foot[k] + share * (foot.point[k] - memory.foot[k])
+                foot.normal[k] = memory.normal[k] + share * (foot.normal[k] - memory.normal[k])
+                size += foot.normal[k] ** 2
             size = np.sqrt(size)
             for k in range(3):
-                foot[3 + k] /= size
+                foot.normal[k] /= size
     # the gap: from `start`, a part of the difference to the target
     gap = start + min(max(moved / LANDING, dt / ARRIVES), 1.0) * (target - start) if start != target else target
-    gap = max(min(max(gap, memory[GAP] - moved), memory[GAP] + moved), least)
-    memory[OFF] = target - gap if abs(target - gap) > ROUNDING else 0.0
-    foot[8] = gap
+    gap = max(min(max(gap, memory.gap - moved), memory.gap + moved), least)
+    memory.off = target - gap if abs(target - gap) > ROUNDING else 0.0
+    foot.distance = gap
 
 
 @kernel
-def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: Array, memory: Array):
+def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: Record, memory: Record):
     """Move the foot to its target, if it exists, and store the step.
 
     inside  whether the tool was inside in the last step
@@ -238,20 +252,20 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
     if moved < np.inf:
         held = _held_gap(p, memory)
         rises = max(moved, FADES * dt)
-        if exists and inside and memory[INSIDE] == 0.0 and foot[8] > memory[GAP] + rises + ROUNDING:
+        if exists and inside and memory.side == OUT and foot.distance > memory.gap + rises + ROUNDING:
             # leaves a thin body: the gap rises to the true one first
-            memory[INSIDE] = LEAVES if memory[PASSED] == 0.0 else 1.0
-            exists, held = False, memory[GAP] + rises
+            memory.side = IN if memory.passed else LEAVES
+            exists, held = False, memory.gap + rises
         if exists:
             _approach(p, moved, held, dt, foot, memory)
         else:
-            memory[OFF] = 0.0
+            memory.off = 0.0
             _stay(memory, held, foot)
     else:
-        memory[OFF] = 0.0
-    memory[STARTED], memory[GAP] = 1.0, foot[8]
+        memory.off = 0.0
+    memory.started, memory.gap = True, foot.distance
     for k in range(3):
-        memory[TOOL + k], memory[FOOT + k], memory[NORMAL + k] = p[k], foot[k], foot[3 + k]
+        memory.tool[k], memory.foot[k], memory.normal[k] = p[k], foot.point[k], foot.normal[k]
     return exists
 
 
@@ -263,100 +277,112 @@ def _limit_motion(x: float):
 @kernel
 def follow(
     data: Array,
-    layout: Indices,
-    seeds: Array,
-    index: Indices,
+    layout: Record,
+    first: Indices,
+    samples: Record,
+    clusters: Record,
+    links: Indices,
+    spacing: Record,
     point: Vector3,
     hysteresis: float,
-    state: Array,
+    tracked: Record,
     work: Array,
     d: Tensor,
-    foot: Array,
-    memory: Array,
+    foot: Record,
+    memory: Record,
     dt: float,
 ):
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`; dt [s]."""
     p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
-    moved, inside = _tool_motion(p, memory), memory[INSIDE] > 0.0
+    moved, inside = _tool_motion(p, memory), memory.side != OUT
     # 1. the nearest point; past the border of a sheet the gap is the distance
-    track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, foot)
-    if memory[OPEN] == 1.0:
+    track(
+        data, layout, first, samples, clusters, links, spacing, p[0], p[1], p[2], hysteresis, tracked, work, d, foot
+    )  # fmt: skip
+    if memory.border:
         along = 0.0
         for k in range(3):
-            along += (p[k] - foot[k]) * foot[3 + k]
+            along += (p[k] - foot.point[k]) * foot.normal[k]
         _at_border(p, along, foot)
-    if inside and foot[8] <= 0.0:
-        _keep_side(p, (work[0], work[1], work[2]), foot)
+    if inside and foot.distance <= 0.0:
+        _keep_side(p, vector(tracked.normal), foot)
     # 2. if its normal is reversed: the local minimum next to the last target, or none
     exists = _regular(foot, moved, p, memory)
-    memory[PASSED] = 0.0 if exists else 1.0
+    memory.passed = not exists
     if not exists:
-        nearest = foot.copy()
-        u, v, _ = newton(data, layout, p[0], p[1], p[2], memory[PLACE], memory[PLACE + 1], work, d[0])
+        nearest = values_of(foot)
+        u, v, _ = newton(data, layout, first, p[0], p[1], p[2], memory.place[0], memory.place[1], work, d[0])
         n0, n1, n2 = normal_of(data, layout, u, v, d[0])
-        foot[0], foot[1], foot[2] = d[0, 0, 0], d[0, 0, 1], d[0, 0, 2]
-        foot[3], foot[4], foot[5], foot[6], foot[7] = n0, n1, n2, u, v
-        foot[8] = (p[0] - foot[0]) * n0 + (p[1] - foot[1]) * n1 + (p[2] - foot[2]) * n2
+        q0, q1, q2 = vector(d[0, 0])
+        put(foot.point, (q0, q1, q2))
+        put(foot.normal, (n0, n1, n2))
+        foot.place[0], foot.place[1] = u, v
+        foot.distance = (p[0] - q0) * n0 + (p[1] - q1) * n1 + (p[2] - q2) * n2
         exists = not _tool_turn(foot, memory)
-        if (foot[8] if exists else _held_gap(p, memory)) > 0.0:
-            memory[INSIDE], exists = 0.0, True
-            for k in range(len(foot)):
-                foot[k] = nearest[k]
+        if (foot.distance if exists else _held_gap(p, memory)) > 0.0:
+            memory.side, exists = OUT, True
+            set_values(foot, nearest)
         elif not exists:
-            foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
-        state[0], state[1] = foot[6], foot[7]
+            foot.place[0], foot.place[1] = memory.place[0], memory.place[1]
+        tracked.place[0], tracked.place[1] = foot.place[0], foot.place[1]
     # 3. move the foot to the target at limited speed
     if not _end(p, moved, inside, exists, dt, foot, memory):
-        foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
-    memory[PLACE], memory[PLACE + 1] = foot[6], foot[7]
+        foot.place[0], foot.place[1] = memory.place[0], memory.place[1]
+    memory.place[0], memory.place[1] = foot.place[0], foot.place[1]
 
 
 @kernel
 def follow_mesh(
-    points: Matrix,
-    cells: Indices,
-    discs: Matrix,
+    points: Record,
+    cells: Record,
+    discs: Record,
     star_at: Indices,
     star: Indices,
     point: Vector3,
     hysteresis: float,
+    tracked: Record,
     work: Indices,
-    foot: Array,
-    memory: Array,
+    foot: Record,
+    memory: Record,
     dt: float,
 ):
     """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`;
     dt [s]."""
     p = (_limit_motion(point[0]), _limit_motion(point[1]), _limit_motion(point[2]))
-    moved, inside = _tool_motion(p, memory), memory[INSIDE] > 0.0
-    track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, foot)
-    past, shown = False, work[0]
-    if memory[OPEN] == 1.0:
-        _, v, w, place = _on_triangle(points, cells, work[0], p[0], p[1], p[2])
-        along = signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], foot)
+    moved, inside = _tool_motion(p, memory), memory.side != OUT
+    # 1. the nearest point; past the border of a sheet the gap is the distance
+    track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, tracked, work, foot)
+    past, shown = False, tracked.triangle
+    if memory.border:
+        _, v, w, place = _on_triangle(points, cells, tracked.triangle, p[0], p[1], p[2])
+        along = signed_distance(points, cells, star_at, star, tracked.triangle, v, w, place, p[0], p[1], p[2], foot)
         past = _at_border(p, along, foot)
     if not past:
-        shown, foot[6], foot[7] = smooth_foot(points, cells, work[0], foot[6], foot[7], p, foot)
-    if inside and foot[8] <= 0.0 and work[1] != work[0]:
-        _keep_side(p, face_normal(points, cells, work[1]), foot)
+        shown, foot.place[0], foot.place[1] = smooth_foot(
+            points, cells, tracked.triangle, foot.place[0], foot.place[1], p, foot
+        )
+    if inside and foot.distance <= 0.0 and tracked.nearest != tracked.triangle:
+        _keep_side(p, face_normal(points, cells, tracked.nearest), foot)
+    # 2. if its normal is reversed: the local minimum next to the last target, or none
     exists = _regular(foot, moved, p, memory)
-    memory[PASSED] = 0.0 if exists else 1.0
+    memory.passed = not exists
     if not exists:
-        nearest, local, first = foot.copy(), work[0], shown
-        t, _ = _descend(points, cells, star_at, star, p[0], p[1], p[2], int(memory[PLACE]))
+        nearest, local, first = values_of(foot), tracked.triangle, shown
+        t, _ = _descend(points, cells, star_at, star, p[0], p[1], p[2], memory.triangle)
         _, v, w, place = _on_triangle(points, cells, t, p[0], p[1], p[2])
-        foot[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], foot)
-        work[0] = t
-        shown, foot[6], foot[7] = smooth_foot(points, cells, t, v, w, p, foot)
-        exists = foot[8] <= 0.0 and not _tool_turn(foot, memory)
+        foot.distance = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], foot)
+        tracked.triangle = t
+        shown, foot.place[0], foot.place[1] = smooth_foot(points, cells, t, v, w, p, foot)
+        exists = foot.distance <= 0.0 and not _tool_turn(foot, memory)
         if not exists and _held_gap(p, memory) > 0.0:
-            memory[INSIDE], work[0], shown, exists = 0.0, local, first, True
-            for k in range(len(foot)):
-                foot[k] = nearest[k]
+            memory.side, tracked.triangle, shown, exists = OUT, local, first, True
+            set_values(foot, nearest)
         elif not exists:
-            work[0] = int(memory[PLACE])
+            tracked.triangle = memory.triangle
+    # 3. move the foot to the target at limited speed
     if not _end(p, moved, inside, exists, dt, foot, memory):
-        work[0], shown = int(memory[PLACE]), int(memory[SHOWN])
-        foot[6], foot[7] = memory[PLACE + 1], memory[PLACE + 2]
-    foot[9] = cells[shown, ORIGIN]
-    memory[PLACE], memory[PLACE + 1], memory[PLACE + 2], memory[SHOWN] = work[0], foot[6], foot[7], shown
+        tracked.triangle, shown = memory.triangle, memory.shown
+        foot.place[0], foot.place[1] = memory.place[0], memory.place[1]
+    foot.triangle = cells[shown].origin
+    memory.triangle, memory.shown = tracked.triangle, shown
+    memory.place[0], memory.place[1] = foot.place[0], foot.place[1]

@@ -20,7 +20,7 @@ def tessellate(surface: NurbsPatch, count: int) -> Mesh:
     """
     if count < 12:
         raise ValueError(f"vertices: found {count}, expected at least 12")
-    if not surface.packed[1][8:10].all():
+    if not (surface.packed[1].pole_low and surface.packed[1].pole_high):
         raise ValueError("tessellate: expected a surface closed in u with a pole at both ends of v")
     u0, u1, v0, v1 = surface.domain
     u = np.linspace(u0, u1, TABLE + 1)
