@@ -22,7 +22,7 @@ NOTHING = (0.0, 0.0, 0.0)
 FINGER = {
     "compression": (), "indentation": (), "settled": bool,  # [m]; whether the indentation is known
     "idle": bool, "previous": (), "in_step": bool, "withheld": (),  # previous [m] of the body's law; withheld [m]
-    "heard": (7,), "hears": bool,  # law, step and relaxation of the body's last message; whether it has sent one
+    "law": (5,), "step": (), "relaxation": (), "hears": bool,  # of the body's last message; whether it has sent one
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
     "sampled": int,  # [ns] time of the last sample of the approach; -1: unknown
     "course": COURSE,  # of the compression (`physics.contact.end_rate`)
@@ -118,8 +118,8 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
     depth = depth_of(proximity)
     if there:
         for i in range(5):
-            finger.heard[i] = law[i]
-        finger.heard[5], finger.heard[6], finger.hears = step, relaxation, True
+            finger.law[i] = law[i]
+        finger.step, finger.relaxation, finger.hears = step, relaxation, True
         age = (proximity.time - time) * 1e-9 if proximity.time >= 0 and time >= 0 else dt
         law = law_now(finger, law, step, relaxation, age, dt, moved, length)
         finger.previous = law[4]
@@ -131,9 +131,9 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
         finger.withheld = max(finger.withheld, 0.0)
         return True, depth - finger.withheld, length, law
     finger.settled, finger.in_step = False, True
-    heard = finger.heard
+    heard = finger.law
     k, n, c, free, previous = heard[0], heard[1], heard[2], heard[3], heard[4]
-    k, free = law_at(REST, previous, (k, n, c, free, previous), heard[5], heard[6])
+    k, free = law_at(REST, previous, (k, n, c, free, previous), finger.step, finger.relaxation)
     lifted = min(free, 0.0)
     finger.withheld += max(depth - lifted, 0.0) * dt / GONE
     felt = depth - finger.withheld

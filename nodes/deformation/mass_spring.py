@@ -83,7 +83,7 @@ class MassSpring(MeshBody):
     thickness of the organ at each vertex [m] (`Mesh.thicknesses`), and the least; excess of the indentation
     over it [1], now, and at most with the thickness there."""
 
-    shared = "hard", "ground", "thick", "body.law", "body.nodal", "body.edges"
+    shared = "hard", "ground", "thick", "body.nodal", "body.edges"
 
     conditions = {"excess": "outside its range"}
 

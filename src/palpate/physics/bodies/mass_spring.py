@@ -19,15 +19,19 @@ import numpy as np
 
 from palpate.compiler.dot import dot
 from palpate.compiler.exact import row_times
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel
 from palpate.compiler.memory import stack_zeros
-from palpate.physics.arrays import Array, Indices, Matrix, Vector3
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
 from palpate.physics.bodies import patch
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, limit_stretch, neighbours
 from palpate.physics.contact.terminal import free_recovery, indentation, power_of
 from palpate.physics.geometry.mesh import Mesh
 
 AT_REST = 1e-9  # [m] Displacement below which an unloaded node counts as recovered
+SPRING = {"indentation": (), "normal": (3,), "load": (3,)}
+"""A node in the list: u [m], normal [1] of its last load, and load [N]."""
+SPRINGS = element_type(SPRING)
 MOST_STRAIN = 0.8  # [1] Largest difference of displacement between neighbours, over the length of their edge
 
 
@@ -189,14 +193,16 @@ def _nearness(node: int, foot: Vector3, ground: Matrix, radius: float):
 
 
 @ieee_kernel
-def admit(node: int, where: Indices, active: Indices, state: Matrix, count: int):
+def admit(node: int, where: Indices, active: Indices, state: Record, along: Matrix, count: int):
     """Slot of a node in the compact list, appended at rest if it is new; returns the slot and the count."""
     slot = where[node]
     if slot < 0:
         slot = count
         where[node] = slot
         active[slot] = node
-        state[slot] = 0.0
+        state[slot].indentation = 0.0
+        for k in range(3):
+            along[slot, k] = state[slot].normal[k] = state[slot].load[k] = 0.0
         count += 1
     return slot, count
 
@@ -209,25 +215,27 @@ def take_load(
     per_area: Array,
     where: Indices,
     active: Indices,
-    state: Matrix,
+    state: Record,
+    along: Matrix,
     count: int,
 ):
-    """Sum the nodal forces [N] into columns 7-9 of `state`; returns total normal force, largest pressure, count. Forces
+    """Sum the nodal forces [N] into the loads of `state`; returns total normal force, largest pressure, count. Forces
     on nodes that the mesh does not have are ignored."""
     for slot in range(count):
-        state[slot, 7] = state[slot, 8] = state[slot, 9] = 0.0
+        for k in range(3):
+            state[slot].load[k] = 0.0
     total = 0.0
     for i in range(nodes.size):
         node = nodes[i]
         if node < 0 or node >= where.size:
             continue
-        slot, count = admit(node, where, active, state, count)
+        slot, count = admit(node, where, active, state, along, count)
         for k in range(3):
-            state[slot, 7 + k] += forces[i, k]
+            state[slot].load[k] += forces[i, k]
         total -= dot(forces[i], normal)
     peak = 0.0
     for slot in range(count):
-        push = -dot(state[slot, 7:], normal)
+        push = -dot(state[slot].load, normal)
         if push > 0.0:
             peak = max(peak, push * per_area[active[slot]])
     return max(total, 0.0), peak, count
@@ -240,12 +248,13 @@ def nodal_step(
     normal: Vector3,
     dt: float,
     ahead: float,
-    law: Array,
+    law: "NodalLaw",
     nodal: Matrix,
     edges: Neighbours,
     where: Indices,
     active: Indices,
-    state: Matrix,
+    state: Record,
+    along: Matrix,
     out: Matrix,
     room: StretchWorkspace,
     count: int,
@@ -254,79 +263,93 @@ def nodal_step(
 
     ahead    [1]     factor on u at the start of the step (`physics.contact.end_rate`)
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
-    law      (7)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m], tau [s]
     nodal    (2,V)   factor on K of each node, and inverse nodal areas [1/m²]
     where, active (V)  slot of each node in the list, -1 outside, and node of each slot
-    state    (V,10)  by slot: u [m], u_t [m] (3), normal [1] (3) of the last load, load [N] (3)
+    state (V), along [m] (V,3)  by slot: `SPRING` and u_t
     out      (V,3)   displacement [m] by slot
     room             workspace of `stretch.limit_stretch`
     count            length of the list before the step
     """
-    exponent, damping, k_t, d_t, shortest = law[1], law[2], law[3], law[4], law[5]
-    stiffness, rest = retard_law(law[0], exponent, law[6], dt)
+    exponent, damping, k_t, d_t = law.exponent, law.damping, law.tangential_stiffness, law.tangential_damping
+    stiffness, rest = retard_law(law.stiffness, exponent, law.retardation, dt)
     rest *= ahead
     hardness, per_area = nodal[0], nodal[1]
-    total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
+    total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, along, count)
     # backward Euler along the surface, u_t <- keep u_t + gain f_t; `share` makes pressures fractions of the total
     gain = 1.0 / (k_t + d_t / dt)
     keep = gain * d_t / dt
     share = total / peak if peak > 0.0 else 0.0
     widest = 0.0
     for slot in range(count):
-        push = -dot(state[slot, 7:], normal)
-        u = state[slot, 0]
-        for k in range(1, 4):
-            state[slot, k] *= keep
+        node = state[slot]
+        push, u = -dot(node.load, normal), node.indentation
+        for k in range(3):
+            along[slot, k] *= keep
         if push > 0.0:
             scale = share * per_area[active[slot]]
             local = stiffness * hardness[active[slot]]
-            state[slot, 0] = indentation(push * scale, dt, local, exponent, damping, rest * u, u)
+            node.indentation = indentation(push * scale, dt, local, exponent, damping, rest * u, u)
             scale *= gain
             for k in range(3):
-                state[slot, 4 + k] = normal[k]
-                state[slot, 1 + k] += scale * (state[slot, 7 + k] + push * normal[k])
+                node.normal[k] = normal[k]
+                along[slot, k] += scale * (node.load[k] + push * normal[k])
         else:
-            state[slot, 0] = free_recovery(u, rest * u, damping, dt)
-        widest = max(widest, state[slot, 1] ** 2 + state[slot, 2] ** 2 + state[slot, 3] ** 2)
+            node.indentation = free_recovery(u, rest * u, damping, dt)
+        widest = max(widest, along[slot, 0] ** 2 + along[slot, 1] ** 2 + along[slot, 2] ** 2)
     # limit differences between neighbours, remove recovered nodes, add both parts of the displacement
-    if 2.0 * math.sqrt(widest) > MOST_STRAIN * shortest:
-        limit_stretch(state[:, 1:4], count, MOST_STRAIN, edges, where, active, room)
-    count = drop_rested(where, active, state, count)
+    if 2.0 * math.sqrt(widest) > MOST_STRAIN * law.shortest:
+        limit_stretch(along, count, MOST_STRAIN, edges, where, active, room)
+    count = drop_rested(where, active, state, along, count)
     for slot in range(count):
         for k in range(3):
-            out[slot, k] = state[slot, 1 + k] - state[slot, 0] * state[slot, 4 + k]
+            out[slot, k] = along[slot, k] - state[slot].indentation * state[slot].normal[k]
     return count
 
 
 @ieee_kernel
-def drop_rested(where: Indices, active: Indices, state: Matrix, count: int):
-    """Remove nodes without load (columns 7-9) and displacement (0-3) from the list, in order; returns the count."""
+def drop_rested(where: Indices, active: Indices, state: Record, along: Matrix, count: int):
+    """Remove nodes without load and displacement from the list, in order; returns the count."""
     kept = 0
     for slot in range(count):
-        node = active[slot]
-        square = state[slot, 0] ** 2 + state[slot, 1] ** 2 + state[slot, 2] ** 2 + state[slot, 3] ** 2
-        idle = state[slot, 7] == 0.0 and state[slot, 8] == 0.0 and state[slot, 9] == 0.0
+        node, spring = active[slot], state[slot]
+        square = spring.indentation**2 + along[slot, 0] ** 2 + along[slot, 1] ** 2 + along[slot, 2] ** 2
+        idle = spring.load[0] == 0.0 and spring.load[1] == 0.0 and spring.load[2] == 0.0
         if idle and square < AT_REST * AT_REST:
             where[node] = -1
             continue
         if kept != slot:
             where[node] = kept
             active[kept] = node
-            for k in range(10):
-                state[kept, k] = state[slot, k]
+            state[kept].indentation = spring.indentation
+            for k in range(3):
+                along[kept, k] = along[slot, k]
+                state[kept].normal[k], state[kept].load[k] = spring.normal[k], spring.load[k]
         kept += 1
     return kept
+
+
+class NodalLaw(NamedTuple):
+    """Constants of a node's springs and dampers."""
+
+    stiffness: float  # [N/m^n] K
+    exponent: float  # [1] n
+    damping: float  # [s/m] c
+    tangential_stiffness: float  # [N/m] k_t
+    tangential_damping: float  # [N s/m] d_t
+    shortest: float  # [m] edge of the mesh
+    retardation: float  # [s] tau
 
 
 class NodalBody(NamedTuple):
     """The nodal law on a mesh, under each of c contacts; see `nodal_step`."""
 
-    law: Annotated[np.ndarray, "<f8", 1]
+    law: NodalLaw
     nodal: Annotated[np.ndarray, "<f8", 2]
     edges: Neighbours
     where: Annotated[np.ndarray, "<i4", 2]  # (c,V)
     active: Annotated[np.ndarray, "<i4", 2]  # (c,V)
-    state: Annotated[np.ndarray, "<f8", 3]  # (c,V,10)
+    state: Annotated[np.ndarray, SPRINGS, 2]  # (c,V)
+    along: Annotated[np.ndarray, "<f8", 3]  # [m] (c,V,3)
     moved: Annotated[np.ndarray, "<f8", 3]  # [m] (c,V,3) displacement by slot
     counts: Annotated[np.ndarray, "<i4", 1]  # (c) displaced nodes
     room: StretchWorkspace
@@ -358,11 +381,13 @@ def nodal_body(
     nodal = np.stack([np.ones(size) if hardness is None else np.asarray(hardness, float), per_area])
     edges = neighbours(mesh)
     shortest = float(edges.spans.min(initial=math.inf))
+    constants = stiffness, exponent, damping, tangential_stiffness, tangential_damping, shortest, retardation
     return NodalBody(
-        np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, shortest, retardation]),
+        NodalLaw(*map(float, constants)),
         nodal, edges,
         np.full((contacts, size), -1, np.int32), np.zeros((contacts, size), np.int32),
-        np.zeros((contacts, size, 10)), np.zeros((contacts, size, 3)), np.zeros(contacts, np.int32),
+        np.zeros((contacts, size), SPRINGS), np.zeros((contacts, size, 3)), np.zeros((contacts, size, 3)),
+        np.zeros(contacts, np.int32),
         StretchWorkspace.of(size), np.zeros(several, np.int32), np.zeros((several, 3)),
         np.full((several, 2), -1, np.int32),
     )  # fmt: skip
@@ -374,6 +399,6 @@ def move(body: NodalBody, contact: int, nodes: Indices, forces: Matrix, normal: 
     displaced nodes, which are the first of `active` and `moved`."""
     body.counts[contact] = nodal_step(
         nodes, forces, normal, dt, ahead, body.law, body.nodal, body.edges, body.where[contact], body.active[contact],
-        body.state[contact], body.moved[contact], body.room, body.counts[contact],
+        body.state[contact], body.along[contact], body.moved[contact], body.room, body.counts[contact],
     )  # fmt: skip
     return body.counts[contact]

@@ -34,12 +34,15 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Vector3
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 
 KERNELS = ("biweight", "wendland", "cosine", "hertz")
+NODES = element_type({"position": (3,), "normal": (3,), "area": ()})
+"""A vertex in the order of the grid: position [m], normal [1], area that bears load [m²]."""
 FACES = 0.5  # [1] cosine to the contact's normal below which a node bears less
 TINY = 1e-9  # [1] x that cannot be divided by
 OFF = 0.5  # [1] of R, height above a plane from which the foot counts as off the surface
@@ -97,12 +100,12 @@ def _cell(x: float, count: int):
 
 
 @ieee_kernel
-def _cells(foot: Vector3, shift: float, scalars: Array, shape: Indices):
+def _cells(foot: Vector3, shift: float, origin: Vector3, side: float, shape: Indices):
     """The cell (3) at a foot point that is shifted by `shift` [m] along each axis, limited to the grid."""
     return (
-        _cell((foot[0] + shift - scalars[2]) / scalars[5], shape[0]),
-        _cell((foot[1] + shift - scalars[3]) / scalars[5], shape[1]),
-        _cell((foot[2] + shift - scalars[4]) / scalars[5], shape[2]),
+        _cell((foot[0] + shift - origin[0]) / side, shape[0]),
+        _cell((foot[1] + shift - origin[1]) / side, shape[1]),
+        _cell((foot[2] + shift - origin[2]) / side, shape[2]),
     )
 
 
@@ -129,12 +132,15 @@ def nearest_triangle(point: Array, normal: Vector3, points: Matrix, triangles: I
 class Spreader(NamedTuple):
     """Tables of a mesh for the distribution of forces, and the last result; shape, first and order: see `cells`."""
 
-    scalars: Annotated[np.ndarray, "<f8", 1]
-    """R [m], kind (index into KERNELS), origin (3) and side [m] of the grid, longest edge of a triangle [m]."""
+    radius: float  # [m] R
+    kind: int  # index into KERNELS
+    origin: tuple[float, float, float]  # [m] of the grid
+    side: float  # [m] of its cells
+    longest: float  # [m] edge of a triangle
     shape: Annotated[np.ndarray, "<i8", 1]
     first: Annotated[np.ndarray, "<i4", 1]
     order: Annotated[np.ndarray, "<i4", 1]
-    near: Annotated[np.ndarray, "<f8", 2]  # (V,7) position, normal and area of each vertex, in the order of the grid
+    near: Annotated[np.ndarray, NODES, 1]  # (V)
     vertices: Annotated[np.ndarray, "<f8", 2]  # [m] (V,3)
     triangles: Annotated[np.ndarray, "<i4", 2]  # [1] (T,3)
     vectors: Annotated[np.ndarray, "<f8", 2]  # [m²] (T,3) along the triangles' normals
@@ -160,14 +166,16 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight", share: np.ndar
         raise ValueError(f"radius {radius} m: expected a positive number")
     origin, side, shape, first, order = cells(mesh.vertices, radius)
     areas = mesh.areas if share is None else mesh.areas * share
-    near = np.concatenate([mesh.vertices, mesh.normals, areas[:, None]], axis=1)[order]
+    near = np.zeros(len(areas), NODES)
+    near["position"], near["normal"], near["area"] = mesh.vertices[order], mesh.normals[order], areas[order]
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     margin, size = 20 * float(np.max(high - low)), max(len(near), 3)
     vertices, triangles, faces = map(np.ascontiguousarray, (mesh.vertices, mesh.triangles, mesh.face_vectors))
     edges = np.linalg.norm(np.diff(vertices[triangles[:, [0, 1, 2, 0]]], axis=1), axis=2)
-    scalars = np.array([radius, KERNELS.index(kernel), *origin, side, float(edges.max(initial=0.0))])
+    x, y, z = map(float, origin)
     return Spreader(
-        scalars, shape, first, order, near, vertices, triangles, faces,
+        float(radius), KERNELS.index(kernel), (x, y, z), float(side), float(edges.max(initial=0.0)),
+        shape, first, order, near, vertices, triangles, faces,
         np.stack([low - margin, high + margin]), np.zeros(size, np.int32), np.zeros(size), np.zeros((size, 3)),
     )  # fmt: skip
 
@@ -177,19 +185,20 @@ def _gather(s: Spreader, foot: Vector3, normal: Vector3, reach: float):
     """Fill `nodes`, `weights` with A_j g_j [m²] and `forces[:, :2]` with d_j²/x and h_j² [m²] of the nodes that face
     `normal` and for which d_j²/x is within `reach`² [m²]. Returns their number."""
     shape, first, order, near, count = s.shape, s.first, s.order, s.near, 0
-    lo, hi = _cells(foot, -reach, s.scalars, shape), _cells(foot, reach, s.scalars, shape)
+    lo, hi = _cells(foot, -reach, s.origin, s.side, shape), _cells(foot, reach, s.origin, s.side, shape)
     for i in range(lo[0], hi[0] + 1):
         for j in range(lo[1], hi[1] + 1):
             row = (i * shape[1] + j) * shape[2]
             for at in range(first[row + lo[2]], first[row + hi[2] + 1]):
-                x, y, z = near[at, 0] - foot[0], near[at, 1] - foot[1], near[at, 2] - foot[2]
+                p, n = near[at].position, near[at].normal
+                x, y, z = p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]
                 square = x * x + y * y + z * z
                 if square >= reach * reach:
                     continue
-                share = (near[at, 3] * normal[0] + near[at, 4] * normal[1] + near[at, 5] * normal[2]) / FACES
+                share = (n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]) / FACES
                 if share <= 0.0:
                     continue
-                area = near[at, 6]
+                area = near[at].area
                 if share < 1.0:
                     area *= share * share * (3.0 - 2.0 * share)
                     square /= max(share, TINY)
@@ -212,7 +221,7 @@ def _cone_value(kind: int, square: float, height: float, shift: float, wide: flo
 @ieee_kernel
 def _area(s: Spreader, count: int, r: float, shift: float):
     """Sum of A_j g_j k [m²] of the gathered nodes for d_0² = `shift` [m²]."""
-    kind, wide, total = int(s.scalars[1]), math.sqrt(r * r + shift), 0.0
+    kind, wide, total = s.kind, math.sqrt(r * r + shift), 0.0
     for at in range(count):
         total += s.weights[at] * _cone_value(kind, s.forces[at, 0], s.forces[at, 1], shift, wide)
     return total
@@ -221,7 +230,7 @@ def _area(s: Spreader, count: int, r: float, shift: float):
 @ieee_kernel
 def _least_area(s: Spreader, r: float):
     """Least area [m²] of a patch (a sum over rings, within 1 %); 0: a triangle is larger than R."""
-    kind, low, total = int(s.scalars[1]), max(OFF, s.scalars[6] / (math.sqrt(3.0) * r)), 0.0
+    kind, low, total = s.kind, max(OFF, s.longest / (math.sqrt(3.0) * r)), 0.0
     width = max(1.0 - low, 0.0) / RINGS
     for ring in range(RINGS):
         q = low + (ring + 0.5) * width
@@ -253,7 +262,7 @@ def _shift(s: Spreader, count: int, r: float, least: float, high: float):
 @ieee_kernel
 def _weigh(s: Spreader, gathered: int, r: float, shift: float):
     """Turn the gathered nodes into those of the patch, with their weights [m²]; their number and the sum of these."""
-    kind, wide, count, total = int(s.scalars[1]), math.sqrt(r * r + shift), 0, 0.0
+    kind, wide, count, total = s.kind, math.sqrt(r * r + shift), 0, 0.0
     for at in range(gathered):
         weight = s.weights[at] * _cone_value(kind, s.forces[at, 0], s.forces[at, 1], shift, wide)
         if weight > 0.0:
@@ -269,8 +278,8 @@ def _farthest(s: Spreader, foot: Vector3):
     for k in range(3):
         if not s.box[0, k] <= foot[k] <= s.box[1, k]:
             return 0.0
-        near = foot[k] - s.scalars[2 + k]
-        square += max(abs(near), abs(near - s.shape[k] * s.scalars[5])) ** 2
+        near = foot[k] - s.origin[k]
+        square += max(abs(near), abs(near - s.shape[k] * s.side)) ** 2
     return math.sqrt(square)
 
 
@@ -297,7 +306,7 @@ def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, r
     the foot, not on the mesh.
     """
     s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
-    r = radius if radius > 0.0 else s.scalars[0]
+    r = radius if radius > 0.0 else s.radius
     count, total = _weigh(s, _gather(s, foot, normal, r), r, 0.0)
     least = _least_area(s, r)
     if total < least:
