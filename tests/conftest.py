@@ -14,6 +14,7 @@ import textwrap
 import hypothesis
 import pytest
 import typer.testing
+from expected_notes import only_expected
 from whole_touch import WHOLE
 
 from palpate.compiler import kernel_cache
@@ -47,6 +48,12 @@ def pytest_collection_finish():
     """What was imported and collected stays to the end: the garbage collector need not go through it again."""
     gc.freeze()
     gc.enable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    with only_expected(item):
+        return (yield)
 
 
 @pytest.fixture(scope="session")

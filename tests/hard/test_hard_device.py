@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from expected_notes import LEAPT, RIGID, STIFF, UNTAKEN
 from falcon_arrays import force, torque
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -149,6 +150,7 @@ def test_one_wrong_number_inside_the_graph_is_limited_and_forgotten(wrong, numbe
     assert sent[302] == approx((0.0, 0.0, 0.4)) and sent[399] == approx((0.0, 0.0, 0.4))
 
 
+@pytest.mark.notes(UNTAKEN, LEAPT, RIGID, STIFF)
 def test_meganewtons_of_a_rigid_organ_reach_the_hand_within_the_limit_of_the_device():
     path = "scene.hand.path=[{to: [0, 0, 0.06], time: 0.15, shape: linear}, {hold: 0.1}]"
     keep = ["contact.force", "controller.force", "statics.torques"]

@@ -4,6 +4,7 @@ In each the force stays within its limits, and the energy that the display gener
 
 import numpy as np
 import pytest
+from expected_notes import BEYOND, FAST, UNTAKEN
 
 from palpate import steps
 
@@ -46,6 +47,8 @@ SEEDS = [pytest.param(seed, marks=pytest.mark.long) for seed in range(2, 6)]
 
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("seed", [1, *SEEDS])
+@pytest.mark.notes(UNTAKEN, body=("ReducedFE", "BeamBundle"))
+@pytest.mark.notes(FAST, body="MassSpring")
 def test_a_soft_body_under_an_encoder_presses_slides_and_holds_still(body, seed):
     """A hand of random stiffness pokes at a random place in 30 to 150 ms, drags sideways at once, and rests."""
     rng = np.random.default_rng(seed)
@@ -63,6 +66,7 @@ def test_a_soft_body_under_an_encoder_presses_slides_and_holds_still(body, seed)
 
 
 @pytest.mark.parametrize("depth", [0.088, pytest.param(0.080, marks=pytest.mark.long)])
+@pytest.mark.notes(UNTAKEN, BEYOND)
 def test_a_deep_press_of_the_reduced_organ(depth):
     """The hand is driven 17 to 25 mm into the organ: force rises with depth, and rests."""
     sets = hand(((0.0, 0.0, depth), 0.3, 0.7), begin=(0.0, 0.0, 0.112))

@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from expected_notes import BEYOND, COARSE, ENERGY, FAST, FLAT, RIGID, STIFF, UNTAKEN
 
 import palpate
 from palpate.launch.load.launchfile import find
@@ -44,6 +45,9 @@ def table(data, lane):
         pytest.param("deformation.ReducedFE", marks=pytest.mark.long),
     ],
 )  # fmt: skip
+@pytest.mark.notes(ENERGY, COARSE)
+@pytest.mark.notes(UNTAKEN, body=("deformation.Rigid", "deformation.BeamBundle"))
+@pytest.mark.notes(FLAT, RIGID, STIFF, body="deformation.Rigid")
 def test_a_lane_equals_its_single_run(body):
     drawn = np.random.default_rng(11)
     over = {
@@ -66,6 +70,7 @@ def test_a_lane_equals_its_single_run(body):
         assert table(data, lane).tobytes() == single(body, sets).tobytes()
 
 
+@pytest.mark.notes(COARSE, STIFF)
 def test_results_do_not_depend_on_other_lanes_or_threads():
     over = {"tissue.stiffness": np.linspace(2e3, 4e3, LANES)}
     one, many = (ensemble(over=over, threads=threads).run(quiet=True) for threads in (1, 4))
@@ -76,6 +81,7 @@ def test_results_do_not_depend_on_other_lanes_or_threads():
     assert len({np.asarray(one["contact.force"])[lane].tobytes() for lane in range(LANES)}) == LANES
 
 
+@pytest.mark.notes(UNTAKEN, STIFF, COARSE, FAST, FLAT, RIGID)
 def test_lanes_of_different_bodies_and_effects_equal_their_single_runs():
     """Each combination of nodes is started once, in whatever order its lanes come."""
     bodies = ["deformation.MassSpring", "deformation.Rigid", "deformation.BeamBundle"]
@@ -89,6 +95,7 @@ def test_lanes_of_different_bodies_and_effects_equal_their_single_runs():
         assert table(data, lane).tobytes() == single(bodies[lane % 3], sets).tobytes(), lane
 
 
+@pytest.mark.notes(COARSE, STIFF)
 def test_results_have_units_times_and_varied_settings():
     pytest.importorskip("xarray")
     asked = ensemble(over={"tissue.stiffness": [1e3, 2e3]}, lanes=2, every=10)
@@ -101,6 +108,7 @@ def test_results_have_units_times_and_varied_settings():
     assert 0 < asked.memory.lanes < 2 * 60_000 and asked.memory.shared > 0
 
 
+@pytest.mark.notes(COARSE)
 def test_without_xarray_results_are_arrays_with_units(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     data = ensemble(lanes=1, duration=0.01).run(quiet=True)
@@ -149,6 +157,7 @@ def spring(tmp_path, monkeypatch):
     return {"use": "springs.Spring"}
 
 
+@pytest.mark.notes(COARSE, BEYOND, FAST)
 def test_a_lane_that_fails_is_reported_and_the_others_finish(spring):
     asked = ensemble(over={"controller.how": [0, 1, 2, 3, 4, 0]}, controller=spring)
     with pytest.warns(RuntimeWarning, match="4 of 6 lanes failed:\nlane 1 .*how=1.*'controller', step at tick"):
@@ -189,6 +198,7 @@ def test_wrong_input_is_an_error_with_a_remedy(given, printed):
         ensemble(**given)
 
 
+@pytest.mark.notes(COARSE)
 def test_results_that_do_not_fit_into_the_memory_are_refused_with_the_number_that_does(monkeypatch):
     with pytest.raises(ArgumentError, match=r"GB are free; expected at most \d+ lanes, .*touches.zarr"):
         ensemble(lanes=10**6, duration=1e4).run()

@@ -11,6 +11,7 @@ import warnings
 
 import numpy as np
 import pytest
+from expected_notes import ENERGY, STIFF
 
 import palpate
 from palpate.launch.run import lane_blocks
@@ -35,6 +36,7 @@ def small_blocks(monkeypatch):
     monkeypatch.setattr(lane_blocks, "LANES", 4)
 
 
+@pytest.mark.notes(STIFF)
 def test_blocks_of_any_size_give_the_same_results(monkeypatch):
     over = {"tissue.stiffness": STIFFNESS, "controller.mass": np.linspace(0.004, 0.1, 11)}
     asked = touches(over=over)
@@ -46,6 +48,7 @@ def test_blocks_of_any_size_give_the_same_results(monkeypatch):
         assert other.run(quiet=True).identical(whole) and other.notes == asked.notes
 
 
+@pytest.mark.notes(ENERGY, STIFF)
 def test_a_store_is_read_by_xarray_and_has_the_same_results(tmp_path, small_blocks):
     asked = touches(over={"tissue.stiffness": STIFFNESS, "friction.mu_slide": 0.4})
     whole, stored = asked.run(quiet=True), asked.run(out=tmp_path / "t.zarr", quiet=True)
@@ -58,6 +61,7 @@ def test_a_store_is_read_by_xarray_and_has_the_same_results(tmp_path, small_bloc
         assert data["controller.force"].dims == ("lane", "time", "axis")
 
 
+@pytest.mark.notes(STIFF)
 def test_an_interrupted_run_keeps_whole_blocks_and_continues(tmp_path, small_blocks, monkeypatch):
     whole, ran = touches().run(quiet=True), []
     run = lane_blocks.LaneRunner.run
@@ -101,6 +105,7 @@ def spoiled(folder, name):
 
 
 @pytest.mark.parametrize("name", ["contact.force", "controller.force", "notes"])
+@pytest.mark.notes(STIFF)
 def test_blocks_whose_files_were_damaged_are_computed_again(tmp_path, small_blocks, monkeypatch, name):
     """The call returned at once, and the array had other numbers: fill values for a missing file."""
     folder, ran = tmp_path / "t.zarr", []
@@ -124,6 +129,7 @@ def test_blocks_whose_files_were_damaged_are_computed_again(tmp_path, small_bloc
 
 
 @pytest.mark.parametrize("name", ["time", "lane", "tissue.stiffness"])
+@pytest.mark.notes(STIFF)
 def test_a_store_with_damaged_coordinates_is_refused(tmp_path, small_blocks, name):
     touches().run(out=tmp_path / "t.zarr", quiet=True)
     next(each for each in (tmp_path / "t.zarr" / name / "c").rglob("*") if each.is_file()).unlink()
@@ -133,6 +139,7 @@ def test_a_store_with_damaged_coordinates_is_refused(tmp_path, small_blocks, nam
         touches().run(out=tmp_path / "t.zarr", quiet=True)
 
 
+@pytest.mark.notes(STIFF)
 def test_a_full_disk_is_one_line_and_loses_no_block(tmp_path, small_blocks):
     """It was a traceback of zarr without the path of the store."""
     touches().run(out=tmp_path / "whole.zarr", quiet=True)
@@ -151,6 +158,7 @@ def test_a_full_disk_is_one_line_and_loses_no_block(tmp_path, small_blocks):
         assert (tmp_path / "t.zarr" / file.relative_to(tmp_path / "whole.zarr")).read_bytes() == file.read_bytes()
 
 
+@pytest.mark.notes(STIFF)
 def test_a_store_whose_creation_was_killed_is_created_again(tmp_path, monkeypatch):
     whole = touches().run(quiet=True)
 
@@ -253,6 +261,7 @@ def test_a_store_whose_run_was_killed_at_any_write_is_continued_to_the_same_byte
 @pytest.mark.parametrize(
     ("lanes", "size"), [(300, 8), pytest.param(100_000, 2048, marks=[pytest.mark.long, pytest.mark.timeout(3000)])]
 )
+@pytest.mark.filterwarnings("ignore:Object at palpate.lock")  # by zarr, which lists what it does not know
 def test_a_killed_run_continues_with_the_same_bytes(tmp_path, lanes, size):
     def command(name):
         return [sys.executable, "-c", KILLED, str(tmp_path / name), str(lanes), str(size)]
@@ -279,6 +288,7 @@ def test_a_killed_run_continues_with_the_same_bytes(tmp_path, lanes, size):
 
 @pytest.mark.parametrize("changed", [{"every": 1}, {"keep": ["contact.force"]}, {"over": {"tissue.stiffness": 200.0}},
                                      {"duration": 0.06}, {"finger": {"finger_damping": 9.0}}])  # fmt: skip
+@pytest.mark.notes(STIFF)
 def test_a_store_of_another_ensemble_is_refused(tmp_path, changed):
     touches().run(out=tmp_path / "t.zarr", quiet=True)
     if "finger" in changed:
@@ -313,6 +323,7 @@ def test_a_refused_lane_of_a_later_block_is_reported_and_the_others_finish(tmp_p
         touches(over={"tissue.stiffness": [*STIFFNESS[:2], -1.0, *STIFFNESS[3:]]})
 
 
+@pytest.mark.notes(STIFF)
 def test_words_are_stored_as_words(tmp_path):
     asked = touches(keep=["controller.state"])
     whole, stored = asked.run(quiet=True), asked.run(out=tmp_path / "t.zarr", quiet=True)

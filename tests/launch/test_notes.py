@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from expected_notes import COARSE, UNTAKEN
 from short_touch import QUICK
 from typer.testing import CliRunner
 
@@ -40,6 +41,7 @@ def test_a_run_has_the_notes_that_the_shell_prints(tmp_path):
     assert palpate.open(run.path).notes == run.notes
 
 
+@pytest.mark.notes(UNTAKEN, COARSE)
 def test_an_ensemble_has_the_notes_of_its_lanes():
     ensemble = palpate.Ensemble("kidney", 2, {"controller.limit": [3.0, 4.0]}, **GIVEN)
     with pytest.warns(palpate.PalpateWarning, match="lane 0 and 1 more, controller: Haptic: the contact is stiffer"):
@@ -68,6 +70,7 @@ def test_notes_of_many_lanes_are_listed_by_lane_in_little_memory():
     assert [line[:24] for line in lines(notes)] == ["lane 0 and 19999 more, t", "lane 0 and 19999 more, c"]
 
 
+@pytest.mark.notes(UNTAKEN, COARSE)
 def test_a_study_has_the_notes_of_its_points(tmp_path):
     """Also of points whose results were stored before; points run as lanes, or as runs with a recording."""
     pytest.importorskip("pyarrow")

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from expected_notes import COARSE, STIFF, UNTAKEN
 from short_touch import QUICK
 from typer.testing import CliRunner
 
@@ -172,6 +173,7 @@ def test_faults_of_keywords_quote_the_python_text(given, printed, tmp_path):
         assert printed in str(error.value) and "--set" not in str(error.value) and "Targets" not in str(error.value)
 
 
+@pytest.mark.notes(COARSE, STIFF)
 def test_steps_yields_the_messages_that_a_run_records(file):
     seen = []
     for tick in palpate.steps("kidney", duration=0.35, sets=QUICK):
@@ -182,6 +184,7 @@ def test_steps_yields_the_messages_that_a_run_records(file):
     np.testing.assert_allclose([s[0] for s in seen], run.contact.time, atol=1e-12)
 
 
+@pytest.mark.notes(COARSE, STIFF)
 def test_settings_change_between_two_ticks():
     before = after = 0.0
     for tick in palpate.steps("kidney", duration=0.4, sets=QUICK):
@@ -195,6 +198,7 @@ def test_settings_change_between_two_ticks():
     assert 0.0 < after < 0.5 * before
 
 
+@pytest.mark.notes(COARSE)
 def test_invalid_uses_of_a_step_are_errors():
     loop = palpate.steps("kidney", sets=QUICK)
     tick = next(loop)
@@ -214,6 +218,7 @@ def test_invalid_uses_of_a_step_are_errors():
         next(palpate.steps("falcon"))
 
 
+@pytest.mark.notes(COARSE, STIFF)
 def test_a_run_accepts_a_placement_and_is_fused_on_simulated_time(tmp_path, monkeypatch):
     placed = []
     monkeypatch.setattr(
@@ -236,6 +241,7 @@ def test_a_notebook_shows_the_contents_of_a_run_and_of_a_field(run):
     assert "force" in dir(run.contact)
 
 
+@pytest.mark.notes(UNTAKEN, COARSE, STIFF)
 def test_a_run_from_python_accepts_a_model_and_settings(tmp_path):
     file = tmp_path / "rigid.mcap"
     run = palpate.run(

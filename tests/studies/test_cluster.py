@@ -149,6 +149,7 @@ def test_a_lost_worker_costs_nothing_and_the_bytes_are_those_of_this_machine(stu
     assert stored(tmp_path / "there") == stored(tmp_path / "here") and "Traceback" not in printed
 
 
+@pytest.mark.filterwarnings("ignore:Port .* is already in use")
 @pytest.mark.parametrize("kind", ["study", "ensemble"])
 def test_a_cluster_without_workers_is_reported_once_and_waited_for(write, tmp_path, monkeypatch, kind):
     """It said nothing, as when all jobs of a batch system wait in its queue or have reached their time limit."""

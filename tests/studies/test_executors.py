@@ -6,6 +6,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, 
 
 import numpy as np
 import pytest
+from expected_notes import STIFF
 
 import palpate
 from palpate.launch.run import lane_blocks
@@ -73,6 +74,7 @@ def test_a_study_has_the_same_bytes_on_any_executor(study, pool, tmp_path, kind)
     assert stored(tmp_path / "there") == stored(tmp_path / "here") and len(study()) == 12
 
 
+@pytest.mark.notes(STIFF)
 def test_an_ensemble_has_the_same_results_on_an_executor(pool, tmp_path, monkeypatch):
     monkeypatch.setattr(lane_blocks, "LANES", 2)
     asked = ensemble()
@@ -82,6 +84,7 @@ def test_an_ensemble_has_the_same_results_on_an_executor(pool, tmp_path, monkeyp
     assert asked.run(quiet=True, executor=pool, out=tmp_path / "t.zarr").load().equals(here)
 
 
+@pytest.mark.notes(STIFF)
 def test_a_store_of_lanes_is_continued_where_blocks_are_missing(pool, tmp_path, monkeypatch):
     """Blocks end in any order on an executor."""
     monkeypatch.setattr(lane_blocks, "LANES", 2)

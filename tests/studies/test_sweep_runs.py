@@ -12,6 +12,7 @@ import numba
 import numpy as np
 import pyarrow.parquet
 import pytest
+from expected_notes import STIFF
 
 import palpate
 from palpate.engine.faults import GraphError
@@ -86,6 +87,7 @@ def test_a_row_for_each_point_with_numbers_and_curves(ball, pool, tmp_path):
     assert data["ball.young"].units == "Pa"
 
 
+@pytest.mark.notes(STIFF)
 def test_the_bytes_do_not_depend_on_the_number_of_workers(pool, tmp_path):
     """On the shipped kidney: two workers, one worker, and `palpate.run` in this process."""
     over = {"tissue.stiffness": [2.5e3, 3.5e3], "hand": {"named": {"fast": press(0.05), "slow": press(0.08)}}}

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from expected_notes import PLACED, REFINED, UNTAKEN
 from typer.testing import CliRunner
 
 import palpate
@@ -52,6 +53,7 @@ def test_launch_files_and_scenes_take_the_organ_of_a_file_next_to_them(folder, m
     assert surface(find("kidney").but(overrides=("scene.organ=ball.stl", COARSE)))[0]["file_unit"] == "mm"
 
 
+@pytest.mark.notes(PLACED, REFINED)
 def test_python_gives_the_same_force_as_the_shell(folder):
     words = ["run", "kidney", "--organ", "ball.stl", "--duration", "0.6 s", "--fused", "--no-pictures", "--json"]
     shell = CliRunner().invoke(app, [*words, "--set", COARSE, "--out", "shell"])
@@ -68,6 +70,7 @@ def test_python_gives_the_same_force_as_the_shell(folder):
     assert surface(study.launch)[0]["file_unit"] == "mm"
 
 
+@pytest.mark.notes(PLACED, REFINED)
 def test_an_environment_takes_an_organ(folder):
     gymnasium = pytest.importorskip("gymnasium")
     import palpate.gym  # noqa: F401, registers the environments
@@ -104,6 +107,7 @@ def test_a_missing_file_and_a_wrong_unit_are_errors_without_traceback(folder):
         palpate.run("kidney", organ={"file": "ball.stl", "unit": "m"})
 
 
+@pytest.mark.notes(UNTAKEN, PLACED, REFINED)
 def test_a_missing_basis_is_built_once_and_used(folder):
     trimesh.creation.icosphere(1, 60.0).export("ball.stl")
     given = {"organ": "ball.stl", "tissue": "deformation.ReducedFE", "sets": (COARSE,), "duration": 0.5}

@@ -6,6 +6,7 @@ import math
 import fit_coverage
 import numpy as np
 import pytest
+from expected_notes import COARSE
 from pytest import approx
 from typer.testing import CliRunner
 
@@ -185,6 +186,7 @@ def test_hertz_reports_the_required_thickness_of_the_tissue():
 @pytest.mark.parametrize(
     ("seconds", "rate"), [("0.9 s", 1000), pytest.param("1.8 s", 500, marks=pytest.mark.long)]
 )  # fmt: skip
+@pytest.mark.notes(COARSE)
 def test_parameters_that_a_damped_press_does_not_determine_are_reported(tmp_path, seconds, rate):
     """The shipped kidney is damped, so its loading curve depends on the rate. True law: 3000 N/m^1.5, exponent 1.5."""
     sets = ["scene.surface.vertices=200", f"rate={rate}"]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from expected_notes import COARSE
 from pytest import approx
 from typer.testing import CliRunner
 
@@ -283,6 +284,7 @@ def test_data_of_every_fit_are_plain():
         assert json.loads(json.dumps(printed)) == printed
 
 
+@pytest.mark.notes(COARSE)
 def test_a_recording_of_a_simulated_press_gives_back_the_law_of_its_tissue(tmp_path):
     sets = ["scene.surface.vertices=200", "scene.hand.begin=[0, 0, 0.1105]", "tissue.retardation=0",
             "tissue.stiffness=3e3", "tissue.exponent=1.5",
@@ -348,6 +350,7 @@ def test_a_table_of_record_indentation_gives_a_press_of_each_session(tmp_path):
     assert fit_tissue(presses[1:], BALL, "power").estimate.values["stiffness"] == approx(3e3, rel=0.02)
 
 
+@pytest.mark.notes(COARSE)
 def test_a_recording_without_one_press_is_refused(tmp_path):
     small = ["scene.surface.vertices=100"]
     recording = palpate.run("palpate-two", record=tmp_path / "two.mcap", duration=0.01, sets=small)

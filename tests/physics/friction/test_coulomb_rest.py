@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from expected_notes import UNTAKEN
 from pytest import approx
 
 import palpate
@@ -53,6 +54,7 @@ def test_the_stick_is_a_kelvin_voigt_solid():
     assert z == approx(f / 400.0 * (1.0 - np.exp(-400.0 * 0.04 / 8.0)), rel=1e-3)
 
 
+@pytest.mark.notes(UNTAKEN, "may not come to rest", "the finger does not rest")
 def test_a_lightly_held_finger_with_a_delayed_device_rests():
     held = {}
     for name, sets in (("now", []), ("undamped", UNDAMPED)):

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from expected_notes import FAST, LEAPT, REFINED, STIFF, UNTAKEN
 from pytest import approx
 from scipy.optimize import brentq
 
@@ -221,6 +222,7 @@ def test_values_that_are_not_numbers_and_lanes_that_stop_are_found(presses):
     assert broken(dataclasses.replace(presses, failed={1: "node 'tissue' failed"}))[1] == {"finite"}
 
 
+@pytest.mark.notes(UNTAKEN, REFINED, LEAPT, FAST, STIFF)
 def test_a_touch_is_the_run_of_its_command(folder, tmp_path):
     """The lane of a search and `palpate run` with the settings of the printed command give the same bytes."""
     import palpate

@@ -30,7 +30,7 @@ DISC = {"centre": (3,), "axis": (3,), "radius": (), "height": ()}
 """The bound of a node of the tree: a cylinder with this centre [m], axis [1], radius and half height [m]."""
 MOMENTS = {"corners": (3,), "normals": (3,), "count": ()}
 """Sums over the triangles below a node: corners [m], normals [m²], number of corners."""
-POINTS, CELLS, DISCS = map(element_type, (POINT, CELL, DISC))
+POINTS, CELLS, DISCS = element_type(POINT), element_type(CELL), element_type(DISC)
 
 
 @dataclass(frozen=True, eq=False)
