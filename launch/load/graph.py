@@ -70,18 +70,13 @@ LINE = tuple(field.encode_name for field in msgspec.structs.fields(_NodeLine))
 
 @dataclass
 class _Draft:
-    """A node while the graph is being read.
-
-    set_keys  the keys of its line that may be settings
-    instead   why its class is not that of the line, "": it is
-    """
+    """A node while the graph is being read. `set_keys`: the keys of its line that may be settings."""
 
     line: YamlSource
     keys: _NodeLine
     cls: type[Node]
     set_keys: list[str]
     wires: list[Wire] = field(default_factory=list)
-    instead: str = ""
 
 
 def load(
@@ -135,7 +130,7 @@ def load(
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
     # Check that each value of the scene is used, and switch the effects.
-    notes = [draft.instead for draft in drafts.values() if draft.instead]
+    notes: list[str] = []
     by_value: tuple[str, ...] = ()
     if not unclear:
         check_offers(offers, world, faults)
@@ -161,6 +156,7 @@ def load(
             for name, draft in drafts.items()
         }
         agree(may, connections, places, faults)
+        notes += _instead(may, drafts, world, faults) if not faults.entries else []
         for balance, delay in device_delays(may, connections, contents.rate):
             if "delay" not in places[balance.name]:
                 balance.settings["delay"] = delay
@@ -203,6 +199,20 @@ def notes_with(graph: Graph, values: Mapping[str, Mapping[str, Any]]) -> tuple[s
         for name, spec in graph.nodes.items()
     }
     return (*graph.other_notes, *value_notes(nodes, graph.rate))
+
+
+def _instead(
+    nodes: Mapping[str, NodeSpec], drafts: Mapping[str, _Draft], scene: Scene, faults: Faults
+) -> Iterator[str]:
+    """Give nodes the classes that take the place of theirs (`Node.instead`), with a note for each."""
+    for name, spec in nodes.items():
+        if (other := spec.cls.instead(spec.settings)) is None:
+            continue
+        use, why = other
+        cls, draft = find_class(use), drafts[name]
+        more = resolve(name, cls, draft.line, draft.set_keys, scene, [], faults)
+        yield f"{name}: {use} in place of {spec.use}, because {why}"
+        spec.use, spec.cls, spec.settings = use, cls, more | spec.settings
 
 
 def _half_emulated(nodes: dict[str, NodeSpec]) -> Iterator[str]:
@@ -308,17 +318,10 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
             if keys.startswith("Did you mean") and not close.startswith("Did you mean"):
                 text, close, named = f"unknown key {key!r}", f"{keys} {close}", {}
             faults.add(text, close + cure, line.place(key), node=name, **named)
-    given, before, bad = [key for key in draft.set_keys if key in known], len(offers), len(faults.entries)
-    values, use = resolve(name, draft.cls, line, given, scene, offers, faults), draft.keys.use
-    other = draft.cls.instead(values) if len(faults.entries) == bad and off is None else None
-    if other is not None:
-        use, why = other
-        draft.cls, draft.instead = find_class(use), f"{name}: {use} in place of {draft.keys.use}, because {why}"
-        del offers[before:]
-        values = resolve(name, draft.cls, line, given, scene, offers, faults)
+    values = resolve(name, draft.cls, line, [key for key in draft.set_keys if key in known], scene, offers, faults)
     return NodeSpec(
         name,
-        use,
+        draft.keys.use,
         draft.cls,
         values,
         every=draft.keys.every or 1,

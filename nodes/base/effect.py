@@ -60,11 +60,13 @@ class Agrees:
     messages  types of the messages along which it agrees with the setting of the same name in the sender, also through
               nodes without this setting, and in other readers of the same sender
 
+    twice     name of another setting of the node of which it is twice, if that is set and it is set nowhere
+
     The loader gives all of them the value that is set for one of them, and refuses different ones.
     """
 
-    def __init__(self, *messages: type[Message]) -> None:
-        self.messages = messages
+    def __init__(self, *messages: type[Message], twice: str = "") -> None:
+        self.messages, self.twice = messages, twice
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ WIDTH = 16e-3  # [m] twice the radius of the patch of spread.Kernel
 class WithWidth(Node):
     """Setting of the width of the finger, for collision and spread."""
 
-    width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Agrees(Proximity, Contact)] = WIDTH
-    """Diameter of the ball for which gaps, grooves and fissures of a mesh are bridged, twice the radius of the patch.
-    0: a needle or stylus, which enters all of them."""
+    width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Agrees(Proximity, Contact, twice="radius")] = WIDTH
+    """Diameter of the ball for which gaps, grooves and fissures of a mesh are bridged: twice the radius of the patch
+    where that is set. 0: a needle or stylus, which enters all of them."""
 
 
 class Bridged(NamedTuple):

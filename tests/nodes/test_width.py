@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Pose
@@ -125,6 +126,20 @@ def test_a_nurbs_surface_says_that_it_is_not_bridged():
     usual = Nurbs()
     FakeBus(usual)
     assert not usual.notes()
+
+
+def test_the_finger_is_as_wide_as_the_patch_unless_it_is_set():
+    def widths(*changes):
+        nodes = find("kidney").but(overrides=changes).load().nodes
+        return {name: (spec.use, spec.settings["width"]) for name, spec in nodes.items() if "width" in spec.settings}
+
+    assert widths() == {"collision": ("collision.Nurbs", 16e-3), "spread": ("spread.Kernel", 16e-3)}
+    assert widths("spread.radius=6 mm") == {"collision": ("collision.Nurbs", 12e-3), "spread": ("spread.Kernel", 12e-3)}
+    assert widths("tissue.use=deformation.ReducedFE", "tissue.radius=10 mm")["collision"] == ("collision.Mesh", 20e-3)
+    for wide in ("scene.finger.width=3 mm", "collision.width=3 mm", "spread.width=3 mm"):
+        assert {width for _, width in widths(wide, "spread.radius=6 mm").values()} == {3e-3}
+    with pytest.raises(GraphError, match=r"width.*spread"):
+        widths("spread.radius=60 mm")
 
 
 @pytest.mark.parametrize("graph", ["kidney", "palpate-two", "nodule", "texture", "organs", "pinch"])

@@ -11,7 +11,7 @@ from palpate.launch.load.wiring import Wire
 from palpate.messages.wording import written
 from palpate.nodes.base import Agrees, Setting, SettingError, settings
 
-Given = Mapping[str, Mapping[str, Location]]
+Given = dict[str, dict[str, Location]]
 """By node, the settings that its line or the scene sets, with their places."""
 
 
@@ -22,7 +22,8 @@ def agree(nodes: Mapping[str, NodeSpec], wires: Iterable[Wire], given: Given, fa
         if wire.producer in nodes and wire.consumer in nodes:
             incoming.setdefault(wire.consumer, []).append(wire)
     marked = {name: dict(_marks(spec)) for name, spec in nodes.items()}
-    for setting in dict.fromkeys(setting for marks in marked.values() for setting in marks):
+    known = {setting: mark for marks in marked.values() for setting, mark in marks.items()}
+    for setting in sorted(known, key=lambda setting: known[setting].twice != ""):  # after those that they are twice of
         for group in _groups([name for name in nodes if setting in marked[name]], setting, marked, incoming):
             _settle(setting, [nodes[name] for name in group], given, faults)
 
@@ -63,14 +64,15 @@ def _groups(
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(find(name), []).append(name)
-    yield from (group for group in groups.values() if len(group) > 1)
+    yield from groups.values()
 
 
 def _settle(setting: str, group: Sequence[NodeSpec], given: Given, faults: Faults) -> None:
     """Set one value in all nodes of a group; a fault if those that are given, or else the defaults, differ."""
     if any(spec.settings.get(setting) is None for spec in group):
         return  # it has a fault
-    chosen = [spec for spec in group if setting in given.get(spec.name, {})] or list(group)
+    chosen = [spec for spec in group if setting in given.get(spec.name, {})]
+    chosen = chosen or _derive(setting, group, given) or list(group)
     value, first = chosen[0].settings[setting], chosen[0]
     other = next((spec for spec in chosen if spec.settings[setting] != value), None)
     if other is not None:
@@ -83,14 +85,29 @@ def _settle(setting: str, group: Sequence[NodeSpec], given: Given, faults: Fault
             given.get(other.name, {}).get(setting, other.place), node=other.name, setting=setting, unit=unit,
         )  # fmt: skip
         return
+    place = given.get(first.name, {}).get(setting)
     for spec in group:
+        if place is not None:
+            given.setdefault(spec.name, {})[setting] = place
         if spec.settings[setting] != value:
             before, spec.settings[setting] = spec.settings[setting], value
             try:
                 spec.cls(**spec.settings)
             except SettingError as error:
                 spec.settings[setting] = before
-                faults.add(f"{error}, the value of {first.name}", "", given[first.name][setting], node=spec.name)
+                faults.add(f"{error}, the value of {first.name}", "", place or spec.place, node=spec.name)
+
+
+def _derive(setting: str, group: Sequence[NodeSpec], given: Given) -> list[NodeSpec]:
+    """The nodes of a group that set what the setting is twice of. They get this value, from the same place."""
+    found = []
+    for spec in group:
+        half = mark.twice if (mark := mark_of(settings(spec.cls)[setting])) else ""
+        if half in given.get(spec.name, {}) and (value := spec.settings.get(half)) is not None:
+            spec.settings[setting] = 2.0 * value
+            given[spec.name][setting] = given[spec.name][half]
+            found.append(spec)
+    return found
 
 
 def _describe(spec: NodeSpec, setting: str, given: Given) -> str:
