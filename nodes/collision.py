@@ -22,13 +22,14 @@ from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, place_
 from palpate.physics.geometry import closest, mesh_closest
 from palpate.physics.geometry import mesh as meshes
 from palpate.physics.geometry.bvh import CELLS, DISCS, POINTS
-from palpate.physics.geometry.foot import FOOT
 from palpate.physics.geometry.nurbs import LAYOUT
 from palpate.physics.geometry.proxy import MEMORY, follow, follow_mesh, memory
+from palpate.physics.geometry.search.foot import FOOT
+from palpate.physics.geometry.search.samples import CLUSTER, SAMPLE, SPACING
 from palpate.physics.geometry.topology import edge_counts
 
 _points_of, _cells_of, _discs_of = map(array_of, (POINTS, CELLS, DISCS))
-_samples_of, _clusters_of = array_of(element_type(closest.SAMPLE)), array_of(element_type(closest.CLUSTER))
+_samples_of, _clusters_of = array_of(element_type(SAMPLE)), array_of(element_type(CLUSTER))
 
 TRAILS = 0.5e-3  # [m] distance of the foot from the nearest point above which it is reported
 CAUSES = 2  # the foot trails the nearest point; the nearest point is on another side
@@ -97,7 +98,7 @@ class Nurbs(_Nearest):
 
     State = CAUTIONS | {
         "patch": ARRAY, "layout": LAYOUT, "spans": ARRAY,
-        "samples": ARRAY, "clusters": ARRAY, "links": ARRAY, "spacing": closest.SPACING,
+        "samples": ARRAY, "clusters": ARRAY, "links": ARRAY, "spacing": SPACING,
         "tracked": closest.TRACKED, "work": ARRAY, "derivatives": array_handle(3), "foot": FOOT, "memory": MEMORY,
     }  # fmt: skip
     """The last 12: arguments of `physics.geometry.proxy.follow`."""

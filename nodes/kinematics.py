@@ -5,17 +5,17 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import floats, form, put, unpacking, vector
+from palpate.compiler.records import array_of, form, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
-from palpate.nodes.base import TABLE, Agrees, CompiledNode, Out, Wants
+from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import kernel
-from palpate.physics.device.average import MOST
+from palpate.physics.device.average import MOST, READINGS
 from palpate.physics.device.falcon import FALCON, HOME, Geometry
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.tracking import COUNT, TRACK, pose, pose_falcon
 
 ZERO = (0.0, 0.0, 0.0)
-geometry_of = unpacking(Geometry)
+geometry_of, _window_of = unpacking(Geometry), array_of(READINGS)
 WRONG_DEVICE = 1  # fault: not three numbers
 
 
@@ -32,14 +32,14 @@ class _Tracker(CompiledNode):
     average: Annotated[int, "1", msgspec.Meta(ge=0, le=MOST)] = 0
 
     State = {
-        "track": TRACK, "window": TABLE,
+        "track": TRACK, "window": ARRAY,
         "clock": int, "last": (3,),  # [ns] of the last sample; the last position [m]
     }  # fmt: skip
     home = ZERO
 
     def start(self) -> None:
         super().start()
-        self.hold("window", np.zeros((self.average + 1, 4)))
+        self.hold("window", np.zeros(self.average + 1, READINGS))
         track = self.own["track"]
         track["reading"] = track["pose"] = self.own["last"] = self.home
 
@@ -99,7 +99,7 @@ class FalconKinematics(_Tracker):
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("joints", "homed")], out: Out[Pose], dt):
         if read_clock(own, state, state.joints.count, out, dt):
-            given = own.track, own.resolution, own.speed_limit, floats(own.window), own.clock
+            given = own.track, own.resolution, own.speed_limit, _window_of(own.window), own.clock
             seen = pose_falcon(*given, vector(state.joints.values), geometry_of(own.geometry))
             send(own, seen, age_of(own, state), out)
 
@@ -117,7 +117,7 @@ class Cartesian(_Tracker):
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("position", "homed")], out: Out[Pose], dt):
         if read_clock(own, state, state.position.count, out, dt):
-            given = own.track, own.resolution, own.speed_limit, floats(own.window), own.clock
+            given = own.track, own.resolution, own.speed_limit, _window_of(own.window), own.clock
             seen = pose(*given, vector(state.position.values))
             send(own, seen, age_of(own, state), out)
 

@@ -48,7 +48,7 @@ class BeamBundle(MeshBody):
     )
     pressure = Part("pressure", "pressure", about="The pressure on the displaced nodes; 0 while they recover.")
     State = SEVERAL | {
-        "bed": form(beams.BeamFoundation), "places": TABLE,  # feet [m] and normals [1] (c,6) of the last step
+        "bed": form(beams.BeamFoundation), "feet": TABLE, "normals": TABLE,  # [m] and [1] (c,3) of the last step
         "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # normals [1], areas [m²]; work array; [Pa]
         "beyond": bool,  # whether an indentation exceeded the range
     }  # fmt: skip
@@ -93,7 +93,8 @@ class BeamBundle(MeshBody):
         self.hold("laws", bed.contacts.laws)
         self.hold("coupling", bed.contacts.coupling)
         self.hold("bed", bed)
-        self.hold("places", np.full((len(bed.contacts.forces), 6), np.nan))
+        for name in ("feet", "normals"):
+            self.hold(name, np.full((len(bed.contacts.forces), 3), np.nan))
 
     def foundation(self, thicker: float = 1.0, slower: float = 1.0, contacts: int = 1) -> beams.BeamFoundation:
         """The beams at rest.
@@ -113,17 +114,17 @@ class BeamBundle(MeshBody):
         if longs(own.bed.moving.sent)[0] > 0 or out.delayed != oldest(load):
             return False
         for i in range(load.count):
-            each, place = nth(load, i), floats(own.places)[i]
+            each, foot, normal = nth(load, i), floats(own.feet)[i], floats(own.normals)[i]
             if each.nodes.shape[0] > 0:
                 return False
             for k in range(3):
-                if place[k] != each.foot[k] or place[3 + k] != each.normal[k]:
+                if foot[k] != each.foot[k] or normal[k] != each.normal[k]:
                     return False
         return True
 
     @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):
-        bed, places = _bed_of(own.bed), floats(own.places)
+        bed, feet, normals = _bed_of(own.bed), floats(own.feet), floats(own.normals)
         if dt > 0.0:
             if unknown_vertex(load, len(bed.beams.areas)):
                 own.fault = NO_VERTEX
@@ -141,7 +142,7 @@ class BeamBundle(MeshBody):
         for i in range(load.count):
             each = nth(load, i)
             for k in range(3):
-                places[i, k], places[i, 3 + k] = each.foot[k], each.normal[k]
+                feet[i, k], normals[i, k] = each.foot[k], each.normal[k]
         send_laws(own, out)
         out.delayed = oldest(load)
         out.step, out.relaxation, out.limited = dt, beams.relaxation(bed.beams, dt), bed.moving.sent[1]

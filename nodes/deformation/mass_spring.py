@@ -27,7 +27,7 @@ from palpate.physics.nearest import nearest, tree_of
 NotNegative = msgspec.Meta(ge=0)
 
 _body_of = unpacking(springs.NodalBody)
-_courses_of = array_of(element_type(end_rate.COURSE))
+_courses_of, _ground_of = array_of(element_type(end_rate.COURSE)), array_of(springs.GROUND)
 
 
 class MassSpring(MeshBody):
@@ -73,11 +73,11 @@ class MassSpring(MeshBody):
         about="The displaced vertices of the surface and their displacement [m], under the forces of all contacts.",
     )  # fmt: skip
     State = SEVERAL | {
-        "body": form(springs.NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY,
+        "body": form(springs.NodalBody), "hard": ARRAY, "ground": ARRAY, "forces": ARRAY, "acting": ARRAY,
         "factors": ARRAY, "courses": ARRAY, "trails": TABLE, "beyond": int, "thick": ARRAY,
         "thinnest": (), "excess": (), "deepest": (2,),
     }  # fmt: skip
-    """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map the table of `factor_at`; of
+    """The nodal law; factor on K of each vertex, if there is a nodule or map; with a map its `GROUND`; of
     each contact: its normal force [N], the sum with the coupled forces of the others, the factor on K, the course of
     its indentation (`physics.contact.end_rate`), and the last feet. Flags of exceeded limits (`spring_range`);
     thickness of the organ at each vertex [m] (`Mesh.thicknesses`), and the least; excess of the indentation
@@ -101,7 +101,10 @@ class MassSpring(MeshBody):
             mesh = self.mesh()
             turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
             sideways = self._field()[1]
-            self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning, sideways]))
+            ground = np.zeros(len(turning), springs.GROUND)
+            ground["position"], ground["factor"] = mesh.vertices, self._hardness
+            ground["operator"], ground["leans"] = turning, sideways
+            self.hold("ground", ground)
         thick = self.thicknesses()
         self.hold("thick", thick)
         self.own["thinnest"] = thick.min()
@@ -207,7 +210,7 @@ class MassSpring(MeshBody):
             each = nth(load, i)
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
             if mapped:
-                nodes, normal, ground = integers(each.nodes), vector(each.normal), floats(own.ground)
+                nodes, normal, ground = integers(each.nodes), vector(each.normal), _ground_of(own.ground)
                 factor = springs.factor_at(nodes, vector(each.foot), normal, ground, own.radius, slopes[i])
                 factors[i] = factor if factor > 0.0 else factors[i]
                 side = springs.side_force(nodes, floats(each.forces), vector(each.foot), normal, ground, own.radius)

@@ -4,8 +4,8 @@ import numpy as np
 
 from palpate.nodes.base.surface import surface_patch
 from palpate.physics import kept
-from palpate.physics.geometry.closest import samples_of
 from palpate.physics.geometry.graded import ranges
+from palpate.physics.geometry.search.samples import samples_of
 from palpate.physics.kept import KEPT
 
 

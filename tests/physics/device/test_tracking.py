@@ -8,6 +8,7 @@ from falcon_arrays import inverse
 from pytest import approx
 
 from palpate.compiler.fields import blank_record
+from palpate.physics.device.average import READINGS
 from palpate.physics.device.falcon import FALCON, HOME, forward_kernel
 from palpate.physics.device.tracking import (
     ANEW,
@@ -22,7 +23,7 @@ from palpate.physics.device.tracking import (
 )
 
 MS, LIMIT = 1_000_000, 2.0
-OBSERVED = np.zeros((1, 4))  # no moving average
+OBSERVED = np.zeros(1, READINGS)  # no moving average
 STEP = 40e-6
 
 

@@ -32,6 +32,8 @@ AT_REST = 1e-9  # [m] Displacement below which an unloaded node counts as recove
 SPRING = {"indentation": (), "normal": (3,), "load": (3,)}
 """A node in the list: u [m], normal [1] of its last load, and load [N]."""
 SPRINGS = element_type(SPRING)
+GROUND = element_type({"position": (3,), "factor": (), "operator": (9,), "leans": (3,)})
+"""A vertex of an organ: x [m], factor on K, shape operator [1/m] row by row, d of `side_force` [1]."""
 MOST_STRAIN = 0.8  # [1] Largest difference of displacement between neighbours, over the length of their edge
 
 
@@ -125,12 +127,12 @@ def mean_hardness(nodes: Indices, forces: Matrix, normal: Vector3, hardness: Arr
 
 
 @ieee_kernel
-def factor_at(nodes: Indices, foot: Vector3, normal: Vector3, ground: Matrix, radius: float, out: Array):
+def factor_at(nodes: Indices, foot: Vector3, normal: Vector3, ground: Record, radius: float, out: Array):
     """Factor on K [1] at a foot point p [m] (3): mean over the loaded vertices with weights (1 - |x - p|²/R²)², R the
     radius [m] of the patch, so that it depends on the place alone. 0 without a vertex within R.
 
     Fill `out` (12): derivative of its logarithm [1/m] (3) along the surface, and shape operator [1/m] (9) row by row.
-    normal [1] (3);  ground (V,16)  of each vertex: x [m] (3), factor, shape operator [1/m] (9), d of `side_force`
+    normal [1] (3);  ground (V)  `GROUND`
     """
     total = factor = 0.0
     out[:] = 0.0
@@ -139,9 +141,9 @@ def factor_at(nodes: Indices, foot: Vector3, normal: Vector3, ground: Matrix, ra
         if near > 0.0:
             row, weight = ground[nodes[i]], near * near
             total += weight
-            factor += weight * row[3]
+            factor += weight * row.factor
             for k in range(9):
-                out[3 + k] += weight * row[4 + k]
+                out[3 + k] += weight * row.operator[k]
     if not total > 0.0:
         return 0.0
     for k in range(9):
@@ -151,9 +153,9 @@ def factor_at(nodes: Indices, foot: Vector3, normal: Vector3, ground: Matrix, ra
         near = _nearness(nodes[i], foot, ground, radius)
         if near > 0.0:
             row = ground[nodes[i]]
-            share = 4.0 * near * (row[3] - mean) / (radius * radius * factor)
+            share = 4.0 * near * (row.factor - mean) / (radius * radius * factor)
             for k in range(3):
-                out[k] += share * (row[k] - foot[k])
+                out[k] += share * (row.position[k] - foot[k])
     outward = dot(out, normal)
     for k in range(3):
         out[k] -= outward * normal[k]
@@ -161,7 +163,7 @@ def factor_at(nodes: Indices, foot: Vector3, normal: Vector3, ground: Matrix, ra
 
 
 @ieee_kernel
-def side_force(nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3, ground: Matrix, radius: float):
+def side_force(nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3, ground: Record, radius: float):
     """Normal force [N] that would indent the organ as the part of the load [N] (k,3) along the surface does: d.f_t,
     with d [1] (3) the mean over the loaded vertices, weighted as in `factor_at`.
 
@@ -173,7 +175,7 @@ def side_force(nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3, g
         if near > 0.0:
             total += near * near
             for k in range(3):
-                d[k] += near * near * ground[nodes[i], 13 + k]
+                d[k] += near * near * ground[nodes[i]].leans[k]
         for k in range(3):
             along[k] += forces[i, k]
     if not total > 0.0:
@@ -182,13 +184,13 @@ def side_force(nodes: Indices, forces: Matrix, foot: Vector3, normal: Vector3, g
 
 
 @ieee_kernel
-def _nearness(node: int, foot: Vector3, ground: Matrix, radius: float):
+def _nearness(node: int, foot: Vector3, ground: Record, radius: float):
     """1 - |x - p|²/R² [1] of a vertex; 0 of one that the mesh does not have."""
     if not 0 <= node < len(ground):
         return 0.0
     square = 0.0
     for k in range(3):
-        square += (ground[node, k] - foot[k]) ** 2
+        square += (ground[node].position[k] - foot[k]) ** 2
     return 1.0 - square / (radius * radius)
 
 

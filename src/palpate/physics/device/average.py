@@ -18,18 +18,22 @@ Source: the kidney study (a soft fingertip on a kidney, Falcon), which chose eig
 Scientist and Engineer's Guide to Digital Signal Processing" (1997), chapter 15, for the gain.
 """
 
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Record, Vector3
+from palpate.compiler.records import put
+from palpate.physics.arrays import Record, Vector3
 
 PUBLISHED = 8  # points
 MOST = 64
+READINGS = element_type({"place": (3,), "moment": ()})
+"""A reading [m], and its time [s]."""
 
 
 @kernel
-def add(window: Array, state: Record, restart: bool, time: float, reading: Vector3):
+def add(window: Record, state: Record, restart: bool, time: float, reading: Vector3):
     """Add a reading, and compute the averages: (x, y, z, vx, vy, vz) [m], [m/s].
 
-    window   (N+1,4)  readings [m] and their times [s], a ring
+    window   (N+1)    `READINGS`, a ring
     state             `count` of readings in the window and the row `at` of the newest one, changed in place
     restart           forget the earlier readings: the position has jumped, and the velocity is 0
     time     [s]      of the reading [m] (3)
@@ -39,17 +43,17 @@ def add(window: Array, state: Record, restart: bool, time: float, reading: Vecto
         state.count = 0
     state.at = (state.at + 1) % size
     state.count = min(state.count + 1, size)
-    window[state.at, 0], window[state.at, 1], window[state.at, 2] = reading
-    window[state.at, 3] = time
+    put(window[state.at].place, reading)
+    window[state.at].moment = time
     last = min(state.count, size - 1)  # readings of the mean
     x = y = z = 0.0
     for i in range(last):
-        row = (state.at - i) % size
-        x, y, z = x + window[row, 0], y + window[row, 1], z + window[row, 2]
-    first = (state.at - state.count + 1) % size
-    span = time - window[first, 3]
+        place = window[(state.at - i) % size].place
+        x, y, z = x + place[0], y + place[1], z + place[2]
+    first = window[(state.at - state.count + 1) % size]
+    span = time - first.moment
     scale = 1.0 / span if span > 0.0 else 0.0
     return (
-        x / last, y / last, z / last, scale * (reading[0] - window[first, 0]), scale * (reading[1] - window[first, 1]),
-        scale * (reading[2] - window[first, 2]),
+        x / last, y / last, z / last, scale * (reading[0] - first.place[0]), scale * (reading[1] - first.place[1]),
+        scale * (reading[2] - first.place[2]),
     )  # fmt: skip

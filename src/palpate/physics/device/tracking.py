@@ -103,7 +103,7 @@ def between(axes: Record, kind: int, readings: Vector3, count: float, dt: float)
 
 
 @kernel
-def take_average(track: Record, kind: int, t: int, reading: Vector3, window: Array):
+def take_average(track: Record, kind: int, t: int, reading: Vector3, window: Record):
     """`take` with the moving averages of position and velocity over the readings in `window` (`average.add`)."""
     x, y, z, vx, vy, vz = average.add(window, track.window, kind == ANEW, t * 1e-9, reading)
     dt = take(track, kind, t, reading, (x, y, z))[6]
@@ -112,7 +112,7 @@ def take_average(track: Record, kind: int, t: int, reading: Vector3, window: Arr
 
 
 @kernel
-def pose(track: Record, resolution: float, limit: float, window: Array, t: int, place: Vector3):
+def pose(track: Record, resolution: float, limit: float, window: Record, t: int, place: Vector3):
     """Process one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 if the sample was rejected.
 
     track, limit, t    as in `judge`
@@ -131,7 +131,7 @@ def pose(track: Record, resolution: float, limit: float, window: Array, t: int, 
 
 @kernel
 def pose_falcon(
-    track: Record, resolution: float, limit: float, window: Array, t: int, angles: Vector3, geometry: Record
+    track: Record, resolution: float, limit: float, window: Record, t: int, angles: Vector3, geometry: Record
 ):
     """`pose` from a Falcon's joint angles [rad] (3), each with its observer. Angles without a solution are rejected.
 

@@ -14,13 +14,13 @@ from palpate.compiler.records import vector
 from palpate.physics.arrays import Indices, Matrix, Record
 from palpate.physics.geometry.bvh import MeshTables, mesh_tables
 from palpate.physics.geometry.closest import FAR
-from palpate.physics.geometry.foot import FOOT, find_feet
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pseudonormal import EDGE, FACE, VERTEX, foot_of, normal_at, signed_distance
+from palpate.physics.geometry.search.foot import FOOT, find_feet
 
 STACK = 128  # nodes of the tree that wait for the search
 TRACKED = {"exists": bool, "triangle": int, "nearest": int}
-"""Kept from step to step: whether a last foot point exists, and its triangle. Of the last step: that of the nearest
+"""From step to step: whether a last foot point exists, and its triangle. Of the last step: that of the nearest
 point."""
 
 

@@ -46,12 +46,12 @@ from palpate.compiler.kernel import kernel
 from palpate.compiler.records import put, vector
 from palpate.physics.arrays import Array, Indices, Record, Tensor, Vector3
 from palpate.physics.geometry.closest import FAR, track
-from palpate.physics.geometry.foot import set_values, values_of
 from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_mesh
 from palpate.physics.geometry.newton import newton
 from palpate.physics.geometry.nurbs import normal_of
 from palpate.physics.geometry.phong import smooth_foot
 from palpate.physics.geometry.pseudonormal import face_normal, signed_distance
+from palpate.physics.geometry.search.foot import set_values, values_of
 
 JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
