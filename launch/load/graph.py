@@ -114,62 +114,22 @@ def load(
     # Find the classes of the nodes; `unclear` are those without one, which cause no further faults.
     drafts, unclear = _drafts(contents.nodes, source, faults)
     unclear |= _resolve_carriers(drafts, faults)
-    # Resolve settings and inputs of each node, then choose the held edges that break loops.
+    # Resolve settings and inputs of each node; check the values and the force path.
     kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in unclear}
-    nodes: dict[str, NodeSpec] = {}
     offers: list[Offer] = []
-    for name, draft in drafts.items():
-        nodes[name] = _node(name, draft, world, offers, faults)
-        if nodes[name].observer:
-            nodes[name].listen = _listen(name, draft.line, kinds, unclear, faults)
-            _check_fields(nodes[name], draft.line, kinds, unclear, faults)
-        else:
-            draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
-    connections = [wire for draft in drafts.values() for wire in draft.wires]
-    close_loops(connections, list(drafts), faults)
-    for name, draft in drafts.items():
-        nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
-    # Check that each value of the scene is used, and switch the effects.
-    notes: list[str] = []
-    by_value: tuple[str, ...] = ()
-    if not unclear:
-        check_offers(offers, world, faults)
-        scene_changes = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
-        notes += check_taken(offers, scene_changes, world, faults)
-        offered: dict[str, list[Offer]] = {}
-        for offer in offers:
-            offered.setdefault(offer.node, []).append(offer)
-        for name, draft in drafts.items():
-            if nodes[name].off is None:
-                notes += calibration_notes(name, draft.cls, draft.set_keys, offered.get(name, ()))
+    nodes = _nodes(drafts, kinds, unclear, world, offers, faults)
+    connections = _connect(drafts, nodes, faults)
+    notes = [] if unclear else _check_values(drafts, nodes, offers, changes, world, faults)
     switch(switched, nodes, faults)
-    # Check the force path: contacts, bodies, controllers, divisors and delays.
-    if not unclear:
-        may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
-        contacts = ContactPaths({n: s.cls for n, s in may.items()}, connections)
-        contacts.place_shares(may, faults)
-        contacts.check({n: s.place for n, s in may.items()}, faults)
-        check_divisors(may, connections, faults)
-        places = {
-            name: {offer.key: offer.place for offer in offered.get(name, ()) if offer.taken}
-            | {key: draft.line.place(key) for key in draft.set_keys}
-            for name, draft in drafts.items()
-        }
-        agree(may, connections, places, faults)
-        notes += _instead(may, drafts, world, faults) if not faults.entries else []
-        for balance, delay in device_delays(may, connections, contents.rate):
-            if "delay" not in places[balance.name]:
-                balance.settings["delay"] = delay
-        for each in overlaps(may, connections):
-            if each.same:
-                faults.add(each.text, each.cure, nodes[each.organ.collision].place, node=each.organ.collision)
-        by_value = tuple(value_notes(nodes, contents.rate))
-    if any(change.keys == ("wanted",) for change in changes):
-        holder = source
-    elif wanted is not None:
-        holder = YamlSource({"wanted": list(wanted)}, {(): Location("wanted")})
-    else:
-        holder = source if scene_source.data.get("wanted") is None else scene_source
+    by_value = () if unclear else _check_force_path(drafts, nodes, offers, connections, contents.rate, faults)
+    notes += [] if unclear or faults.entries else _instead(nodes, drafts, world, faults)
+    # Choose the wanted streams.
+    holder = source
+    if not any(change.keys == ("wanted",) for change in changes):
+        if wanted is not None:
+            holder = YamlSource({"wanted": list(wanted)}, {(): Location("wanted")})
+        elif scene_source.data.get("wanted") is not None:
+            holder = scene_source
     found_wanted = _parse_wanted(holder, kinds, unclear, faults)
     notes += _half_emulated(nodes)
     recorded = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
@@ -179,6 +139,80 @@ def load(
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
+
+
+def _nodes(
+    drafts: dict[str, _Draft], kinds: Kinds, unclear: set[str], world: Scene, offers: list[Offer], faults: Faults
+) -> dict[str, NodeSpec]:
+    """The nodes with their settings; the inputs of each are added to its draft, the values that the scene offers it to
+    `offers`."""
+    nodes: dict[str, NodeSpec] = {}
+    for name, draft in drafts.items():
+        nodes[name] = _node(name, draft, world, offers, faults)
+        if nodes[name].observer:
+            nodes[name].listen = _listen(name, draft.line, kinds, unclear, faults)
+            _check_fields(nodes[name], draft.line, kinds, unclear, faults)
+        else:
+            draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
+    return nodes
+
+
+def _connect(drafts: dict[str, _Draft], nodes: dict[str, NodeSpec], faults: Faults) -> list[Wire]:
+    """All connections; chooses the held edges that break loops, and adds its edges to each node."""
+    connections = [wire for draft in drafts.values() for wire in draft.wires]
+    close_loops(connections, list(drafts), faults)
+    for name, draft in drafts.items():
+        nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
+    return connections
+
+
+def _check_values(
+    drafts: dict[str, _Draft],
+    nodes: dict[str, NodeSpec],
+    offers: list[Offer],
+    changes: Sequence[Override],
+    world: Scene,
+    faults: Faults,
+) -> list[str]:
+    """Check that each value of the scene is used. Notes on unused and uncalibrated ones."""
+    check_offers(offers, world, faults)
+    scene_changes = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
+    notes = list(check_taken(offers, scene_changes, world, faults))
+    for name, draft in drafts.items():
+        if nodes[name].off is None:
+            offered = [offer for offer in offers if offer.node == name]
+            notes += calibration_notes(name, draft.cls, draft.set_keys, offered)
+    return notes
+
+
+def _check_force_path(
+    drafts: dict[str, _Draft],
+    nodes: dict[str, NodeSpec],
+    offers: list[Offer],
+    connections: list[Wire],
+    rate: float,
+    faults: Faults,
+) -> tuple[str, ...]:
+    """Check contacts, bodies, controllers, divisors and delays; settings that several nodes share get one value. Notes
+    on values of the settings."""
+    may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
+    contacts = ContactPaths({n: s.cls for n, s in may.items()}, connections)
+    contacts.place_shares(may, faults)
+    contacts.check({n: s.place for n, s in may.items()}, faults)
+    check_divisors(may, connections, faults)
+    places = {
+        name: {offer.key: offer.place for offer in offers if offer.node == name and offer.taken}
+        | {key: draft.line.place(key) for key in draft.set_keys}
+        for name, draft in drafts.items()
+    }
+    agree(may, connections, places, faults)
+    for balance, delay in device_delays(may, connections, rate):
+        if "delay" not in places[balance.name]:
+            balance.settings["delay"] = delay
+    for each in overlaps(may, connections):
+        if each.same:
+            faults.add(each.text, each.cure, nodes[each.organ.collision].place, node=each.organ.collision)
+    return tuple(value_notes(nodes, rate))
 
 
 def value_notes(nodes: dict[str, NodeSpec], rate: float) -> Iterator[str]:
@@ -206,7 +240,7 @@ def _instead(
 ) -> Iterator[str]:
     """Give nodes the classes that take the place of theirs (`Node.instead`), with a note for each."""
     for name, spec in nodes.items():
-        if (other := spec.cls.instead(spec.settings)) is None:
+        if spec.off is not None or (other := spec.cls.instead(spec.settings)) is None:
             continue
         use, why = other
         cls, draft = find_class(use), drafts[name]

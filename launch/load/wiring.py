@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 
@@ -61,23 +61,10 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
     kinds    streams with their types, by node
     unclear  nodes whose class is unknown because of another fault
     """
-    # Check the mapping `in:` and its keys.
-    ports, place, given = inputs(cls), line.place("in"), line.data.get("in")
-    names, fault = [port.name for port in ports], partial(faults.add, node=name)
+    ports, fault = inputs(cls), partial(faults.add, node=name)
+    given = _mapping(cls, line, fault)
     if given is None:
-        given = {}
-    if not isinstance(given, dict):
-        example = ", ".join(f"{port}: ..." for port in names)
-        text = f"in: found {given!r}, expected a mapping of input to sender: {{{example}}}"
-        fault(text, "`in: all` and lists are for observers (loggers, viewers).", place)
         return []
-    for key in given:
-        if key not in names:
-            text, cure = unknown(line.place("in", key), f"in: {{{key}: null}}")
-            fault(text, choices(f"Inputs of {cls.__name__}", key, names) + cure, line.place("in", key), port=key)
-    if not ports and not cls.paced:
-        fault(f"{cls.__name__} has no input, so nothing runs it", "A source says `paced = True`.", line.place())
-    # Connect each port to its senders.
     connections = []
     for index, port in enumerate(ports):
         driving, at_port = index == 0 and not cls.paced, partial(fault, port=port.name)
@@ -85,16 +72,11 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
         if value in (None, []):
             if driving or not port.optional:
                 role = ", which drives the node," if driving else ""
-                at_port(f"input{role} has no sender; expects {port.expects}", _who(port, kinds, unclear), place)
+                text = f"input{role} has no sender; expects {port.expects}"
+                at_port(text, _who(port, kinds, unclear), line.place("in"))
             continue
-        # Check the number of senders.
         several = value if isinstance(value, list) else [value]
-        if len(several) > 1 and not port.many:
-            cure = f"Classes that take several: {', '.join(takers(port.type, cls)) or 'none'}."
-            at_port(f"takes one {port.type.__name__}, found {len(several)} senders", cure, line.place("in", port.name))
-            continue
-        if len(several) > ROOM and issubclass(cls, CompiledNode):
-            at_port(f"takes at most {ROOM} senders, found {len(several)}", "", line.place("in", port.name))
+        if not _takes(cls, port, len(several), partial(at_port, place=line.place("in", port.name))):
             continue
         # Match each sender with a stream, and decide whether its messages drive the node or are held.
         connected: set[str] = set()
@@ -120,6 +102,38 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
             held = cls.paced or bool(read.loop and not driving)
             connections.append(Wire(name, port, stream.partition(".")[0], stream, where, driving, held, read.loop))
     return connections
+
+
+def _mapping(cls: type[Node], line: YamlSource, fault: Callable[..., None]) -> dict[str, Any] | None:
+    """The senders of each input, `in:`; None: it is no mapping."""
+    ports, given = inputs(cls), line.data.get("in")
+    names = [port.name for port in ports]
+    if given is None:
+        given = {}
+    if not isinstance(given, dict):
+        example = ", ".join(f"{port}: ..." for port in names)
+        text = f"in: found {given!r}, expected a mapping of input to sender: {{{example}}}"
+        fault(text, "`in: all` and lists are for observers (loggers, viewers).", line.place("in"))
+        return None
+    for key in given:
+        if key not in names:
+            text, cure = unknown(line.place("in", key), f"in: {{{key}: null}}")
+            fault(text, choices(f"Inputs of {cls.__name__}", key, names) + cure, line.place("in", key), port=key)
+    if not ports and not cls.paced:
+        fault(f"{cls.__name__} has no input, so nothing runs it", "A source says `paced = True`.", line.place())
+    return given
+
+
+def _takes(cls: type[Node], port: Port, count: int, fault: Callable[..., None]) -> bool:
+    """Whether an input takes this number of senders."""
+    if count > 1 and not port.many:
+        cure = f"Classes that take several: {', '.join(takers(port.type, cls)) or 'none'}."
+        fault(f"takes one {port.type.__name__}, found {count} senders", cure)
+        return False
+    if count > ROOM and issubclass(cls, CompiledNode):
+        fault(f"takes at most {ROOM} senders, found {count}", "")
+        return False
+    return True
 
 
 def unknown(place: Location, without: str) -> tuple[str, str]:

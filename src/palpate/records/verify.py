@@ -9,7 +9,7 @@ from palpate.engine.plan import Plan
 from palpate.engine.slot import NodeError
 from palpate.records.differences import Comparer, Difference, NodeReport, Report
 from palpate.records.format.head import head_of
-from palpate.records.player import MissingInput, Player
+from palpate.records.player import MissingInput, Player, ReplaySlot
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError, last_tick
 
@@ -61,19 +61,7 @@ def verify(
                     continue
                 since, what = gaps.get(part.name, (tick, ""))
                 node.gap = node.gap or (what if tick >= since else "")
-                try:
-                    if not player.run([part], tick, payloads):
-                        node.stopped = f"from tick {tick} on: it was recorded without a required input"
-                        continue
-                except MissingInput as missing:
-                    text = f"from tick {tick} on: {missing} is not in the file"
-                    node.gap, node.stopped = node.gap or text, "" if lossy else text
-                    continue
-                except NodeError as fault:
-                    node.differing += 1
-                    failure = Difference(part.streams[0], tick, "step", "1", "an answer", str(fault.cause))
-                    node.first = node.first or failure
-                    node.stopped = f"from tick {tick} on: the step failed"
+                if not _step(player, part, tick, payloads, node, lossy):
                     continue
                 before = replace(node)
                 for output in part.outputs:
@@ -89,6 +77,28 @@ def verify(
     finally:
         player.stop()
     return report
+
+
+def _step(
+    player: Player, part: ReplaySlot, tick: int, payloads: dict[str, bytes], node: NodeReport, lossy: bool
+) -> bool:
+    """Step a node from its recorded inputs; returns whether it answers. Otherwise the report states why not.
+
+    lossy  whether the recorder has lost messages: then a missing input does not end the check of the node
+    """
+    try:
+        if player.run([part], tick, payloads):
+            return True
+        node.stopped = f"from tick {tick} on: it was recorded without a required input"
+    except MissingInput as missing:
+        text = f"from tick {tick} on: {missing} is not in the file"
+        node.gap, node.stopped = node.gap or text, "" if lossy else text
+    except NodeError as fault:
+        node.differing += 1
+        failure = Difference(part.streams[0], tick, "step", "1", "an answer", str(fault.cause))
+        node.first = node.first or failure
+        node.stopped = f"from tick {tick} on: the step failed"
+    return False
 
 
 def _lack(recording: Recording, streams: tuple[str, ...]) -> str:

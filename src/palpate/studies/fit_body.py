@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
+from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Contact, Load, Surface
 from palpate.nodes.deformation import BeamBundle, MassSpring
@@ -29,8 +30,9 @@ from palpate.physics.errors import ArgumentError
 from palpate.physics.materials.voigt import STRAIN_LIMIT
 from palpate.physics.scratch import ScratchFolder
 from palpate.records.changed import change_plan
-from palpate.records.compare import compare
+from palpate.records.compare import Variant, compare
 from palpate.records.player import Player
+from palpate.records.reader import Recording
 from palpate.studies.model_error import body_of, error_sentence
 from palpate.studies.search import Show, record_touch, relative_error, write
 
@@ -84,22 +86,7 @@ def fit_body(
     with ScratchFolder("fit-body") as folder:
         recording = record_touch(launch, Path(folder) / "touch.mcap")
         show("the touch")
-        # Compute the touch with the reference and collect indentation and force, or loads and indentations for beams.
-        senders = [sender for sender, spec in graph.nodes.items() if Contact in spec.streams.values()]
-        loaders = [edge.producer for edge in graph.nodes[name].edges]
-        pressed: list[tuple[float, ...]] = []
-        feet: list[tuple[float, float, float]] = []
-        steps: list[tuple[list[PatchLoad], list[float]]] = []
-
-        def on_tick(players: Sequence[Player]) -> None:
-            for sent in (message for sender in senders for message in players[0].last(sender)):
-                if isinstance(sent, Contact) and sent.force > 0.0 and sent.indentation > 0.0:
-                    pressed.append((sent.indentation, sent.indentation_rate, sent.force))
-                    feet.append(sent.foot)
-            if cls is BeamBundle:
-                steps.append(_loads_and_depths(players[0], loaders, name))
-
-        _, first = compare(recording, [[]], reference=base, on_tick=on_tick)
+        pressed, feet, steps, first = _press_reference(recording, graph, name, base)
         show("the reference and the model as it is")
         if len(pressed) < LEAST:
             raise ArgumentError(
@@ -130,6 +117,32 @@ def fit_body(
     )
     write(launch, fitted, comments, file)
     return FittedBody(fitted, before, after, known, caution)
+
+
+Steps = list[tuple[list[PatchLoad], list[float]]]
+
+
+def _press_reference(
+    recording: Recording, graph: Graph, name: str, base: Sequence[str]
+) -> tuple[list[tuple[float, float, float]], list[tuple[float, float, float]], Steps, Variant]:
+    """Compute the touch with the reference. Of each tick in contact: indentation [m], its rate [m/s] and force [N], and
+    the foot [m]; of each tick of beams: loads and indentations; and the differences of the model as it is."""
+    senders = [sender for sender, spec in graph.nodes.items() if Contact in spec.streams.values()]
+    loaders = [edge.producer for edge in graph.nodes[name].edges]
+    pressed: list[tuple[float, float, float]] = []
+    feet: list[tuple[float, float, float]] = []
+    steps: Steps = []
+
+    def on_tick(players: Sequence[Player]) -> None:
+        for sent in (message for sender in senders for message in players[0].last(sender)):
+            if isinstance(sent, Contact) and sent.force > 0.0 and sent.indentation > 0.0:
+                pressed.append((sent.indentation, sent.indentation_rate, sent.force))
+                feet.append(sent.foot)
+        if graph.nodes[name].cls is BeamBundle:
+            steps.append(_loads_and_depths(players[0], loaders, name))
+
+    _, first = compare(recording, [[]], reference=base, on_tick=on_tick)
+    return pressed, feet, steps, first
 
 
 def words(errors: dict[str, float]) -> str:

@@ -70,9 +70,7 @@ def replay(
         recording = Recording(file)
         plan = change_plan(recording, sets or (), graph)
         if check:
-            for name, given in (("--only", only), ("--record", record), ("--speed", speed), ("--graph", graph)):
-                if given:
-                    raise typer.BadParameter(f"--check checks the recorded graph as a whole; leave out {name}")
+            _refuse_with_check({"--only": only, "--record": record, "--speed": speed, "--graph": graph})
             _check(recording, plan, tolerance, as_json)
             return
         from palpate.cli.terminal.replayed import as_data, summary
@@ -93,6 +91,13 @@ def replay(
             print_json(as_data(player))
         else:
             summary(player)
+
+
+def _refuse_with_check(options: dict[str, object]) -> None:
+    """BadParameter: one of these options is given, which `--check` excludes."""
+    for name, given in options.items():
+        if given:
+            raise typer.BadParameter(f"--check checks the recorded graph as a whole; leave out {name}")
 
 
 def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool) -> None:

@@ -108,50 +108,22 @@ def fit_tissue(
         name, relaxation = "power", name
     check_laws(rig, (name, *compare), relaxation, drift)
     # select the rows: loading only without relaxation, no saturation
-    loaded: list[MeasuredPress] = []
+    whole: list[MeasuredPress] = []
     notes: list[str] = []
     for press in presses:
         part, note = _rows_to_fit(press, relaxation, deepest)
-        loaded.append(replace(part, drifts=part.drifts and drift != "none"))
+        whole.append(replace(part, drifts=part.drifts and drift != "none"))
         notes += note
-    reach = max(float(p.depth.max()) - p.touch for p in loaded)
-    law, more = _law(rig, name, relaxation, loaded, touch, reach, report)
+    reach = max(float(p.depth.max()) - p.touch for p in whole)
+    law, more = _law(rig, name, relaxation, whole, touch, reach, report)
     notes += more
-    whole = loaded
-    # fit the rows in the range of the law, measured from the fitted touch point
-    whole, problem = loaded, Problem(loaded, law, relaxation, touch, rig.kind == "cylinder")  # its forces span decades
-    loaded, more = _in_range(problem)
+    # fit the rows in the range of the law, and widen the intervals
+    problem = Problem(whole, law, relaxation, touch, rig.kind == "cylinder")  # its forces span decades
+    problem, best, more = _fit_in_range(problem)
+    loaded = problem.presses
+    notes += more + _weak(whole, loaded)
+    steady, hidden, more = _widen(problem, best, rig, drift)
     notes += more
-    problem = problem.with_changes(loaded)
-    best = estimate(problem)
-    if any(touched := [_begins_in_contact(best, press) for press in loaded]):
-        loaded = [replace(p, air=False, drifts=False, slack=float(np.ptp(p.depth))) if begins else p
-                  for p, begins in zip(loaded, touched, strict=True)]  # fmt: skip
-        problem = problem.with_changes(loaded)
-        best = estimate(problem)
-    for press, at in zip(loaded, best.touches, strict=True):
-        if not press.depth.max() > at:
-            raise SessionError(
-                f"{press.name}: law {law.name} finds no contact in the {len(press.depth)} rows fitted: the best touch "
-                f"point lies below the deepest of them, {1e3 * float(press.depth.max()):.4g} mm. Try --touch detected, "
-                "another law (power and exponential have no range), or a greater --depth-limit"
-            )
-    notes += _weak(whole, loaded)
-    # widen the intervals by the scatter between presses and by lack of fit
-    widen_by_scatter(problem, best)
-    misfits, hidden = checks.widen(problem, best)
-    notes += checks.baselines(problem, best) + misfits
-    steady, more = checks.allow_for_drift(problem, best, drift, bool(misfits or hidden or len(loaded) > 1))
-    notes += more
-    if limited := _limited(law, best):
-        best.withhold()
-        notes.append(limited)
-    if rig.kind == "fingertip" and relaxation != "none":
-        best.withhold()
-        notes.append(
-            "the relaxation law does not describe a fingertip and a tissue in series, each with its damping: no "
-            "interval is given. Fit the recording's indentation of the tissue: --rig ball"
-        )
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
     kept = [_rows_to_fit(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
     fitted = TissueFit(
@@ -168,6 +140,49 @@ def fit_tissue(
         others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
         fitted.compared = _compare_laws(fitted, [problem.with_changes(law=one) for one in others])
     return fitted
+
+
+def _fit_in_range(problem: Problem) -> tuple[Problem, Estimate, list[str]]:
+    """Fit the rows in the range of the law, measured from the fitted touch point. Returns the problem with these rows,
+    the estimate, and notes. SessionError: the law finds no contact in them."""
+    loaded, notes = _in_range(problem)
+    problem = problem.with_changes(loaded)
+    best = estimate(problem)
+    if any(touched := [_begins_in_contact(best, press) for press in loaded]):
+        loaded = [replace(p, air=False, drifts=False, slack=float(np.ptp(p.depth))) if begins else p
+                  for p, begins in zip(loaded, touched, strict=True)]  # fmt: skip
+        problem = problem.with_changes(loaded)
+        best = estimate(problem)
+    for press, at in zip(loaded, best.touches, strict=True):
+        if not press.depth.max() > at:
+            raise SessionError(
+                f"{press.name}: law {problem.law.name} finds no contact in the {len(press.depth)} rows fitted: the "
+                f"best touch point lies below the deepest of them, {1e3 * float(press.depth.max()):.4g} mm. Try "
+                "--touch detected, another law (power and exponential have no range), or a greater --depth-limit"
+            )
+    return problem, best, notes
+
+
+def _widen(
+    problem: Problem, best: Estimate, rig: Rig, drift: str
+) -> tuple[dict[str, tuple[float, float]], list[str], list[str]]:
+    """Widen the intervals by the scatter between presses and by lack of fit; withhold them where the law is invalid.
+    Returns the intervals without drift, what the data do not determine, and notes."""
+    widen_by_scatter(problem, best)
+    misfits, hidden = checks.widen(problem, best)
+    notes = checks.baselines(problem, best) + misfits
+    steady, more = checks.allow_for_drift(problem, best, drift, bool(misfits or hidden or len(problem.presses) > 1))
+    notes += more
+    if limited := _limited(problem.law, best):
+        best.withhold()
+        notes.append(limited)
+    if rig.kind == "fingertip" and problem.kind != "none":
+        best.withhold()
+        notes.append(
+            "the relaxation law does not describe a fingertip and a tissue in series, each with its damping: no "
+            "interval is given. Fit the recording's indentation of the tissue: --rig ball"
+        )
+    return steady, hidden, notes
 
 
 def _in_range(problem: Problem) -> tuple[list[MeasuredPress], list[str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +12,10 @@ from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_op
 from palpate.cli.terminal.output import draw_if_possible, print_json, say
 from palpate.cli.terminal.pooled import show_pooled
 from palpate.physics.archive import replace_text
+
+if TYPE_CHECKING:
+    from palpate.models.fit.probes.fit import ProbeMap
+    from palpate.models.fit.tissue.rigs import Rig
 
 EXAMPLE = "palpate fit map probes.csv --rig ball --radius '4 mm' -o map"
 
@@ -55,7 +59,6 @@ def map(
     from palpate.models.fit.tissue.fit import check_laws
     from palpate.models.fit.tissue.rigs import Rig
     from palpate.studies.presses import PressReader, length
-    from palpate.views.pictures.models.fit_map import draw_map
 
     if rig not in ("ball", "punch"):
         raise SessionError(f"--rig: found {rig!r}, expected ball or punch")
@@ -72,15 +75,24 @@ def map(
     deepest = length("--depth-limit", depth_limit) if depth_limit else math.inf
     with steps(f"fit map: {len(probes.names)} probes", 1, silent=as_json, timed=False) as done:
         found = fit_map(probes, made, law, deepest=deepest, ratio=ball_ratio, report=done)
+    data, texts = _write(found, made, f"Map of {file.name}", out)
+    if as_json:
+        print_json({"ok": True, "out": str(out)} | data)
+        return
+    show_pooled(data, texts)
+    say(f"written {out}/report.md, report.json, map.csv, scene.yaml; next: palpate run nodule --scene {out}/scene.yaml")
+
+
+def _write(found: ProbeMap, made: Rig, title: str, out: Path) -> tuple[dict[str, Any], list[str]]:
+    """Write map, scene, reports and pictures; returns the content of report.json and the lines to print."""
+    from palpate.models.fit.probes import report
+    from palpate.views.pictures.models.fit_map import draw_map
+
     out.mkdir(parents=True, exist_ok=True)
     pictures = draw_if_possible(draw_map, found, out)
     data, texts = report.map_data(found), [*report.lines(found.probes, found.fit), *report.map_lines(found)]
     replace_text(out / "map.csv", report.map_table(found))
     replace_text(out / "scene.yaml", report.map_scene(made, found, (out / "map.csv").resolve()))
     replace_text(out / "report.json", json.dumps(data, indent=1) + "\n")
-    replace_text(out / "report.md", report.markdown(f"Map of {file.name}", data, texts, pictures))
-    if as_json:
-        print_json({"ok": True, "out": str(out)} | data)
-        return
-    show_pooled(data, texts)
-    say(f"written {out}/report.md, report.json, map.csv, scene.yaml; next: palpate run nodule --scene {out}/scene.yaml")
+    replace_text(out / "report.md", report.markdown(title, data, texts, pictures))
+    return data, texts

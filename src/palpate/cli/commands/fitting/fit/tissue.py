@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from palpate.cli.terminal.fitted import RIGS, print_fit, rig_of, write_fit
 from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
-from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
+from palpate.cli.terminal.output import print_json, say
 from palpate.cli.terminal.pooled import fit_sparse
-from palpate.physics.archive import replace_text
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
-RIGS = ("ball", "punch", "fingertip", "cylinder")
 
 
 def tissue(
@@ -60,21 +58,13 @@ def tissue(
     from palpate.launch.run.progress import steps
     from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.tissue import fit as fits
-    from palpate.models.fit.tissue.report import WRITTEN, data, held_out, markdown, scene, scene_young
-    from palpate.models.fit.tissue.rigs import Rig
+    from palpate.models.fit.tissue.report import WRITTEN
     from palpate.studies.presses import PressReader, length
-    from palpate.views.pictures.models.fit_tissue import draw_fit
 
     # Check the options before any file is read.
-    for option, found, known in (
-        ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
-    ):  # fmt: skip
-        if found not in known:
-            raise SessionError(f"{option}: found {found!r}, expected {', '.join(known)}")
-    size = length("--radius", radius) if radius else 0.5 * length("--diameter", diameter) if diameter else None
-    if (radius and diameter) or (rig != "fingertip" and size is None):
-        raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
-    made = Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
+    made = rig_of(rig, radius, diameter, height, plates, poisson)
+    if touch not in ("fit", "detected"):
+        raise SessionError(f"--touch: found {touch!r}, expected fit, detected")
     fits.check_laws(made, (law, *(compare or ())), relaxation, drift)
     check_new([out / name for name in WRITTEN], force)
     # Read the presses and fit the law.
@@ -93,25 +83,9 @@ def tissue(
             presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
             deepest=limit, drift=drift, report=lambda share: done("presses in finite elements", share),
         )  # fmt: skip
-    # Write the results, then report them.
-    result = data(fit)
-    out.mkdir(parents=True, exist_ok=True)
-    pictures = draw_if_possible(draw_fit, fit, out)
-    replace_text(out / "scene.yaml", scene(fit))
-    replace_text(out / "report.json", json.dumps(result, indent=1) + "\n")
-    replace_text(out / "report.md", markdown(fit, pictures))
+    result = write_fit(fit, out)
     if as_json:
         print_json({"ok": True, "out": str(out)} | result)
-        return
-    ends = "withheld" if fit.estimate.withheld else "{low:.4g} to {high:.4g}"
-    rows = [(name, f"{p['value']:.5g}", ends.format(**p), str(p["unit"])) for name, p in result["parameters"].items()]
-    console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
-    for text in fit.read:
-        say(text, "dim", wrap=True)
-    for text in [*(f"not determined: {text}" for text in fit.open_), *fit.notes, *scene_young(fit)]:
-        say(text, wrap=True)
-    for row in fit.compared:
-        say(f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} above best")
-    for tried in fit.held_out:
-        say(held_out(tried), wrap=True)
-    say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
+    else:
+        print_fit(fit, result)
+        say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")

@@ -1,0 +1,62 @@
+"""Options, files and tables of the fit of a tissue to measured presses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.cli.terminal.output import console, draw_if_possible, say, table
+from palpate.physics.archive import replace_text
+
+if TYPE_CHECKING:
+    from palpate.models.fit.tissue.fit import TissueFit
+    from palpate.models.fit.tissue.rigs import Rig
+
+RIGS = ("ball", "punch", "fingertip", "cylinder")
+
+
+def rig_of(rig: str, radius: str | None, diameter: str | None, height: str | None, plates: str, poisson: float) -> Rig:
+    """The rig that the options describe. SessionError: an option is invalid."""
+    from palpate.models.fit.sessions import SessionError
+    from palpate.models.fit.tissue.rigs import Rig
+    from palpate.studies.presses import length
+
+    for option, found, known in (("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded"))):
+        if found not in known:
+            raise SessionError(f"{option}: found {found!r}, expected {', '.join(known)}")
+    size = length("--radius", radius) if radius else 0.5 * length("--diameter", diameter) if diameter else None
+    if (radius and diameter) or (rig != "fingertip" and size is None):
+        raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
+    return Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
+
+
+def write_fit(fit: TissueFit, out: Path) -> dict[str, Any]:
+    """Write scene, reports and pictures; returns the content of report.json."""
+    from palpate.models.fit.tissue.report import data, markdown, scene
+    from palpate.views.pictures.models.fit_tissue import draw_fit
+
+    result = data(fit)
+    out.mkdir(parents=True, exist_ok=True)
+    pictures = draw_if_possible(draw_fit, fit, out)
+    replace_text(out / "scene.yaml", scene(fit))
+    replace_text(out / "report.json", json.dumps(result, indent=1) + "\n")
+    replace_text(out / "report.md", markdown(fit, pictures))
+    return result
+
+
+def print_fit(fit: TissueFit, result: dict[str, Any]) -> None:
+    """Print parameters with intervals, notes, and the error on held-out presses."""
+    from palpate.models.fit.tissue.report import held_out, scene_young
+
+    ends = "withheld" if fit.estimate.withheld else "{low:.4g} to {high:.4g}"
+    rows = [(name, f"{p['value']:.5g}", ends.format(**p), str(p["unit"])) for name, p in result["parameters"].items()]
+    console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
+    for text in fit.read:
+        say(text, "dim", wrap=True)
+    for text in [*(f"not determined: {text}" for text in fit.open_), *fit.notes, *scene_young(fit)]:
+        say(text, wrap=True)
+    for row in fit.compared:
+        say(f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} above best")
+    for tried in fit.held_out:
+        say(held_out(tried), wrap=True)
