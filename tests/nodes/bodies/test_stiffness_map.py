@@ -12,7 +12,7 @@ from palpate.messages import Load
 from palpate.nodes.base import SettingError
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import MassSpring, ReducedFE
-from palpate.physics.bodies.mass_spring import factor_at
+from palpate.physics.bodies.mass_spring import GROUND, factor_at
 from palpate.physics.bodies.place_energy import on_hand, surface_gradient
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
@@ -108,7 +108,8 @@ def test_the_energy_gain_on_a_curved_surface_comes_from_its_triangles(there):
 def test_the_factor_depends_only_on_the_position_and_its_gradient_is_right():
     hand, at, step = Hand("plane"), np.array([0.041, 0.013, 0.0]), 1e-5
     up, out, factors = np.array([0.0, 0.0, 1.0]), np.zeros(12), hand.body.hardness()
-    table = np.hstack([hand.mesh.vertices, factors[:, None], np.zeros((len(factors), 9))])
+    table = np.zeros(len(factors), GROUND)
+    table["position"], table["factor"] = hand.mesh.vertices, factors
 
     def factor(foot):
         count = hand.spread.spread(foot, up, -up)
