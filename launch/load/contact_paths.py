@@ -89,8 +89,15 @@ class ContactPaths:
 
     def check(self, places: dict[str, Location], faults: Faults) -> None:
         """Add the faults of all contacts, bodies, controllers and energy balances."""
-        # Each contact must read the body that it presses.
-        wrong_body = set()
+        wrong_body = self._check_bodies_read(faults)
+        self._check_contacts_read(wrong_body, places, faults)
+        self._check_controllers(places, faults)
+        self._check_balances(places, faults)
+        self._check_orders(faults)
+
+    def _check_bodies_read(self, faults: Faults) -> set[str]:
+        """Each contact must read the body that it presses. Returns those that read another one."""
+        wrong_body = set[str]()
         for name in self.names:
             for wire in self._hears(name):
                 pressed = self.pressing(wire.producer)
@@ -104,7 +111,10 @@ class ContactPaths:
                         "each (docs/many_fingers.md). Or give it a separate body.",
                         wire.place, node=name, port=wire.port.name,
                     )  # fmt: skip
-        # Each body must be read by the contacts that press on it, and several contacts need a joint solution.
+        return wrong_body
+
+    def _check_contacts_read(self, wrong_body: set[str], places: dict[str, Location], faults: Faults) -> None:
+        """Each body must be read by the contacts that press on it, and several contacts need a joint solution."""
         for body in self._senders(Surface):
             self._check_joint(body, faults)
             for name in self.pressing(body):
@@ -118,7 +128,9 @@ class ContactPaths:
                     f"gets the load of {name!r}, which does not read its Surface",
                     f"On the line of {self._solver(name)!r}: `in: {{body: {body}}}`.", places[body], node=body,
                 )  # fmt: skip
-        # The force of each contact must reach a controller.
+
+    def _check_controllers(self, places: dict[str, Location], faults: Faults) -> None:
+        """The force of each contact must reach a controller."""
         controllers = {name: self.pressing(name) for name in self._senders(Force)}
         controlled = set().union(*controllers.values())
         for name in self.names:
@@ -129,7 +141,9 @@ class ContactPaths:
                     f"others by a contact.Sum if it is the same finger, or remove it: `{name}: null`.",
                     places[name], node=name,
                 )  # fmt: skip
-        # An energy balance must include all contacts of its bodies.
+
+    def _check_balances(self, places: dict[str, Location], faults: Faults) -> None:
+        """An energy balance must include all contacts of its bodies."""
         for name in self._senders(Ledger):
             counted = {
                 c for node in (w.producer for w in self._of(name, Contact)) for c in self.pressing(node) or [node]
@@ -142,7 +156,6 @@ class ContactPaths:
                         "All of them in one order: `in: {contact: [...], force: [...], pose: [...], friction: [...]}`. "
                         f"Or remove it: `{name}: null`.", places[name], node=name,
                     )  # fmt: skip
-        self._check_orders(faults)
 
     def place_shares(self, nodes: dict[str, NodeSpec], faults: Faults) -> None:
         """Set the `finger` of each share of a joint: the index of its proximity among the inputs of the joint.

@@ -107,6 +107,16 @@ def _check_voxels(count: int) -> None:
 
 
 def _series(folder: Path, files: list[Path]):
+    slices = _slices(folder, files)
+    _check_headers(folder, files, slices)
+    placed, spacing = _stack(folder, slices)
+    volume = _brightness(folder, placed)
+    row, column = (float(v) * 1e-3 for v in slices[0].PixelSpacing)
+    return volume, (spacing * 1e-3, row, column), False  # slices in order of columns × rows are right-handed
+
+
+def _slices(folder: Path, files: list[Path]) -> list[Any]:
+    """The images of the only series of a folder. ScanError: none, or several."""
     import pydicom
 
     series: dict[str, list] = {}
@@ -130,8 +140,11 @@ def _series(folder: Path, files: list[Path]):
     if len(series) > 1:
         counts = ", ".join(f"{len(s)} of …{uid[-12:]}" for uid, s in series.items())
         raise ScanError(f"{folder}: {len(series)} series ({counts}), expected one; put each in a separate folder")
-    # headers: complete, single frames, equal geometry
-    slices = next(iter(series.values()))
+    return next(iter(series.values()))
+
+
+def _check_headers(folder: Path, files: list[Path], slices: list[Any]) -> None:
+    """ScanError: headers that are incomplete, of several frames, or of different geometry; or claims of a size."""
     for name in ("PixelSpacing", "ImagePositionPatient", "ImageOrientationPatient"):
         if any(s.get(name) is None for s in slices):
             raise ScanError(f"{folder}: {name} is missing; convert to NIfTI")
@@ -140,11 +153,14 @@ def _series(folder: Path, files: list[Path]):
     pixels = [int(s.Rows) * int(s.Columns) * int(s.get("SamplesPerPixel", 1)) for s in slices]
     _check_voxels(sum(pixels))
     bits = sum(each * int(s.get("BitsAllocated", 16)) for each, s in zip(pixels, slices, strict=True))
-    check_claim("the series", bits // 8, size)
+    check_claim("the series", bits // 8, sum(file.stat().st_size for file in files))
     for name in ("PixelSpacing", "ImageOrientationPatient", "Rows", "Columns"):
         if any(not np.allclose(s.get(name), slices[0].get(name), rtol=1e-4, atol=1e-4) for s in slices):
             raise ScanError(f"{folder}: {name} differs from slice to slice, expected one for the series")
-    # order of the slices along their normal, with equal spacing
+
+
+def _stack(folder: Path, slices: list[Any]) -> tuple[list[Any], float]:
+    """The slices in order along their normal, and their spacing [mm]. ScanError: it varies, or the stack is oblique."""
     turn = np.array(slices[0].ImageOrientationPatient, float)
     normal = np.cross(turn[:3], turn[3:])
     placed = sorted(((float(np.dot(normal, np.array(s.ImagePositionPatient, float))), s) for s in slices),
@@ -162,10 +178,14 @@ def _series(folder: Path, files: list[Path]):
         k = int(wrong[0])
         raise ScanError(f"{folder}: {gaps[k]:.3f} mm between slices {k + 1} and {k + 2} of {len(placed)}, elsewhere "
                         f"{usual:.3f} mm: a slice is missing or repeated")  # fmt: skip
-    # brightness
+    return [s for _, s in placed], usual
+
+
+def _brightness(folder: Path, slices: list[Any]) -> np.ndarray:
+    """The voxels of the slices. ScanError: they cannot be decoded, or are not grey."""
     try:
         volume = np.stack([(s.pixel_array * float(s.get("RescaleSlope", 1)) + float(s.get("RescaleIntercept", 0)))
-                           .astype(np.float32) for _, s in placed])  # fmt: skip
+                           .astype(np.float32) for s in slices])  # fmt: skip
     except Exception as error:  # pixel decoders raise many types
         raise ScanError(f"{folder}: pixels cannot be decoded: {error}") from None
     kinds = {str(s.get("PhotometricInterpretation", "MONOCHROME2")) for s in slices}
@@ -175,5 +195,4 @@ def _series(folder: Path, files: list[Path]):
         raise ScanError(
             f"{folder}: pixels of {', '.join(sorted(kinds))}, expected grey ones, MONOCHROME1 or MONOCHROME2"
         )
-    row, column = (float(v) * 1e-3 for v in slices[0].PixelSpacing)
-    return volume, (usual * 1e-3, row, column), False  # slices in order of columns × rows are right-handed
+    return volume

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,21 +71,7 @@ def read_probes(path: Path, columns: Mapping[str, str], units: Mapping[str, str]
     depth, force = (values[:, list(found).index(key)] for key in ("indentation", "force"))
     places = _vectors(path, table, PLACE, len(values), units)
     normals = _vectors(path, table, NORMAL, len(values), None)
-    kept: dict[str, list[int]] = {}
-    dropped = []
-    for name, group in groups.items():
-        rows = [i for i in group if i < len(values)]
-        order = [rows[0]] if rows else []
-        for i in rows[1:]:
-            if depth[i] > depth[order[-1]]:
-                order.append(i)
-        if len(order) < len(rows):
-            back = [str(lines[i]) for i in rows if i not in order]
-            dropped.append(f"{path.name}, probe {name}: row {', '.join(back[:5])}: the depth does not increase")
-        if len(order) < LEAST_ROWS:
-            dropped.append(f"{path.name}, probe {name}: {len(order)} rows, expected at least {LEAST_ROWS}")
-            continue
-        kept[name] = order
+    kept, dropped = _deepening(path, groups, depth, lines)
     if not kept:
         raise SessionError(f"{path}: 0 of {len(groups)} probes remain: {dropped[0]}{inverting(found, ['indentation'])}")
     rises = [force[order].max() - force[order][0] for order in kept.values()]
@@ -108,15 +94,42 @@ def read_probes(path: Path, columns: Mapping[str, str], units: Mapping[str, str]
     if at is not None and float(np.ptp(at, axis=0).max()) > WIDEST:
         raise SessionError(f"{path}: the places span {np.ptp(at, axis=0).max():.3g} m, expected at most {WIDEST:g} m; "
                            "are the units of x, y, z right?")  # fmt: skip
-    towards = None if normals is None else normals[first]
-    if towards is not None:
-        size = np.linalg.norm(towards, axis=1, keepdims=True)
-        if not (np.abs(size - 1.0) < 0.1).all():
-            worst = int(np.argmax(np.abs(size - 1.0)))
-            raise SessionError(f"{path}, row {lines[first[worst]]}: the normal has the length "
-                               f"{float(size[worst, 0]):.3g}, expected 1")  # fmt: skip
-        towards = towards / size
+    towards = None if normals is None else _units(path, normals[first], [lines[k] for k in first])
     return Probes(list(kept), rows_of, at, towards, dropped, [f"{path.name}: {', '.join(shown)}"])
+
+
+def _deepening(
+    path: Path, groups: Mapping[str, list[int]], depth: np.ndarray, lines: Sequence[int]
+) -> tuple[dict[str, list[int]], list[str]]:
+    """The rows of each probe with increasing depth [m] (n), without probes of few rows, and a note on each row and
+    probe that is left out. lines (n): rows of the file."""
+    kept: dict[str, list[int]] = {}
+    dropped = []
+    for name, group in groups.items():
+        rows = [i for i in group if i < len(depth)]
+        order = [rows[0]] if rows else []
+        for i in rows[1:]:
+            if depth[i] > depth[order[-1]]:
+                order.append(i)
+        if len(order) < len(rows):
+            back = [str(lines[i]) for i in rows if i not in order]
+            dropped.append(f"{path.name}, probe {name}: row {', '.join(back[:5])}: the depth does not increase")
+        if len(order) < LEAST_ROWS:
+            dropped.append(f"{path.name}, probe {name}: {len(order)} rows, expected at least {LEAST_ROWS}")
+            continue
+        kept[name] = order
+    return kept, dropped
+
+
+def _units(path: Path, normals: np.ndarray, lines: Sequence[int]) -> np.ndarray:
+    """The normals (n,3) with the length 1. SessionError: one differs from 1 by 10 %. lines (n): rows of the file."""
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    if not (np.abs(size - 1.0) < 0.1).all():
+        worst = int(np.argmax(np.abs(size - 1.0)))
+        raise SessionError(
+            f"{path}, row {lines[worst]}: the normal has the length {float(size[worst, 0]):.3g}, expected 1"
+        )
+    return normals / size
 
 
 def _noise(forces: list[np.ndarray]) -> float:
