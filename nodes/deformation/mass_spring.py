@@ -30,6 +30,52 @@ _body_of = unpacking(springs.NodalBody)
 _courses_of, _ground_of = array_of(element_type(end_rate.COURSE)), array_of(springs.GROUND)
 
 
+@ieee_kernel
+def couple(own, load):
+    """The normal force of each contact, and the coupling of contacts whose patches overlap."""
+    coupling, forces = floats(own.coupling), floats(own.forces)
+    for i in range(load.count):
+        each = nth(load, i)
+        forces[i] = springs.normal_force(floats(each.forces), vector(each.normal))
+        for j in range(i + 1 if load.count > 1 else 0):
+            other = nth(load, j)
+            coupling[i, j] = springs.shared_load(each.foot, other.foot, each.normal, other.normal, own.radius)
+            coupling[j, i] = coupling[i, j]
+
+
+@ieee_kernel
+def local_factor(own, each, last, slope):
+    """Factor on K [1] under a load, and with a map the force [N] that its part along the surface adds; fills `slope`
+    (12), a row of `slopes`. `last`: the factor of the last step, which stays where the load has no vertex."""
+    nodes, forces, normal = integers(each.nodes), floats(each.forces), vector(each.normal)
+    if own.ground.shape[0] > 0:
+        foot, ground = vector(each.foot), _ground_of(own.ground)
+        factor = springs.factor_at(nodes, foot, normal, ground, own.radius, slope)
+        side = springs.side_force(nodes, forces, foot, normal, ground, own.radius)
+        return factor if factor > 0.0 else last, side
+    if own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
+        return springs.mean_hardness(nodes, forces, normal, floats(own.hard)), 0.0
+    return last, 0.0
+
+
+@ieee_kernel
+def note_limits(own, each, s, pressed, trail, dt):
+    """Note a load that indents too deep or moves too fast, and an indentation s [m] beyond the thickness of the organ.
+    trail [m] (3): the last foot of the contact (`spring_range.too_fast`)"""
+    if pressed:
+        if s > DEEPEST * own.radius:
+            own.beyond |= spring_range.DEEP_NOTE
+        if own.retardation > 0.0 and spring_range.too_fast(each.foot, trail, own.retardation, own.radius, dt):
+            own.beyond |= spring_range.FAST_NOTE
+    else:
+        trail[:] = np.nan
+    if s > own.thinnest and each.nodes.shape[0] > 0:
+        thick = floats(own.thick)[integers(each.nodes)[0]]
+        own.excess = max(own.excess, s / thick - 1.0)
+        if own.excess > own.deepest[0]:
+            own.deepest[0], own.deepest[1] = own.excess, thick
+
+
 class MassSpring(MeshBody):
     """Nodes on springs and dampers in the zone of influence of the contact.
 
@@ -191,32 +237,18 @@ class MassSpring(MeshBody):
         if unknown_vertex(load, own.thick.shape[0]):
             own.fault = NO_VERTEX
             return
-        # normal forces, and coupling of overlapping patches
+        couple(own, load)
         laws, coupling, forces, acting = floats(own.laws), floats(own.coupling), floats(own.forces), floats(own.acting)
         several = load.count > 1
-        for i in range(load.count):
-            each = nth(load, i)
-            forces[i] = springs.normal_force(floats(each.forces), vector(each.normal))
-            for j in range(i + 1 if several else 0):
-                other = nth(load, j)
-                coupling[i, j] = springs.shared_load(each.foot, other.foot, each.normal, other.normal, own.radius)
-                coupling[j, i] = coupling[i, j]
         # indentation of each contact, and its terminal law for the next step
         body, count, courses = _body_of(own.body), 0, _courses_of(own.courses)
-        stored, side, factors = 0.0, 0.0, floats(own.factors)
-        mapped, slopes, reached = own.ground.shape[0] > 0, floats(own.slopes), 0.0
+        stored, factors, slopes = 0.0, floats(own.factors), floats(own.slopes)
+        mapped, reached = own.ground.shape[0] > 0, 0.0
         own.excess = 0.0
         for i in range(load.count):
             each = nth(load, i)
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
-            if mapped:
-                nodes, normal, ground = integers(each.nodes), vector(each.normal), _ground_of(own.ground)
-                factor = springs.factor_at(nodes, vector(each.foot), normal, ground, own.radius, slopes[i])
-                factors[i] = factor if factor > 0.0 else factors[i]
-                side = springs.side_force(nodes, floats(each.forces), vector(each.foot), normal, ground, own.radius)
-            elif own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
-                normal, hardness = vector(each.normal), floats(own.hard)
-                factors[i] = springs.mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
+            factors[i], side = local_factor(own, each, factors[i], slopes[i])
             stiffness, previous, course = own.stiffness * factors[i], laws[i, 4], courses[i]
             if mapped:  # the indentation that the contact computed, with the law at the previous position
                 reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
@@ -230,14 +262,7 @@ class MassSpring(MeshBody):
                 s += shift
             if not acting[i] > 0.0 and s < springs.AT_REST:
                 s = 0.0
-            trail = floats(own.trails)[i]
-            if forces[i] > 0.0:
-                if s > DEEPEST * own.radius:
-                    own.beyond |= spring_range.DEEP_NOTE
-                if own.retardation > 0.0 and spring_range.too_fast(each.foot, trail, own.retardation, own.radius, dt):
-                    own.beyond |= spring_range.FAST_NOTE
-            else:
-                trail[:] = np.nan
+            note_limits(own, each, s, forces[i] > 0.0, floats(own.trails)[i], dt)
             share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
             if own.shape:  # displacement of the surface by the nodal law
                 pull, normal = floats(each.forces), vector(each.normal)
@@ -247,11 +272,6 @@ class MassSpring(MeshBody):
             end_rate.arrive(course, each.tick if own.second_order else -1)
             end_rate.advance(course, s, dt)
             laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * course.ahead * s + shift, s
-            if s > own.thinnest and each.nodes.shape[0] > 0:
-                thick = floats(own.thick)[integers(each.nodes)[0]]
-                own.excess = max(own.excess, s / thick - 1.0)
-                if own.excess > own.deepest[0]:
-                    own.deepest[0], own.deepest[1] = own.excess, thick
             if own.energy or mapped:
                 grown = own.exponent + 1.0
                 stored += share * (stiffness * max(s, 0.0) ** grown / grown)
@@ -267,12 +287,10 @@ class MassSpring(MeshBody):
                 out.shape_operator.values[k] = slopes[0, 3 + k]
         out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.excess
         out.delayed = oldest(load)
-        if not own.shape:
-            return
-        if several:
+        if own.shape and several:
             count = springs.deeper(body)
             lend_first(out.nodes, own.body.nodes, count)
             lend_first(out.displacement, own.body.deepest, count)
-        else:
+        elif own.shape:
             lend_first(out.nodes, own.body.active, count)
             lend_first(out.displacement, own.body.moved, count)
