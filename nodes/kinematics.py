@@ -1,5 +1,6 @@
 """Pose of the finger from the measurements of a device, and torques from the force (docs/equations/falcon.md)."""
 
+import math
 from typing import Annotated
 
 import msgspec
@@ -8,11 +9,14 @@ import numpy as np
 from palpate.compiler.records import array_of, form, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, Wants
+from palpate.nodes.base.absence import PACE, keep_pace
 from palpate.nodes.base.kernels import kernel
 from palpate.physics.device.average import MOST, READINGS
+from palpate.physics.device.catch_up import CATCH_UP, catch_up
+from palpate.physics.device.catch_up import begin as begin_to_follow
 from palpate.physics.device.falcon import FALCON, HOME, Geometry
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.tracking import COUNT, TRACK, pose, pose_falcon
+from palpate.physics.device.tracking import COUNT, SLACK, TRACK, pose, pose_falcon
 
 ZERO = (0.0, 0.0, 0.0)
 geometry_of, _window_of = unpacking(Geometry), array_of(READINGS)
@@ -24,16 +28,24 @@ class _Tracker(CompiledNode):
 
     average  number of samples of a moving average that replaces the observer between counts; 0: the observer. The
              kidney study has 8, which delays the position by 3.5 samples, the velocity by 4 (docs/equations/falcon.md)
+    catch_up  largest speed, relative to the device, at which the pose moves to the device's place after an outage
+
+    An outage is a time without samples of more than 9 ms and three usual steps, or a place that the device cannot have
+    reached in one step at `speed_limit`. The pose then continues from its last place and moves to the device
+    (`physics.device.catch_up`): no force jumps, and the finger does not pass through the organ in one step.
     """
 
     origin: Annotated[Vector3, "m", Agrees(DeviceState, Pose)] = ZERO
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
     resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=1e-3)] = 0.0
     average: Annotated[int, "1", msgspec.Meta(ge=0, le=MOST)] = 0
+    catch_up: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 0.3
 
     State = {
         "track": TRACK, "window": ARRAY,
         "clock": int, "last": (3,),  # [ns] of the last sample; the last position [m]
+        "known": bool, "pace": PACE, "behind": CATCH_UP,  # whether there was a sample; the time between samples
+        "outages": int,
     }  # fmt: skip
     home = ZERO
 
@@ -42,6 +54,14 @@ class _Tracker(CompiledNode):
         self.hold("window", np.zeros(self.average + 1, READINGS))
         track = self.own["track"]
         track["reading"] = track["pose"] = self.own["last"] = self.home
+
+    def notes(self) -> list[str]:
+        if self.known["outages"]:
+            self._note_once(
+                f"{type(self).__name__}: after an outage of the device the pose moved to its place at up to "
+                f"{1e3 * self.catch_up:.3g} mm/s more than the speed of the hand. Until then the finger was elsewhere"
+            )
+        return super().notes()
 
 
 @kernel
@@ -52,6 +72,35 @@ def send(own, seen, age, out):
     put(own.last, (x, y, z))
     put(out.position, (x + own.origin[0], y + own.origin[1], z + own.origin[2]))
     put(out.velocity, (vx, vy, vz))
+
+
+@kernel
+def follow(own, seen, before, dt):
+    """The pose after a step of dt [s] in which the kinematics found `seen` (x, y, z, vx, vy, vz, dt).
+
+    before  [ns]  time of the last sample before this step
+
+    Without an outage this is `seen`. After one it stays at the last place, and follows the device.
+    """
+    behind, last, stamp = own.behind, vector(own.last), own.track.stamp
+    if not own.known:
+        own.known = own.track.filled
+        return seen
+    if stamp == before:  # no new sample
+        return (last[0], last[1], last[2], 0.0, 0.0, 0.0, 0.0) if behind.active else seen
+    elapsed = (stamp - before) * 1e-9 if stamp > before else dt
+    paused = keep_pace(own.pace, elapsed)
+    step = min(elapsed, own.pace.usual)
+    if not behind.active:
+        x, y, z = seen[0] - last[0], seen[1] - last[1], seen[2] - last[2]
+        most = own.catch_up if paused else own.speed_limit
+        if math.sqrt(x * x + y * y + z * z) <= most * step + SLACK:
+            return seen
+        begin_to_follow(behind, last[0], last[1], last[2])
+        own.outages += 1
+        return last[0], last[1], last[2], 0.0, 0.0, 0.0, elapsed
+    x, y, z, vx, vy, vz = catch_up(behind, seen[:6], own.catch_up, step)
+    return x, y, z, vx, vy, vz, elapsed
 
 
 @kernel
@@ -99,9 +148,10 @@ class FalconKinematics(_Tracker):
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("joints", "homed")], out: Out[Pose], dt):
         if read_clock(own, state, state.joints.count, out, dt):
+            before = own.track.stamp
             given = own.track, own.resolution, own.speed_limit, _window_of(own.window), own.clock
             seen = pose_falcon(*given, vector(state.joints.values), geometry_of(own.geometry))
-            send(own, seen, age_of(own, state), out)
+            send(own, follow(own, seen, before, dt), age_of(own, state), out)
 
     def explain(self, fault: int, *messages: DeviceState) -> Exception:
         return MessageError(
@@ -117,9 +167,10 @@ class Cartesian(_Tracker):
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("position", "homed")], out: Out[Pose], dt):
         if read_clock(own, state, state.position.count, out, dt):
+            before = own.track.stamp
             given = own.track, own.resolution, own.speed_limit, _window_of(own.window), own.clock
             seen = pose(*given, vector(state.position.values))
-            send(own, seen, age_of(own, state), out)
+            send(own, follow(own, seen, before, dt), age_of(own, state), out)
 
     def explain(self, fault: int, *messages: DeviceState) -> Exception:
         return MessageError(

@@ -43,9 +43,13 @@ class Hardware(SimulatedOperator, Wired):
 
 
 def state(sample: DeviceSample | None) -> DeviceState:
-    """The message for a sample; without angles and position while the device is not homed."""
+    """The message for a sample; without angles and position while the device is not homed.
+
+    While answers are missing, its age increases, so that the next one is not taken for a motion within one tick.
+    """
     if sample is None or not sample.homed:
         return DeviceState(buttons=0 if sample is None else sample.buttons, homed=False)
+    age = sample.age or msgspec.UNSET
     if sample.joints:
-        return DeviceState(joints=sample.joints, buttons=sample.buttons)
-    return DeviceState(position=sample.position, buttons=sample.buttons)
+        return DeviceState(joints=sample.joints, buttons=sample.buttons, delayed=age)
+    return DeviceState(position=sample.position, buttons=sample.buttons, delayed=age)

@@ -40,6 +40,7 @@ WITHOUT = {
     "vertices": "approximate: neighbouring numbers make the same mesh of a built-in surface",
     "refine": "of mesh files alone; tests/physics/geometry/test_refined.py",
     "seed": "of random faults, which are off, and of noise that no reader of the graph wants",
+    "catch_up": "of the pose after an outage of the device; tests/nodes/device/test_device_outage.py",
     "ramp": "of the recovery after an outage; tests/nodes/device/test_outage.py",
     "bound": "a limit for bodies that generate energy; tests/nodes/device/test_ledger_node.py",
     "depth_limit": "a limit beyond the depth of these touches; tests/nodes/test_probabilistic.py",

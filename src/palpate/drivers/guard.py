@@ -30,6 +30,7 @@ class DeviceSample(NamedTuple):
     buttons   [1]       bit mask
     homed     [1]       whether joints and position are valid
     wrench    [N], [N m] (6)  measured force and torque; empty without a sensor
+    age       [ns]      of joints and position when they are read, beyond their extrapolation
     """
 
     time: int
@@ -38,6 +39,7 @@ class DeviceSample(NamedTuple):
     buttons: int = 0
     homed: bool = True
     wrench: tuple[float, ...] = ()
+    age: int = 0
 
 
 class Guard:
@@ -155,7 +157,7 @@ class Guard:
 
 
 def ahead(sample: DeviceSample, rates: tuple[tuple[float, ...], tuple[float, ...]], now: int) -> DeviceSample:
-    """A sample extrapolated with its rates to `now` [ns], by at most HORIZON.
+    """A sample extrapolated with its rates to `now` [ns], by at most HORIZON; its age is the rest.
 
     A graph with another rate than its device gets samples of uneven age. Without extrapolation they look like jumps of
     the velocity, which damping would turn into force spikes.
@@ -165,4 +167,4 @@ def ahead(sample: DeviceSample, rates: tuple[tuple[float, ...], tuple[float, ...
         tuple(x + r * left for x, r in zip(given, rate, strict=True)) if rate else given
         for given, rate in zip((sample.joints, sample.position), rates, strict=True)
     )
-    return sample._replace(joints=joints, position=position)
+    return sample._replace(joints=joints, position=position, age=max(now - sample.time - round(HORIZON * 1e9), 0))
