@@ -8,6 +8,7 @@ import random
 import sys
 import warnings
 from collections.abc import Iterator
+from functools import cache
 
 from setting_ends import numeric, whole
 
@@ -23,8 +24,11 @@ SETS = {
     "kidney": [f"scene.hand.path={TOUCH}", "scene.energy.ledger=on", "scene.finger.band=on"],
     "nodule": ["scene.skin.afferents=on"], "texture": ["scene.skin.afferents=on", "scene.energy.ledger=on"],
     "pinch": ["scene.energy.ledger=on"],
+    "fingertip-slide": ["hand.hold=50 ms", "hand.speed=20 mm/s"],
+    "softness": ["scene.press.times=[0, 0.1, 0.15, 0.25]"],
 }  # fmt: skip
-DURATION = {"kidney": 0.3}  # [s]; others `TICKS`
+DURATION = {"fingertip-slide": 0.6}  # [s]
+USUAL, WHOLE = 0.3, 0.45  # [s] of a run: of other graphs, and of the whole touch of a graph whose path is played faster
 HARDWARE = {"falcon", "falcons", "cartesian", "indentation"}  # they run on the real clock
 NODULE = "tissue.nodule_radius=4 mm"
 MATTERS = {
@@ -49,9 +53,23 @@ WITHOUT = {
 """Settings by name that may change nothing, with the reason and the test that shows their effect."""
 
 
+@cache
+def sets_of(graph: str) -> tuple[list[str], float]:
+    """Settings with which a short run has the whole touch of the graph, and its duration [s]."""
+    given = SETS.get(graph, [])
+    ends = {
+        name: sum(segment.get("time") or segment.get("hold") for segment in spec.settings["path"])
+        for name, spec in load(graph, overrides=given).nodes.items()
+        if spec.settings.get("path") and "speed_factor" in spec.settings
+    }
+    if graph == "kidney" or not ends:
+        return given, DURATION.get(graph, USUAL)
+    return [*given, *(f"{name}.speed_factor={max(ends.values()) / WHOLE:.3g}" for name in ends)], WHOLE
+
+
 def candidates(graph: str) -> Iterator[tuple[str, str, float]]:
     """(node, setting, value) of each numeric setting other than 0 of the nodes that run."""
-    for name, spec in load(graph, overrides=SETS.get(graph, [])).nodes.items():
+    for name, spec in load(graph, overrides=sets_of(graph)[0]).nodes.items():
         if spec.off is None and not spec.observer:
             for setting in settings(spec.cls).values():
                 value = spec.settings[setting.name]
@@ -64,8 +82,8 @@ def streams(graph: str, changes: list[str]) -> bytes | None:
     found = []
     with warnings.catch_warnings(), contextlib.suppress(PalpateError):
         warnings.simplefilter("ignore")
-        duration = DURATION.get(graph, 0.3)
-        for tick in palpate.steps(graph, sets=[*SETS.get(graph, []), *changes], duration=duration):
+        given, duration = sets_of(graph)
+        for tick in palpate.steps(graph, sets=[*given, *changes], duration=duration):
             if tick.number % 7 == 0:
                 found += [pack(tick[stream]) for stream in tick.streams if tick[stream] is not None]
         return b"".join(found)
@@ -80,7 +98,7 @@ def effectless(graph: str, chosen: list[tuple[str, str, float]]) -> list[str]:
         needed = [MATTERS[name]] if name in MATTERS else []
         if (key := repr(needed)) not in usual:
             usual[key] = streams(graph, needed)
-        spec = load(graph, overrides=SETS.get(graph, [])).nodes[node]
+        spec = load(graph, overrides=sets_of(graph)[0]).nodes[node]
         integer = whole(settings(spec.cls)[name])
         values = [max(1, round(value * f)) if integer else value * f for f in (10, 0.1)]
         if all(streams(graph, [*needed, f"{node}.{name}={one!r}"]) == usual[key] for one in values if one != value):

@@ -140,9 +140,11 @@ def _region_b(axes: Axes, data: tuple, region: slice) -> None:
     at = float(normal[slow].mean()), float(friction[slow].mean())
     axes.plot(speed * 1e3, normal / at[0], color=style.NORMAL, label=f"normal force, {at[0]:.2f} N where slow")
     axes.plot(speed * 1e3, friction / at[1], color=style.FRICTION, label=f"friction force, {at[1]:.2f} N where slow")
+    ratio, share = friction / normal, at[1] / at[0]
+    axes.plot(speed * 1e3, ratio / share, color=style.INK, label=f"friction over normal force, {share:.3f} where slow")
     spread = 100 * (normal.max() / normal.min() - 1) / 2
     axes.legend(loc="upper left")
-    top = max(float((friction / at[1]).max()), 1.05)
+    top = max(float((friction / at[1]).max()), float((ratio / share).max()), 1.05)
     axes.set(xlabel="speed along the surface [mm/s]", ylabel="force over its value where slow [1]")
     axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
     axes.set_ylim(1.0 - 0.4 * (top - 1.0) - 0.02, 1.0 + 1.5 * (top - 1.0))
