@@ -37,6 +37,8 @@ BUILT_FROM = (
     "model", "modes", "surface", "file_unit", "piece", "poisson", "bed", "coarse", "capsule_thickness", "capsule_ratio",
 )  # fmt: skip
 """Settings that the basis depends on."""
+LAYERED = ("poisson", "bed", "coarse", "capsule_thickness", "nodule_radius")
+"""Settings of a homogeneous organ, which the stored layers of the fingertip replace."""
 NODULE = ("vertices", "position", "rotation", "nodule_position", "nodule_depth", "nodule_radius", "nodule_ratio")
 """Settings that define a nodule."""
 GRID = 1e-6
@@ -52,7 +54,7 @@ class ReducedFE(MeshBody):
     Optionally with a hard nodule and a stiffer capsule. `palpate build basis` builds its basis once for a surface,
     Poisson's ratio, foundation (`bed`), nodule and capsule; the basis of the default kidney is shipped. Changes of
     modulus and retardation time need no new basis. The fingertip has layers: its `young` is that of the subcutis at
-    rest, 160 Pa in the set cortical/36.4; it ignores poisson, `bed`, nodule and capsule.
+    rest, 160 Pa in the set cortical/36.4; it refuses poisson, `bed`, nodule and capsule.
     """
 
     effect = "deformation"
@@ -378,6 +380,13 @@ class _Sampled:
     def _make_shared(self: Any, basis: Any = None) -> Any:
         if self.area != "fixed":
             raise SettingError(f"setting 'area': found {self.area!r}, expected 'fixed' with model: sampled")
+        if self.surface == "fingertip":
+            for name in LAYERED:
+                if (given := getattr(self, name)) != (usual := getattr(ReducedFE, name)):
+                    raise SettingError(
+                        f"setting {name!r}: found {given!r}, expected {usual!r}, the default: model: sampled takes the "
+                        "layers of the surface fingertip from its basis"
+                    )
         return self._place_basis(basis)
 
     def _make(self: Any, count: int) -> None:

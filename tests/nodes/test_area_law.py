@@ -131,3 +131,14 @@ def test_the_ball_of_the_bench_follows_hertz(name):
     outcome = method.compute(TOUCHES["ball"], Fidelity("as it is"), 1)
     right = reference_solution(TOUCHES["ball"]).value("force", outcome.times)
     assert np.sqrt(np.mean((outcome.values["force"] - right) ** 2)) < 0.03 * right.max()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("poisson", 0.3), ("bed", 500.0), ("coarse", 700), ("capsule_thickness", 1e-3), ("nodule_radius", 4e-3)],
+)
+def test_the_stored_layers_of_the_fingertip_refuse_the_settings_of_a_homogeneous_organ(name, value):
+    """They changed nothing."""
+    body = ReducedFE(surface="fingertip", model="sampled", young=160.0, **{name: value})
+    with pytest.raises(SettingError, match=f"setting '{name}'.*takes the layers of the surface fingertip"):
+        body.start()

@@ -32,12 +32,12 @@ USUAL, WHOLE = 0.3, 0.45  # [s] of a run: of other graphs, and of the whole touc
 HARDWARE = {"falcon", "falcons", "cartesian", "indentation"}  # they run on the real clock
 NODULE = "tissue.nodule_radius=4 mm"
 MATTERS = {
-    "finger_hertz_slope": "contact.finger_law=hertz", "finger_hertz_hardening": "contact.finger_law=hertz",
-    "finger_hertz_radius": "contact.finger_law=hertz", "finger_power_stiffness": "contact.finger_law=power",
-    "finger_power_exponent": "contact.finger_law=power", "area_radius": "scene.surface.area=ball",
+    "finger_hertz_slope": "{node}.finger_law=hertz", "finger_hertz_hardening": "{node}.finger_law=hertz",
+    "finger_hertz_radius": "{node}.finger_law=hertz", "finger_power_stiffness": "{node}.finger_law=power",
+    "finger_power_exponent": "{node}.finger_law=power", "area_radius": "scene.surface.area=ball",
     "area_modulus": "scene.surface.area=ball", "nodule_ratio": NODULE, "nodule_depth": NODULE, "nodule_reach": NODULE,
     "tangential_stiffness": "effects.shape=on", "tangential_damping": "effects.shape=on",
-    "slew": "tissue.use=deformation.Rigid", "speed_limit": "device.glitches=0.05",
+    "slew": "tissue.use=deformation.Rigid", "speed_limit": "{device}.glitches=0.05", "reach": "effects.shape=on",
 }  # fmt: skip
 """What a setting needs to have an effect: a choice of another setting, or a disturbance."""
 WITHOUT = {
@@ -48,6 +48,7 @@ WITHOUT = {
     "ramp": "of the recovery after an outage; tests/nodes/device/test_outage.py",
     "bound": "a limit for bodies that generate energy; tests/nodes/device/test_ledger_node.py",
     "depth_limit": "a limit beyond the depth of these touches; tests/nodes/test_probabilistic.py",
+    "iterations": "a limit of a solver, which these touches do not reach",
     "hysteresis": "of a foot that changes its branch and of the end of a contact, which these touches do not have",
 }
 """Settings by name that may change nothing, with the reason and the test that shows their effect."""
@@ -95,9 +96,13 @@ def effectless(graph: str, chosen: list[tuple[str, str, float]]) -> list[str]:
     usual: dict[str, bytes | None] = {}
     lost = []
     for node, name, value in chosen:
-        needed = [MATTERS[name]] if name in MATTERS else []
+        devices = [name for name, spec in load(graph).nodes.items() if "glitches" in spec.settings]
+        device = next((other for other in devices if other.endswith(f"-{node}")), "device")
+        needed = [MATTERS[name].format(node=node, device=device)] if name in MATTERS else []
         if (key := repr(needed)) not in usual:
             usual[key] = streams(graph, needed)
+        if usual[key] is None and needed:
+            continue  # the graph refuses what the setting needs
         spec = load(graph, overrides=sets_of(graph)[0]).nodes[node]
         integer = whole(settings(spec.cls)[name])
         values = [max(1, round(value * f)) if integer else value * f for f in (10, 0.1)]

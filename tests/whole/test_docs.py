@@ -271,8 +271,10 @@ def test_the_commands_of_a_page_run_in_order(folder, page):
         (folder / name).write_bytes((folder / names[0]).read_bytes())
     if page == "docs/fingertip.md":
         phantom_finger.write_dicom(phantom_finger.scan(), folder / "SCAN")
+    # The commands after a measurement with devices read its recording.
+    unmeasured = {where for where, words in PALPATE if words[1:3] == ["fit", "record"] and skipped(words)}
     for where, words in PALPATE:
-        if where.partition(":")[0] != page or skipped(words):
+        if where.partition(":")[0] != page or skipped(words) or where in unmeasured:
             continue
         if " ".join(words).startswith(PAGE_VERBS):
             serves_a_page([*python, *words[1:]])
@@ -283,7 +285,7 @@ def test_the_commands_of_a_page_run_in_order(folder, page):
             for name in node_files("Liver", Load, Surface):
                 (folder / name).unlink()
         cut = ["-q", *(SHORT if "--record" not in words else SHORT[:2])] if words[1] == "run" else []
-        words = [word.replace("900 ms", "300 ms") for word in words[1:]]
+        words = [word.replace("900 ms", "300 ms").replace("runs/texture", "runs/short/texture") for word in words[1:]]
         ended = subprocess.run([*python, *words, *cut], capture_output=True, text=True)
         assert ended.returncode == 0, f"{where}: {' '.join(words)}\n{ended.stdout}{ended.stderr}"
 
