@@ -31,8 +31,9 @@ C_LIBRARY = {
     "tan", "tanh", "tgamma",
 }  # fmt: skip
 """Without log10, by which numba finds the number of digits for the text of an error."""
-REORDERS = re.compile(r"\b(fast|reassoc|contract|arcp|afn|nnan|ninf|nsz|llvm\.fmuladd[.\w]*)\b")
+FLAGS = ("fast", "reassoc", "contract", "arcp", "afn", "nnan", "ninf", "nsz", "llvm.fmuladd")
 """Flags and functions of LLVM that permit other results."""
+REORDERS = re.compile(rf"\b({'|'.join(map(re.escape, FLAGS))})\b")
 
 
 def is_kernel(decorator):
@@ -112,5 +113,6 @@ def test_compiled_kernels_call_no_function_of_the_c_library(compiled):
 
 def test_compiled_kernels_permit_no_other_order_of_operations(compiled):
     for name, code, _ in compiled:
-        assert code is None or not REORDERS.search(code), (name, REORDERS.search(code))
+        if code is not None and any(flag in code for flag in FLAGS):  # 20 times as fast as the expression
+            assert not REORDERS.search(code), (name, REORDERS.search(code))
     assert any(code is not None and "llvm.fma.f64" in code for _, code, _ in compiled)
