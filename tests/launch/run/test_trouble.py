@@ -23,7 +23,7 @@ def _long(*given: str):
     return pytest.param(*given, marks=pytest.mark.long)
 
 
-def go(folder: Path, how: str, clock: str, patience: float = 3.0, **more) -> RunOutcome:
+def go(folder: Path, how: str, clock: str, patience: float = 1.0, **more) -> RunOutcome:
     text = GRAPH.replace(
         "nodes_for_runs.Spring,", f'nodes_for_runs.Faulty, how: "{how}", at: 300, note: {folder}/fault,'
     )
