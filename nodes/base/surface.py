@@ -160,16 +160,22 @@ def _placed_mesh(
     elif surface in SURFACES:
         mesh = tessellate(_patch(surface), max(vertices, 12))
     else:
-        from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
-
-        _check_name(surface)
-        try:
-            scale = factor(file_unit, "m")
-        except UnitError as error:
-            raise SettingError(f"setting 'file_unit': {error}") from None
-        mesh = read_mesh(surface, scale, piece)
-        mesh = refine_mesh(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
+        mesh = _file_mesh(surface, file_unit, piece, refine, content)
     return place_mesh(mesh, position, rotation)
+
+
+@lru_cache(maxsize=2)
+def _file_mesh(surface: str, file_unit: str, piece: int, refine: float, content: bytes) -> Mesh:
+    """The mesh of a file in its own frame: a run places it several times, and its refinement takes seconds."""
+    from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
+
+    _check_name(surface)
+    try:
+        scale = factor(file_unit, "m")
+    except UnitError as error:
+        raise SettingError(f"setting 'file_unit': {error}") from None
+    mesh = read_mesh(surface, scale, piece)
+    return refine_mesh(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
 
 
 def place_mesh(mesh: Mesh, position: Vector3, rotation: Vector3) -> Mesh:
@@ -181,7 +187,12 @@ def place_mesh(mesh: Mesh, position: Vector3, rotation: Vector3) -> Mesh:
     return Mesh(points, mesh.triangles, facing)
 
 
-surface_mesh.cache_clear = _placed_mesh.cache_clear  # type: ignore[attr-defined]
+def _forget_meshes() -> None:
+    _placed_mesh.cache_clear()
+    _file_mesh.cache_clear()
+
+
+surface_mesh.cache_clear = _forget_meshes  # type: ignore[attr-defined]
 
 
 @lru_cache(maxsize=4)
