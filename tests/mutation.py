@@ -1,30 +1,38 @@
-"""Puts small faults into the code, one at a time, and lists those that no test detects.
+"""Plants small faults in the code, one at a time, and lists those that no test detects.
 
-    python tests/mutation.py [--minutes 20] [--seed 0] [--tests TEST_FILE]... FILE...
+    python tests/mutation.py                                the fixed list of 300 faults over all rooms: a night
+    python tests/mutation.py --room physics --count 20      the first 20 of a room
+    python tests/mutation.py --list                         prints the list and the tests of each fault
+    python tests/mutation.py [--count 20] [--tests TEST_FILE]... FILE...
 
     python tests/mutation.py src/palpate/engine/slot.py launch/run/work/real.py
     python tests/mutation.py src/palpate/drivers/guard.py --tests tests/drivers/test_guard.py
 
-Works on a copy of the tree. Each mutant is run against the tests that import its module (for `engine` and `launch/run`:
-those of runs and replays) or those that `--tests` names, and ends at the first that fails. Survivors are printed with
-file, line and change: either a test is missing, or nothing depends on that line. An hour for a folder. Kernels are
-compiled again for each mutant; their tests are mostly faster as plain Python, with NUMBA_DISABLE_JIT=1.
+The faults of a room or of files are in the order of a hash of file, line of code and change, so that the list is the
+same on each machine, and an edit changes the faults of the edited code only. Each is planted in a copy of the tree. The
+tests that import its module run against it, else those of the modules that import it, or those that `--tests` names,
+until the first fails. Survivors are printed with file, line and change: either a test is missing, or nothing depends on
+that line. Kernels are compiled again for each fault in one; some tests are faster as plain Python, with
+NUMBA_DISABLE_JIT=1.
 """
 
 import argparse
 import ast
 import contextlib
 import copy
+import functools
+import hashlib
 import importlib
 import os
-import random
 import shutil
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -39,11 +47,26 @@ for library in (
     "typer",
     "rich",
 ):
-    importlib.import_module(library)  # once; each mutant's tests run in a fork
+    importlib.import_module(library)  # once; each fault's tests run in a fork
 
 ROOT = Path(__file__).parent.parent
+TOPS = ("messages", "nodes", "launch", "src/palpate")
+ROOMS = {
+    "contact": (40, ("nodes/contact", "src/palpate/physics/contact", "src/palpate/drivers/guard.py",
+                     "src/palpate/drivers/limits.py")),
+    "wire": (40, ("messages", "launch/run/wire", "launch/run/hop", "src/palpate/engine/encode.py")),
+    "units": (40, ("src/palpate/units", "launch/load/values", "nodes/base/mesh_formats", "nodes/base/mesh_file.py",
+                   "nodes/base/texture_file.py", "src/palpate/physics/table_text.py",
+                   "src/palpate/physics/table_books.py", "src/palpate/models/fit/press.py",
+                   "src/palpate/models/scan/read.py")),
+    "records": (30, ("src/palpate/records",)),
+    "physics": (120, ("src/palpate/physics",)),
+    "rest": (30, TOPS),
+}  # fmt: skip
+"""Number of faults of each room, and its files and folders; a file belongs to the first room that names it."""
 RUNS = ("test_real_clock", "test_run", "test_bad_runs", "test_start_barrier", "test_wire", "test_zmtp", "test_replay")
-PATIENCE = 600  # [s] for the tests of one mutant; one that hangs is noticed
+MOST = 12  # test files of a fault
+PATIENCE = 600  # [s] for the tests of one fault; one that hangs is noticed
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Lt: ast.GtE, ast.GtE: ast.Lt,
     ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
@@ -51,37 +74,127 @@ SWAPS: dict[type, type] = {
 }  # fmt: skip
 
 
-def mutants(source: str) -> Iterator[tuple[int, str, str]]:
-    """Line, change and new source of each mutant of a module."""
-    tree = ast.parse(source)
-    for index, node in enumerate(ast.walk(tree)):
-        for change in _changes(node):
-            new = copy.deepcopy(tree)
-            place = next(other for i, other in enumerate(ast.walk(new)) if i == index)
-            before = ast.unparse(place)
-            change(place)
-            yield getattr(node, "lineno", 0), f"{before}  ->  {ast.unparse(place)}", ast.unparse(new)
+class Fault(NamedTuple):
+    """A change of one node of a file's syntax tree, the one with this number in the order of `ast.walk`."""
+
+    rank: bytes
+    file: str
+    line: int
+    change: str
+    number: int
+
+    def source(self) -> str:
+        """The file with the fault."""
+        tree = ast.parse((ROOT / self.file).read_text(encoding="utf-8"))
+        node = next(node for number, node in enumerate(ast.walk(tree)) if number == self.number)
+        _plant(node)
+        return ast.unparse(tree)
 
 
-def _changes(node: ast.AST) -> list:
-    if isinstance(node, ast.BinOp | ast.BoolOp | ast.AugAssign) and type(node.op) in SWAPS:
-        return [lambda it: setattr(it, "op", SWAPS[type(it.op)]())]
-    if isinstance(node, ast.Compare) and type(node.ops[0]) in SWAPS:
-        return [lambda it: it.ops.__setitem__(0, SWAPS[type(it.ops[0])]())]
-    if isinstance(node, ast.If | ast.IfExp | ast.While):
-        return [lambda it: setattr(it, "test", ast.Constant(False))]
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return [lambda it: setattr(it, "value", 0 if it.value else 1)]
-    return []
+def faults(files: Iterable[Path]) -> list[Fault]:
+    """All faults of files, in the order of their ranks."""
+    return sorted(fault for file in files for fault in _faults(file))
 
 
+def _faults(file: Path) -> Iterator[Fault]:
+    name, seen = str(file), Counter[str]()
+    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    for number, node in enumerate(ast.walk(tree)):
+        if not _plantable(node):
+            continue
+        changed = copy.deepcopy(node)
+        _plant(changed)
+        change = f"{_line(node)}  ->  {_line(changed)}"
+        seen[change] += 1
+        rank = hashlib.blake2b(f"{name}: {change} {seen[change]}".encode(), digest_size=8).digest()
+        yield Fault(rank, name, getattr(node, "lineno", 0), change, number)
+
+
+def _line(node: ast.AST) -> str:
+    return ast.unparse(node).partition("\n")[0]
+
+
+def _plantable(node: ast.AST) -> bool:
+    match node:
+        case ast.BinOp() | ast.BoolOp() | ast.AugAssign():
+            return type(node.op) in SWAPS
+        case ast.Compare():
+            return type(node.ops[0]) in SWAPS
+        case ast.If() | ast.IfExp() | ast.While():
+            return True
+        case ast.Constant():
+            return type(node.value) in (int, float)
+    return False
+
+
+def _plant(node: Any) -> None:
+    match node:
+        case ast.BinOp() | ast.BoolOp() | ast.AugAssign():
+            node.op = SWAPS[type(node.op)]()
+        case ast.Compare():
+            node.ops[0] = SWAPS[type(node.ops[0])]()
+        case ast.If() | ast.IfExp() | ast.While():
+            node.test = ast.Constant(False)
+        case ast.Constant():
+            node.value = 0 if node.value else 1
+
+
+@functools.cache
+def sources() -> list[Path]:
+    """All modules, from the repository's root, without the links between folders."""
+    found = (path.relative_to(ROOT) for top in TOPS for path in sorted((ROOT / top).rglob("*.py")))
+    return [path for path in found if not any((ROOT / part).is_symlink() for part in path.parents)]
+
+
+def room_of(file: Path) -> str:
+    return next(
+        room for room, (_, places) in ROOMS.items() for place in map(Path, places) if place in (file, *file.parents)
+    )
+
+
+def listed(room: str, count: int | None = None) -> list[Fault]:
+    """The fixed faults of a room, or its first `count`."""
+    return faults(file for file in sources() if room_of(file) == room)[: count or ROOMS[room][0]]
+
+
+def module_of(file: Path) -> str:
+    parts = file.with_suffix("").parts
+    parts = parts[2:] if parts[:2] == ("src", "palpate") else parts
+    return ".".join(("palpate", *(part for part in parts if part != "__init__")))
+
+
+@functools.cache
+def imports(file: Path) -> frozenset[str]:
+    """Modules and members of palpate that a file imports, also inside functions."""
+    found = set()
+    for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate"):
+            found |= {node.module or "", *(f"{node.module}.{name.name}" for name in node.names)}
+        if isinstance(node, ast.Import):
+            found |= {name.name for name in node.names if name.name.startswith("palpate")}
+    return frozenset(found)
+
+
+@functools.cache
 def tests_of(file: Path) -> list[str]:
-    """The test files of a module."""
-    if {"engine", "run"} & set(file.parts):
-        return [str(path.relative_to(ROOT)) for name in RUNS for path in ROOT.glob(f"tests/**/{name}.py")]
-    module = f"palpate.{'.'.join(file.with_suffix('').parts).removeprefix('src.palpate.')}"
-    return [str(path.relative_to(ROOT)) for path in sorted(ROOT.glob("tests/**/test_*.py"))
-            if f"{module} import" in path.read_text(encoding="utf-8")]  # fmt: skip
+    """The test files that import a module, the most special ones first, else those of the modules that import it or
+    of its folder; of `engine` and `launch/run` also those of runs and replays."""
+    tests = [path.relative_to(ROOT) for path in ROOT.glob("tests/**/test_*.py")]
+    near, seen, found = {module_of(file)}, set(), []
+    while near and not (found := [test for test in tests if near & imports(test)]):
+        seen |= near
+        near = {module_of(other) for other in sources() if near & imports(other)} - seen
+    found = found or in_folder_of(file)
+    found.sort(key=lambda test: (file.stem not in test.stem, len(imports(test)), test))
+    runs = [test for test in tests if test.stem in RUNS] if {"engine", "run"} & set(file.parts) else []
+    return [str(test) for test in dict.fromkeys([*found[:MOST], *sorted(runs)])]
+
+
+def in_folder_of(file: Path) -> list[Path]:
+    """The test files of the folder of a module that is found by its place."""
+    place = Path(*module_of(file).split(".")[1:])
+    folder = next(folder for up in place.parents if (folder := ROOT / "tests" / up).is_dir())
+    return [path.relative_to(ROOT) for path in folder.glob("test_*.py")]
 
 
 def survives(tree: Path, tests: list[str]) -> bool:
@@ -96,7 +209,8 @@ def survives(tree: Path, tests: list[str]) -> bool:
         silence = os.open(os.devnull, os.O_WRONLY)
         os.dup2(silence, 1)
         os.dup2(silence, 2)
-        os._exit(bool(pytest.main(["-q", "-x", "-p", "no:cacheprovider", *tests])))
+        early = "ignore::pytest.PytestAssertRewriteWarning"  # hypothesis is imported already
+        os._exit(bool(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-W", early, *tests])))
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         done, status = os.waitpid(child, os.WNOHANG)
@@ -110,37 +224,65 @@ def survives(tree: Path, tests: list[str]) -> bool:
     return bool(done) and status == 0
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="+", type=Path)
-    parser.add_argument("--minutes", type=float, default=20.0)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--tests", action="append")
-    given = parser.parse_args()
-    wanted = [(file, *mutant) for file in given.files for mutant in mutants((ROOT / file).read_text(encoding="utf-8"))]
-    random.Random(given.seed).shuffle(wanted)
-    end, tried, left = time.monotonic() + 60 * given.minutes, 0, 0
+def copied(folder: Path) -> Path:
+    """A copy of the tree, and of the compiled kernels: those of faults must not evict the user's."""
+    tree = folder / "tree"
+    left_out = shutil.ignore_patterns(".*", "__pycache__", "runs", "*.egg-info")
+    shutil.copytree(ROOT, tree, symlinks=True, ignore=left_out)
+    kernels = os.environ.get("NUMBA_CACHE_DIR") or os.path.expanduser("~/.cache/palpate")
+    os.environ["NUMBA_CACHE_DIR"] = str(folder / "kernels")
+    for path in Path(kernels).glob("kernels-*"):
+        shutil.copytree(path, folder / "kernels" / path.name, ignore=shutil.ignore_patterns("*.lock"))
+    return tree
+
+
+def run(wanted: list[Fault], tests: list[str] | None, end: float) -> int:
+    """Plant each fault and print what becomes of it. Returns the exit code: 2 if some tests fail without a fault."""
+    tried, left, sound, bad = 0, Counter[str](), dict[tuple[str, ...], bool](), 0
     with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "tree"
-        left_out = shutil.ignore_patterns(".*", "__pycache__", "runs", "*.egg-info")
-        shutil.copytree(ROOT, tree, symlinks=True, ignore=left_out)
-        os.environ["NUMBA_CACHE_DIR"] = str(Path(folder) / "kernels")  # mutants must not evict the kernels of the user
-        for file in given.files:
-            if not (given.tests or tests_of(file)) or not survives(tree, given.tests or tests_of(file)):
-                print(f"{file}: no tests, or they fail without a mutant", file=sys.stderr)
-                return 2
-        for file, line, change, source in wanted:
+        tree = copied(Path(folder))
+        for fault in wanted:
             if time.monotonic() > end:
                 break
-            original = (tree / file).read_text(encoding="utf-8")
-            (tree / file).write_text(source, encoding="utf-8")
+            chosen = tuple(tests or tests_of(Path(fault.file)))
+            if not sound.setdefault(chosen, bool(chosen) and survives(tree, list(chosen))):
+                print(
+                    f"not tried {fault.file}:{fault.line}: these tests fail without it: {' '.join(chosen)}", flush=True
+                )
+                bad = 2
+                continue
+            place = tree / fault.file
+            original = place.read_text(encoding="utf-8")
+            place.write_text(fault.source(), encoding="utf-8")
             tried += 1
-            if survives(tree, given.tests or tests_of(file)):
-                left += 1
-                print(f"survived  {file}:{line}: {change}", flush=True)
-            (tree / file).write_text(original, encoding="utf-8")
-    print(f"{left} of {tried} mutants survived; {len(wanted)} are possible")
-    return 0
+            found = not survives(tree, list(chosen))
+            left[room_of(Path(fault.file))] += not found
+            print(f"{'found   ' if found else 'survived'}  {fault.file}:{fault.line}: {fault.change}", flush=True)
+            place.write_text(original, encoding="utf-8")
+    by_room = ", ".join(f"{room} {count}" for room, count in left.items() if count)
+    print(f"{left.total()} of {tried} faults survived{f': {by_room}' if by_room else ''}")
+    return bad
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--room", choices=ROOMS)
+    parser.add_argument("--count", type=int)
+    parser.add_argument("--minutes", type=float, default=24 * 60.0)
+    parser.add_argument("--list", action="store_true")
+    parser.add_argument("--tests", action="append")
+    given = parser.parse_args()
+    if given.files:
+        wanted = faults(given.files)[: given.count]
+    else:
+        wanted = [fault for room in ([given.room] if given.room else ROOMS) for fault in listed(room, given.count)]
+    if given.list:
+        for fault in wanted:
+            tests = given.tests or tests_of(Path(fault.file))
+            print(f"{room_of(Path(fault.file))}  {fault.file}:{fault.line}: {fault.change}  [{len(tests)} test files]")
+        return 0
+    return run(wanted, given.tests, time.monotonic() + 60 * given.minutes)
 
 
 if __name__ == "__main__":
