@@ -17,6 +17,7 @@ from graphs_for_runs import GRAPH, NODES, write_graph
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from typer.testing import CliRunner
+from warm_fork_server import started_in
 
 import palpate
 from palpate import messages
@@ -74,7 +75,8 @@ def record(folder: Path, text: str = GRAPH, ticks: int = 200, **more) -> Path:
 def start(folder: Path, seconds: float, place: str = "", limit: int = 0, clock: str = "simulated") -> subprocess.Popen:
     graph = write_graph(folder, GRAPH.replace("log:    {", "log:    {compression: none, " if limit else "log:    {"))
     args = [str(graph), str(folder / "run.mcap"), str(seconds), place, str(limit), clock]
-    return subprocess.Popen([sys.executable, "-c", RUN, *args], env=ENV, stdout=subprocess.PIPE, text=True)
+    env = ENV | {"PALPATE_TEST": str(folder)}
+    return subprocess.Popen([sys.executable, "-c", RUN, *args], env=env, stdout=subprocess.PIPE, text=True)
 
 
 @pytest.mark.parametrize("place", ["", "fused"])
@@ -91,7 +93,9 @@ def test_a_killed_run_leaves_a_readable_file_that_lacks_one_second_at_most(tmp_p
             time.sleep(0.02)
             alive += min(time.monotonic() - begun, 0.05)
         process.send_signal(signal.SIGKILL)
-    time.sleep(0.3)
+    until = time.monotonic() + 60
+    while started_in(tmp_path, f"PALPATE_TEST={tmp_path}") and time.monotonic() < until:  # its workers
+        time.sleep(0.01)
     recording = Recording(path)
     assert not recording.complete and recording.about["clock"] == clock
     last = max(m.time for m in recording.messages("source")) * 1e-9
