@@ -32,7 +32,7 @@ if has_unix_sockets():
     import warm_fork_server
 
     warm_fork_server.use()
-# A test with another XDG_CACHE_HOME and the processes that it starts would compile all kernels again.
+# A test with a separate XDG_CACHE_HOME and the processes that it starts would compile all kernels again.
 os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_cache.folder().parent))
 os.environ["PALPATE_TESTS"] = str(os.getpid())  # by which a node knows this process from those below it
 

@@ -166,7 +166,7 @@ def _placed_mesh(
 
 @lru_cache(maxsize=2)
 def _file_mesh(surface: str, file_unit: str, piece: int, refine: float, content: bytes) -> Mesh:
-    """The mesh of a file in its own frame: a run places it several times, and its refinement takes seconds."""
+    """The mesh of a file where its numbers put it: a run places it several times, and the refinement takes seconds."""
     from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
 
     _check_name(surface)
