@@ -30,8 +30,8 @@ class _Tracker(CompiledNode):
              kidney study has 8, which delays the position by 3.5 samples, the velocity by 4 (docs/equations/falcon.md)
     catch_up  largest speed, relative to the device, at which the pose moves to the device's place after an outage
 
-    An outage is a time without samples of more than 9 ms and three usual steps, or a place that the device cannot have
-    reached in one step at `speed_limit`. The pose then continues from its last place and moves to the device
+    An outage is a time without samples of more than 9 ms and three usual steps, or a position that the device cannot
+    have reached in one step at `speed_limit`. The pose then continues from its last place and moves to the device
     (`physics.device.catch_up`): no force jumps, and the finger does not pass through the organ in one step.
     """
 

@@ -35,7 +35,8 @@ MATTERS = {
     "finger_hertz_slope": "{node}.finger_law=hertz", "finger_hertz_hardening": "{node}.finger_law=hertz",
     "finger_hertz_radius": "{node}.finger_law=hertz", "finger_power_stiffness": "{node}.finger_law=power",
     "finger_power_exponent": "{node}.finger_law=power", "area_radius": "scene.surface.area=ball",
-    "area_modulus": "scene.surface.area=ball", "nodule_ratio": NODULE, "nodule_depth": NODULE, "nodule_reach": NODULE,
+    "area_modulus": "scene.surface.area=ball", "capsule_ratio": "tissue.capsule_thickness=1 mm",
+    "nodule_ratio": NODULE, "nodule_depth": NODULE, "nodule_reach": NODULE,
     "tangential_stiffness": "effects.shape=on", "tangential_damping": "effects.shape=on",
     "slew": "tissue.use=deformation.Rigid", "speed_limit": "{device}.glitches=0.05", "reach": "effects.shape=on",
 }  # fmt: skip

@@ -20,7 +20,7 @@ CATCH_UP = {"active": bool, "place": (3,), "velocity": (3,)}  # [m], [m/s]
 """State of a pose that follows the device after an outage."""
 LAG = 30e-3  # [s] time constant of the approach; that of a hand that follows a pointer (device.Mouse)
 LARGEST = 30.0  # [m/s²] acceleration: 30 mm/s in a step of 1 ms
-NEAR = 10e-6  # [m] distance at which it has caught up; a sixth of an encoder count
+NEAR = 10e-6  # [m] distance at which it has caught up; an encoder count is 60 um
 
 
 @kernel
