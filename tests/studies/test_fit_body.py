@@ -48,6 +48,13 @@ def test_a_spring_fitted_to_another_spring_gets_the_constants_of_that_spring(tmp
     assert settings["exponent"] == fitted.overrides["tissue.exponent"] and "after:  force" in file.read_text()
 
 
+def test_a_fit_that_makes_the_force_no_better_says_so(tmp_path):
+    """Fitted to itself, a spring can only become worse."""
+    launch = find("kidney").but(duration=0.27, overrides=TAP)
+    fitted = fit_body(launch, tmp_path / "fitted.yaml", ["tissue.stiffness=257"])
+    assert fitted.before["force"] == 0.0 and "keep the old ones" in fitted.caution
+
+
 def test_a_spring_with_a_stiffness_map_gets_the_constants_of_a_half_space(tmp_path):
     """The reference has no map; the expected K is that of the reference divided by the factor of the map at the top of
     the kidney, 1.02 to 1.03."""

@@ -109,6 +109,7 @@ def fit_body(
         {q: relative_error(one, q) for q in QUANTITIES} | {"worst": relative_error(one, "force", "peak")}
         for one in (first, last)
     )
+    caution = " ".join(filter(None, (caution, no_better(before["force"], after["force"]))))
     comments = (
         f"Fitted by palpate fit body to {' '.join(base)} on this graph's touch. Differences, RMS of its peak:",
         f"  before: {words(before)}",
@@ -143,6 +144,17 @@ def _press_reference(
 
     _, first = compare(recording, [[]], reference=base, on_tick=on_tick)
     return pressed, feet, steps, first
+
+
+def no_better(before: float, after: float) -> str:
+    """A warning if the force [1] differs no less after the fit than before, else "". The fit reads the touch of the
+    reference; the touch is then computed with the fitted body, which moves the finger in another way."""
+    if after < before:
+        return ""
+    return (
+        f"the force differs by {100.0 * after:.2g} % with the fitted constants and {100.0 * before:.2g} % with those "
+        "of the graph: keep the old ones for this touch"
+    )
 
 
 def words(errors: dict[str, float]) -> str:
