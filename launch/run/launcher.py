@@ -78,6 +78,7 @@ class Launcher:
         self.begun = time.monotonic()
         self.jobs = {job.group: job for job in jobs}
         self.members = {job.group: WorkerHandle(job, joined=job.group in joined) for job in jobs}
+        self._nodes = {name for member in self.members.values() for name in member.nodes}
         self.forkserver = forkserver or worker_server()
         self.address, self.key, self.patience, self.restart, self.spared = address, key, patience, restart, spared
         self.show, self.printed, self.died = show, printed, died
@@ -237,10 +238,11 @@ class Launcher:
                     self._control.send_order("*", reports.End(max(tick for tick in ticks if tick is not None)))
             case NodeFault(node, where, text, trace):
                 text, trace = (lines_of(each) if member.joined else printable(each) for each in (text, trace))
-                fault = NodeFault(node if node in member.nodes else "", one_line(where), text, trace)
+                # a node may find the fault of another one, which sent it a message that is none
+                fault = NodeFault(node if node in self._nodes else "", one_line(where), text, trace)
                 self._report_death(member, fault)
             case reports.Note(text, node, time_):
-                note = RunNote(one_line(text) if member.joined else text, node if node in member.nodes else "", time_)
+                note = RunNote(one_line(text) if member.joined else text, node if node in self._nodes else "", time_)
                 self.result.notes.append(note)
                 if self.printed is not silent:
                     self.result.live.add(note.text)
