@@ -88,7 +88,7 @@ def follow(own, seen, before, dt):
         return seen
     if stamp == before:  # no new sample
         return (last[0], last[1], last[2], 0.0, 0.0, 0.0, 0.0) if behind.active else seen
-    elapsed = (stamp - before) * 1e-9 if stamp > before else dt
+    elapsed = (stamp - before) / 1e9 if stamp > before else dt
     paused = keep_pace(own.pace, elapsed)
     step = min(elapsed, own.pace.usual)
     if not behind.active:
@@ -99,7 +99,7 @@ def follow(own, seen, before, dt):
         begin_to_follow(behind, last[0], last[1], last[2])
         own.outages += 1
         return last[0], last[1], last[2], 0.0, 0.0, 0.0, elapsed
-    x, y, z, vx, vy, vz = catch_up(behind, seen[:6], own.catch_up, step)
+    x, y, z, vx, vy, vz = catch_up(behind, seen[:3], seen[3:6], own.catch_up, step)
     return x, y, z, vx, vy, vz, elapsed
 
 

@@ -23,7 +23,9 @@ def copied(tree):
     """A foundation with its arrays copied."""
     if isinstance(tree, np.ndarray):
         return tree.copy()
-    return type(tree)(*map(copied, tree)) if isinstance(tree, tuple) else tree
+    if hasattr(tree, "_fields"):
+        return type(tree)(*map(copied, tree))
+    return tuple(map(copied, tree)) if isinstance(tree, tuple) else tree
 
 
 def unit(vectors):

@@ -14,7 +14,7 @@ import math
 
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import put, vector
-from palpate.physics.arrays import Record
+from palpate.physics.arrays import Record, Vector3
 
 CATCH_UP = {"active": bool, "place": (3,), "velocity": (3,)}  # [m], [m/s]
 """State of a pose that follows the device after an outage."""
@@ -32,20 +32,20 @@ def begin(state: Record, x: float, y: float, z: float):
 
 
 @kernel
-def catch_up(state: Record, seen, speed: float, dt: float):
-    """(x, y, z, vx, vy, vz) [m], [m/s] after a step of dt [s] towards the device at `seen`, the same six numbers.
+def catch_up(state: Record, at: Vector3, moves: Vector3, speed: float, dt: float):
+    """(x, y, z, vx, vy, vz) [m], [m/s] after a step of dt [s] towards the device.
 
-    speed  [m/s]  largest speed relative to the device
+    at, moves  [m], [m/s] (3) its place and velocity;  speed [m/s] largest speed relative to it
     """
     p, v = vector(state.place), vector(state.velocity)
-    x, y, z = seen[0] - p[0], seen[1] - p[1], seen[2] - p[2]
+    x, y, z = at[0] - p[0], at[1] - p[1], at[2] - p[2]
     away = math.sqrt(x * x + y * y + z * z)
     rate = min(1.0 / LAG, speed / away) if away > 0.0 else 1.0 / LAG
-    ax, ay, az = seen[3] + rate * x - v[0], seen[4] + rate * y - v[1], seen[5] + rate * z - v[2]
+    ax, ay, az = moves[0] + rate * x - v[0], moves[1] + rate * y - v[1], moves[2] + rate * z - v[2]
     change = math.sqrt(ax * ax + ay * ay + az * az)
     if away <= NEAR and change <= LARGEST * dt:
         state.active = False
-        return seen[0], seen[1], seen[2], seen[3], seen[4], seen[5]
+        return at[0], at[1], at[2], moves[0], moves[1], moves[2]
     share = min(1.0, LARGEST * dt / change) if change > 0.0 else 1.0
     vx, vy, vz = v[0] + share * ax, v[1] + share * ay, v[2] + share * az
     put(state.velocity, (vx, vy, vz))
