@@ -177,12 +177,18 @@ def _check_values(
     """Check that each value of the scene is used. Notes on unused and uncalibrated ones."""
     check_offers(offers, world, faults)
     scene_changes = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
-    notes = list(check_taken(offers, scene_changes, world, faults))
+    notes, offered = list(check_taken(offers, scene_changes, world, faults)), _by_node(offers)
     for name, draft in drafts.items():
         if nodes[name].off is None:
-            offered = [offer for offer in offers if offer.node == name]
-            notes += calibration_notes(name, draft.cls, draft.set_keys, offered)
+            notes += calibration_notes(name, draft.cls, draft.set_keys, offered.get(name, ()))
     return notes
+
+
+def _by_node(offers: Sequence[Offer]) -> dict[str, list[Offer]]:
+    found: dict[str, list[Offer]] = {}
+    for offer in offers:
+        found.setdefault(offer.node, []).append(offer)
+    return found
 
 
 def _check_force_path(
@@ -200,8 +206,9 @@ def _check_force_path(
     contacts.place_shares(may, faults)
     contacts.check({n: s.place for n, s in may.items()}, faults)
     check_divisors(may, connections, faults)
+    offered = _by_node(offers)
     places = {
-        name: {offer.key: offer.place for offer in offers if offer.node == name and offer.taken}
+        name: {offer.key: offer.place for offer in offered.get(name, ()) if offer.taken}
         | {key: draft.line.place(key) for key in draft.set_keys}
         for name, draft in drafts.items()
     }
