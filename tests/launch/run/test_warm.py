@@ -57,11 +57,11 @@ for name, duration, *overrides in json.loads(sys.argv[1]):
 @pytest.mark.parametrize(
     "graphs", [GRAPHS, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["each kernel", "others"]
 )
-def test_graphs_compile_nothing_after_their_start(graphs):
+def test_graphs_compile_nothing_after_their_start(tmp_path, graphs):
     """Each graph runs until after the first touch in a separate process, because kernels compiled by an earlier test or
     graph would hide a late compilation."""
     command = [sys.executable, "-c", RUNS, json.dumps(graphs)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)  # for their recordings
     codes = [line for line in done.stdout.splitlines() if line.lstrip("-").isdigit()]
     assert codes == ["0"] * len(graphs), done.stdout + done.stderr
 
