@@ -96,7 +96,7 @@ def test_a_finger_in_the_notch_of_an_l_shaped_body_touches_nothing(tmp_path, nam
     assert flaws(str(file)) == []
     mesh = read_mesh(str(file), 1e-3)
     assert mesh.areas.sum() == pytest.approx(2 * 2000e-6 + 240e-3 * 30e-3, rel=1e-12)
-    bus = FakeBus(MeshNode(surface=str(file), file_unit="mm", position=(0.0, 0.0, 0.0)))
+    bus = FakeBus(MeshNode(surface=str(file), file_unit="mm", position=(0.0, 0.0, 0.0), width=0.0, refine=4e-3))
     down = [Pose(position=(0.033, 0.033, z), velocity=(0.0, 0.0, 0.0), dt=1e-3) for z in np.linspace(0.06, 0.015, 200)]
     gaps = np.array([answer.gap for answer in bus.publish(*down)])
     assert gaps[-1] == pytest.approx(0.013, abs=1e-6) and gaps.min() > 0.0129
