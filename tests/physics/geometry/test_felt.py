@@ -157,28 +157,32 @@ def test_an_open_sheet_with_a_groove_is_refused():
         close_surface(Mesh(body.vertices, body.triangles[lower]), R)
 
 
-@pytest.mark.parametrize("name", GAPPED)
-def test_a_felt_surface_has_no_fold_and_no_inner_piece(name):
+def check_folds(mesh):
     """A finger sticks at a triangle of a bridge that does not face the centre of its ball, or at a surface inside."""
-    body = refine_mesh(GAPPED[name].make(COARSE), 2e-3, 50_000)
-    felt = close_surface(body, R)
-    if felt is None:
-        assert name in ("block", "groove-16")
-        return
-    mesh = felt.mesh
     _, volume = piece_volumes(mesh.vertices, mesh.triangles)
     assert edge_counts(mesh.triangles, len(mesh.vertices)) == (0, 0)
     assert len(volume) == 1, volume  # the bridge joins what is near
     facing = np.einsum("ij,ij->i", mesh.face_vectors, mesh.normals[mesh.triangles].sum(axis=1) / 3.0)
     size = np.linalg.norm(mesh.face_vectors, axis=1)
     folded = (facing < 0.0) & (size > 1e-12)
-    assert 0.5 * size[folded].sum() < 0.06e-6, folded.sum()  # [m²] slivers at edges of the body
+    assert 0.5 * size[folded].sum() < 0.1e-6, folded.sum()  # [m²] slivers at edges; it was 30e-6
+
+
+@pytest.mark.parametrize("name", [name for name in GAPPED if name not in ("block", "union", "overlap")])
+def test_a_felt_surface_has_no_fold_and_no_inner_piece(name):
+    felt = close_surface(GAPPED[name].make(COARSE), R)
+    if felt is None:
+        assert name == "groove-16"
+    else:
+        check_folds(felt.mesh)
 
 
 def test_bodies_that_overlap_feel_like_their_union():
+    """With refined triangles, which folded at the seam."""
     felt = [
         close_surface(refine_mesh(GAPPED[name].make(COARSE), 2e-3, 50_000), R).mesh for name in ("overlap", "union")
     ]
     for one, other in (felt, felt[::-1]):
+        check_folds(one)
         away = MeshClosestPoint(one).find_along(other.vertices)[3]
         assert np.abs(away).max() < 0.1e-3  # facets of the balls at their seam
