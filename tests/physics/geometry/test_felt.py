@@ -177,6 +177,15 @@ def test_a_felt_surface_has_no_fold_and_no_inner_piece(name):
         check_folds(felt.mesh)
 
 
+def test_triangles_that_share_no_vertex_are_bridged_as_those_that_do():
+    body = groove(4e-3)
+    corners = body.vertices[body.triangles].reshape(-1, 3)
+    apart = Mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    y = np.linspace(-1.5e-3, 1.5e-3, 7)
+    assert apart.closed
+    np.testing.assert_allclose(dips(close_surface(apart, R), y), dips(close_surface(body, R), y), atol=1e-9)
+
+
 def test_bodies_that_overlap_feel_like_their_union():
     """With refined triangles, which folded at the seam."""
     felt = [

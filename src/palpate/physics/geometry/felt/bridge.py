@@ -167,11 +167,12 @@ def _join(mesh: Mesh, plug: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     name = Manifold.reserve_ids(2)
     # piece by piece, because pieces of a body may overlap
-    label, volume = piece_volumes(mesh.vertices, mesh.triangles)
-    parts = (np.flatnonzero(label == number) for number in np.flatnonzero(volume > 0.0))
+    whole = weld(mesh.vertices)[mesh.triangles]
+    label, volume = piece_volumes(mesh.vertices, whole)
     joined = solid_of(plug.vertices, plug.triangles, name=name + 1)
-    for part in parts:
-        joined = solid_of(*_alone(mesh, part), faces=part, name=name) + joined
+    for part in (np.flatnonzero(label == number) for number in np.flatnonzero(volume > 0.0)):
+        used, corner = np.unique(whole[part], return_inverse=True)
+        joined = solid_of(mesh.vertices[used], corner.reshape(-1, 3), faces=part, name=name) + joined
     found = joined.to_mesh64()
     points, triangles = np.asarray(found.vert_properties)[:, :3], np.asarray(found.tri_verts).astype(np.int64)
     run = np.repeat(np.asarray(found.run_original_id), np.diff(np.asarray(found.run_index)) // 3)
@@ -182,12 +183,6 @@ def _join(mesh: Mesh, plug: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     points = points[used]
     points = np.where((_own(points, mesh) < 0)[:, None], rounded(points), points)
     return points, np.ascontiguousarray(corner.reshape(-1, 3), np.int32), origin[outer]
-
-
-def _alone(mesh: Mesh, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points [m] and triangles of some triangles of a mesh, with equal vertices as one."""
-    used, corner = np.unique(weld(mesh.vertices)[mesh.triangles[part]], return_inverse=True)
-    return mesh.vertices[used], corner.reshape(-1, 3)
 
 
 def _own(points: np.ndarray, mesh: Mesh) -> np.ndarray:
