@@ -13,7 +13,7 @@ closed when its readers have received everything: ZeroMQ would discard frames fo
 
 import contextlib
 import os
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 
 import msgspec
@@ -27,6 +27,7 @@ from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import HIGH_WATER, LONGEST_FRAME, Inlet, TcpInlet
 from palpate.launch.run.wire.keys import Authenticator, Key, connect
 from palpate.launch.run.wire.outlet import Outlet, ReaderConnection, Sender
+from palpate.launch.run.wire.parcels import Packer, Unpacker
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.nodes.base import Block
 from palpate.physics.errors import RunError
@@ -36,17 +37,10 @@ END = "!end"
 """End-of-stream marker of each outlet for observers; the payload is the group. For the observers of the run a zero byte
 and the last health of its nodes follow, so that messages that were dropped at the end are counted."""
 LONGEST_ORDER = 1 << 26  # [bytes]
-BEHIND = 5
-"""Multiple of `HIGH_WATER` that is buffered for the run's observers on the real clock, 5 s of 20 streams at 1 kHz: a
-log process gets little processor time next to a browser that draws in software."""
-AHEAD = 200  # frames buffered by an observer, and for it on simulated time; one may contain 0.1 MB of messages
-BLOCKS = 4000  # blocks of 10 ms buffered for the run's observers on the real clock
-QUEUED = 1 << 26
-"""[bytes] Longest queue of frames between this group and an observer of the run, at each of its two ends, if they have
-the mean length of the first ones; at most `VARIED` times as much, if all of them are as long as the longest of these.
-"""
-VARIED = 4
-FEWEST = 2  # frames of a queue, however long they are
+AHEAD = 200  # parcels that an observer buffers, and that are buffered for it on simulated time
+QUEUED = 4000
+"""Parcels that are buffered for each observer of the run on the real clock, 64 MB at most: a log process gets little
+processor time next to a browser that draws in software."""
 LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that accepts the connection and stays silent
 
 
@@ -60,32 +54,6 @@ def split(data: bytes) -> tuple[str, bytes]:
     if not zero:
         raise ValueError(f"not a frame: no zero byte among {len(data)} bytes")
     return topic.decode(), payload
-
-
-class _QueueBound:
-    """Limits the number of frames that a socket queues, which libzmq counts in frames, so that they take at most about
-    `QUEUED` bytes.
-
-    The limit only falls, and only with the first frames. A writer learns what was read at each multiple of half the
-    limit, so that after another change it could wait forever for a report: the connection would be dead.
-    """
-
-    def __init__(self, socket: zmq.Socket, limit: int) -> None:
-        self._socket, self._limit = socket, limit
-        self._total = self._longest = self._frames = 0
-        self._open = True
-
-    def count(self, length: int) -> None:
-        """Count a frame of this length [bytes]."""
-        if not self._open:
-            return
-        self._total, self._frames = self._total + length, self._frames + 1
-        self._longest = max(self._longest, length)
-        each = max(self._total // self._frames, self._longest // VARIED, 1)
-        limit, now = max(FEWEST, QUEUED // each), int(self._socket.get(self._limit))
-        if limit < now and 2 * self._frames <= limit:
-            self._socket.set(self._limit, limit)
-        self._open = 2 * self._frames < min(limit, now)
 
 
 class Bus:
@@ -131,7 +99,7 @@ class Bus:
         self._far_readers: Counter[bytes] = Counter()
         self._public = Outlet(group, {}, real, self._watch)  # for external programs
         # Delivery has no timeout: the launcher kills readers that hang.
-        self._observers = self._publisher()
+        self._observers = self._publisher(QUEUED)
         self._send = zmq.backend.Socket.send.__get__(self._observers)  # without the overhead of pyzmq's options
         self._observed = self._socket(zmq.SUB, 0)
         self._observed.set(zmq.RCVHWM, AHEAD)
@@ -145,9 +113,11 @@ class Bus:
         self._sources: dict[str, str] = {}  # endpoint of each group that is observed here
         self._overhears: set[str] = set()
         self._kept: list[bytes] = []  # for observers of the run
+        self._parcels: deque[bytes] = deque()  # of them, not yet sent
         self._shown: list[bytes] = []  # for other programs
         self._blocks = True  # whether observers of the run get blocks
-        self._sent, self._heard = _QueueBound(self._observers, zmq.SNDHWM), _QueueBound(self._observed, zmq.RCVHWM)
+        self._packer, self._unpacker = Packer(together=real), Unpacker(LONGEST_FRAME)
+        self._unpacked: deque[bytes] = deque()  # frames for the observers here
         self.final: list[bytes] = []
         """The last health of the nodes here, encoded; set it before `close`."""
         self._topics: tuple[bytes, ...] = ()
@@ -157,10 +127,10 @@ class Bus:
         socket.set(zmq.LINGER, linger)
         return socket
 
-    def _publisher(self) -> zmq.Socket:
+    def _publisher(self, longest: int) -> zmq.Socket:
         socket = self._socket(zmq.XPUB, -1)
         socket.set(zmq.XPUB_VERBOSER, 1)  # report every subscription and cancellation
-        socket.set(zmq.SNDHWM, HIGH_WATER * BEHIND if self.real else min(HIGH_WATER, AHEAD))
+        socket.set(zmq.SNDHWM, longest if self.real else min(longest, AHEAD))
         socket.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
         if not self.real:
             socket.set(zmq.XPUB_NODROP, 1)
@@ -187,7 +157,7 @@ class Bus:
             self._bind(self._observers, local["members"])
             endpoints = {"force": [local["force"]], "observers": [local["members"]]}
         if host:
-            self._far = self._publisher()
+            self._far = self._publisher(HIGH_WATER)
             if self.key is not None:
                 self.key.secure(self._far, server=True)
             address, _, port = host.partition(":")
@@ -267,12 +237,12 @@ class Bus:
 
     def overheard(self, wait: bool) -> bytes | None:
         """Return the next frame for the observers here, or None; `wait`: wait for one, up to `POLL_INTERVAL`."""
-        try:
-            data: bytes = self._observed.recv(0 if wait else zmq.NOBLOCK)
-        except zmq.Again:
-            return None
-        self._heard.count(len(data))
-        return data
+        while not self._unpacked:
+            try:
+                self._unpacked += self._unpacker.unpack(self._observed.recv(0 if wait else zmq.NOBLOCK))
+            except zmq.Again:
+                return None
+        return self._unpacked.popleft()
 
     # -- streams of this group -----------------------------------------------------------------------------------
 
@@ -339,11 +309,6 @@ class Bus:
             for note in self._subscriptions(self._far):
                 self._far_readers[note[1:]] += 1 if note[:1] == b"\x01" else -1
 
-    def sends_blocks(self) -> None:
-        """Send the messages of all streams in blocks; call it before `bind`."""
-        if self.real:
-            self._observers.set(zmq.SNDHWM, min(HIGH_WATER, BLOCKS))
-
     def sends(self, streams: Iterable[str]) -> None:
         """Set the streams that observers can subscribe to here."""
         self._topics = tuple(stream.encode() + b"\0" for stream in (*streams, HEALTH, END))
@@ -392,19 +357,15 @@ class Bus:
         """
         shown, self._shown = self._shown, []
         self._public.publish(shown)
-        kept, self._kept = self._kept, []
-        for place, data in enumerate(kept):
-            self._sent.count(len(data))
-            while True:
-                try:
-                    self._send(data)
-                    break
-                except zmq.Again:
-                    try:
-                        holds()
-                    except BaseException:
-                        self._kept = kept[place:]
-                        raise
+        self._parcels += self._packer.pack(self._kept)
+        self._kept.clear()
+        while self._parcels:
+            try:
+                self._send(self._parcels[0])
+            except zmq.Again:
+                holds()
+            else:
+                self._parcels.popleft()
 
     def update_listeners(self) -> bool:
         """Update the subscriptions of observers; returns whether one has changed."""

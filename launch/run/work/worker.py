@@ -140,7 +140,6 @@ class Worker:
             if self.bus is not None and self.bus.local and suits(self.parts):
                 load(self._real)
                 picker()
-                self.bus.sends_blocks()
         if self.bus is None and not self._real:
             for slot in self.slots:
                 for output in slot.outputs:

@@ -56,6 +56,7 @@ def ends(request, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     for module in (bus_module, inlet_module):
         monkeypatch.setattr(module, "HIGH_WATER", ROOM)
+    monkeypatch.setattr(bus_module, "QUEUED", ROOM)
     folder = RunFolder(RUN)
     made = Ends(str(tmp_path), real=getattr(request, "param", False))
     yield made
