@@ -18,6 +18,7 @@ import phantom_finger
 import pytest
 import typer
 import yaml
+from strokes_of_a_surface import strokes
 from trimesh import Trimesh
 from typer.core import TyperGroup
 from typer.testing import CliRunner
@@ -272,6 +273,8 @@ def test_the_commands_of_a_page_run_in_order(folder, page):
         (folder / name).write_bytes((folder / names[0]).read_bytes())
     if page == "docs/fingertip.md":
         phantom_finger.write_dicom(phantom_finger.scan(), folder / "SCAN")
+    if page == "docs/texture.md":
+        strokes(folder / "stroke.csv", 14_000)
     # The commands after a measurement with devices read its recording.
     unmeasured = {where for where, words in PALPATE if words[1:3] == ["fit", "record"] and skipped(words)}
     for where, words in PALPATE:
