@@ -23,7 +23,7 @@ from palpate.engine.job import Job
 from palpate.engine.plan import Plan, force_path
 from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
-from palpate.launch.load.placement import APART, AUTO, auto
+from palpate.launch.load.placement import APART, AUTO, Placement, auto
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import record_sources, set_recording
 from palpate.launch.run.assign import jobs, spared_nodes
@@ -140,7 +140,6 @@ def execute(
     clock = _clock(launch, planned)
     if launch.only == SOURCES and launch.record is not None:
         planned = record_sources(graph, clock)
-    # Place the nodes and make the jobs of the workers, with the provenance for the recording.
     # More processes on the force path than cores wait for one another: 9 processes on 2 cores do not keep 1 kHz.
     crowded = fit_cores and launch.place is None and clock == "real"
     crowded = crowded and len(force_path(planned)) > len(usable_cores())
@@ -149,10 +148,7 @@ def execute(
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     joined = frozenset(group.name for group in place.groups if group.join or not _is_here(group.host))
     fused = len(place.groups) == 1 and clock == "simulated" and not joined
-    groups = {group.name: group.nodes for group in place.groups}
-    more = {"checked": {s: sorted(names) for s, names in planned.wanted.items()}} if planned is not recorded else {}
-    provenance = about(recorded, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups, **more)
-    work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
+    work = _jobs(launch, recorded, planned, place, clock, ticks, fused)
     if joined:
         work = _reachable(work, joined, network)
     elif not (fused or has_unix_sockets()):
@@ -174,11 +170,7 @@ def execute(
         if fresh and launch.record is not None and not result.ticks:
             launch.record.unlink(missing_ok=True)
     if crowded:
-        groups_by = "; ".join(f"{group.name}: {group.why}" for group in place.groups)
-        result.notes.append(
-            f"placed as --place {AUTO} ({groups_by}), as there are fewer cores than nodes on the force path; "
-            f"--place {APART}: a process for each"
-        )
+        result.notes.append(_crowded(place))
     result.health = {name: result.health[name] for name in names if name in result.health}
     if clock == "simulated" and not (fused or joined or launch.pace or result.interrupted) and result.ok:
         result.notes += faster_fused(result)
@@ -187,6 +179,27 @@ def execute(
     if launch.record is not None and result.ticks and outcome.notes:
         _store_notes(launch.record, outcome.notes)
     return outcome
+
+
+def _jobs(
+    launch: LaunchFile, recorded: Plan, planned: Plan, place: Placement, clock: str, ticks: int | None, fused: bool
+) -> list[Job]:
+    """The jobs of the workers, with the provenance for the recording.
+
+    recorded, planned  the plan before and after the nodes were removed whose messages a replay computes
+    """
+    groups = {group.name: group.nodes for group in place.groups}
+    more = {"checked": {s: sorted(names) for s, names in planned.wanted.items()}} if planned is not recorded else {}
+    provenance = about(recorded, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups, **more)
+    return jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
+
+
+def _crowded(place: Placement) -> str:
+    groups_by = "; ".join(f"{group.name}: {group.why}" for group in place.groups)
+    return (
+        f"placed as --place {AUTO} ({groups_by}), as there are fewer cores than nodes on the force path; "
+        f"--place {APART}: a process for each"
+    )
 
 
 def _store_notes(recording: Path, notes: Sequence[RunNote]) -> None:

@@ -102,76 +102,22 @@ class LaneRunner:
 
         On KeyboardInterrupt the threads are stopped before it is raised.
         """
-        found, keep = Outcome(), self._keep
         while len(self._runs) > STRUCTURES:
             self._runs.pop(0)[1].close()
         for _, run in self._runs:
             run.lanes.record_in(columns)
-        rows, numbers, ran = iter(range(len(columns[0]))), iter(range(self._threads)), [0] * self._threads
-        lock = threading.Lock()  # one thread at a time runs Python code
-
-        def begin(seat: int, row: int) -> list[tuple[int, int, LaneRun, Prepared]]:
-            """Place the lane of a row; empty: it has failed."""
-            try:
-                one = prepare(row)
-                run = self.start(one, columns)
-                run.place(seat, one, row)
-            except PalpateError as error:
-                _fail(found, columns, row, 0, error)
-                return []
-            return [(seat, row, run, one)]
-
-        def end(seat: int, row: int, run: LaneRun, one: Prepared) -> None:
-            if (error := run.lanes.failure(seat)) is not None:
-                _fail(found, columns, row, -(-int(run.lanes.ticks[seat]) // keep.every), error)
-                return
-            try:
-                notes = [("", text) for text in one.notes] + run.lanes.notes(seat)
-            except NodeError as fault:
-                _fail(found, columns, row, keep.rows, fault)
-                return
-            if notes:
-                found.notes[row] = notes
-
-        # Each thread places some lanes, then runs them in calls that take about `BLOCK` seconds at most. The compiled
-        # code of a lane finds that of the last one in the processor's cache.
-        def work(stopped: Callable[[], bool]) -> None:
-            with lock:
-                number, block = next(numbers), FIRST
-            while not stopped():
-                with lock:
-                    given = list(enumerate(islice(rows, batch), number * BATCH))
-                    placed = [each for seat, row in given for each in begin(seat, row)]
-                if not given:
-                    return
-                for seat, _, run, _ in placed:
-                    now = 0
-                    while now < keep.ticks and not stopped():
-                        count, begun = min(block, keep.ticks - now), time.perf_counter()
-                        run.lanes.run(seat, 1, count)
-                        reached, took = int(run.lanes.ticks[seat]), time.perf_counter() - begun
-                        ran[number] += reached - now
-                        if reached < now + count:
-                            break
-                        if count == block:
-                            block = adapt_block(block, took)
-                        now = reached
-                with lock:
-                    for each in placed:
-                        end(*each)
-
         count = min(self._threads, len(columns[0]))
-        batch = max(1, min(BATCH, len(columns[0]) // (2 * count)))
+        rows = _Rows(self, self._keep, prepare, columns, count)
         pool = LaneThreads(count)
         try:
-            pool.run([work] * count, lambda: done(sum(ran)))
+            pool.run([rows.work] * count, lambda: done(sum(rows.ran)))
         finally:
             pool.close()
-        done(sum(ran))
+        done(sum(rows.ran))
         sizes = [(*run.lanes.memory, run.size) for _, run in self._runs]
         lanes, shared, images = (sum(size[part] for size in sizes) for part in range(3))
         self.memory = Memory(lanes, shared, images, sum(column.nbytes for column in columns))
-        return found
+        return rows.found
 
     def close(self) -> None:
         """Stop the nodes."""
@@ -179,8 +125,85 @@ class LaneRunner:
             self._runs.pop()[1].close()
 
 
-def _fail(found: Outcome, columns: Sequence[np.ndarray], row: int, reached: int, error: Exception) -> None:
-    """Results of a failed lane are NaN from the failed tick on."""
-    found.failures[row] = error
-    for column in columns:
-        column[row, reached:] = np.nan if column.dtype.kind == "f" else 0
+class _Rows:
+    """The rows of one call of `run`. Each thread places some lanes, then runs them in calls that take about `BLOCK`
+    seconds at most: the compiled code of a lane finds that of the last one in the processor's cache.
+
+    threads  number of threads that run `work`
+    found    what has failed so far, and the notes
+    ran      ticks of the lanes of each thread
+    """
+
+    def __init__(
+        self,
+        runner: LaneRunner,
+        keep: LaneKeep,
+        prepare: Callable[[int], Prepared],
+        columns: Sequence[np.ndarray],
+        threads: int,
+    ) -> None:
+        self._runner, self._keep, self._prepare, self._columns = runner, keep, prepare, columns
+        self.found, self.ran = Outcome(), [0] * threads
+        self._rows, self._numbers = iter(range(len(columns[0]))), iter(range(threads))
+        self._batch = max(1, min(BATCH, len(columns[0]) // (2 * threads)))
+        self._lock = threading.Lock()  # one thread at a time runs Python code
+
+    def work(self, stopped: Callable[[], bool]) -> None:
+        """Run lanes until there are no more rows."""
+        with self._lock:
+            number, block = next(self._numbers), FIRST
+        while not stopped():
+            with self._lock:
+                given = list(enumerate(islice(self._rows, self._batch), number * BATCH))
+                placed = [each for seat, row in given for each in self._begin(seat, row)]
+            if not given:
+                return
+            for seat, _, run, _ in placed:
+                block = self._run_lane(number, block, seat, run, stopped)
+            with self._lock:
+                for each in placed:
+                    self._end(*each)
+
+    def _run_lane(self, number: int, block: int, seat: int, run: LaneRun, stopped: Callable[[], bool]) -> int:
+        """Run a lane to its last tick or its failure, in calls of `block` ticks. Returns the ticks of the next call."""
+        now, ticks = 0, self._keep.ticks
+        while now < ticks and not stopped():
+            count, begun = min(block, ticks - now), time.perf_counter()
+            run.lanes.run(seat, 1, count)
+            reached, took = int(run.lanes.ticks[seat]), time.perf_counter() - begun
+            self.ran[number] += reached - now
+            if reached < now + count:
+                break
+            if count == block:
+                block = adapt_block(block, took)
+            now = reached
+        return block
+
+    def _begin(self, seat: int, row: int) -> list[tuple[int, int, LaneRun, Prepared]]:
+        """Place the lane of a row; empty: it has failed."""
+        try:
+            one = self._prepare(row)
+            run = self._runner.start(one, self._columns)
+            run.place(seat, one, row)
+        except PalpateError as error:
+            self._fail(row, 0, error)
+            return []
+        return [(seat, row, run, one)]
+
+    def _end(self, seat: int, row: int, run: LaneRun, one: Prepared) -> None:
+        if (error := run.lanes.failure(seat)) is not None:
+            self._fail(row, -(-int(run.lanes.ticks[seat]) // self._keep.every), error)
+            return
+        try:
+            notes = [("", text) for text in one.notes] + run.lanes.notes(seat)
+        except NodeError as fault:
+            self._fail(row, self._keep.rows, fault)
+            return
+        if notes:
+            self.found.notes[row] = notes
+
+    def _fail(self, row: int, reached: int, error: Exception) -> None:
+        """Results of a failed lane are NaN from the failed tick on."""
+        self.found.failures[row] = error
+        for column in self._columns:
+            column[row, reached:] = np.nan if column.dtype.kind == "f" else 0

@@ -48,58 +48,79 @@ def spread(
     """
     if not callable(getattr(executor, "submit", None)):
         raise ArgumentError(f"executor: found {executor!r}, expected one with `submit`, as of concurrent.futures")
-    shared, at, number = pickle.dumps(task), 0, 0
-    done: queue.SimpleQueue[int] = queue.SimpleQueue()
-    flight: dict[int, tuple[Any, Sequence[Any]]] = {}
-    workers: set[str] = set()
-    each = math.inf  # [s] recent time of an item
-
-    def take_block(number: int) -> Finished:
-        nonlocal each
-        future, block = flight.pop(number)
-        worker, seconds, results = future.result()
-        workers.add(worker)
-        mean = seconds / len(block)
-        each = min(mean, 0.5 * (each + mean))  # the first ones also start processes and compile
-        found = [one if isinstance(one, Ended) else pickle.loads(one) for one in results]
-        return list(zip(block, found, strict=True))
-
-    def wait_for_block() -> int:
-        silent = False
-        while True:
-            try:
-                return done.get(timeout=SILENT)
-            except queue.Empty:
-                if not silent and (silent := _has_no_workers(executor)):
-                    report("the cluster has no workers now; this waits for one. Ctrl-C keeps what is finished")
-
+    flight = _Flight(executor, about, task, items)
     lost: BaseException | None = None
     try:
-        while flight or (at < len(items) and lost is None):
+        while flight.blocks or (flight.rest and lost is None):
             try:
-                while lost is None and at < len(items) and len(flight) < max(FIRST, AHEAD * len(workers)):
-                    share = (len(items) - at) / (2.0 * max(1, len(workers)))
-                    block = items[at : at + max(1, math.floor(min(BLOCK / max(each, 1e-6), share)))]
-                    given = [pickle.dumps(item) for item in block]
-                    future = executor.submit(work, about, shared, given, task.limit)
-                    flight[number] = future, block
-                    future.add_done_callback(lambda _, one=number: done.put(one))
-                    at, number = at + len(block), number + 1
-                finished = take_block(wait_for_block())
+                if lost is None:
+                    flight.submit()
+                finished = flight.take_block(report)
             except LOST as error:
                 lost = lost or error
-                for future, _ in flight.values():  # blocks that are computed now still count
-                    future.cancel()
+                flight.cancel()  # blocks that are computed now still count
             else:
                 add(finished)
     finally:
-        for future, _ in flight.values():
-            future.cancel()
+        flight.cancel()
     if isinstance(lost, PalpateError):
         raise lost
     if lost is not None:
         text = " ".join(f"{type(lost).__name__}: {lost}".split())
         raise RunError(f"the executor lost a block ({text[:300]}); what was computed before is stored") from lost
+
+
+class _Flight:
+    """The blocks that are submitted and not yet finished, and the items that are left.
+
+    blocks  future and items of each, by number
+    rest    number of items that are left
+    """
+
+    def __init__(self, executor: Executor, about: dict[str, str], task: Task, items: Sequence[Any]) -> None:
+        self._executor, self._about, self._shared, self._limit = executor, about, pickle.dumps(task), task.limit
+        self._items, self._number = items, 0
+        self.rest, self.blocks = len(items), dict[int, tuple[Any, Sequence[Any]]]()
+        self._done: queue.SimpleQueue[int] = queue.SimpleQueue()
+        self._workers: set[str] = set()
+        self._each = math.inf  # [s] recent time of an item
+
+    def submit(self) -> None:
+        """Submit blocks for all workers that are known."""
+        while self.rest and len(self.blocks) < max(FIRST, AHEAD * len(self._workers)):
+            share = self.rest / (2.0 * max(1, len(self._workers)))
+            at, size = len(self._items) - self.rest, max(1, math.floor(min(BLOCK / max(self._each, 1e-6), share)))
+            block = self._items[at : at + size]
+            given = [pickle.dumps(item) for item in block]
+            future = self._executor.submit(work, self._about, self._shared, given, self._limit)
+            self.blocks[self._number] = future, block
+            future.add_done_callback(lambda _, one=self._number: self._done.put(one))
+            self.rest, self._number = self.rest - len(block), self._number + 1
+
+    def take_block(self, report: Callable[[str], None]) -> Finished:
+        """Wait for a block and return its results."""
+        future, block = self.blocks.pop(self._wait(report))
+        worker, seconds, results = future.result()
+        self._workers.add(worker)
+        mean = seconds / len(block)
+        self._each = min(mean, 0.5 * (self._each + mean))  # the first ones also start processes and compile
+        found = [one if isinstance(one, Ended) else pickle.loads(one) for one in results]
+        return list(zip(block, found, strict=True))
+
+    def cancel(self) -> None:
+        """Cancel what no worker has begun."""
+        for future, _ in self.blocks.values():
+            future.cancel()
+
+    def _wait(self, report: Callable[[str], None]) -> int:
+        """The number of the next finished block."""
+        silent = False
+        while True:
+            try:
+                return self._done.get(timeout=SILENT)
+            except queue.Empty:
+                if not silent and (silent := _has_no_workers(self._executor)):
+                    report("the cluster has no workers now; this waits for one. Ctrl-C keeps what is finished")
 
 
 def _has_no_workers(executor: Any) -> bool:

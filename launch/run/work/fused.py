@@ -46,61 +46,77 @@ def run_fused(
     The failure of a node ends the run and is in the result. Ctrl-C or SIGTERM ends the run after the tick, a second
     one immediately.
     """
-    # Handlers of the reports of the worker and of the signals.
-    result = Result()
-    begun = time.monotonic()
-    worker: Worker | None = None
+    here = _Here(show, starting, printed)
+    with crash_traceback(), interrupts(here.handle_signal):
+        try:
+            here.run(job, patience)
+        except (NodeError, KeyboardInterrupt) as error:
+            here.end(error)
+    if here.worker is not None:
+        here.result.ticks = here.worker.tick + 1
+    return here.result
 
-    def report(what: Report) -> None:
-        if isinstance(what, Alive):
-            result.health.update(msgspec.to_builtins(what.nodes))
-            show(result)
-        elif isinstance(what, Starting):
-            starting(what.node, what.kernels)
-        elif isinstance(what, Note):
-            result.notes.append(RunNote(what.text, what.node, what.time))
 
-    def handle_signal(number: int) -> None:
-        again, result.signal = result.interrupted, result.signal or number
-        if not result.start:
+class _Here:
+    """A run in this process: its worker, its result so far, and what its reports and signals do."""
+
+    def __init__(
+        self, show: Callable[[Result], None], starting: Callable[[str, int], None], printed: Callable[[str], None]
+    ) -> None:
+        self._show, self._starting, self._printed = show, starting, printed
+        self.result = Result()
+        self.worker: Worker | None = None
+
+    def run(self, job: Job, patience: float | None) -> None:
+        """Start the nodes, run all ticks and stop the nodes; each phase has its timeout."""
+        begun = time.monotonic()
+        self.worker = Worker(job, None, self._report)
+        with watch_call(None if patience is None else START_PATIENCE):
+            self.worker.start()
+        started = time.monotonic()
+        self.result.start = started - begun
+        self.result.origin = started
+        try:
+            with watch_call(patience):
+                run(self.worker, now())
+        finally:
+            self.result.wall = time.monotonic() - started
+            with watch_call(patience, START_PATIENCE):  # writing a long recording to a slow disk takes time
+                self.worker.stop()
+
+    def end(self, error: NodeError | KeyboardInterrupt) -> None:
+        """Note a failure or an interrupt, and stop the nodes."""
+        if self.result.interrupted and hasattr(signal, "setitimer"):
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        _note(self.result, error)
+        if self.worker is not None:
+            try:
+                self.worker.stop()
+            except NodeError as second:
+                _note(self.result, second)
+
+    def handle_signal(self, number: int) -> None:
+        again, self.result.signal = self.result.interrupted, self.result.signal or number
+        if not self.result.start:
             if not again:
-                printed(STOPPING)
+                self._printed(STOPPING)
             # Code that compiles may catch the exception: it is raised again until the start has ended.
             if hasattr(signal, "setitimer"):
-                signal.signal(signal.SIGALRM, lambda *_: handle_signal(number))
+                signal.signal(signal.SIGALRM, lambda *_: self.handle_signal(number))
                 signal.setitimer(signal.ITIMER_REAL, RAISED_AGAIN)
-        if again or not result.start:
+        if again or not self.result.start:
             raise KeyboardInterrupt
-        assert worker is not None
-        worker.stopping = True
+        assert self.worker is not None
+        self.worker.stopping = True
 
-    # Start the nodes, run all ticks and stop the nodes; each phase has its timeout.
-    with crash_traceback(), interrupts(handle_signal):
-        try:
-            worker = Worker(job, None, report)
-            with watch_call(None if patience is None else START_PATIENCE):
-                worker.start()
-            started = time.monotonic()
-            result.start = started - begun
-            result.origin = started
-            try:
-                with watch_call(patience):
-                    run(worker, now())
-            finally:
-                result.wall = time.monotonic() - started
-                with watch_call(patience, START_PATIENCE):  # writing a long recording to a slow disk takes time
-                    worker.stop()
-        except (NodeError, KeyboardInterrupt) as error:
-            if result.interrupted and hasattr(signal, "setitimer"):
-                signal.setitimer(signal.ITIMER_REAL, 0.0)
-            _note(result, error)
-            if worker is not None:
-                try:
-                    worker.stop()
-                except NodeError as second:
-                    _note(result, second)
-    result.ticks = worker.tick + 1 if worker is not None else 0
-    return result
+    def _report(self, what: Report) -> None:
+        if isinstance(what, Alive):
+            self.result.health.update(msgspec.to_builtins(what.nodes))
+            self._show(self.result)
+        elif isinstance(what, Starting):
+            self._starting(what.node, what.kernels)
+        elif isinstance(what, Note):
+            self.result.notes.append(RunNote(what.text, what.node, what.time))
 
 
 OURS = (

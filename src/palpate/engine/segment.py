@@ -126,7 +126,35 @@ class CompiledSegment:
             if table is not None:
                 records[1 + n] = table.ctypes.data
         records[1 + len(ports) :] = [record.ctypes.data for record in outputs]
-        # Inputs: the record of the sender, or a record that the host fills.
+        self._inlets[place] = self._fill_inputs(slot, lines, records, ports, at, permitted)
+        numbers = self._keep(np.array([a for record in outputs for a in _numbers(record)], np.int64))
+        row["compute"], row["idle"] = kernels(kind, slot.sleeps)
+        row["records"], row["count"] = records.ctypes.data, len(records)
+        row["inputs"], row["input"], row["used"] = len(lines), lines.ctypes.data, used.ctypes.data
+        row["outputs"], row["output"] = len(outputs), self._lines_of(slot).ctypes.data
+        row["numbers"], row["numbered"] = numbers.ctypes.data, len(numbers)
+        row["every"], row["nominal"], row["missed"] = slot.every, slot.every / rate, -1
+        row["follows"], row["hardware"] = slot.follows, node.hardware
+        for output in slot.outputs:
+            assert isinstance(output, RecordOutput)
+            output.used, output.source = used[: len(lines)], slot.name
+        return lines
+
+    def _fill_inputs(
+        self,
+        slot: Slot,
+        lines: np.ndarray,
+        records: np.ndarray,
+        ports: list[np.ndarray | None],
+        at: list[tuple[int, int]],
+        permitted: Callable[[Slot, Input], float],
+    ) -> list[tuple[Any, Any, Any, Any] | None]:
+        """Fill the lines of the inputs of a slot: the record of the sender, or one that the host fills, whose writer is
+        returned.
+
+        records, ports  arguments of the kernel, and the table of each port
+        at              for each input the number of its argument, and its index in a list
+        """
         inlets: list[tuple[Any, Any, Any, Any] | None] = []
         for n, (port, (argument, nth)) in enumerate(zip(slot.inputs, at, strict=True)):
             line, absent = lines[n], self._absent.setdefault(port.kind, blank(port.kind))
@@ -143,19 +171,7 @@ class CompiledSegment:
             line["every"], line["loop"], line["permitted"] = port.every, port.loop, permitted(slot, port)
             line["optional"] = port.port.optional
             line["drives"] = port is slot.driver
-        self._inlets[place] = inlets
-        numbers = self._keep(np.array([a for record in outputs for a in _numbers(record)], np.int64))
-        row["compute"], row["idle"] = kernels(kind, slot.sleeps)
-        row["records"], row["count"] = records.ctypes.data, len(records)
-        row["inputs"], row["input"], row["used"] = len(lines), lines.ctypes.data, used.ctypes.data
-        row["outputs"], row["output"] = len(outputs), self._lines_of(slot).ctypes.data
-        row["numbers"], row["numbered"] = numbers.ctypes.data, len(numbers)
-        row["every"], row["nominal"], row["missed"] = slot.every, slot.every / rate, -1
-        row["follows"], row["hardware"] = slot.follows, node.hardware
-        for output in slot.outputs:
-            assert isinstance(output, RecordOutput)
-            output.used, output.source = used[: len(lines)], slot.name
-        return lines
+        return inlets
 
     def _lines_of(self, slot: Slot) -> np.ndarray:
         """The lines of a slot's outputs."""

@@ -96,6 +96,26 @@ def _list(numbers: np.ndarray) -> str:
 
 def _cells(path: Path, notes: list[str], dialect: str) -> tuple[float, str, list[RecordedCell]]:
     """Sampling [Hz], quantity, and the windows by speed and force."""
+    table, lines, measured = _strokes(path, notes, dialect)
+    sampling = _sampling(table[:, 0], lines)
+    width = round(WINDOW * sampling)
+    if sampling < 4 * LOWEST or len(table) < LEAST * width:
+        raise ValueError(f"found {len(table)} rows at {sampling:.4g} Hz; expected {LEAST * WINDOW:g} s and more, at "
+                         f"{4 * LOWEST:g} Hz and more")  # fmt: skip
+    at, windows = _steady(table, sampling, width)
+    label, cells = np.array([_groups(row) for row in at]), []
+    for each in np.unique(label, axis=1).T:
+        mine = (label == each[:, None]).all(axis=0)
+        if mine.sum() >= LEAST:
+            cells.append(RecordedCell(float(np.median(at[0, mine])), float(np.median(at[1, mine])), windows[mine]))
+    if not cells:
+        raise ValueError(f"no speed and force are steady within {100 * STEADY:g} % for {LEAST} windows of {WINDOW:g} s")
+    return sampling, "acceleration" if measured == "acceleration" else "force", cells
+
+
+def _strokes(path: Path, notes: list[str], dialect: str) -> tuple[np.ndarray, Sequence[int], str]:
+    """The columns t, speed, normal and the measured one (n,4) in SI units, the rows of the file, and what is measured.
+    ValueError: a column is missing, doubled or in another unit."""
     found = read_table(path, lambda cells: len(NEEDED & _names(cells)) + bool(MEASURED & _names(cells)), 4, dialect)
     names = [name.lower() for name in found.names]
     measured = next((name for name in ("acceleration", "lateral") if name in names), "lateral")
@@ -126,18 +146,23 @@ def _cells(path: Path, notes: list[str], dialect: str) -> tuple[float, str, list
     if measured == "lateral" and lateral > MOST_FRICTION * normal > 0.0:
         raise ValueError(f"column 'lateral': found {lateral / normal:.3g} times the normal force, expected at most "
                          f"{MOST_FRICTION:g} times; are both units right?")  # fmt: skip
-    step = np.diff(table[:, 0])
+    return table, lines, measured
+
+
+def _sampling(time: np.ndarray, lines: Sequence[int]) -> float:
+    """Sampling [Hz] of times [s] (n,). ValueError: unequal steps."""
+    step = np.diff(time)
     usual = float(np.median(step))
     uneven = np.flatnonzero(np.abs(step - usual) >= 0.05 * usual)
     if len(uneven):
         k = int(uneven[0])
         raise ValueError(f"row {lines[k + 1]}, column 't': found a step of {step[k]:.4g} s, expected equal steps, here "
                              f"of {abs(usual):.4g} s")  # fmt: skip
-    sampling = float(1.0 / np.mean(step))
-    width = round(WINDOW * sampling)
-    if sampling < 4 * LOWEST or len(table) < LEAST * width:
-        raise ValueError(f"found {len(table)} rows at {sampling:.4g} Hz; expected {LEAST * WINDOW:g} s and more, at "
-                         f"{4 * LOWEST:g} Hz and more")  # fmt: skip
+    return float(1.0 / np.mean(step))
+
+
+def _steady(table: np.ndarray, sampling: float, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Median speed and force (2,n) and the fluctuation (n,width) of the windows in which both are steady."""
     signal = sosfiltfilt(butter(4, LOWEST, "highpass", fs=sampling, output="sos"), table[:, 3])
     count = len(table) // width
     speed, force, windows = (
@@ -146,15 +171,7 @@ def _cells(path: Path, notes: list[str], dialect: str) -> tuple[float, str, list
     at = np.array([np.median(speed, axis=1), np.median(force, axis=1)])
     moves = np.array([np.ptp(speed, axis=1), np.ptp(force, axis=1)])
     good = (at > 0.0).all(axis=0) & (moves < STEADY * at).all(axis=0) & (windows.std(axis=1) > 0.0)
-    at, windows, cells = at[:, good], windows[good], []
-    label = np.array([_groups(row) for row in at])
-    for each in np.unique(label, axis=1).T:
-        mine = (label == each[:, None]).all(axis=0)
-        if mine.sum() >= LEAST:
-            cells.append(RecordedCell(float(np.median(at[0, mine])), float(np.median(at[1, mine])), windows[mine]))
-    if not cells:
-        raise ValueError(f"no speed and force are steady within {100 * STEADY:g} % for {LEAST} windows of {WINDOW:g} s")
-    return sampling, "acceleration" if measured == "acceleration" else "force", cells
+    return at[:, good], windows[good]
 
 
 def _groups(values: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from palpate.messages import Contact, Slip, Surface
 from palpate.physics.extras import missing
@@ -23,6 +24,10 @@ from palpate.records.reader import Recording
 from palpate.registry import modules
 from palpate.views.errors import PictureError
 from palpate.views.pictures.style import decimate, entitle, look, save
+
+if TYPE_CHECKING:
+    from palpate.views.pictures.deformation import Views  # PyVista is slow to import
+    from palpate.views.pictures.touch import TouchStreams
 
 
 def pictures() -> dict[str, ModuleType]:
@@ -55,42 +60,17 @@ def draw_pictures(
 def _draw_all(
     recording: Recording, folder: Path, warn: Callable[[str], object], done: Callable[..., object]
 ) -> list[Path]:
-    from palpate.views.pictures.deformation import Views
     from palpate.views.pictures.touch import TouchStreams
 
     touch = TouchStreams(recording)
-    fingers = touch.fingers
     folder.mkdir(parents=True, exist_ok=True)
     made, known = [], pictures()
-    views = None
     done(0.0, "reading")
-    # Start the 3-D picture of the surface.
-    try:
-        if importlib.util.find_spec("pyvista") is None:
-            warn(missing("no 3-D picture", "pyvista", "view"))
-        else:
-            views = Views(touch)  # renders in parallel with the other pictures
-            if text := views.bodies.left_out:
-                warn(text)
-    except PictureError as error:
-        if touch.stream_of(Surface) is not None and touch[Slip] is None:  # otherwise no surface, or a pad
-            warn(f"no picture of the surface: {error}")
-    # Draw the other pictures, once per finger where they show one finger.
+    views = _start_views(touch, warn)  # renders in parallel with the other pictures
     try:
         for number, (name, picture) in enumerate(known.items(), 1):
             done(number / (len(known) + 2), name)
-            several = picture.OF_A_FINGER and len(fingers) > 1
-            for finger in fingers if several else fingers[:1]:
-                drawing = picture.draw_picture(finger)
-                if drawing is None:
-                    continue
-                contact = finger.stream_of(Contact)
-                if several:
-                    entitle(drawing, f"{contact}: {drawing.get_suptitle()}")
-                made.append(folder / f"{name}{f'-{contact}' if several else ''}.png")
-                decimate(drawing)
-                save(drawing, made[-1])
-        # Collect the 3-D picture.
+            made += _draw_each(name, picture, touch, folder)
         done(1.0 - 1.0 / (len(known) + 2), "deformation")
         if views is not None:
             try:
@@ -103,9 +83,43 @@ def _draw_all(
     finally:
         if views is not None:
             views.close()
-    # Warn about pictures of an earlier run.
     names = [f"{name}.png" for name in ("deformation", *known)]
     names += [f"{name}-*.png" for name, picture in known.items() if picture.OF_A_FINGER]
     if older := sorted({file.name for name in names for file in folder.glob(name)} - {file.name for file in made}):
         warn(f"older pictures in {folder}, not redrawn: {', '.join(older)}")
+    return made
+
+
+def _start_views(touch: TouchStreams, warn: Callable[[str], object]) -> Views | None:
+    """The 3-D picture of the surface, which is being rendered; None, with a line to `warn` where that is a fault."""
+    from palpate.views.pictures.deformation import Views
+
+    if importlib.util.find_spec("pyvista") is None:
+        warn(missing("no 3-D picture", "pyvista", "view"))
+        return None
+    try:
+        views = Views(touch)
+    except PictureError as error:
+        if touch.stream_of(Surface) is not None and touch[Slip] is None:  # otherwise no surface, or a pad
+            warn(f"no picture of the surface: {error}")
+        return None
+    if text := views.bodies.left_out:
+        warn(text)
+    return views
+
+
+def _draw_each(name: str, picture: ModuleType, touch: TouchStreams, folder: Path) -> list[Path]:
+    """Draw a picture, once per finger if it shows one; returns the files."""
+    made, fingers = [], touch.fingers
+    several = picture.OF_A_FINGER and len(fingers) > 1
+    for finger in fingers if several else fingers[:1]:
+        drawing = picture.draw_picture(finger)
+        if drawing is None:
+            continue
+        contact = finger.stream_of(Contact)
+        if several:
+            entitle(drawing, f"{contact}: {drawing.get_suptitle()}")
+        made.append(folder / f"{name}{f'-{contact}' if several else ''}.png")
+        decimate(drawing)
+        save(drawing, made[-1])
     return made

@@ -27,23 +27,14 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
     contact = touch.contact
     if contact is None or not (slices := touches(contact["time"], contact["force"])):
         return None
-    # Choose the touch with the shortest lateral path, and the depths over which its force is drawn.
-    approach = contact["compression"] + contact["indentation"]
-    measured = not approach.any()
+    # The depths over which the force is drawn, and the touch with the shortest lateral path.
+    measured = not (contact["compression"] + contact["indentation"]).any()
     if measured:
         if (pose := touch[Pose]) is None:
             return None
         contact = _depths(contact, pose, slices)
-        approach = contact["indentation"]
+    depths = _shown(contact, measured)
     chosen = min(slices, key=lambda part: np.linalg.norm(np.diff(contact["foot"][part], axis=0), axis=1).sum())
-    depths = [
-        ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
-        ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
-    ]
-    if measured:
-        depths = [("the sample", approach, "depth of the probe from where it touched  [mm]")]
-    elif contact["indentation"].max() < NOTHING * approach.max():
-        depths = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
     moved = float(np.linalg.norm(np.ptp(contact["foot"][chosen], axis=0)))
     slid = f"  (the finger moved {1e3 * moved:.0f} mm along the surface)" if moved > FIXED else ""
     # One panel per depth, with the loop of the chosen touch over the other touches.
@@ -78,6 +69,19 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
     if band:
         _band(every[-1], band, touch.settings(touch.stream_of(ForceBand)).get("depth", "compression"))
     return out
+
+
+def _shown(contact: Columns, measured: bool) -> list[tuple[str, np.ndarray, str]]:
+    """The depths [m] (n,) over which the force is drawn: whose they are, values and label."""
+    approach = contact["compression"] + contact["indentation"]
+    if measured:
+        return [("the sample", contact["indentation"], "depth of the probe from where it touched  [mm]")]
+    if contact["indentation"].max() < NOTHING * approach.max():
+        return [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
+    return [
+        ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
+        ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
+    ]
 
 
 def _depths(contact: Columns, pose: Columns, slices: list[slice]) -> Columns:

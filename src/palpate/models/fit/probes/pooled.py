@@ -12,7 +12,7 @@ mixed-effects model at these modes for the means, c and the variances (M. J. Lin
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -178,21 +178,7 @@ class _Model:
             along = (forces(u - side) - forces(u + side)) / (2.0 * step)
             return np.stack([bare, -MM * along, np.ones_like(bare)], axis=2) * rows.mask[:, :, None]
 
-        value, rest, bare = loss(v)
-        damp = np.full(len(v), 1e-4)
-        for _ in range(STEPS):
-            jacobian = slopes(place(v), bare) * scale * sure
-            H = np.einsum("nri,nrj->nij", jacobian, jacobian) + np.eye(3)
-            damped = H + damp[:, None, None] * np.einsum("nii->ni", H)[:, :, None] * np.eye(3)
-            gradient = np.einsum("nri,nr->ni", jacobian, rest) + v
-            move = np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
-            tried, tried_rest, tried_bare = loss(v - move)
-            better = tried <= value
-            v[better], value[better] = (v - move)[better], tried[better]
-            rest[better], bare[better] = tried_rest[better], tried_bare[better]
-            damp = np.where(better, np.maximum(0.1 * damp, 1e-12), 10.0 * damp)
-            if float(np.abs(move).max()) < 1e-6:
-                break
+        v, bare = _descend(v, loss, lambda v, bare: slopes(place(v), bare) * scale * sure)
         self.modes = u = place(v)
         columns = [slopes(u, bare)]
         for k in range(len(shape)):
@@ -203,6 +189,35 @@ class _Model:
             )
             columns.append(((up - down) / 2e-5 * rows.mask)[:, :, None])
         return bare + u[:, 2, None], u, np.concatenate(columns, axis=2)
+
+
+def _descend(
+    v: np.ndarray,
+    loss: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    slopes: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers (N,3) of all probes at which each has its least loss, and the forces there, by the method of
+    Levenberg and Marquardt for all probes at once.
+
+    loss    the sum of squares (N) with the prior |v|², the residuals and the forces
+    slopes  the derivatives of the residuals by v, from v and the forces
+    """
+    value, rest, bare = loss(v)
+    damp = np.full(len(v), 1e-4)
+    for _ in range(STEPS):
+        jacobian = slopes(v, bare)
+        H = np.einsum("nri,nrj->nij", jacobian, jacobian) + np.eye(3)
+        damped = H + damp[:, None, None] * np.einsum("nii->ni", H)[:, :, None] * np.eye(3)
+        gradient = np.einsum("nri,nr->ni", jacobian, rest) + v
+        move = np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
+        tried, tried_rest, tried_bare = loss(v - move)
+        better = tried <= value
+        v[better], value[better] = (v - move)[better], tried[better]
+        rest[better], bare[better] = tried_rest[better], tried_bare[better]
+        damp = np.where(better, np.maximum(0.1 * damp, 1e-12), 10.0 * damp)
+        if float(np.abs(move).max()) < 1e-6:
+            break
+    return v, bare
 
 
 class _Linear:
@@ -292,22 +307,8 @@ def _fit(rows: Rows, law: Law) -> PooledFit:
             break
     forces, u, jacobian = _finite(*model.linear(state))
     quantile = float(student.ppf(0.975, len(u) - 1))
-    # K and the constants with their intervals
-    slope = np.zeros(3 + len(state.shape))
-    slope[0] = 1.0
-    for k in range(len(state.shape)):
-        side = 1e-4 * np.eye(len(state.shape))[k]
-        slope[3 + k] = -(model.scale(state.shape + side) - model.scale(state.shape - side)) / 2e-4
+    values, intervals = _constants(model, state, cov, quantile)
     unit = model.scale(state.shape)
-    middle, half = state.mean[0] - unit, quantile * math.sqrt(slope @ cov @ slope)
-    first, *rest = law.parameters
-    values = {first.name: math.exp(middle)}
-    intervals = {first.name: (math.exp(middle - half), math.exp(middle + half))}
-    for k, parameter in enumerate(rest):
-        at, half = state.shape[k], quantile * math.sqrt(cov[3 + k, 3 + k])
-        ends = np.clip([at - half, at + half], *model.bounds[k])
-        values[parameter.name] = parameter.value(at)
-        intervals[parameter.name] = parameter.value(ends[0]), parameter.value(ends[1])
     # what each probe says without the common distribution of ln K
     D, s2 = np.exp(state.deviations[:3]), math.exp(2.0 * state.deviations[3])
     JJ = np.einsum("nri,nrj->nij", jacobian[:, :, :3], jacobian[:, :, :3])
@@ -319,6 +320,28 @@ def _fit(rows: Rows, law: Law) -> PooledFit:
         (float(state.mean[2]), float(D[2])), math.sqrt(s2), place, np.sqrt(error2), u[:, 0] - unit, np.sqrt(post),
         MM * u[:, 1], forces,
     )  # fmt: skip
+
+
+def _constants(
+    model: _Model, state: _State, cov: np.ndarray, quantile: float
+) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """K and the constants of the law, with their intervals."""
+    slope = np.zeros(3 + len(state.shape))
+    slope[0] = 1.0
+    for k in range(len(state.shape)):
+        side = 1e-4 * np.eye(len(state.shape))[k]
+        slope[3 + k] = -(model.scale(state.shape + side) - model.scale(state.shape - side)) / 2e-4
+    unit = model.scale(state.shape)
+    middle, half = state.mean[0] - unit, quantile * math.sqrt(slope @ cov @ slope)
+    first, *rest = model.law.parameters
+    values = {first.name: math.exp(middle)}
+    intervals = {first.name: (math.exp(middle - half), math.exp(middle + half))}
+    for k, parameter in enumerate(rest):
+        at, half = state.shape[k], quantile * math.sqrt(cov[3 + k, 3 + k])
+        ends = np.clip([at - half, at + half], *model.bounds[k])
+        values[parameter.name] = parameter.value(at)
+        intervals[parameter.name] = parameter.value(ends[0]), parameter.value(ends[1])
+    return values, intervals
 
 
 def _finite(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -56,7 +56,27 @@ def overview(
     order = dict.fromkeys([*(known.name for known in standard()), *sorted(c.method for c in cells)])
     looks = {m: (COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]) for k, m in enumerate(order)}
     most = max(s.computed for s in summary)
-    # A line for each method and number that its settings vary.
+    _draw_methods(axes, summary, looks, most)
+    # Budgets with the best setting in each, the goal, and the band of the references.
+    limits = (min(cost(s) for s in summary) / 2.5, max(max(cost(s) for s in summary) * 3, 3.0))
+    _budgets(axes, summary, limits[0])
+    for each in (axes, *aside):
+        each.axhline(GOOD, color=FAINT, linewidth=1, linestyle="--", zorder=0)
+    band = float(np.median([c.errors["force"]["band"] for c in of_bodies(cells) if c.status == "ok"] or [0.0]))
+    low = min([max(s.error, LEAST) for s in summary] + [band or 1.0]) / 2.5
+    if band:
+        axes.axhspan(low, band, color=FAINT, alpha=0.25, linewidth=0, zorder=0,
+                     label=f"below {percent(band)}: uncertainty of the reference")  # fmt: skip
+    axes.set(xlim=limits, ylim=(low, max(1.0, 1.6 * max(s.worst for s in summary))))
+    _label(axes, most, any(s.error < LEAST for s in summary))
+    _explain(axes)
+    for panel in aside:
+        _random(panel, places or {}, {s.title: looks[s.method][0] for s in summary})
+    _save(drawn, path)
+
+
+def _draw_methods(axes: Axes, summary: Sequence[ParetoPoint], looks: Mapping[str, tuple[str, str]], most: int) -> None:
+    """A line for each method and number that its settings vary; filled marks computed `most` test cases."""
     for method in dict.fromkeys(s.method for s in summary):
         mine = [s for s in summary if s.method == method and not s.fidelity.startswith(OTHER_PATCH)]
         for k, line in enumerate(lines_of(mine)):
@@ -75,25 +95,22 @@ def overview(
         if len(known) > 1:
             text = kind.rpartition("to ")[2].replace("#", f"{known[0]:g} to {known[-1]:g}")
             axes.plot([], [], color=FAINT, linestyle=style, label=f"{text} {what}".rstrip())
-    # Budgets with the best setting in each, the goal, and the band of the references.
-    limits = (min(cost(s) for s in summary) / 2.5, max(max(cost(s) for s in summary) * 3, 3.0))
-    _budgets(axes, summary, limits[0])
-    for each in (axes, *aside):
-        each.axhline(GOOD, color=FAINT, linewidth=1, linestyle="--", zorder=0)
-    band = float(np.median([c.errors["force"]["band"] for c in of_bodies(cells) if c.status == "ok"] or [0.0]))
-    low = min([max(s.error, LEAST) for s in summary] + [band or 1.0]) / 2.5
-    if band:
-        axes.axhspan(low, band, color=FAINT, alpha=0.25, linewidth=0, zorder=0,
-                     label=f"below {percent(band)}: uncertainty of the reference")  # fmt: skip
-    # Axes and legend.
-    axes.set(xlim=limits, ylim=(low, max(1.0, 1.6 * max(s.worst for s in summary))))
+
+
+def _label(axes: Axes, most: int, cut: bool) -> None:
+    """Scales and their labels; `cut`: smaller errors are drawn at `LEAST`."""
     axes.set_xlabel("cost [% of a core]: p99 of the processor time of a step, times the rate of the steps")
-    below = f";\nsmaller errors at {percent(LEAST)}" if any(s.error < LEAST for s in summary) else ""
+    below = f";\nsmaller errors at {percent(LEAST)}" if cut else ""
     axes.set_ylabel(f"force error, RMS over the peak: median of {most} test cases{below}")
     for scale in (axes.yaxis, axes.xaxis):
         scale.set_major_formatter(lambda value, _: f"{100 * value:.15g} %")
-    top = axes.secondary_xaxis("top", functions=(lambda share: share / 1e3, lambda step: step * 1e3))
+    kilo: Any = (lambda share: share / 1e3, lambda step: step * 1e3)
+    top = axes.secondary_xaxis("top", functions=kilo)
     top.set_xlabel("the same as the time of a step at 1 kHz [s]")
+
+
+def _explain(axes: Axes) -> None:
+    """Legends: the methods, and the best setting of each budget."""
     marks, names = axes.get_legend_handles_labels()
     best = [k for k, name in enumerate(names) if name.startswith(BEST)]
     others = [k for k in range(len(names)) if k not in best]
@@ -104,9 +121,6 @@ def overview(
         axes.add_artist(above)
         axes.legend([marks[k] for k in best], [names[k] for k in best], loc="lower center", bbox_to_anchor=(0.62, 0.0),
                     title="most accurate setting", **given)  # fmt: skip
-    for panel in aside:
-        _random(panel, places or {}, {s.title: looks[s.method][0] for s in summary})
-    _save(drawn, path)
 
 
 def cost(point: ParetoPoint) -> float:
