@@ -1,5 +1,5 @@
 """Frames for the observers of a run in parcels of bounded length, so that the number of parcels bounds the memory of a
-queue: libzmq limits its queues by number, whatever the length.
+queue: libzmq limits its queues by number, not by length.
 
 A parcel is a frame of the same stream, `stream  zero byte  payload`, and its payload one of
 
