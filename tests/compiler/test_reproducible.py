@@ -52,7 +52,6 @@ EXEMPT = {
     "src/palpate/physics/display/shape_display.py:": "a power of whole numbers",
     "src/palpate/physics/fingertip/surfaces.py:level": "fingers from images",
     "src/palpate/physics/nearest.py:tree_of": "`nearest` uses only the indices that the tree finds",
-    "src/palpate/physics/geometry/refined/fits.py:within_edges": "pairs of vertices by index",
     "src/palpate/physics/texture/autoregressive.py:line_spectrum": "fits of a texture",
     "src/palpate/physics/texture/autoregressive.py:spectrum": "the same",
     "src/palpate/physics/texture/autoregressive.py:yule_walker": "the same",

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from palpate.compiler.exact import arctan2, cos, einsum, sin
+from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.archive import replacing
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry.pieces import pieces
+from palpate.physics.geometry.refined.edge_list import edges_of
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,8 @@ class Mesh:
     @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
         """Ends of each edge (E,2), the lower index first, and its number of triangles (E,)."""
-        ends = np.sort(self.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        edges, count = np.unique(ends, axis=0, return_counts=True)
-        return edges, count
+        ends, of, _ = edges_of(self.triangles, len(self.vertices))
+        return ends.astype(self.triangles.dtype), np.bincount(of.ravel(), minlength=len(ends))
 
     @cached_property
     def areas(self) -> np.ndarray:
@@ -115,24 +117,33 @@ def write_ply(path: str | Path, mesh: Mesh) -> None:
 
 def heights(mesh: Mesh, places: np.ndarray) -> np.ndarray:
     """Height z [m] (n) of the highest point of a mesh above each place (x, y) [m] (n,2); NaN outside the mesh."""
-    a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
-    low, high = np.minimum(np.minimum(a, b), c)[:, :2], np.maximum(np.maximum(a, b), c)[:, :2]
-    found = np.full(len(places), np.nan)
-    for i, place in enumerate(places):
-        near = np.flatnonzero(((low <= place) & (place <= high)).all(axis=1))
-        weights = np.stack([_turn(u[near], v[near], place) for u, v in ((b, c), (c, a), (a, b))])
-        twice = weights.sum(axis=0)  # signed area of the projection
-        over = (weights * np.sign(twice) >= -1e-12 * np.abs(twice)).all(axis=0) & (twice != 0.0)
-        if over.any():
-            z = np.stack([p[near, 2] for p in (a, b, c)])
-            found[i] = ((weights * z).sum(axis=0)[over] / twice[over]).max()
-    return found
+    found = np.full(len(places), -np.inf)
+    _raise(mesh.vertices, mesh.triangles, np.ascontiguousarray(places, dtype=float), found)
+    return np.where(np.isinf(found), np.nan, found)
 
 
-def _turn(u: np.ndarray, v: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Twice the projected area of the triangles of two corners (n,3) and a place (2); > 0 if counter-clockwise."""
-    p, q = u[:, :2] - place, v[:, :2] - place
-    return np.asarray(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
+@ieee_kernel
+def _raise(points: Matrix, triangles: Indices, places: Matrix, found: Array):
+    """Raise each of the heights [m] (n) to the highest triangle above its place [m] (n,2)."""
+    for t in range(len(triangles)):
+        a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
+        left, right = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
+        front, back = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
+        for n in range(len(places)):
+            x, y = places[n]
+            if not (left <= x <= right and front <= y <= back):
+                continue
+            u, v, w = _turn(b, c, x, y), _turn(c, a, x, y), _turn(a, b, x, y)
+            twice = u + v + w  # signed area of the projection
+            side, least = np.sign(twice), -1e-12 * abs(twice)
+            if twice != 0.0 and u * side >= least and v * side >= least and w * side >= least:
+                found[n] = max(found[n], (u * a[2] + v * b[2] + w * c[2]) / twice)
+
+
+@kernel
+def _turn(u: Array, v: Array, x: float, y: float):
+    """Twice the projected area of the triangle of two corners (3) and a place; > 0 if counter-clockwise."""
+    return (u[0] - x) * (v[1] - y) - (u[1] - y) * (v[0] - x)
 
 
 def summit(mesh: Mesh, radius: float) -> np.ndarray:

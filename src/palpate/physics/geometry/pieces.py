@@ -4,19 +4,17 @@ import numpy as np
 import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import arctan2, einsum
+from palpate.physics.geometry.refined.edge_list import edges_of
 
 
 def pieces(triangles: np.ndarray, vertices: int) -> np.ndarray:
     """Number of the connected piece of each triangle (T,); pieces that share an edge are one."""
-    corner = np.asarray(triangles, dtype=np.int64)
-    begin, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
-    _, edge = np.unique(np.minimum(begin, end) * vertices + np.maximum(begin, end), return_inverse=True)
-    size, holder = len(corner), np.arange(len(begin)) // 3
-    graph = scipy.sparse.coo_array(
-        (np.ones(len(begin), bool), (holder, size + edge.ravel())), shape=(size + len(begin),) * 2
-    ).tocsr()
-    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    return np.asarray(np.unique(label[:size], return_inverse=True)[1].ravel())
+    _, of, two = edges_of(triangles, vertices)
+    size = len(of)
+    first = two[of, 0].ravel()  # of the triangles of each edge
+    links = scipy.sparse.coo_array((np.ones(3 * size, bool), (np.arange(3 * size) // 3, first)), shape=(size, size))
+    _, label = scipy.sparse.csgraph.connected_components(links.tocsr(), directed=False)
+    return np.asarray(np.unique(label, return_inverse=True)[1].ravel())
 
 
 def winding(points: np.ndarray, triangles: np.ndarray, at: np.ndarray) -> float:

@@ -5,12 +5,12 @@ import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import einsum
 from palpate.physics.geometry.pieces import parents
+from palpate.physics.geometry.refined.edge_list import edges_of
 
 
 def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
     """Number of border edges, with one triangle (0: closed), and of non-manifold edges, with more than two."""
-    ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
-    _, count = np.unique(ends[:, 0] * vertices + ends[:, 1], return_counts=True)
+    count = np.bincount(edges_of(triangles, vertices)[1].ravel())
     return int((count == 1).sum()), int((count > 2).sum())
 
 

@@ -36,12 +36,13 @@ def sample(
     grid: Grid,
     distance: Callable[[np.ndarray], np.ndarray],
     level: float,
-    near: Callable[[np.ndarray], np.ndarray],
+    near: Callable[[np.ndarray, float], np.ndarray],
     reach: float,
 ) -> np.ndarray:
     """The distance [m] on the grid, exact within `WIDTH` steps of the level, elsewhere on the right side of it.
 
-    near   distance [m] of points (n,3) from the region of interest; blocks beyond `reach` [m] get inf
+    near   distance [m] of points (n,3) from the region of interest, exact up to a limit [m]; blocks beyond `reach` [m]
+           get inf
     """
     stride, root = BLOCK, np.sqrt(3.0)
     shape = tuple(n // stride for n in grid.shape)
@@ -49,7 +50,7 @@ def sample(
     while True:
         index = np.argwhere(todo)
         points, half = grid.points(index, stride), 0.5 * root * (stride - 1) * grid.step
-        inside = near(points) <= reach + half
+        inside = near(points, reach + half) <= reach + half
         value[tuple(index[~inside].T)] = np.inf
         index = index[inside]
         value[tuple(index.T)] = found = distance(points[inside])

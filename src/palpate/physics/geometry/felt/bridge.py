@@ -20,17 +20,16 @@ from palpate.physics.errors import MeshError
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
+from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.physics.nearest import tree_of
 
 STEP = 0.125  # [1] of the radius: step of the grid
 FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
 RIM = 10e-6  # [m] by which the plug is raised at the rims, and lowered outside
 EDGE = 3.0  # [1] `apart` of `divide_creases`: convex parts whose radius is below r/2 are edges
-SHORE = 1e-3  # [m] from untouchable triangles, where it is lowered by all of it
 
 
 class Felt(NamedTuple):
@@ -75,33 +74,6 @@ def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] 
     return _describe(felt, origin, mesh, touchable)
 
 
-class Hollow:
-    """The untouchable triangles of a body; size [m]: largest distance of a corner from the middle."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        corners = mesh.vertices[mesh.triangles]
-        self.low, self.high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        self._middles = corners.mean(axis=1)
-        self.size = float(np.linalg.norm(corners - self._middles[:, None], axis=2).max())
-        self._tree, self._closest = tree_of(self._middles), MeshClosestPoint(mesh)
-
-    def about(self, points: np.ndarray) -> np.ndarray:
-        """A lower bound of the distances [m] (n) of points (n,3), by less than the size of a triangle."""
-        return np.maximum(self._tree.query(points)[0] - self.size, 0.0)
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Distances [m] (n) of points [m] (n,3), exact up to `SHORE`."""
-        found = self.about(points)
-        near = np.flatnonzero(found < SHORE)
-        found[near] = distance_to(self._closest, points[near])
-        return found
-
-
-def distance_to(surface: MeshClosestPoint, points: np.ndarray) -> np.ndarray:
-    """Distances [m] (n) of points (n,3) from a surface that may have borders."""
-    return _nearest(surface, points)[1]
-
-
 def _touched(fine: Mesh, hidden: np.ndarray, radius: float) -> np.ndarray:
     """Corners [m] (n,3,3) of the touchable triangles, moved by the radius along their normals."""
     vector = fine.face_vectors[~hidden]
@@ -119,26 +91,22 @@ def _plug(
     margin = reach + radius + hollow.size + 2.0 * BLOCK * step
     grid = Grid.round_box(hollow.low - margin + offset, hollow.high + margin + step, step)
     distances = sample(grid, lambda at: body.find_along(at)[3], radius, hollow.about, margin)
-    touched = touched[hollow.about(touched.mean(axis=1)) < margin - radius]
+    touched = touched[hollow.about(touched.mean(axis=1), margin - radius) < margin - radius]
     centres = centre_surface(body, distances, grid, radius, touched)
     away = sample(grid, lambda at: distance_to(centres, at), radius, hollow.about, reach)
     closing = np.where(distances >= radius, step, radius - away)
     # raised at the rims, lowered outside, and ended inside the body
     index = np.argwhere(np.isfinite(away) & (np.abs(closing) < 2.0 * step))
     level = np.where(np.isfinite(away), closing, step)
-    level[tuple(index.T)] -= _lift(hollow.distance(grid.points(index)), radius, step)
+    level[tuple(index.T)] -= _lift(hollow.distance(grid.points(index), radius + 3.0 * step), radius, step)
     points, triangles = march(np.clip(level, -2.0 * step, 2.0 * step), grid, 0.0)
     # at an edge of the body the plug has one as well, which marching cubes cut off
     points, feet, good = _settle(points, centres, hollow, radius)
-    points, triangles = divide_creases(partial(_nearest, centres), points, feet, triangles, good, radius, step, EDGE)
+    points, triangles = divide_creases(
+        partial(nearest_points, centres), points, feet, triangles, good, radius, step, EDGE
+    )
     plug, _ = divide_long_edges(Mesh(points, np.ascontiguousarray(triangles, np.int32)), FACET * radius)
     return Mesh(rounded(_settle(plug.vertices, centres, hollow, radius)[0]), plug.triangles), centres
-
-
-def _nearest(surface: MeshClosestPoint, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest points [m] (n,3) of a surface that may have borders, and their distances [m] (n)."""
-    feet = surface.find_along(points)[0]
-    return feet, np.asarray(np.linalg.norm(points - feet, axis=1))
 
 
 def _settle(
@@ -147,8 +115,8 @@ def _settle(
     """Points [m] (n,3) moved to the level of the plug, their nearest centres [m] (n,3), and which are on it (n): not
     where the plug ends inside the body."""
     step = STEP * radius
-    feet, length = _nearest(centres, points)
-    shift = _lift(hollow.distance(points), radius, step) - (radius - length)
+    feet, length = nearest_points(centres, points)
+    shift = _lift(hollow.distance(points, radius + 3.0 * step), radius, step) - (radius - length)
     good = np.abs(shift) <= 0.5 * step
     share = np.where(good, shift, 0.0) / np.maximum(length, 1e-12)
     return points + share[:, None] * (feet - points), feet, good
@@ -199,7 +167,7 @@ def _normals(
     normal = np.where((own >= 0)[:, None], mesh.normals[own], 0.0)
     bridge = np.zeros(len(points), bool)
     bridge[bridges] = True
-    near = np.flatnonzero(bridge | (own < 0) | (hollow.distance(points) < SHORE))
+    near = np.flatnonzero(bridge | (own < 0) | (hollow.distance(points, SHORE) < SHORE))
     out = centres.find_along(points[near])[0] - points[near]
     length = np.linalg.norm(out, axis=1)
     good = np.abs(length - radius) < 10.0 * RIM + (STEP * radius) ** 2 / radius

@@ -17,7 +17,7 @@ from palpate.physics.geometry.felt.touchable import SLACK, divide_long_edges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.refined.divided import divide_triangles
-from palpate.physics.geometry.refined.edges import edges_of
+from palpate.physics.geometry.refined.edge_list import edges_of
 
 ROUNDS = 12  # projections of a vertex at most
 APART = 1.2  # [1] distance of the feet of two neighbours over theirs, above which a crease is between them

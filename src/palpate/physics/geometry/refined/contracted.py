@@ -9,7 +9,8 @@ import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import einsum
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.refined.edges import CREASE, directions, edges_of, is_thin
+from palpate.physics.geometry.refined.edge_list import edges_of
+from palpate.physics.geometry.refined.edges import CREASE, directions, is_thin
 
 THIN = 0.1  # [1] length of an edge that is contracted, over the longest side of a triangle there
 
@@ -39,7 +40,7 @@ def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
         if not len(whole):
             return mesh
         folded = mesh.triangles[remains][_is_folded(mesh.vertices, mesh.triangles[remains], whole)]
-        wrong = label[np.concatenate([_joined_twice(whole), folded.ravel()])]
+        wrong = label[np.concatenate([_joined_twice(whole, count), folded.ravel()])]
         if kept[wrong].all():
             used, triangles = np.unique(whole, return_inverse=True)
             points, triangles = mesh.vertices[used], triangles.reshape(-1, 3)
@@ -48,12 +49,14 @@ def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
     return mesh
 
 
-def _joined_twice(triangles: np.ndarray) -> np.ndarray:
-    """Vertices (n) of triangles (T,3) that occur twice, and of edges of more than two triangles."""
-    _, same, times = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True)
-    ends = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    edges, number = np.unique(ends, axis=0, return_counts=True)
-    return np.concatenate([triangles[times[same.ravel()] > 1].ravel(), edges[number > 2].ravel()])
+def _joined_twice(triangles: np.ndarray, count: int) -> np.ndarray:
+    """Vertices (n) of triangles (T,3) of `count` vertices that occur twice, and of edges of more than two triangles."""
+    ends, of, _ = edges_of(triangles, count)
+    number = np.bincount(of.ravel(), minlength=len(ends))
+    corner = np.sort(triangles, axis=1)
+    order = np.lexsort(corner.T)
+    same = (corner[order[1:]] == corner[order[:-1]]).all(axis=1)
+    return np.concatenate([triangles[order[1:][same]].ravel(), ends[number > 2].ravel()])
 
 
 def _is_folded(points: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:

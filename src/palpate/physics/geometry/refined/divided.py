@@ -28,10 +28,14 @@ each division), and vertices that scatter are moved onto a smooth surface (`smoo
 
 import numpy as np
 
-from palpate.compiler.exact import cos, einsum
+from palpate.compiler.exact import cos, einsum, row_times
+from palpate.compiler.kernel import kernel
+from palpate.compiler.records import put, vector
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.contracted import contract_edges
-from palpate.physics.geometry.refined.edges import creases, directions, edges_of, unit
+from palpate.physics.geometry.refined.edge_list import edges_of
+from palpate.physics.geometry.refined.edges import creases, direction, length_between, unit
 from palpate.physics.geometry.refined.flipped import flip_caps
 from palpate.physics.geometry.refined.normals import fit_normals
 from palpate.physics.geometry.refined.smoothed import smooth_vertices
@@ -105,15 +109,14 @@ class _Divided:
         """The edges of the triangles: length [m], normal at each end, whether these turn by more than `TURN`."""
         points, sharp = self.points, self.sharp
         self.ends, self.of, two = edges_of(self.triangles, len(points))
-        low, high = self.ends.T
-        self.lengths = np.linalg.norm(points[low] - points[high], axis=1)
-        self.straight = np.isin(*(each[:, 0] * len(points) + each[:, 1] for each in (self.ends, sharp)))
-        bent = self.bent()
-        # the normal at each end: of the vertex, or of the two triangles where the vertex is on a crease
-        facing = directions(points, self.triangles)
-        between = unit(facing[two[:, 0]] + facing[two[:, 1]])
-        self.at_low, self.at_high = (np.where(bent[end][:, None], between, self.normals[end]) for end in (low, high))
-        self.turns = (einsum("ij,ij->i", self.at_low, self.at_high) < cos(TURN)) & ~self.straight
+        count = len(self.ends)
+        keys, known = (each[:, 0] * len(points) + each[:, 1] for each in (self.ends, sharp))
+        place = np.minimum(np.searchsorted(keys, known), count - 1)
+        self.straight, self.lengths, self.turns = np.zeros(count, bool), np.empty(count), np.empty(count, bool)
+        self.straight[place[keys[place] == known]] = True
+        self.at_low, self.at_high = np.empty((count, 3)), np.empty((count, 3))
+        _measure(points, self.normals, self.triangles, self.ends, two, self.straight, self.bent(), float(cos(TURN)),
+                 self.lengths, self.at_low, self.at_high, self.turns)  # fmt: skip
 
     def with_straight(self, long: np.ndarray, finest: float) -> np.ndarray:
         """These edges (E,), and each straight one that is the longest of a triangle with one of them.
@@ -164,6 +167,32 @@ class _Divided:
         normals = np.concatenate([self.normals, facing])
         new = np.arange(len(self.normals), len(normals))
         self.normals = fit_normals(self.points, self.triangles, normals, new, self.bent())
+
+
+@kernel
+def _measure(
+    points: Matrix, normals: Matrix, triangles: Indices, ends: Indices, two: Indices, straight: Indices, bent: Indices,
+    most: float, lengths: Array, at_low: Matrix, at_high: Matrix, turns: Indices,
+):  # fmt: skip
+    """Fill in the results of `find_edges`, the last four. `most`: cosine of `TURN`."""
+    for e in range(len(ends)):
+        low, high = ends[e]
+        lengths[e] = length_between(points[low], points[high])
+        put(at_low[e], vector(normals[low]))
+        put(at_high[e], vector(normals[high]))
+        if bent[low] or bent[high]:
+            # the normal at an end on a crease is that of the two triangles
+            i, j, k = vector(triangles[two[e, 0]])
+            x, y, z = direction(points, i, j, k)
+            i, j, k = vector(triangles[two[e, 1]])
+            u, v, w = direction(points, i, j, k)
+            x, y, z = x + u, y + v, z + w
+            length = max(np.sqrt(x * x + y * y + z * z), 1e-300)
+            if bent[low]:
+                put(at_low[e], (x / length, y / length, z / length))
+            if bent[high]:
+                put(at_high[e], (x / length, y / length, z / length))
+        turns[e] = row_times(at_low[e], at_high[e]) < most and not straight[e]
 
 
 def _halfway(

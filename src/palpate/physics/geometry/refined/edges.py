@@ -3,21 +3,13 @@
 import numpy as np
 
 from palpate.compiler.exact import einsum
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Matrix
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.refined.edge_list import edges_of
 
 CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
 THINNEST = 0.004  # [1] height over the longest side below which the normal of a triangle is not known
-
-
-def edges_of(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ends (E,2) of each edge, the lower first; the edges of each triangle (T,3), the first between its first two
-    corners; two triangles of each edge (E,2), the same twice at a border."""
-    begin, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    low, high = np.minimum(begin, end), np.maximum(begin, end)
-    key, first, of = np.unique(low * count + high, return_index=True, return_inverse=True)
-    last = np.zeros(len(key), dtype=np.int64)
-    last[of.ravel()] = np.arange(len(begin)) // 3
-    return np.stack([key // count, key % count], 1), of.reshape(-1, 3), np.stack([first // 3, last], 1)
 
 
 def directions(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -49,3 +41,37 @@ def creases(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     off = np.asarray(einsum("ikj,ij->ik", mesh.normals[triangles], facing)) < CREASE
     sharp = border | ((bend < CREASE) & known[two].all(axis=1))
     return np.asarray(ends[sharp]), np.unique(triangles[off & known[:, None]])
+
+
+@ieee_kernel
+def direction(points: Matrix, i: int, j: int, k: int):
+    """Unit normal of a triangle (`directions`) in a kernel."""
+    x, y, z = _area(points, i, j, k)
+    length = max(np.sqrt(x * x + y * y + z * z), 1e-300)
+    return x / length, y / length, z / length
+
+
+@ieee_kernel
+def too_thin(points: Matrix, i: int, j: int, k: int):
+    """Whether a triangle is too thin for a normal (`is_thin`), in a kernel."""
+    x, y, z = _area(points, i, j, k)
+    side = max(
+        length_between(points[j], points[i]), length_between(points[k], points[j]), length_between(points[i], points[k])
+    )
+    return np.sqrt(x * x + y * y + z * z) <= THINNEST * side * side
+
+
+@kernel
+def _area(points: Matrix, i: int, j: int, k: int):
+    """Twice the area of a triangle times its normal [m²]."""
+    a, b, c = points[i], points[j], points[k]
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    u, v, w = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    return y * w - z * v, z * u - x * w, x * v - y * u
+
+
+@ieee_kernel
+def length_between(a: Array, b: Array):
+    """Distance [m] of two points (3), in the order of `np.linalg.norm`."""
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return np.sqrt(x * x + y * y + z * z)

@@ -1,97 +1,150 @@
 """Cubic height functions of the mean normal, fitted to the vertices round each of some vertices of a mesh."""
 
-from __future__ import annotations
-
-from typing import Any, NamedTuple
-
 import numpy as np
-import scipy  # loads its submodules when they are used
 
-from palpate.compiler.exact import einsum, solve
+from palpate.compiler.exact import row_times, solve_in_place
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
+from palpate.physics.geometry.refined.edge_list import sort_few
 
 DEGREE = 3
+TERMS = 9  # of a cubic without c_00
 RIDGE = 1e-9  # [1] regularization of coefficients that few neighbours do not determine
-PART = 1000  # vertices at a time, whose tables fit into a cache
+FIT = np.dtype({
+    "names": ["one", "two", "wide", "number", "terms", "noise"],
+    "formats": [("<f8", 3), ("<f8", 3), "<f8", "<f8", ("<f8", TERMS + 1), "<f8"],
+})  # fmt: skip
+"""z = sum c_ij x^i y^j with x, y and z over `wide`: axes of x and y [1] (3); `wide` [m], the root mean square distance
+of the neighbours; their number, at least 1; c_10, c_01, ..., or c_00 and these; variance of the residual [1]."""
 
 
-class Fit(NamedTuple):
-    """For each of k vertices, z = sum c_ij x^i y^j with x, y and z over `wide`."""
+@kernel
+def within_edges(at: Indices, near: Indices, vertex: int, edges: int, itself: bool, found: Indices, seen: Indices):
+    """Fill `found` with the vertices within some edges of a vertex, in ascending order; returns their number.
 
-    one: np.ndarray  # [1] (k,3) axis of x
-    two: np.ndarray  # [1] (k,3) axis of y
-    wide: np.ndarray  # [m] (k) root mean square distance of the neighbours
-    number: np.ndarray  # [1] (k) of neighbours, at least 1
-    terms: np.ndarray  # [1] (k,9) c_10, c_01, ..., or (k,10) from c_00 on
-    noise: np.ndarray  # [1] (k) variance of the residual
-
-
-def neighbours(triangles: np.ndarray, count: int) -> Any:
-    """Matrix (V,V) with a number above 0 for each pair of vertices that share an edge."""
-    one, two = triangles[:, [0, 1, 1, 2, 2, 0]].ravel(), triangles[:, [1, 0, 2, 1, 0, 2]].ravel()
-    return scipy.sparse.coo_array((np.ones(len(one), np.int32), (one, two)), shape=(count, count)).tocsr()
-
-
-def within_edges(near: Any, some: np.ndarray, edges: int, itself: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Each pair of a vertex and another one (or also itself) within some edges: its place in `some` (k) and the other
-    one, in order."""
-    around = near[some]
-    for _ in range(edges - 1):
-        around = around @ near + near[some]
-    around.sort_indices()
-    row = np.repeat(np.arange(len(some)), np.diff(around.indptr))
-    if itself:
-        return row, around.indices
-    apart = around.indices != some[row]
-    return row[apart], around.indices[apart]
-
-
-def fit_cubics(
-    points: np.ndarray, along: np.ndarray, some: np.ndarray, row: np.ndarray, other: np.ndarray, near: float, free: bool
-) -> Fit:
-    """Weighted least squares for the vertices `some` (k), with the neighbours `other` (n) of the rows `row` (n).
-
-    points [m] (V,3);  along [1] (k,3) axes of z;  near [1] in the weights 1/((r/wide)² + near), r the distance
-    free  whether c_00 is fitted; else the surface goes through the vertex
+    at, near  see `neighbours_of`;  itself  whether the vertex is one of them, if it has any
+    seen      (V) workspace: all below 0, and again afterwards
     """
-    size = len(some)
+    found[0], seen[vertex] = vertex, 0
+    size, begin = 1, 0
+    for _ in range(edges):
+        end = size
+        for k in range(begin, end):
+            for n in range(at[found[k]], at[found[k] + 1]):
+                other = near[n]
+                if seen[other] < 0:
+                    found[size], seen[other] = other, 0
+                    size += 1
+        begin = end
+    for k in range(size):
+        seen[found[k]] = -1
+    if size == 1 or not itself:
+        size -= 1
+        found[0] = found[size]
+    sort_few(found, 0, size)
+    return size
 
-    def total(values: np.ndarray) -> np.ndarray:
-        return np.bincount(row, values, minlength=size)
 
-    first = np.where(np.abs(along[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    one = np.cross(along, first)
-    one /= np.maximum(np.linalg.norm(one, axis=1), 1e-300)[:, None]
-    two = np.cross(along, one)
-    away, number = points[other] - points[some[row]], np.maximum(total(np.ones(len(row))), 1.0)
-    x, y, z = (einsum("ij,ij->i", away, axis[row]) for axis in (one, two, along))
-    wide = np.maximum(np.sqrt(total(x * x + y * y) / number), 1e-300)
-    x, y, z = x / wide[row], y / wide[row], z / wide[row]
+@ieee_kernel
+def fit_cubic(
+    points: Matrix, along: Vector3, vertex: int, found: Indices, size: int, near: float, free: bool,
+    fit: Record, sums: Matrix, left: Matrix, right: Matrix,
+):  # fmt: skip
+    """Weighted least squares for a vertex with the neighbours found[:size]; False: the equations are singular.
+
+    points [m] (V,3);  along [1] (3) axis of z;  near [1] in the weights 1/((r/wide)² + near), r the distance
+    free   whether c_00 is fitted; else the surface goes through the vertex
+    sums (n,4), left (1,n,n) and right (1,n,1) are workspaces
+    """
+    one, two = fit.one, fit.two
+    x_axis = abs(along[0]) < 0.6
+    _cross(along, (1.0, 0.0, 0.0) if x_axis else (0.0, 1.0, 0.0), one)
+    length = max(np.sqrt(one[0] * one[0] + one[1] * one[1] + one[2] * one[2]), 1e-300)
+    for i in range(3):
+        one[i] /= length
+    _cross(along, one, two)
+    square = count = 0.0
+    away = np.empty(3)
+    for k in range(size):
+        for i in range(3):
+            away[i] = points[found[k], i] - points[vertex, i]
+        x, y = row_times(away, one), row_times(away, two)
+        sums[k, 0], sums[k, 1], sums[k, 2] = x, y, row_times(away, along)
+        square += x * x + y * y
+        count += 1.0
+    number = max(count, 1.0)
+    wide = max(np.sqrt(square / number), 1e-300)
+    fit.wide, fit.number = wide, number
     # by the moments of x and y up to the sixth
-    weight = 1.0 / (x * x + y * y + near)
-    terms = _powers(x, y, DEGREE, free)
-    moments = {powers: total(weight * term) for powers, term in _powers(x, y, 2 * DEGREE, free).items()}
-    lift = weight * z
-    left, right = np.zeros((size, len(terms), len(terms))), np.zeros((size, len(terms), 1))
-    for i, (one_power, term) in enumerate(terms.items()):
-        right[:, i, 0] = total(lift * term)
-        for j, other_power in enumerate(terms):
-            left[:, i, j] = moments[one_power[0] + other_power[0], one_power[1] + other_power[1]]
-    diagonal = np.arange(len(terms))
-    left[:, diagonal, diagonal] += 1e-30 + RIDGE * left.max(axis=(1, 2))[:, None]
-    solution = solve(left, right)[:, :, 0]
-    for i, term in enumerate(terms.values()):
-        z = z - solution[row, i] * term
-    spare = number / np.maximum(number - len(terms), 1.0)
-    noise = total(weight * z * z) / np.maximum(total(weight), 1e-300) * spare
-    return Fit(one, two, wide, number, solution, noise)
+    terms = TERMS + 1 if free else TERMS
+    skipped = 0 if free else 1
+    moments, powers = np.zeros((2 * DEGREE + 1, 2 * DEGREE + 1)), np.empty((2 * DEGREE + 1, 2 * DEGREE + 1))
+    for i in range(terms):
+        right[0, i, 0] = 0.0
+    total = 0.0
+    for k in range(size):
+        x, y, z = sums[k, 0] / wide, sums[k, 1] / wide, sums[k, 2] / wide
+        weight = 1.0 / (x * x + y * y + near)
+        sums[k, 0], sums[k, 1], sums[k, 2], sums[k, 3] = x, y, z, weight
+        total += weight
+        _raise(x, y, 2 * DEGREE, powers)
+        for degree in range(skipped, 2 * DEGREE + 1):
+            for j in range(degree + 1):
+                moments[degree - j, j] += weight * powers[degree - j, j]
+        at = 0
+        for degree in range(skipped, DEGREE + 1):
+            for j in range(degree + 1):
+                right[0, at, 0] += weight * z * powers[degree - j, j]
+                at += 1
+    _fill_equations(moments, skipped, left)
+    if not solve_in_place(left[:, :terms, :terms], right[:, :terms]):
+        return False
+    noise = 0.0
+    for k in range(size):
+        z, weight = sums[k, 2], sums[k, 3]
+        _raise(sums[k, 0], sums[k, 1], DEGREE, powers)
+        at = 0
+        for degree in range(skipped, DEGREE + 1):
+            for j in range(degree + 1):
+                z -= right[0, at, 0] * powers[degree - j, j]
+                at += 1
+        noise += weight * z * z
+    for i in range(terms):
+        fit.terms[i] = right[0, i, 0]
+    fit.noise = noise / max(total, 1e-300) * (number / max(number - terms, 1.0))
+    return True
 
 
-def _powers(x: np.ndarray, y: np.ndarray, most: int, free: bool) -> dict[tuple[int, int], np.ndarray]:
-    """x^i y^j (n) by (i, j), 1 <= i + j <= `most`, or 0 <= i + j."""
-    powers = {(0, 0): np.ones(len(x))} if free else {}
-    powers |= {(1, 0): x, (0, 1): y}
+@kernel
+def _fill_equations(moments: Matrix, skipped: int, left: Matrix):
+    """Fill the matrix (1,n,n) of the normal equations of the terms x^i y^j, i + j >= `skipped`."""
+    row, most = 0, -np.inf
+    for one in range(skipped, DEGREE + 1):
+        for j in range(one + 1):
+            column = 0
+            for other in range(skipped, DEGREE + 1):
+                for l in range(other + 1):
+                    value = moments[one - j + other - l, j + l]
+                    left[0, row, column] = value
+                    most = max(most, value)
+                    column += 1
+            row += 1
+    for i in range(row):
+        left[0, i, i] += 1e-30 + RIDGE * most
+
+
+@kernel
+def _raise(x: float, y: float, most: int, powers: Matrix):
+    """Fill in x^i y^j, i + j <= `most`."""
+    powers[0, 0], powers[1, 0], powers[0, 1] = 1.0, x, y
     for k in range(2, most + 1):
         for j in range(k):
             powers[k - j, j] = powers[k - j - 1, j] * x
         powers[0, k] = powers[0, k - 1] * y
-    return powers
+
+
+@kernel
+def _cross(a: Vector3, b: Vector3, out: Array):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]

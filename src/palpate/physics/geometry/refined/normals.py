@@ -15,7 +15,10 @@ With noise of 1 % of h the errors are 1.1 times those of the mean, without noise
 
 import numpy as np
 
-from palpate.physics.geometry.refined.fits import PART, fit_cubics, neighbours, within_edges
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Indices, Matrix, Record
+from palpate.physics.geometry.refined.edge_list import neighbours_of
+from palpate.physics.geometry.refined.fits import FIT, TERMS, fit_cubic, within_edges
 
 FEWEST, MOST = 12, 500  # neighbours, and walks over two edges, beyond which the mean remains
 NEAR = 0.1  # [1] in the weights
@@ -31,26 +34,42 @@ def fit_normals(
     fitted  (k) vertices that get a normal by a fit; the others keep theirs
     breaks  (V) whether the surface is not smooth at a vertex: within two edges of it no normal is fitted
     """
-    normals, near = means.copy(), neighbours(triangles, len(points))
-    degree = np.diff(near.indptr)
-    steps = np.bincount(np.repeat(np.arange(len(points)), degree), degree[near.indices], minlength=len(points))
-    fitted = fitted[steps[fitted] < MOST]
-    for begin in range(0, len(fitted), PART):
-        some = fitted[begin : begin + PART]
-        row, other = within_edges(near, some, 2)
-        normals[some] = _fit(points, means, some, row, other, breaks)
+    normals = means.copy()
+    at, near = neighbours_of(triangles, len(points))
+    scratch = np.full(len(points), -1), np.empty(MOST + 1, np.int64), np.zeros(1, FIT), np.empty((MOST + 1, 4))
+    _fit_normals(points, means, at, near, fitted, breaks, normals, *scratch, np.empty((1, TERMS, TERMS)),
+                 np.empty((1, TERMS, 1)))  # fmt: skip
     return normals
 
 
-def _fit(
-    points: np.ndarray, means: np.ndarray, some: np.ndarray, row: np.ndarray, other: np.ndarray, breaks: np.ndarray
-) -> np.ndarray:
-    """Normals (k,3) of the vertices `some` (k), which have the neighbours `other` (n) of the rows `row` (n)."""
-    fit = fit_cubics(points, means[some], some, row, other, NEAR, free=False)
-    slope = fit.terms[:, :2]
-    square = slope[:, 0] ** 2 + slope[:, 1] ** 2
-    broken = np.bincount(row, breaks[other].astype(float), minlength=len(some))
-    smooth = (fit.number >= FEWEST) & (broken == 0.0) & ~breaks[some]
-    share = np.where(smooth & (square < STEEPEST**2), square / np.maximum(square + fit.noise, 1e-300), 0.0)[:, None]
-    normal = means[some] - share * (slope[:, :1] * fit.one + slope[:, 1:] * fit.two)
-    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None])
+@ieee_kernel
+def _fit_normals(
+    points: Matrix, means: Matrix, at: Indices, near: Indices, fitted: Indices, breaks: Indices, normals: Matrix,
+    seen: Indices, found: Indices, fits: Record, sums: Matrix, left: Matrix, right: Matrix,
+):  # fmt: skip
+    """Fill in the normals (V,3) of the fitted vertices; workspaces last. Where a fit is not believed, the mean is."""
+    fit = fits[0]
+    for v in fitted:
+        walks = 0
+        for n in range(at[v], at[v + 1]):
+            walks += at[near[n] + 1] - at[near[n]]
+        if walks >= MOST:
+            continue
+        size = within_edges(at, near, v, 2, False, found, seen)
+        smooth = size >= FEWEST and not breaks[v]
+        for k in range(size):
+            smooth = smooth and not breaks[found[k]]
+        share = first = second = 0.0
+        if smooth and fit_cubic(points, means[v], v, found, size, NEAR, False, fit, sums, left, right):
+            first, second = fit.terms[0], fit.terms[1]
+            square = first * first + second * second
+            if square < STEEPEST**2:
+                share = square / max(square + fit.noise, 1e-300)
+        length, normal = 0.0, normals[v]
+        for i in range(3):
+            if smooth:
+                normal[i] = means[v, i] - share * (first * fit.one[i] + second * fit.two[i])
+            length += normal[i] * normal[i]
+        length = max(np.sqrt(length), 1e-300)
+        for i in range(3):
+            normal[i] /= length

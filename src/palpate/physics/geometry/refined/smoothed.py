@@ -12,12 +12,13 @@ at most twice the residual of the narrower or that median, except near edges, co
 vertices then are 4 um off, and after the division the normals 0.15 degrees.
 """
 
-from typing import Any
-
 import numpy as np
 
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.arrays import Indices, Matrix, Record
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.refined.fits import PART, Fit, fit_cubics, neighbours, within_edges
+from palpate.physics.geometry.refined.edge_list import neighbours_of
+from palpate.physics.geometry.refined.fits import FIT, TERMS, fit_cubic, within_edges
 
 SAMPLE = 500  # vertices that decide whether a mesh scatters
 ENOUGH = 0.1  # [1] share of them with a residual above `LEAST`
@@ -33,34 +34,48 @@ def smooth_vertices(mesh: Mesh, sharp: np.ndarray, corner: np.ndarray) -> Mesh:
 
     sharp, corner  (K,2), (C) where the surface is not smooth, see `creases`
     """
-    near, breaks = neighbours(mesh.triangles.astype(np.int64), len(mesh.vertices)), np.zeros(len(mesh.vertices), bool)
+    near, breaks = neighbours_of(mesh.triangles, len(mesh.vertices)), np.zeros(len(mesh.vertices), bool)
     breaks[sharp] = breaks[corner] = True
     some = np.unique(np.linspace(0, len(breaks) - 1, SAMPLE).astype(np.int64))
     narrow, wider, smooth = _fits(mesh, near, breaks, some)
-    residual = np.sqrt(narrow.noise)
+    residual = np.sqrt(narrow["noise"])
     rough = smooth & (residual > LEAST)
     if rough.sum() < ENOUGH * len(some):
         return mesh
-    growth = np.sqrt(wider.noise) * wider.wide / np.maximum(residual * narrow.wide, 1e-300)
+    growth = np.sqrt(wider["noise"]) * wider["wide"] / np.maximum(residual * narrow["wide"], 1e-300)
     usual = float(np.median(residual[rough]))
     if usual > MOST or np.median(growth[rough]) > GROWS:
         return mesh
-    parts = [np.arange(at, min(at + PART, len(breaks))) for at in range(0, len(breaks), PART)]
-    offset = np.concatenate([_offset(*_fits(mesh, near, breaks, part), usual) for part in parts])
+    narrow, wider, smooth = _fits(mesh, near, breaks, np.arange(len(breaks)))
+    most = LIMIT * np.maximum(np.sqrt(narrow["noise"]), usual) * narrow["wide"]
+    offset = np.where(smooth, np.clip(wider["terms"][:, 0] * wider["wide"], -most, most), 0.0)
     return Mesh(mesh.vertices + offset[:, None] * mesh.normals, mesh.triangles)
 
 
-def _fits(mesh: Mesh, near: Any, breaks: np.ndarray, some: np.ndarray) -> tuple[Fit, Fit, np.ndarray]:
-    """The fits within two edges and three to the vertices `some` (k), and whether the surface is smooth there."""
-    fits, smooth = [], ~breaks[some]
-    for edges in (2, 3):
-        row, other = within_edges(near, some, edges, itself=True)
-        fits.append(fit_cubics(mesh.vertices, mesh.normals[some], some, row, other, NEAR, free=True))
-        smooth &= np.bincount(row, breaks[other].astype(float), minlength=len(some)) == 0.0
-    return *fits, smooth & (fits[1].number >= FEWEST)
+def _fits(
+    mesh: Mesh, near: tuple[np.ndarray, np.ndarray], breaks: np.ndarray, some: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The fits (`FIT`) within two edges and three to the vertices `some` (k), and whether the surface is smooth there;
+    zero where it is not."""
+    fits, smooth, count = np.zeros((2, len(some)), FIT), np.zeros(len(some), bool), len(breaks)
+    scratch = np.full(count, -1), np.empty(count, np.int64), np.empty((count, 4))
+    equations = np.empty((1, TERMS + 1, TERMS + 1)), np.empty((1, TERMS + 1, 1))
+    _fill(mesh.vertices, mesh.normals, *near, breaks, some, fits, smooth, *scratch, *equations)
+    return fits[0], fits[1], smooth
 
 
-def _offset(narrow: Fit, wider: Fit, smooth: np.ndarray, usual: float) -> np.ndarray:
-    """How far [m] (k) vertices are to move along their normals; `usual`: median of the residuals [1]."""
-    most = LIMIT * np.maximum(np.sqrt(narrow.noise), usual) * narrow.wide
-    return np.where(smooth, np.clip(wider.terms[:, 0] * wider.wide, -most, most), 0.0)
+@ieee_kernel
+def _fill(
+    points: Matrix, normals: Matrix, at: Indices, near: Indices, breaks: Indices, some: Indices, fits: Record,
+    smooth: Indices, seen: Indices, found: Indices, sums: Matrix, left: Matrix, right: Matrix,
+):  # fmt: skip
+    """Fill the results of `_fits`; workspaces last."""
+    for k, v in enumerate(some):
+        size = within_edges(at, near, v, 3, True, found, seen)
+        smooth[k] = size >= FEWEST and not breaks[v]
+        for n in range(size):
+            smooth[k] = smooth[k] and not breaks[found[n]]
+        if smooth[k]:
+            smooth[k] = fit_cubic(points, normals[v], v, found, size, NEAR, True, fits[1, k], sums, left, right)
+            size = within_edges(at, near, v, 2, True, found, seen)
+            fit_cubic(points, normals[v], v, found, size, NEAR, True, fits[0, k], sums, left, right)
