@@ -169,7 +169,7 @@ class Mesh(_Nearest, OnSurface):
 
     def _refinement(self, mesh: meshes.Mesh) -> list[str]:
         """A note on the change by `refine`, if any."""
-        moved, before = refinement(*self._surface)
+        moved, before = refinement(self.surface, self.file_unit, self.piece, self.refine)
         if len(mesh.vertices) != before:
             return [
                 f"{self.surface}: triangles coarser than {1e3 * self.refine:.3g} mm are divided on a smooth surface: "

@@ -1,6 +1,7 @@
 """The width of the finger, and the surface that a finger of this width can touch, for collision and spread."""
 
 from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -9,11 +10,21 @@ import numpy as np
 from palpate.messages import Contact, Proximity
 from palpate.nodes.base.effect import Agrees
 from palpate.nodes.base.node import Node, SettingError
-from palpate.nodes.base.surface import LEVEL, SURFACES, OnSurface, OnThinnedSurface, content_of, surface_mesh
+from palpate.nodes.base.stored.surfaces import arrays_of_felt, felt_of_arrays, stored
+from palpate.nodes.base.surface import (
+    LEVEL,
+    SURFACES,
+    OnSurface,
+    OnThinnedSurface,
+    content_of,
+    inputs_of,
+    surface_mesh,
+)
 from palpate.physics.errors import MeshError
 from palpate.physics.extras import missing
 from palpate.physics.geometry.felt.bridge import Felt, close_surface
 from palpate.physics.nearest import nearest, tree_of
+from palpate.units.header import factor
 
 SAMPLES = 3000  # vertices of a NURBS surface that are tested
 WIDTH = 16e-3  # [m] twice the radius of the patch of spread.Kernel
@@ -57,8 +68,16 @@ def _felt_surface(
     if width == 0.0 or (surface in SURFACES and width <= WIDTH):  # which a finger of this width touches everywhere
         return Bridged(None, "")
     mesh = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, refine)
+
+    def arrays() -> dict[str, np.ndarray]:
+        return arrays_of_felt(close_surface(mesh, 0.5 * width))
+
     try:
-        felt = close_surface(mesh, 0.5 * width)
+        if content:
+            inputs = inputs_of(surface, content, factor(file_unit, "m"), piece, refine) | {"width": width}
+            felt = felt_of_arrays(stored("felt", inputs, arrays, Path(surface).name))
+        else:
+            felt = felt_of_arrays(arrays())
     except MeshError as error:
         return Bridged(None, str(error))
     except ImportError as error:

@@ -16,7 +16,7 @@ import math
 from functools import lru_cache
 from hashlib import file_digest
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -24,6 +24,7 @@ import numpy as np
 from palpate.compiler.exact import cos, einsum, sin
 from palpate.messages import Surface, Vector3
 from palpate.nodes.base import Node, SettingError
+from palpate.nodes.base.stored.surfaces import arrays_of_mesh, mesh_of_arrays, stored
 from palpate.physics.geometry.graded import fill_field, spread_over
 from palpate.physics.geometry.kidney import THICKNESS, kidney
 from palpate.physics.geometry.mesh import Mesh, plane
@@ -160,22 +161,47 @@ def _placed_mesh(
     elif surface in SURFACES:
         mesh = tessellate(_patch(surface), max(vertices, 12))
     else:
-        mesh = _file_mesh(surface, file_unit, piece, refine, content)
+        mesh = _file_mesh(surface, file_unit, piece, refine, content)[0]
     return place_mesh(mesh, position, rotation)
 
 
 @lru_cache(maxsize=2)
-def _file_mesh(surface: str, file_unit: str, piece: int, refine: float, content: bytes) -> Mesh:
-    """The mesh of a file where its numbers put it: a run places it several times, and the refinement takes seconds."""
-    from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
-
+def _file_mesh(surface: str, file_unit: str, piece: int, refine: float, content: bytes) -> tuple[Mesh, float, int]:
+    """The mesh of a file where its numbers put it, and what `refinement` returns; stored, if it is refined."""
     _check_name(surface)
     try:
         scale = factor(file_unit, "m")
     except UnitError as error:
         raise SettingError(f"setting 'file_unit': {error}") from None
-    mesh = read_mesh(surface, scale, piece)
-    return refine_mesh(mesh, refine, MOST_REFINED) if refine > 0.0 else mesh
+
+    def given() -> Mesh:
+        from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
+
+        return read_mesh(surface, scale, piece)
+
+    if refine == 0.0 or not content:
+        mesh = given()
+        return mesh, 0.0, len(mesh.vertices)
+    inputs = inputs_of(surface, content, scale, piece, refine)
+    arrays = stored("refined", inputs, lambda: _refined(given(), refine), Path(surface).name)
+    moved, before = arrays["change"].tolist()
+    return mesh_of_arrays(arrays), moved, int(before)
+
+
+def inputs_of(surface: str, content: bytes, scale: float, piece: int, refine: float) -> dict[str, Any]:
+    """All that the refined mesh of a file depends on."""
+    kind = Path(surface).suffix.lower()
+    return {"file": content.hex(), "type": kind, "scale": scale, "piece": piece, "refine": refine, "most": MOST_REFINED}
+
+
+def _refined(coarse: Mesh, refine: float) -> dict[str, np.ndarray]:
+    """The refined mesh, and the largest distance [m] of its vertices from the given one and the number of vertices
+    before, as arrays."""
+    mesh, moved = refine_mesh(coarse, refine, MOST_REFINED), 0.0
+    if not np.array_equal(mesh.vertices, coarse.vertices):
+        foot, *_ = MeshClosestPoint(coarse).find_along(mesh.vertices)
+        moved = float(np.linalg.norm(mesh.vertices - foot, axis=1).max())
+    return {**arrays_of_mesh(mesh), "change": np.array([moved, len(coarse.vertices)])}
 
 
 def place_mesh(mesh: Mesh, position: Vector3, rotation: Vector3) -> Mesh:
@@ -211,18 +237,11 @@ def _thinned_mesh(
     return thin_mesh(_placed_mesh(surface, vertices, position, rotation, file_unit, piece, refine, content), spacing)
 
 
-@lru_cache(maxsize=4)
-def refinement(
-    surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, piece: int, refine: float
-) -> tuple[float, int]:
+def refinement(surface: str, file_unit: str, piece: int, refine: float) -> tuple[float, int]:
     """Largest distance [m] of the vertices of the refined surface from the triangles of the file, and the number of
     vertices of the file."""
-    coarse = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, 0.0)
-    fine = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, refine)
-    if np.array_equal(fine.vertices, coarse.vertices):
-        return 0.0, len(coarse.vertices)
-    foot, *_ = MeshClosestPoint(coarse).find(fine.vertices)
-    return float(np.linalg.norm(fine.vertices - foot, axis=1).max()), len(coarse.vertices)
+    _, moved, before = _file_mesh(surface, file_unit, piece, refine, content_of(surface))
+    return moved, before
 
 
 def complete(surface: Surface, points: np.ndarray) -> Surface:

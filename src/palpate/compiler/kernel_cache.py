@@ -129,6 +129,11 @@ def versions(minor: bool = False) -> str:
 @functools.cache
 def limit_size(folder: Path) -> None:
     """Remove the files of a folder that were not used for longest, above `SIZE`; once per process."""
+    remove_oldest(folder, SIZE)
+
+
+def remove_oldest(folder: Path, most: int) -> None:
+    """Remove the files of a folder that were not used for longest, above `most` [bytes]."""
     try:
         found = [(entry.stat(follow_symlinks=False), entry.path) for entry in os.scandir(folder)]
     except OSError:
@@ -139,7 +144,7 @@ def limit_size(folder: Path) -> None:
     total = 0
     for _, size, path in files:
         total += size
-        if total > SIZE:
+        if total > most:
             with contextlib.suppress(OSError):
                 os.unlink(path)
 

@@ -1,0 +1,1 @@
+"""What was prepared of an organ before, stored for later runs."""
