@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from palpate.launch.run.busy import busy
 from palpate.launch.run.wire.printable import printable
+from palpate.nodes.base.stored import watched
 
 INTERVAL = 10.0  # [s] between lines in a log
+SOON = 1.0  # [s] after which the preparation of a surface is reported
 
 
 class StageBars:
@@ -94,6 +97,32 @@ def steps(
             show(reached / total if total else 0.0, what)
 
         yield done
+
+
+@contextmanager
+def preparing(silent: bool = False) -> Iterator[None]:
+    """Within this context, report each surface of a file whose preparation takes longer than `SOON`: a bar of unknown
+    duration on a terminal, otherwise a line."""
+
+    @contextmanager
+    def watch(what: str) -> Iterator[None]:
+        bars = StageBars(silent)
+
+        def begin() -> None:
+            bars.__enter__()
+            bars.begin("Preparing", what, total=None)
+
+        timer = threading.Timer(SOON, begin)
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+            timer.join()
+            bars.__exit__()
+
+    with watched(watch):
+        yield
 
 
 @contextmanager

@@ -75,7 +75,9 @@ def _felt_surface(
     try:
         if content:
             inputs = inputs_of(surface, content, factor(file_unit, "m"), piece, refine) | {"width": width}
-            felt = felt_of_arrays(stored("felt", inputs, arrays, Path(surface).name))
+            felt = felt_of_arrays(
+                stored("felt", inputs, arrays, f"{Path(surface).name}, surface that the finger can touch")
+            )
         else:
             felt = felt_of_arrays(arrays())
     except MeshError as error:

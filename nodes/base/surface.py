@@ -183,7 +183,7 @@ def _file_mesh(surface: str, file_unit: str, piece: int, refine: float, content:
         mesh = given()
         return mesh, 0.0, len(mesh.vertices)
     inputs = inputs_of(surface, content, scale, piece, refine)
-    arrays = stored("refined", inputs, lambda: _refined(given(), refine), Path(surface).name)
+    arrays = stored("refined", inputs, lambda: _refined(given(), refine), f"{Path(surface).name}, smooth surface")
     moved, before = arrays["change"].tolist()
     return mesh_of_arrays(arrays), moved, int(before)
 

@@ -14,6 +14,8 @@ from palpate.launch.load.placement import FUSED, find_place
 from palpate.launch.load.recording import new_folder, recording_name
 from palpate.launch.run.execute import execute
 from palpate.launch.run.notes import warn
+from palpate.launch.run.progress import preparing
+from palpate.launch.run.work.shared import share_surfaces
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.physics.scratch import ScratchFolder
 from palpate.views.run import Run
@@ -54,12 +56,16 @@ def run(
     """
     if clock not in (None, "simulated", "real"):
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
-    launch = describe_run(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
+    quiet = not sys.stderr.isatty()
+    with preparing(quiet):
+        launch = describe_run(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
     launch = launch.but(clock=clock, place=find_place(place))
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
-    loaded = launch.load()
-    build_missing(loaded, quiet=not sys.stderr.isatty())
+    with preparing(quiet):
+        loaded = launch.load()
+        share_surfaces(loaded)
+    build_missing(loaded, quiet=quiet)
     may_fuse = launch.place is None and launch.clock != "real"
     if may_fuse and not any(spec.cls.hardware for spec in loaded.nodes.values()):
         launch = launch.but(place=FUSED)  # same result, without starting processes

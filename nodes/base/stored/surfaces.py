@@ -14,7 +14,7 @@ import functools
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ import numpy as np
 
 from palpate.compiler import kernel_cache
 from palpate.compiler.trust import make_folder, may_read, user_cache
+from palpate.nodes.base.stored import prepares
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.geometry.felt.bridge import Felt
 from palpate.physics.geometry.mesh import Mesh
@@ -30,18 +31,6 @@ SOURCES = ("palpate.compiler", "palpate.physics.geometry", "palpate.nodes.base")
 """Their code determines the numbers of a surface: after a change of it, entries are no longer found."""
 SIZE = 500_000_000  # [bytes] of the folder; a surface of 200 000 vertices takes 15 MB, and 25 MB with its felt surface
 Arrays = Mapping[str, np.ndarray]
-Watch = Callable[[str], contextlib.AbstractContextManager[None]]
-_watch: list[Watch] = []
-
-
-@contextlib.contextmanager
-def watched(watch: Watch) -> Iterator[None]:
-    """Call `watch` with what is prepared, as a context, each time this thread prepares a surface."""
-    _watch.append(watch)
-    try:
-        yield
-    finally:
-        _watch.remove(watch)
 
 
 def folder() -> Path:
@@ -49,18 +38,16 @@ def folder() -> Path:
     return user_cache() / "surfaces"
 
 
-def stored(kind: str, inputs: Mapping[str, Any], make: Callable[[], Arrays], name: str) -> Arrays:
+def stored(kind: str, inputs: Mapping[str, Any], make: Callable[[], Arrays], what: str) -> Arrays:
     """The arrays that `make` returns for these inputs, read if they are stored, else made and stored.
 
-    kind, inputs  what is prepared, and all that it depends on, as JSON;  name  of the file, for the progress
+    kind, inputs  what is prepared, and all that it depends on, as JSON;  what  for the report of progress
     """
     about = json.dumps({"kind": kind, "sources": _version(), **inputs}, sort_keys=True)
     path = folder() / f"{kind}-{hashlib.sha256(about.encode()).hexdigest()[:32]}.npz"
     if (found := _read(path, about)) is not None:
         return found
-    with contextlib.ExitStack() as watching:
-        for watch in _watch:
-            watching.enter_context(watch(name))
+    with prepares(what):
         arrays = make()
     with contextlib.suppress(OSError):  # a full disk, or a folder without write permission
         make_folder(path.parent)

@@ -144,7 +144,12 @@ def choose_launch(
     launch = find(graph).but(
         overrides=sets or (), scene=scene and Path(scene), place=FUSED if fused else find_place(place)
     )
-    return launch if launch.organ is None else launch.settle_organ()
+    if launch.organ is None:
+        return launch
+    from palpate.launch.run.progress import preparing
+
+    with preparing():
+        return launch.settle_organ()
 
 
 def check_new(files: Collection[Path], force: bool) -> None:
@@ -218,7 +223,14 @@ def with_organ_file(
     """Put the organ of a mesh file, or of the launch file or scene, in the place of the run's organ. MeshError,
     SettingError: unusable organ."""
     organ, notes = organ_file(file, unit, piece, repair, silent)
-    launch = dataclasses.replace(launch.but(organ=organ), notes=(*launch.notes, *notes)).settle_organ()
+    launch = dataclasses.replace(launch.but(organ=organ), notes=(*launch.notes, *notes))
+    if launch.organ is not None:
+        from palpate.launch.run.progress import preparing
+
+        with preparing(silent):
+            launch = launch.settle_organ()
+    else:
+        launch = launch.settle_organ()
     for line in () if silent else launch.notes:
         write(line, err=True)
     return launch

@@ -74,16 +74,18 @@ def run(
         from palpate.bases import build_missing
         from palpate.cli.terminal.run_summary import print_end
         from palpate.launch.run.execute import Network, execute
+        from palpate.launch.run.progress import preparing
         from palpate.launch.run.work.shared import share_surfaces
         from palpate.launch.run.work.spawner import worker_server
         from palpate.records.times import step_times
 
         # Build the bases that it lacks, run it, then print the summary and draw the pictures.
-        loaded = loaded or launch.load()
+        with preparing(as_json):
+            loaded = loaded or launch.load()
+            share_surfaces(loaded)
         build_missing(loaded, quiet=as_json)
         forkserver = None
         if not fused or clock == "real":
-            share_surfaces(loaded)
             forkserver = worker_server(forked=True)
             ending.callback(forkserver.close)
         outcome = execute(

@@ -7,9 +7,11 @@ centre x + r n. The test at the middle of a triangle is enough where edges are s
 import numpy as np
 
 from palpate.compiler.exact import einsum
-from palpate.compiler.fields import blank_record
+from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Indices, Matrix, Record
+from palpate.compiler.records import vector
+from palpate.physics.arrays import Indices, Record
+from palpate.physics.geometry.bvh import morton
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import STACK, MeshClosestPoint, _disc, _on_triangle
 from palpate.physics.geometry.pseudonormal import signed_distance
@@ -20,6 +22,9 @@ from palpate.physics.geometry.search.foot import FOOT
 SLACK = 20e-6
 """[m] By which another part may be inside the ball: facets of 1.6 mm on a concave surface just wider than the ball are
 16 um nearer than the surface that they approximate."""
+TOGETHER = 8  # balls that share a search
+BALLS = element_type({"centre": (3,), "middle": (3,), "normal": (3,), "hidden": int})
+"""A ball that would touch the middle [m] of a triangle with this normal [1]: its centre [m], and 1 if it cannot."""
 LEVEL = 1e-12  # [m] over the tangent plane up to which a part is below it, for rounding
 SHORT = 1 / 3  # [1] of the radius: longest edge of a triangle whose middle represents it
 
@@ -43,63 +48,105 @@ def untouchable(mesh: Mesh, closest: MeshClosestPoint, radius: float) -> np.ndar
     """Whether no ball of the radius [m] touches the middle of each triangle (T,) of a mesh with edges of at most
     `SHORT` of the radius; `closest` finds the nearest points of the whole body."""
     length = np.linalg.norm(mesh.face_vectors, axis=1)
-    normal = mesh.face_vectors / np.where(length > 0.0, length, 1.0)[:, None]
-    middle = einsum("tkc,k->tc", mesh.vertices[mesh.triangles], np.full(3, 1.0 / 3.0))
+    facing = np.flatnonzero(length > 0.0)
     hidden = np.zeros(len(mesh.triangles), bool)
+    if not len(facing):
+        return hidden
+    middle = einsum("tkc,k->tc", mesh.vertices[mesh.triangles[facing]], np.full(3, 1.0 / 3.0))
+    low, size = middle.min(axis=0), max(float(np.ptp(middle, axis=0).max()), 1e-300)
+    order = np.argsort(morton(middle, low, size), kind="stable")
+    balls = np.zeros(len(facing), BALLS)
+    balls["middle"] = middle[order]
+    balls["normal"] = mesh.face_vectors[facing[order]] / length[facing[order], None]
+    balls["centre"] = balls["middle"] + radius * balls["normal"]
+    tables = closest.tables
+    leaves = np.empty(len(tables.discs), np.int64)
     closed = closest.mesh.closed  # a sheet has no inside
-    _fill(*closest.tables.arrays, middle, normal, radius, closed, np.empty(STACK, np.int64), blank_record(FOOT), hidden)
-    return hidden & (length > 0.0)
+    _fill(*tables.arrays, balls, radius, closed, leaves, np.empty(STACK, np.int64), blank_record(FOOT))
+    hidden[facing[order]] = balls["hidden"] > 0
+    return hidden
 
 
 @kernel
 def _fill(
-    points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, middle: Matrix, normal: Matrix,
-    radius: float, closed: bool, work: Indices, foot: Record, hidden: Indices,
+    points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, balls: Record, radius: float,
+    closed: bool, leaves: Indices, work: Indices, foot: Record,
 ):  # fmt: skip
-    for t in range(len(middle)):
-        m0, m1, m2 = middle[t]
-        n0, n1, n2 = normal[t]
-        p0, p1, p2 = m0 + radius * n0, m1 + radius * n1, m2 + radius * n2
-        best, least = _in_front(points, cells, discs, p0, p1, p2, n0, n1, n2, radius, work)
-        if best >= 0:
-            hidden[t] = least < (radius - SLACK) ** 2
-            if closed and not hidden[t]:
-                _, v, w, place = _on_triangle(points, cells, best, p0, p1, p2)
-                hidden[t] = signed_distance(points, cells, star_at, star, best, v, w, place, p0, p1, p2, foot) < 0.0
+    """Fill in whether each ball is hidden. Neighbouring ones share the search for the leaves of the tree."""
+    for begin in range(0, len(balls), TOGETHER):
+        some = balls[begin : begin + TOGETHER]
+        size = _leaves_near(discs, some, radius, leaves, work)
+        for ball in some:
+            best, least = _in_front(points, cells, discs, ball, radius, leaves[:size])
+            if best >= 0:
+                p0, p1, p2 = vector(ball.centre)
+                hidden = least < (radius - SLACK) ** 2
+                if closed and not hidden:
+                    _, v, w, place = _on_triangle(points, cells, best, p0, p1, p2)
+                    away = signed_distance(points, cells, star_at, star, best, v, w, place, p0, p1, p2, foot)
+                    hidden = away < 0.0
+                ball.hidden = 1 if hidden else 0
 
 
 @kernel
-def _in_front(
-    points: Record, cells: Record, discs: Record, p0: float, p1: float, p2: float, n0: float, n1: float, n2: float,
-    radius: float, work: Indices,
-):  # fmt: skip
-    """A triangle in the ball of the radius [m] about p, on its side of the tangent plane below it, and its squared
-    distance [m²]; -1: none. The nearest one, or any that is nearer than `SLACK` allows.
+def _leaves_near(discs: Record, balls: Record, radius: float, found: Indices, work: Indices):
+    """Fill in the leaves of the tree that may have a part in front of one of the balls; returns their number.
 
-    n [1]  normal of the tangent plane, which is at p - radius n
-
-    All that is below the plane is outside the ball: on a smooth surface that is all of the neighbourhood.
+    A node is left out if it is farther than the radius from all centres, or below all tangent planes: those through m
+    with the normal n are at most `low` below the mean middle along the mean normal, and |n - mean| <= `spread`, so x is
+    above one of them by at most (x - mean m).(mean n) + low + (|x - mean m| + wide) spread.
     """
-    count, leaves = len(cells), len(discs) // 2
-    best, least, enough = -1, radius * radius, (radius - SLACK) ** 2
+    count = len(balls)
+    m0 = m1 = m2 = n0 = n1 = n2 = 0.0
+    for ball in balls:
+        m0, m1, m2 = m0 + ball.middle[0] / count, m1 + ball.middle[1] / count, m2 + ball.middle[2] / count
+        n0, n1, n2 = n0 + ball.normal[0] / count, n1 + ball.normal[1] / count, n2 + ball.normal[2] / count
+    wide = low = spread = reach = 0.0
+    for ball in balls:
+        x, y, z = ball.middle[0] - m0, ball.middle[1] - m1, ball.middle[2] - m2
+        u, v, w = ball.normal[0] - n0, ball.normal[1] - n1, ball.normal[2] - n2
+        wide, low = max(wide, np.sqrt(x * x + y * y + z * z)), max(low, -(x * n0 + y * n1 + z * n2))
+        spread = max(spread, np.sqrt(u * u + v * v + w * w))
+        x, y, z = x + radius * u, y + radius * v, z + radius * w
+        reach = max(reach, np.sqrt(x * x + y * y + z * z))
+    p0, p1, p2 = m0 + radius * n0, m1 + radius * n1, m2 + radius * n2
+    most, leaves, size = (radius + reach) ** 2, len(discs) // 2, 0
     depth = work[0] = 1
     while depth > 0:
         depth -= 1
         node = work[depth]
         disc = discs[node]
-        along = (p0 - disc.centre[0]) * n0 + (p1 - disc.centre[1]) * n1 + (p2 - disc.centre[2]) * n2
-        cosine = abs(disc.axis[0] * n0 + disc.axis[1] * n1 + disc.axis[2] * n2)
-        reach = disc.radius * np.sqrt(max(1.0 - cosine * cosine, 0.0)) + disc.height * cosine
-        if along - reach >= radius - LEVEL or _disc(disc, p0, p1, p2) >= least:
+        x, y, z = disc.centre[0] - m0, disc.centre[1] - m1, disc.centre[2] - m2
+        away = np.sqrt(x * x + y * y + z * z) + disc.radius + disc.height + wide
+        up = x * n0 + y * n1 + z * n2 + _extent(disc, n0, n1, n2)
+        if up + low + away * spread <= LEVEL or _disc(disc, p0, p1, p2) >= most:
             continue
-        if node < leaves:
-            left, right = _disc(discs[2 * node], p0, p1, p2), _disc(discs[2 * node + 1], p0, p1, p2)
-            near = 2 * node if left <= right else 2 * node + 1
-            work[depth], work[depth + 1] = 4 * node + 1 - near, near
+        if node >= leaves:
+            found[size] = node
+            size += 1
+        else:
+            work[depth], work[depth + 1] = 2 * node, 2 * node + 1
             depth += 2
+    return size
+
+
+@kernel
+def _in_front(points: Record, cells: Record, discs: Record, ball: Record, radius: float, near: Indices):
+    """A triangle in a ball, above the tangent plane on which it lies, and its squared distance [m²] from the centre;
+    -1: none. The nearest one, or any that is nearer than `SLACK` allows. near  (n,) leaves of the tree to be searched.
+
+    All that is below the plane is outside the ball: on a smooth convex surface that is all of the neighbourhood.
+    """
+    p0, p1, p2 = vector(ball.centre)
+    n0, n1, n2 = vector(ball.normal)
+    count, leaves = len(cells), len(discs) // 2
+    best, least, enough = -1, radius * radius, (radius - SLACK) ** 2
+    for node in near:
+        disc = discs[node]
+        along = (p0 - disc.centre[0]) * n0 + (p1 - disc.centre[1]) * n1 + (p2 - disc.centre[2]) * n2
+        if along - _extent(disc, n0, n1, n2) >= radius - LEVEL or _disc(disc, p0, p1, p2) >= least:
             continue
-        leaf = node - leaves
-        for t in range(leaf * count // leaves, (leaf + 1) * count // leaves):
+        for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
             low = np.inf
             for i in range(3):
                 at = points[cells[t].corners[i]].position
@@ -111,3 +158,11 @@ def _in_front(
                 if least < enough:
                     return best, least
     return best, least
+
+
+@kernel
+def _extent(disc: Record, n0: float, n1: float, n2: float):
+    """How far a disc extends from its centre in a direction n [m], whose length may be below 1."""
+    cosine = abs(disc.axis[0] * n0 + disc.axis[1] * n1 + disc.axis[2] * n2)
+    square = n0 * n0 + n1 * n1 + n2 * n2
+    return disc.radius * np.sqrt(max(square - cosine * cosine, 0.0)) + disc.height * cosine
