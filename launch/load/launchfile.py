@@ -116,6 +116,7 @@ class LaunchFile:
             if self.notes or (given := (graph or self.read()).organ) is None:
                 return self
             organ = organ_of(*given)
+        organ.check()
         from palpate.launch.load.organ import place_organ  # numba and scipy, which few graphs need
 
         bare = replace(self, organ=None)

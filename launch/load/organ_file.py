@@ -17,6 +17,7 @@ from palpate.units.header import factor
 from palpate.units.symbols import UnitError
 
 ALL = "all"
+SMALL = 100_000  # [bytes] of a file that is read twice, the first time to refuse it early
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,15 @@ class OrganFile:
     def setting(self) -> int:
         """The piece as the setting `piece` of a node."""
         return -1 if self.piece == ALL else int(self.piece or 0)
+
+    def check(self) -> None:
+        """SettingError: the file is missing, or is small and cannot be read. Neither numba nor scipy is imported, which
+        would take longer than to read it."""
+        from palpate.nodes.base.mesh_formats import read_file
+
+        file = self.file.expanduser()
+        if not file.is_file() or file.stat().st_size <= SMALL:
+            read_file(str(self.file))
 
     def in_unit(self) -> str:
         """The given unit, or the only one in which the size is plausible.

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from palpate.compiler.exact import einsum
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.extras import require_extra
 
@@ -79,6 +78,8 @@ def triangulate(mesh: FileMesh) -> tuple[np.ndarray, list[str]]:
 def _convex(points: np.ndarray) -> np.ndarray:
     """Whether the fan of each polygon (m,n,3) from its first corner cuts it: all corners turn the same way, none is
     on a line. True for polygons without an area or with coordinates that are not finite, which no cut improves."""
+    from palpate.compiler.exact import einsum  # imports numba, which a file of triangles does not need
+
     arms = points - points[:, :1]
     fan = np.cross(arms[:, 1:-1], arms[:, 2:])  # twice the area vectors of the triangles
     normal = fan.sum(axis=1)

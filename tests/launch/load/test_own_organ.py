@@ -1,6 +1,8 @@
 """`--organ`: a mesh file instead of the scene's organ; its faults, its repair, and a touch."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -258,3 +260,28 @@ def test_the_mouse_touches_a_custom_organ(tmp_path):
     begin = launch.plan().graph.nodes["device"].settings["begin"]
     assert planned.graph.nodes["device"].settings["begin"] == begin
     assert str(tmp_path / "liver.stl") in str(planned.graph.nodes["collision"].settings["surface"])
+
+
+CONTENTS = {"short.stl": b"this is not a mesh at", "text.obj": b"a letter\n" * 900, "head.ply": b"\0\1\2\3" * 20}
+
+
+def test_a_file_that_cannot_be_an_organ_is_refused_before_a_library_is_imported(tmp_path):
+    for name, content in CONTENTS.items():
+        (tmp_path / name).write_bytes(content)
+    script = f"""
+import sys
+from pathlib import Path
+from palpate.launch.load.launchfile import find
+from palpate.launch.load.organ_file import OrganFile
+from palpate.nodes.base import SettingError
+for name in {[*CONTENTS, "missing.stl"]}:
+    try:
+        find("kidney").but(organ=OrganFile(Path(name))).load()
+    except SettingError as error:
+        print(name, name in str(error))
+print(sorted({{"numba", "scipy", "trimesh", "manifold3d", "skimage"}} & sys.modules.keys()))
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    *refused, imported = done.stdout.splitlines()
+    assert done.returncode == 0, done.stderr
+    assert refused == [f"{name} True" for name in [*CONTENTS, "missing.stl"]] and imported == "[]"
