@@ -70,7 +70,7 @@ def store(once, tmp_path, monkeypatch):
 
 def prepare(path, refine=REFINE, width=WIDTH):
     """All that is prepared of a file, as arrays, and for how many surfaces it was computed; cleared caches of the
-    functions stand for a new process."""
+    functions make it a new process."""
     forget()
     made = []
 

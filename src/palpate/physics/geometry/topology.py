@@ -66,7 +66,8 @@ def one_sided(triangles: np.ndarray) -> bool:
     """Whether two of the triangles, oriented by `outward`, go along an edge in the same direction: then no orientation
     exists in which none do."""
     begin, end = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel()
-    return len(np.unique(begin * (int(triangles.max()) + 1) + end)) < len(begin)
+    keys = np.sort(begin * (int(triangles.max()) + 1) + end)
+    return bool((keys[1:] == keys[:-1]).any())
 
 
 def _one_way(count: int, one: np.ndarray, other: np.ndarray, against: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
