@@ -102,7 +102,8 @@ THEIRS = {
 }
 OF_AN_EXTRA = {
     "organ.py": {"pytetwild", "fast_simplification"}, "files.py": {"meshio"}, "table_books.py": {"openpyxl"},
-    "bridge.py": {"manifold3d"}, "solid.py": {"manifold3d"}, "centres.py": {"skimage"},
+    "bridge.py": {"manifold3d"}, "solid.py": {"manifold3d"}, "centres.py": {"skimage"}, "isosurface.py": {"skimage"},
+    "nifti.py": {"nibabel"}, "nrrd.py": {"nrrd"}, "dicom.py": {"pydicom"},
 }  # fmt: skip
 """What a file of models.fe or physics imports when it is called, and asks for where it is missing."""
 ROOTS = FOLDERS | {"": LINKS}

@@ -9,6 +9,7 @@ duration: 10 s
 record: runs/kidney.mcap       # or what to record, `sources` or `all`, in a file with the launch file's name
 set: {tissue.stiffness: 2e3, rate: 500}
 organ: liver.stl               # a mesh file instead of the scene's organ; or {file: liver.stl, unit: mm, piece: 2}
+                               # or a label of a segmentation: {file: seg.nii.gz, label: liver}
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ class LaunchFile:
     pace       [1] simulated time runs at this multiple of real time; None: as fast as the machine allows
     wanted     streams to compute; None: those of scene or graph
     overrides  values set by the user; later ones win
-    organ      mesh file instead of the organ of the scene; None: that of the scene's key `organ:`, if it has one
+    organ      file instead of the organ of the scene; None: that of the scene's key `organ:`, if it has one
     notes      what was changed for the organ; empty until it is placed
     """
 
@@ -120,11 +121,11 @@ class LaunchFile:
         from palpate.launch.load.organ import place_organ  # numba and scipy, which few graphs need
 
         bare = replace(self, organ=None)
-        changes, note = place_organ(
+        changes, notes = place_organ(
             lambda changed: replace(bare, overrides=tuple(changed)).read(), self.overrides, organ
         )
-        record = self.record and self.record.with_name(f"{organ.file.stem}.mcap")
-        return replace(bare, overrides=(*changes, *self.overrides), record=record, notes=(*self.notes, note))
+        record = self.record and self.record.with_name(f"{organ.stem}.mcap")
+        return replace(bare, overrides=(*changes, *self.overrides), record=record, notes=(*self.notes, *notes))
 
     def plan(self) -> Plan:
         """The plan of this run. GraphError: all faults."""

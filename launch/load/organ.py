@@ -1,4 +1,4 @@
-"""Replaces the organ of a scene by a mesh file, placed where the scene's hand touches it."""
+"""Replaces the organ of a scene by one of a file, placed where the scene's hand touches it."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ BETWEEN = 5  # points checked between two points of the path
 def place_organ(
     read: Callable[[Sequence[str | Override]], Graph], overrides: Sequence[str | Override], organ: OrganFile,
     follow: bool = True,
-) -> tuple[list[Override], str]:  # fmt: skip
-    """Overrides that replace the organ of a scene by this one, before those of the user, and a note on its position.
+) -> tuple[list[Override], tuple[str, ...]]:  # fmt: skip
+    """Overrides that replace the organ of a scene by this one, before those of the user, and notes: on a segmentation,
+    and on the position.
 
     The top of the organ moves to the point where the hand's path first touches the scene's surface. Each point of the
     path is raised or lowered by the difference in height of the two surfaces, so that the indentation stays the same.
@@ -42,8 +43,11 @@ def place_organ(
     overrides  of the user
     follow     change the path of the hand; False: the motion is recorded, so only the organ moves
 
-    MeshError: a graph without a surface and a hand. SettingError: the mesh is unusable.
+    MeshError: a graph without a surface and a hand, a segmentation that cannot be used. SettingError: the mesh is
+    unusable.
     """
+    given_as = organ.file
+    organ, made = organ.as_mesh()
     # Settings of the user's surface apply to the organ; the path was written for the scene's surface without them.
     unit, piece = organ.in_unit(), organ.setting
     turned = read(overrides)
@@ -74,14 +78,15 @@ def place_organ(
     }
     size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(mesh.vertices, axis=0))
     lies = ", ".join(f"{1e3 * v:.3g}" for v in top + moved)
-    text = f"{organ.file} in {unit}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
+    name = str(given_as) if made else f"{given_as} in {unit}"
+    text = f"{name}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
     if path and follow:
         scale, points = _follow(Mesh(mesh.vertices + moved, mesh.triangles), original, points, anchor)
         values["scene", "hand"] = scene["hand"] | _hand(path, points)
         narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""
         text += f", and the hand's path follows it{narrower}"
-    place = Location(f"--organ {organ.file}")
-    return [Override(keys, YamlSource(value, {(): place})) for keys, value in values.items()], text
+    place = Location(f"--organ {given_as}")
+    return [Override(keys, YamlSource(value, {(): place})) for keys, value in values.items()], (*made, text)
 
 
 def _of_surface(override: str | Override) -> bool:

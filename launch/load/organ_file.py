@@ -1,7 +1,8 @@
-"""The mesh file that replaces the organ of a scene: `--organ`, the key `organ:` and `palpate.run(organ=...)`.
+"""The file that replaces the organ of a scene: `--organ`, the key `organ:` and `palpate.run(organ=...)`.
 
 organ: liver.stl                                  # relative to the file with this line, or to the working directory
 organ: {file: liver.stl, unit: mm, piece: 2}
+organ: {file: seg.nii.gz, label: liver}           # a label of a segmentation: its number or its name
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 
 from palpate.engine.faults import NOWHERE, Fault, GraphError, Location, choices
 from palpate.physics.errors import MeshError
+from palpate.physics.segmentation.endings import ending_of
 from palpate.units.header import factor
 from palpate.units.symbols import UnitError
 
@@ -22,20 +24,45 @@ SMALL = 100_000  # [bytes] of a file that is read twice, the first time to refus
 
 @dataclass(frozen=True)
 class OrganFile:
-    """A mesh file.
+    """A mesh file, or a segmentation.
 
-    unit   m, cm or mm; None: the only one in which its size is plausible
+    unit   of a mesh: m, cm or mm; None: the only one in which its size is plausible
     piece  1: its largest separate piece, 2: the second largest ...; "all": every piece; None: all but small islands
+    label  of a segmentation: number or name; None: its only one
     """
 
     file: Path
     unit: str | None = None
     piece: int | str | None = None
+    label: int | str | None = None
 
     def __post_init__(self) -> None:
         whole = isinstance(self.piece, int) and not isinstance(self.piece, bool) and self.piece >= 1
         if not (whole or self.piece in (None, ALL)):
             raise MeshError(f"piece of {self.file}: found {self.piece!r}, expected all or a number from 1")
+        if isinstance(self.label, bool) or not isinstance(self.label, int | str | None):
+            raise MeshError(f"label of {self.file}: found {self.label!r}, expected its number or its name")
+
+    @property
+    def stem(self) -> str:
+        """The name of the file without its ending, of which a segmentation has up to two."""
+        return self.file.stem.removesuffix(".nii").removesuffix(".seg")
+
+    def as_mesh(self) -> tuple[OrganFile, tuple[str, ...]]:
+        """The mesh file itself, or that of the surface of the label, and what was changed for it.
+
+        MeshError: a segmentation that cannot be used, or a setting that the file does not have.
+        """
+        if not ending_of(self.file):
+            if self.label is not None:
+                raise MeshError(f"--label: {self.file} is no segmentation, which has labels. Leave it out")
+            return self, ()
+        from palpate.physics.segmentation.stored import store_surface  # scipy, which few graphs need
+
+        if self.unit is not None:
+            raise MeshError(f"--unit: {self.file} is a segmentation, whose header has the unit. Leave it out")
+        stored = store_surface(self.file, self.label)
+        return OrganFile(stored.path, "m", self.piece), stored.notes
 
     @property
     def setting(self) -> int:
@@ -96,7 +123,10 @@ def organ_of(given: Any, place: Location = NOWHERE) -> OrganFile:
     for key in values.keys() - set(known):
         raise GraphError([Fault(f"organ: found the key {key!r}", choices("Keys", str(key), known), place)])
     if not isinstance(values.get("file"), str | Path):
-        text = f"organ: found {given!r}, expected a mesh file, or a mapping such as {{file: liver.stl, unit: mm}}"
+        text = (
+            f"organ: found {given!r}, expected a mesh file or a segmentation, or a mapping such as {{file: liver.stl, "
+            "unit: mm}"
+        )
         raise GraphError([Fault(text, "", place)])
     file = Path(values["file"]).expanduser()
     near = Path(place.file).parent / file

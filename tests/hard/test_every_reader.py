@@ -60,6 +60,7 @@ NO_READERS = {
     "src/palpate/models/fe/reduce/snapshots.py": "a cache; `trust.py` checks its owner",
     "src/palpate/models/files/hdf5.py": "called by readers",
     "src/palpate/physics/claims.py": "called by readers",
+    "src/palpate/physics/segmentation/stored.py": "a store; `trust.py` checks its owner",
     "src/palpate/physics/scratch.py": "a lock in a temporary folder of the user",
     "src/palpate/records/reader.py": "a recording that `records/stored.py` has opened",
     "src/palpate/records/format/claim.py": "a regular file, to be overwritten",
@@ -179,6 +180,15 @@ def scan(path):
     return read(path)
 
 
+def segmentation(path):
+    from palpate.physics.segmentation.image import choose_label
+    from palpate.physics.segmentation.read import read_labels
+    from palpate.physics.segmentation.surface import label_surface
+
+    image = read_labels(path)
+    return label_surface(image, choose_label(image, None))
+
+
 def afferents(path):
     from palpate.physics.afferents.population import read
 
@@ -286,6 +296,11 @@ READERS = {
     "recorded presses": Reader(press_file, ("src/palpate/models/fit/press.py",), ("a.csv",), OWN),
     "AFM": Reader(afm, ("src/palpate/models/fit/tissue/afm.py",), ("a.h5", "a.jpk-force", "a.ibw", "a.zip")),
     "scan": Reader(scan, ("src/palpate/models/scan/read.py",), ("a.nii", "a.nii.gz")),
+    "segmentation": Reader(
+        segmentation, tuple(f"{PHYSICS}/segmentation/{name}.py" for name in ("nifti", "nrrd", "metaimage", "dicom",
+                                                                              "voxels")),
+        ("a.nii.gz", "a.nrrd", "a.mha", "a.dcm", "a.nii"),
+    ),
     "afferents": Reader(afferents, (f"{PHYSICS}/afferents/population.py",), ("a.csv",), OWN),
     "archive": Reader(archive, (f"{PHYSICS}/archive.py",), ("a.npz",)),
     "basis": Reader(basis, (f"{PHYSICS}/archive.py", f"{PHYSICS}/bodies/condensed_basis.py"), ("a.npz",)),
@@ -525,8 +540,8 @@ def a_wave_with_many_points(path):
     path.write_bytes(struct.pack("<hhiiii", 5, 0, 400, 0, 0, 0) + bytes(44) + struct.pack("<i", 300_000_000) * 100)
 
 
-@bomb("scan", "a.nii.gz")
-def voxels_that_unpack_to_much(path):
+def voxels_that_unpack(path):
+    """270 million voxels in 0.6 MB."""
     head = bytearray(352)
     struct.pack_into("<i", head, 0, 348)
     struct.pack_into("<8h", head, 40, 3, 650, 650, 640, 1, 1, 1, 1)
@@ -539,6 +554,65 @@ def voxels_that_unpack_to_much(path):
         for _ in range(640):
             file.write(bytes(650 * 650))
     assert path.stat().st_size < 600_000
+
+
+@bomb("scan", "a.nii.gz")
+def voxels_that_unpack_to_much(path):
+    voxels_that_unpack(path)
+
+
+@bomb("segmentation", "a.nii.gz")
+def labels_that_unpack_to_much(path):
+    voxels_that_unpack(path)
+
+
+@bomb("segmentation", "a.nii")
+def labels_that_begin_far_away(path):
+    head = bytearray(352)
+    struct.pack_into("<i", head, 0, 348)
+    struct.pack_into("<8h", head, 40, 3, 5, 5, 5, 1, 1, 1, 1)
+    struct.pack_into("<hh", head, 70, 2, 8)
+    struct.pack_into("<8f", head, 76, 1, 1, 1, 1, 1, 1, 1, 1)
+    struct.pack_into("<f", head, 108, 3e12)
+    head[344:348] = b"n+1\0"
+    path.write_bytes(bytes(head) + bytes(200))
+
+
+@bomb("segmentation", "a.nrrd")
+def labels_that_an_nrrd_file_lacks(path):
+    head = b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 600 600 600\nspacings: 1 1 1\nencoding: gzip\n\n"
+    path.write_bytes(head + gzip.compress(bytes(1000)))
+
+
+@bomb("segmentation", "a.nrrd")
+def voxels_of_another_file(path):
+    path.write_bytes(b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 9 9 9\nspacings: 1 1 1\nencoding: raw\n"
+                     b"data file: /dev/zero\n\n")  # fmt: skip
+
+
+@bomb("segmentation", "a.mha")
+def labels_that_a_metaimage_lacks(path):
+    path.write_bytes(b"ObjectType = Image\nNDims = 3\nBinaryData = True\nCompressedData = True\nDimSize = 600 600 600\n"
+                     b"CompressedDataSize = 99999999999\nElementSpacing = 1 1 1\nElementType = MET_DOUBLE\n"
+                     b"ElementDataFile = LOCAL\n" + zlib.compress(bytes(1000)))  # fmt: skip
+
+
+@bomb("segmentation", "a.mha")
+def voxels_of_a_device(path):
+    path.write_bytes(b"ObjectType = Image\nNDims = 3\nDimSize = 9 9 9\nElementSpacing = 1 1 1\n"
+                     b"ElementType = MET_UCHAR\nElementDataFile = /dev/zero\n")  # fmt: skip
+
+
+@bomb("segmentation", "a.dcm")
+def frames_that_a_dicom_file_lacks(path):
+    pytest.importorskip("pydicom")
+    import pydicom
+    from label_files import labels, write_dicom
+
+    write_dicom(path, *labels(np.eye(3)))
+    data = pydicom.dcmread(path)
+    data.NumberOfFrames, data.Rows, data.Columns = 250, 1000, 1000
+    data.save_as(path)
 
 
 @bomb("sessions", "a.xlsx")
@@ -663,6 +737,7 @@ INDICES = {
 """Files with an index of a table of four: how each is written with another index in its place."""
 NO_INDICES = {
     "texture", "relief", "law", "graph", "named by a setting", "key", "firmware", "recorded presses", "AFM", "scan",
+    "segmentation",
     "afferents", "archive", "fingertip", "sessions", "motion", "pressing", "experiment", "participants",
 }  # fmt: skip
 """Readers whose numbers are quantities. A recording: bodies check the vertices of each load (`nodes/base/contacts.py`),

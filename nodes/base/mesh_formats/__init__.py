@@ -18,6 +18,8 @@ from palpate.nodes.base.mesh_formats.ply import read_ply
 from palpate.nodes.base.mesh_formats.polygons import FileMesh, PolygonError, triangulate
 from palpate.nodes.base.mesh_formats.stl import read_stl
 from palpate.physics.readable import check_file
+from palpate.physics.segmentation.endings import FORMATS as SEGMENTATIONS
+from palpate.physics.segmentation.endings import ending_of
 
 READERS: dict[str, Callable[[bytes], FileMesh]] = {".stl": read_stl, ".ply": read_ply, ".obj": read_obj}
 """Reader of the bytes of a file by its ending; each raises ValueError with what is wrong."""
@@ -35,9 +37,15 @@ def read_file(path: str) -> tuple[np.ndarray, np.ndarray, list[str], str]:
     """
     file = Path(path).expanduser()
     ending = file.suffix.lower()
+    if ending_of(file):
+        raise SettingError(
+            f"setting 'surface': {path} is a segmentation, expected one of {', '.join(FORMATS)}. Give it as an organ: "
+            f"--organ {path} --label NAME, or the key organ: {{file: {path}, label: NAME}}"
+        )
     if ending not in FORMATS:
         raise SettingError(
-            f"setting 'surface': {path}: format {file.suffix!r}, expected one of {', '.join(FORMATS)}. {AGAIN}"
+            f"setting 'surface': {path}: format {file.suffix!r}, expected one of {', '.join(FORMATS)}, or as --organ a"
+            f" segmentation: {', '.join(SEGMENTATIONS)}. {AGAIN}"
         )
     data = _bytes(file, path)
     other = _content_of(data)

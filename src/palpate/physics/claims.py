@@ -13,14 +13,14 @@ FREE = 64 << 20  # [bytes] that any file may hold
 MOST = 1 << 32  # [bytes] that no file may exceed
 
 
-def largest_content(held: int) -> int:
+def largest_content(held: int, ratio: int = RATIO) -> int:
     """Largest contents [bytes] of a file with this length [bytes]."""
-    return min(MOST, max(FREE, RATIO * held))
+    return min(MOST, max(FREE, ratio * held))
 
 
-def check_claim(what: str, claimed: int, held: int) -> None:
+def check_claim(what: str, claimed: int, held: int, ratio: int = RATIO) -> None:
     """ValueError: contents of `claimed` bytes, as `what` states, are too many for a file of `held` bytes."""
-    most = largest_content(held)
+    most = largest_content(held, ratio)
     if not 0 <= claimed <= most:
         raise ValueError(
             f"{what} claims {claimed} bytes, at most {most} are expected of a file with {held}: it is damaged, or made"

@@ -50,14 +50,14 @@ def change_plan(recording: Recording, overrides: Sequence[str] = (), graph: str 
 
 
 def organ_overrides(recording: Recording, organ: OrganFile, overrides: Sequence[str] = ()) -> tuple[list[str], str]:
-    """Overrides, as of `--set`, that put a mesh file in the place of the recorded organ, and a note on its position.
+    """Overrides, as of `--set`, that put a mesh file in the place of the recorded organ, and the notes on it.
 
     Its top lies where the path of the recorded scene first touches. The recorded motion does not follow its surface.
 
     RecordingError, GraphError, MeshError, SettingError: the organ or the overrides do not fit the recording.
     """
-    changes, note = place_organ(lambda changed: _recorded_graph(recording, changed), overrides, organ, follow=False)
-    return [f"{'.'.join(change.keys)}={json.dumps(change.value.data)}" for change in changes], note
+    changes, notes = place_organ(lambda changed: _recorded_graph(recording, changed), overrides, organ, follow=False)
+    return [f"{'.'.join(change.keys)}={json.dumps(change.value.data)}" for change in changes], "\n".join(notes)
 
 
 def _with_fields(planned: Plan, recorded: Mapping[str, Collection[str]]) -> Plan:

@@ -86,7 +86,7 @@ def test_an_environment_takes_an_organ(folder):
     ("given", "text"),
     [
         ({"file": "ball.stl", "units": "mm"}, "the key 'units'"),
-        (7, "expected a mesh file, or a mapping"),
+        (7, "expected a mesh file or a segmentation, or a mapping"),
         ({"file": "ball.stl", "piece": 0}, "found 0, expected all or a number from 1"),
         ({"file": "ball.stl", "piece": "some"}, "found 'some', expected all"),
     ],

@@ -73,7 +73,10 @@ Dialect = Annotated[
     str, typer.Option("--dialect", help="decimal-comma or decimal-point, if the file leaves it open (1,234).")
 ]
 OrganOption = Annotated[
-    Path | None, typer.Option("--organ", help="Mesh file (.stl, .ply, .obj) of an organ, instead of the scene's.")
+    Path | None,
+    typer.Option(
+        "--organ", help="Organ instead of the scene's: mesh (.stl, .ply, .obj), segmentation (.nii.gz, .nrrd ...)."
+    ),
 ]
 UnitOption = Annotated[
     str | None, typer.Option("--unit", help="Unit of the mesh file: m, cm or mm; required if several are plausible.")
@@ -83,6 +86,9 @@ PieceOption = Annotated[
     typer.Option(
         "--piece", help="Separate piece of the mesh file: 1, the largest, 2 ..., or all; else all but islands."
     ),
+]
+LabelOption = Annotated[
+    str | None, typer.Option("--label", help="Label of the segmentation: number or name; required if it has several.")
 ]
 RepairOption = Annotated[
     bool, typer.Option("--repair", help="Repair the mesh first; a closed copy is written next to the file.")
@@ -182,12 +188,17 @@ def launch_file(launch: LaunchFile, out: Path | None, what: str) -> Path:
 
 
 def organ_file(
-    file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
+    file: Path | None,
+    unit: str | None,
+    piece: str | None,
+    repair: bool,
+    silent: bool = False,
+    label: str | None = None,
 ) -> tuple[OrganFile | None, tuple[str, ...]]:
-    """The organ of `--organ`, `--unit`, `--piece` and `--repair`, and a note on its repair; None: not given. MeshError,
-    SettingError: unusable organ."""
+    """The organ of `--organ`, `--unit`, `--piece`, `--label` and `--repair`, and notes on its repair; None: not given.
+    MeshError, SettingError: unusable organ."""
     if file is None:
-        for option, given in (("--unit", unit), ("--piece", piece), ("--repair", repair)):
+        for option, given in (("--unit", unit), ("--piece", piece), ("--label", label), ("--repair", repair)):
             if given:
                 raise typer.BadParameter(f"{option} needs --organ FILE")
         return None, ()
@@ -195,34 +206,46 @@ def organ_file(
 
     if piece not in (None, "all") and not str(piece).isdecimal():
         raise typer.BadParameter(f"--piece: found {piece!r}, expected all or a number from 1")
-    organ = OrganFile(file, unit, int(piece) if piece is not None and piece.isdecimal() else piece)
+    organ = OrganFile(file, unit, int(piece) if piece is not None and piece.isdecimal() else piece, label)
     if not repair:
         return organ, ()
     from palpate.models.build.repair import repair_mesh
 
+    organ, made = organ.as_mesh()
     if not silent:
         write(f"repairing {file} ...", err=True)
-    written, steps = repair_mesh(file, organ.in_unit(), organ.setting)
+    written, steps = repair_mesh(organ.file, organ.in_unit(), organ.setting)
     text = f"{file}: {', '.join(steps)}; written to {written}" if steps else f"{file} needs no repair"
-    return (OrganFile(written, "m") if steps else organ), (text,)
+    return (OrganFile(written, "m") if steps else organ), (*made, text)
 
 
 def say_organ_file(
-    file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
+    file: Path | None,
+    unit: str | None,
+    piece: str | None,
+    repair: bool,
+    silent: bool = False,
+    label: str | None = None,
 ) -> OrganFile | None:
     """The organ of `organ_file`; its notes are printed."""
-    organ, notes = organ_file(file, unit, piece, repair, silent)
+    organ, notes = organ_file(file, unit, piece, repair, silent, label)
     for line in () if silent else notes:
         write(line, err=True)
     return organ
 
 
 def with_organ_file(
-    launch: LaunchFile, file: Path | None, unit: str | None, piece: str | None, repair: bool, silent: bool = False
+    launch: LaunchFile,
+    file: Path | None,
+    unit: str | None,
+    piece: str | None,
+    repair: bool,
+    silent: bool = False,
+    label: str | None = None,
 ) -> LaunchFile:
-    """Put the organ of a mesh file, or of the launch file or scene, in the place of the run's organ. MeshError,
+    """Put the organ of a file, or of the launch file or scene, in the place of the run's organ. MeshError,
     SettingError: unusable organ."""
-    organ, notes = organ_file(file, unit, piece, repair, silent)
+    organ, notes = organ_file(file, unit, piece, repair, silent, label)
     launch = dataclasses.replace(launch.but(organ=organ), notes=(*launch.notes, *notes))
     if launch.organ is not None:
         from palpate.launch.run.progress import preparing

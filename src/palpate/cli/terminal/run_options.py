@@ -27,6 +27,7 @@ class RunOptions:
     organ: options.OrganOption = None
     unit: options.UnitOption = None
     piece: options.PieceOption = None
+    label: options.LabelOption = None
     repair: options.RepairOption = False
 
     def launch(self, place: str | None = None, fused: bool = False, silent: bool = False) -> LaunchFile:
@@ -35,7 +36,7 @@ class RunOptions:
         place, fused  as in `options.choose_launch`;  silent: print no notes on the organ
         """
         chosen = options.choose_launch(self.graph, self.sets, self.scene, place, fused)
-        return options.with_organ_file(chosen, self.organ, self.unit, self.piece, self.repair, silent)
+        return options.with_organ_file(chosen, self.organ, self.unit, self.piece, self.repair, silent, self.label)
 
 
 def takes_run(graph: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:

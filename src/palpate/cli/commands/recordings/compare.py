@@ -30,6 +30,7 @@ def compare(
     organ: options.OrganOption = None,
     unit: options.UnitOption = None,
     piece: options.PieceOption = None,
+    label: options.LabelOption = None,
     repair: options.RepairOption = False,
     out: Annotated[Path | None, out_option("PNG; FILE-compare.png if left out.")] = None,
     no_pictures: NoPictures = False,
@@ -52,7 +53,7 @@ def compare(
 
     wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
     wanted = [[] if given == [RECORDED] else given for given in wanted]
-    replaced, notes = options.organ_file(organ, unit, piece, repair, silent=as_json)
+    replaced, notes = options.organ_file(organ, unit, piece, repair, silent=as_json, label=label)
     if replaced is not None and not wanted:
         wanted = [[]]
     if not wanted:

@@ -55,13 +55,15 @@ def run(
     --strict also if a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM, 129 after
     the terminal has closed.
     """
+    from palpate.launch.load.organ_file import OrganFile
+
     with contextlib.ExitStack() as ending:
         # The run that the options describe.
         launch = chosen.launch(place, fused, silent=as_json)
         options.one_of("clock", clock, "simulated", "real")
         launch = launch.but(clock=clock, duration=duration, pace=pace)
         launch = options.reconnecting(launch) if reconnect else launch
-        name = (chosen.organ or launch.path or launch.graph).stem
+        name = OrganFile(chosen.organ).stem if chosen.organ else (launch.path or launch.graph).stem
         launch, folder = options.recorded_to(launch, name, record, out, no_record, record_only, ending)
         loaded = page = None
         if see:

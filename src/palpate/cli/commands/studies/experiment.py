@@ -33,6 +33,7 @@ def experiment(
     organ: options.OrganOption = None,
     unit: options.UnitOption = None,
     piece: options.PieceOption = None,
+    label: options.LabelOption = None,
     repair: options.RepairOption = False,
     port: Port = 0,
     host: Host = "127.0.0.1",
@@ -52,7 +53,7 @@ def experiment(
     from palpate.studies.psychophysics.opening import OF_EXPERIMENT, open_sitting
 
     simulated: Path | Literal["observer"] | None = observer or (OF_EXPERIMENT if simulate else None)
-    replaced = options.say_organ_file(organ, unit, piece, repair, silent=as_json)
+    replaced = options.say_organ_file(organ, unit, piece, repair, silent=as_json, label=label)
     given = list(sets or [])
     with open_sitting(file, out, participant, session, given, resume, _confirm, simulated, replaced) as sitting:
         place = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"

@@ -35,6 +35,7 @@ def study(
     organ: options.OrganOption = None,
     unit: options.UnitOption = None,
     piece: options.PieceOption = None,
+    label: options.LabelOption = None,
     repair: options.RepairOption = False,
     retry: Annotated[bool, typer.Option("--retry", help="Recompute points that failed before.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Compute more than 100,000 points.")] = False,
@@ -49,7 +50,7 @@ def study(
     from palpate.studies.sweeps.file import find, load
 
     path = find(file)
-    replaced = options.say_organ_file(organ, unit, piece, repair, silent=as_json)
+    replaced = options.say_organ_file(organ, unit, piece, repair, silent=as_json, label=label)
     folder = out or Path("runs", "studies", path.stem)
     opened = cluster_or_local(scheduler, workers, folder / "workers.log", lambda text: say(text, "yellow", err=True))
     with opened as executor:  # its processes start while the study is loaded

@@ -1,1 +1,1 @@
-"""List nodes, messages, effects, tissues and material laws."""
+"""List nodes, messages, effects, tissues, material laws, and labels of a segmentation."""

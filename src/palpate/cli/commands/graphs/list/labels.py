@@ -1,0 +1,48 @@
+"""`palpate list labels`: the labels of a segmentation."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import console, print_json, say, table
+
+EXAMPLE = "palpate list labels seg.nii.gz"
+
+
+def labels(
+    file: Annotated[Path, typer.Argument(help="Segmentation: .nii, .nii.gz, .nrrd, .mha, .dcm.", metavar="FILE")],
+    as_json: Json = False,
+) -> None:
+    """List the labels of a segmentation: name, volume and extent.
+
+    Each can be an organ: `palpate run kidney --organ FILE --label LABEL`.
+    """
+    from palpate.physics.segmentation.image import extents
+    from palpate.physics.segmentation.read import read_labels
+
+    image = read_labels(file)
+    found = [
+        {"label": segment.number, "name": segment.name, "voxels": image.count(segment), "volume m3":
+         image.volume(segment), "extent m": sides.tolist(), "centre m": centre.tolist()}
+        for segment, sides, centre in extents(image)
+    ]  # fmt: skip
+    spacing = image.spacing.tolist()
+    if as_json:
+        print_json({"ok": True, "voxel m": spacing, "labels": found, "notes": list(image.notes)})
+        return
+    rows = [
+        (str(each["label"]), each["name"], f"{1e6 * each['volume m3']:.4g}", _mm(each["extent m"], " x "),
+         _mm(each["centre m"], ", "))
+        for each in found
+    ]  # fmt: skip
+    heads = (">label", "name", ">volume [cm³]", "extent [mm]", "centre: right, front, head [mm]")
+    console().print(table(heads, rows, fixed=heads[:1]))
+    say(f"voxels of {_mm(spacing, ' x ')} mm; palpate run kidney --organ {file} --label LABEL touches one", wrap=True)
+    for note in image.notes:
+        say(f"{file}: {note}", "yellow", wrap=True)
+
+
+def _mm(lengths: list[float], between: str) -> str:
+    return between.join(f"{1e3 * each:.3g}" for each in lengths)

@@ -1,0 +1,11 @@
+"""The endings of files of segmentations."""
+
+from pathlib import Path
+
+FORMATS = (".nii", ".nii.gz", ".nrrd", ".mha", ".dcm")
+
+
+def ending_of(path: str | Path) -> str:
+    """The ending of the name of a segmentation; "": it is none."""
+    name = Path(path).name.lower()
+    return next((each for each in sorted(FORMATS, key=len, reverse=True) if name.endswith(each)), "")

@@ -1,0 +1,75 @@
+"""The surface of a label of a segmentation as a mesh file, made once for each content of the file and label.
+
+It is stored next to the bases, in `~/.cache/palpate/organs`, in metres. From there on it is a mesh file like any other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from palpate.compiler.trust import make_folder, may_read, user_cache
+from palpate.physics.archive import replacing
+from palpate.physics.errors import MeshError
+from palpate.physics.geometry.mesh import write_ply
+from palpate.physics.readable import check_file
+from palpate.physics.segmentation.endings import ending_of
+from palpate.physics.segmentation.image import choose_label
+from palpate.physics.segmentation.read import read_labels
+from palpate.physics.segmentation.surface import label_surface
+from palpate.physics.segmentation.voxels import MOST_FILE
+
+VERSION = 1  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
+
+
+class StoredSurface(NamedTuple):
+    """A mesh file in metres, what it shows, and what was changed on the way."""
+
+    path: Path
+    name: str
+    notes: tuple[str, ...]
+
+
+def store_surface(file: Path, label: int | str | None) -> StoredSurface:
+    """The surface of a label, from the store or computed. MeshError: unusable, or the store cannot be written."""
+    kept = user_cache() / "organs" / f"{_stem(file, label)}-{_key(file, label)}.ply"
+    about = kept.with_suffix(".json")
+    if may_read(kept) and may_read(about):
+        stored = json.loads(about.read_text(encoding="utf-8"))
+        return StoredSurface(kept, stored["name"], tuple(stored["notes"]))
+    image = read_labels(file)
+    segment = choose_label(image, label)
+    made = label_surface(image, segment)
+    name = f"label {segment} of {file}"
+    first = (
+        f"{name}: {1e6 * made.volume:.4g} cm³ of voxels of {' x '.join(f'{1e3 * side:.3g}' for side in image.spacing)} "
+        f"mm, its surface encloses {made.enclosed / made.volume - 1.0:+.2%}"
+    )
+    found = StoredSurface(kept, name, (first, *made.notes))
+    try:
+        make_folder(kept.parent)
+        write_ply(kept, made.mesh)
+        with replacing(about) as part:
+            part.write_text(json.dumps({"name": name, "notes": found.notes}), encoding="utf-8")
+    except OSError as error:
+        raise MeshError(f"{file}: its surface cannot be stored in {kept.parent}: {error.strerror}") from None
+    return found
+
+
+def _stem(file: Path, label: int | str | None) -> str:
+    words = [file.name[: -len(ending_of(file))], *([] if label is None else [str(label)])]
+    return "-".join(re.sub(r"[^\w.]+", "_", word)[:60] for word in words)
+
+
+def _key(file: Path, label: int | str | None) -> str:
+    """Hash of what the surface depends on. MeshError: no file, or too large."""
+    try:
+        check_file(file, MOST_FILE)
+        with file.open("rb") as stream:
+            content = hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise MeshError(f"{file}: {error.strerror} (looked in {Path.cwd()})") from None
+    return hashlib.sha256(f"{VERSION} {content} {label!s} {file.name}".encode()).hexdigest()[:16]
