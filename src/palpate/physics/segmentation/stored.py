@@ -22,7 +22,7 @@ from palpate.physics.segmentation.read import read_labels
 from palpate.physics.segmentation.surface import label_surface
 from palpate.physics.segmentation.voxels import MOST_FILE
 
-VERSION = 1  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
+VERSION = 2  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
 
 
 class StoredSurface(NamedTuple):

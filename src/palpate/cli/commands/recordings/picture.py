@@ -1,4 +1,4 @@
-"""`palpate picture`: draw a recording: standard pictures, fields over time, the surface, a film."""
+"""`palpate picture`: draw a recording: standard pictures, fields over time, the surface, a film; or an organ."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
+from palpate.cli.terminal import options
 from palpate.cli.terminal.options import ENDINGS, ColourOption, File, Json, Trust, check_ending, instant, out_option
 from palpate.cli.terminal.output import print_json, say, write
 from palpate.cli.terminal.run_summary import standard_pictures
 from palpate.views.pictures.style import save
 
 EXAMPLE = "palpate picture runs/kidney.mcap --at '350 ms'"
+ORGAN = "organ"  # instead of a recording: the next word is the file of an organ
 
 
 def picture(
@@ -30,15 +32,27 @@ def picture(
     colour: ColourOption = "displacement",
     rate: Annotated[float, typer.Option(help="Frames per second of the film.", min=1, max=60)] = 25.0,
     speed: Annotated[float, typer.Option(help="Speed of the film; 0.5 is slow motion.", min=1e-3, max=100)] = 1.0,
+    unit: options.UnitOption = None,
+    piece: options.PieceOption = None,
+    label: options.LabelOption = None,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
     """Draw a recording: pictures, fields, one instant, a film.
 
     Without options it draws the standard pictures of all streams; with FIELD... these fields over time or --over
-    another field; with --at the surface under the finger at one instant; with --film the surface as a film. Exit code 1
-    if there was nothing to draw.
+    another field; with --at the surface under the finger at one instant; with --film the surface as a film. `picture
+    organ FILE` draws a mesh or a label of a segmentation: surface and voxels in three planes, volume, smallest
+    thickness, where the finger does not fit. Exit code 1 if there was nothing to draw.
     """
+    if str(file) == ORGAN and not file.exists():
+        if names is None or len(names) != 1:
+            raise typer.BadParameter("expected one file after `organ`: palpate picture organ seg.nii.gz --label liver")
+        _organ(Path(names[0]), unit, piece, label, out, as_json)
+        return
+    for option, given in (("--unit", unit), ("--piece", piece), ("--label", label)):
+        if given is not None:
+            raise typer.BadParameter(f"{option} is for an organ: palpate picture organ FILE")
     if sum((bool(names), at is not None, film)) > 1:
         raise typer.BadParameter("FIELD..., --at and --film are different pictures: use one of them")
     if over is not None and not names:
@@ -65,6 +79,25 @@ def picture(
     else:
         for path in made:
             write(f"{path}{note}")
+
+
+def _organ(file: Path, unit: str | None, piece: str | None, label: str | None, out: Path | None, as_json: bool) -> None:
+    """Draw an organ, and print its numbers."""
+    from palpate.nodes.base.felt import WIDTH
+    from palpate.views.pictures.models.organ import describe_organ, draw_organ, rows
+
+    organ, _ = options.organ_file(file, unit, piece, False, label=label)
+    assert organ is not None
+    target = out or file.with_name(f"{organ.stem}-organ.png")
+    check_ending(target)
+    shown = describe_organ(organ)
+    draw_organ(shown, WIDTH, target)
+    if as_json:
+        print_json({"ok": True, "pictures": [str(target)], "organ": rows(shown), "notes": list(shown.notes)})
+        return
+    for note in shown.notes:
+        say(note, err=True)
+    write(str(target))
 
 
 def _plot(file: Path, names: list[str], over: str | None, target: Path) -> Path:
