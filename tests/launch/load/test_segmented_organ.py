@@ -26,15 +26,15 @@ NAMES = {"Segment0_Name": "liver", "Segment0_LabelValue": 1, "Segment1_Name": "t
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A body of 75 x 60 x 45 mm with a tumour, whose right half is thicker, as NIfTI and as NRRD; an empty cache."""
+    """A body of 38 x 30 x 22 mm with a tumour, whose right half is thicker, as NIfTI and as NRRD; an empty cache."""
     index = np.moveaxis(np.indices((41, 35, 31)), 0, -1) - (20, 17, 15)
-    points = 2.5 * index
+    points = 1.25 * index
     thick = 1.0 + 0.2 * np.sign(points[..., :1])  # right of the middle
-    body = np.linalg.norm(points / (38.0, 30.0, 20.0 * thick[..., 0].max()) / np.concatenate(
+    body = np.linalg.norm(points / (19.0, 15.0, 10.0 * thick[..., 0].max()) / np.concatenate(
         [np.ones_like(thick), np.ones_like(thick), thick], axis=-1), axis=-1) < 1.0  # fmt: skip
     voxels = body.astype(np.uint8)
-    voxels[np.linalg.norm(points, axis=-1) < 8] = 2
-    affine = np.diag([2.5, 2.5, 2.5, 1.0])
+    voxels[np.linalg.norm(points, axis=-1) < 4] = 2
+    affine = np.diag([1.25, 1.25, 1.25, 1.0])
     affine[:3, 3] = (-300.0, 20.0, 900.0)
     write_nifti(tmp_path / "seg.nii.gz", voxels, affine)
     write_nrrd(tmp_path / "seg.seg.nrrd", voxels, affine, **NAMES)
@@ -74,8 +74,8 @@ def test_launch_files_scenes_python_and_studies_take_a_label(folder):
 def test_the_right_side_of_the_body_is_at_positive_x(folder):
     mesh = surface_mesh(str(organ_of({"file": "seg.nii.gz", "label": 1}).as_mesh()[0].file), 0)
     right = mesh.vertices[:, 0] > mesh.vertices[:, 0].mean()
-    assert mesh.vertices[:, 0].mean() == pytest.approx(-0.25, abs=0.01)
-    assert np.ptp(mesh.vertices[right, 2]) > 1.3 * np.ptp(mesh.vertices[~right & (mesh.vertices[:, 0] < -0.27), 2])
+    assert mesh.vertices[:, 0].mean() == pytest.approx(-0.275, abs=0.005)
+    assert np.ptp(mesh.vertices[right, 2]) > 1.3 * np.ptp(mesh.vertices[~right & (mesh.vertices[:, 0] < -0.28), 2])
 
 
 @pytest.mark.notes(PLACED, REFINED, "its surface encloses", "hole in the label", "are bridged")
@@ -92,7 +92,7 @@ def test_the_shell_runs_a_label_and_python_has_the_same_force(folder):
 def test_labels_are_listed_and_an_organ_is_drawn(folder):
     found = json.loads(call("list", "labels", "seg.seg.nrrd", "--json").stdout)
     assert [(each["label"], each["name"]) for each in found["labels"]] == [(1, "liver"), (2, "tumour")]
-    assert found["labels"][1]["extent m"] == pytest.approx([0.0175] * 3)
+    assert found["labels"][1]["extent m"] == pytest.approx([0.00875] * 3)
     assert "tumour" in call("list", "labels", "seg.seg.nrrd").stdout
     drawn = json.loads(call("picture", "organ", "seg.seg.nrrd", "--label", "liver", "--json").stdout)
     assert drawn["pictures"] == ["seg-organ.png"] and (folder / "seg-organ.png").stat().st_size > 20_000

@@ -100,11 +100,18 @@ def test_distances_in_blocks_are_those_of_the_whole():
     np.testing.assert_allclose(signed_distance(mask, spacing, reach), np.clip(whole, -reach, reach), atol=1e-5)
 
 
-def test_a_row_of_voxels_or_a_very_large_box_is_no_organ():
+def test_single_voxels_far_from_the_organ_are_left_out_and_a_very_large_box_is_refused():
     from palpate.physics.errors import MeshError
 
     large = np.zeros((400, 400, 400), bool)
+    large[100:120, 200:230, 51:70] = True
+    alone = surface(large[90:130, 190:240, 40:80])
     large[::399, ::399, ::399] = True
-    large[:3, :3, :3] = True
+    made = surface(large)
+    assert made.notes == ("8 parts of the label 1 with less than 1% of the largest, together 0.0007 of its voxels, are "
+                          "left out",)  # fmt: skip
+    np.testing.assert_allclose(made.mesh.vertices, alone.mesh.vertices + MM * np.array([90, 190, 40]), atol=1e-6)
+    large[:] = False
+    large[:5, :5, :5] = large[-5:, -5:, -5:] = True
     with pytest.raises(MeshError, match=r"spans 400 x 400 x 400 voxels, .* Resample it to voxels that are 1.2 times"):
         surface(large)

@@ -48,7 +48,7 @@ def store_surface(file: Path, label: int | str | None) -> StoredSurface:
         f"{name}: {1e6 * made.volume:.4g} cm³ of voxels of {' x '.join(f'{1e3 * side:.3g}' for side in image.spacing)} "
         f"mm, its surface encloses {made.enclosed / made.volume - 1.0:+.2%}"
     )
-    found = StoredSurface(kept, name, (first, *made.notes))
+    found = StoredSurface(kept, name, (first, *(f"{file}: {note}" for note in made.notes)))
     try:
         make_folder(kept.parent)
         write_ply(kept, made.mesh)

@@ -6,15 +6,12 @@ import numpy as np
 from scipy.ndimage import find_objects
 from scipy.ndimage import label as find_pieces
 
-from palpate.physics.errors import MeshError
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.segmentation.boxed import box_of
 from palpate.physics.segmentation.image import LabelImage, Segment
 from palpate.physics.segmentation.isosurface import enclosed_volume, march_cubes
 from palpate.physics.segmentation.smoothed import margin, smooth_level
 
-MOST_SAMPLES = 1 << 25
-"""[1] of the box of a segment: 320 in each direction, 250 mm at 0.8 mm. They take 0.6 GB."""
-LEAST_VOXELS = 27  # of a segment
 HOLE = 0.01
 """[1] Volume of a hole over that of the organ below which it is a fault of the segmentation, and filled. Holes of other
 labels, such as a tumour or a vessel, are filled, too: they are solid."""
@@ -43,8 +40,8 @@ def label_surface(image: LabelImage, segment: Segment) -> Segmented:
 
     MeshError: too few voxels, or too many.
     """
-    mask, begin = _box(image, segment)
-    notes = list(image.notes) + _border(image, segment, mask, begin)
+    mask, begin, left_out = box_of(image, segment)
+    notes = [*image.notes, *left_out] + _border(image, segment, mask, begin)
     filled, more = _fill_holes(image, segment, mask, begin)
     size = float(np.abs(np.linalg.det(image.affine[:, :3])))
     volume = size * np.count_nonzero(filled)
@@ -52,26 +49,6 @@ def label_surface(image: LabelImage, segment: Segment) -> Segmented:
     level = smooth_level(np.pad(filled, [(p, p) for p in pad]), image.spacing)
     mesh = march_cubes(image, level, begin - pad, volume)
     return Segmented(mesh, volume, enclosed_volume(mesh), tuple(notes + more))
-
-
-def _box(image: LabelImage, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
-    """The voxels (i,j,k) of a segment in their box, and its first voxel (3)."""
-    count = image.count(segment)
-    if count < LEAST_VOXELS:
-        raise MeshError(
-            f"{image.file}: the label {segment} has {count} voxels, expected at least {LEAST_VOXELS} of an organ"
-        )
-    layer = image.layers[segment.layer]
-    box = find_objects(layer)[segment.value - 1]
-    shape = np.array([side.stop - side.start for side in box])
-    samples = float(np.prod(shape * np.maximum(1, np.round(image.spacing / image.spacing.min()))))
-    if samples > MOST_SAMPLES:
-        raise MeshError(
-            f"{image.file}: the label {segment} spans {' x '.join(map(str, shape))} voxels, which are {samples:.3g}"
-            f" samples, expected at most {MOST_SAMPLES:.3g}. Resample it to voxels that are"
-            f" {np.cbrt(samples / MOST_SAMPLES):.2g} times as long"
-        )
-    return layer[box] == segment.value, np.array([side.start for side in box])
 
 
 def _border(image: LabelImage, segment: Segment, mask: np.ndarray, begin: np.ndarray) -> list[str]:

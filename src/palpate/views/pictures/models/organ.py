@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SAMPLES = 2000  # vertices at which the thickness is measured
-STEP, DEEPEST = 0.25e-3, 60e-3  # [m] of the search along the inward normal
+STEP, LEAST_STEP, DEEPEST = 0.3e-3, 0.05e-3, 60e-3  # [m] first and least step, and end, of the search inwards
 LEAST = 0.005  # [1] Quantile of the thicknesses that is shown: at a sharp edge the thickness is 0
 MARGIN = 4e-3  # [m] around the organ
 NAMES = (("front", "head", "seen from the right"), ("right", "head", "seen from the front"),
@@ -74,17 +74,14 @@ def _thickness(mesh: Mesh) -> tuple[float, np.ndarray]:
     chosen = np.linspace(0, len(mesh.vertices) - 1, min(SAMPLES, len(mesh.vertices))).astype(int)
     points, inwards = mesh.vertices[chosen], -mesh.normals[chosen]
     closest = MeshClosestPoint(mesh)
-    found = np.full(len(chosen), np.inf)
-    before = np.full(len(chosen), -STEP)
-    for depth in np.arange(STEP, DEEPEST, STEP):
-        inside = np.flatnonzero(np.isinf(found))
-        if not len(inside):
-            break
-        away = closest.find(points[inside] + depth * inwards[inside])[3]
-        out = away >= 0.0
-        ends = inside[out]
-        found[ends] = depth - STEP * away[out] / np.maximum(away[out] - before[ends], 1e-12)
-        before[inside] = away
+    found, depth = np.full(len(chosen), np.inf), np.full(len(chosen), STEP)
+    inside = np.arange(len(chosen))
+    while len(inside):  # each step is as long as the distance to the surface: it cannot pass through it
+        away = closest.find(points[inside] + depth[inside, None] * inwards[inside])[3]
+        out = away > -LEAST_STEP
+        found[inside[out]] = depth[inside[out]]
+        depth[inside] += np.maximum(-away, LEAST_STEP)
+        inside = inside[~out & (depth[inside] < DEEPEST)]
     order = np.argsort(found)
     place = order[int(LEAST * len(order))]
     return float(found[place]), points[place]
