@@ -1,0 +1,220 @@
+"""Linear complementarity with a bounded number of changes per call, for contact that lasts over many time steps.
+
+    w = g + W p,    p >= 0,    w >= 0,    p_i w_i = 0
+
+W symmetric and positive definite. A set S of active candidates determines p: W_SS p_S = -g_S, and p = 0 elsewhere. A
+candidate violates the conditions if it is active and pulls, p_i < 0, or is free and overlaps, w_i < 0.
+
+Block principal pivoting (J. Judice, F. Pires, Comput. Oper. Res. 21 (1994) 587-596): all violating candidates change
+sides together while their number falls; after `PATIENCE` rounds without progress only the last one does (K. Murty's
+rule, which ends after a finite number of changes for every W of this kind). The set of the last call is the start of
+the next, so that a steady contact needs one round. The factor W_SS = U'U is kept between calls and changed by one row
+and column per change: O(n²) instead of O(n³) (G. H. Golub, C. F. Van Loan, Matrix Computations, 2013, 6.5).
+
+After `most` changes the call ends, and the next one continues. Until then forces that pull are left out, so that the
+contact never pulls; the violations are counted.
+"""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from palpate.compiler.dot import inner
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Indices, Matrix
+
+PATIENCE = 3  # rounds without progress before single changes
+ROUNDS = 64  # most rounds of a call: those with changes are limited by `most`
+LEAST_PIVOT = 1e-10  # [1] share of a candidate's compliance that must be independent of the active ones
+EXACT = 1e-12  # [1] of the largest |g|: overlap below which a free candidate does not violate
+
+
+class ActiveSet(NamedTuple):
+    """The active candidates of m, and the factor of their matrix.
+
+    order  (m)    the active candidates in the order of the factor; the first `count[0]` are used
+    place  (m)    index of a candidate in `order`, -1: free
+    count  (4)    active candidates; violations that are left; changes of the last call; rounds of the last call
+    factor (m,m)  U, upper triangular
+    force  (m)    p
+    room   (3,m)  workspace
+    changing (m)  workspace: candidates that violate
+    """
+
+    order: Annotated[np.ndarray, "<i8", 1]
+    place: Annotated[np.ndarray, "<i8", 1]
+    count: Annotated[np.ndarray, "<i8", 1]
+    factor: Annotated[np.ndarray, "<f8", 2]
+    force: Annotated[np.ndarray, "<f8", 1]
+    room: Annotated[np.ndarray, "<f8", 2]
+    changing: Annotated[np.ndarray, "<i8", 1]
+
+
+def active_set(count: int) -> ActiveSet:
+    """No active candidate of `count`."""
+    return ActiveSet(
+        np.zeros(count, np.int64), np.full(count, -1), np.zeros(4, np.int64), np.zeros((count, count)),
+        np.zeros(count), np.zeros((3, count)), np.zeros(count, np.int64),
+    )  # fmt: skip
+
+
+@kernel
+def solve_active(active: ActiveSet, right: Array, count: int):
+    """Replace `right` (count), in the order of the factor, by the solution x of W_SS x = right."""
+    factor = active.factor
+    for k in range(count):
+        row, value = factor[k], right[k] / factor[k, k]
+        right[k] = value
+        for j in range(k + 1, count):
+            right[j] -= row[j] * value
+    for k in range(count - 1, -1, -1):
+        right[k] = (right[k] - inner(factor[k][k + 1 : count], right[k + 1 : count])) / factor[k, k]
+
+
+@kernel
+def admit(matrix: Matrix, active: ActiveSet, candidate: int):
+    """Activate a candidate. False: its row depends on those of the active ones, and nothing changes."""
+    order, factor, count, column = active.order, active.factor, active.count[0], active.room[2]
+    row = matrix[candidate]
+    for k in range(count):
+        column[k] = row[order[k]]
+    square = row[candidate]
+    for k in range(count):
+        value = column[k] / factor[k, k]
+        column[k] = value
+        square -= value * value
+        for j in range(k + 1, count):
+            column[j] -= factor[k, j] * value
+    if not square > LEAST_PIVOT * row[candidate]:
+        return False
+    for k in range(count):
+        factor[k, count] = column[k]
+    factor[count, count] = np.sqrt(square)
+    order[count], active.place[candidate] = candidate, count
+    active.count[0] = count + 1
+    return True
+
+
+@kernel
+def release(active: ActiveSet, candidate: int):
+    """Make an active candidate free."""
+    order, factor, place, last = active.order, active.factor, active.place, active.count[0] - 1
+    at = place[candidate]
+    for k in range(at, last):
+        order[k] = order[k + 1]
+        place[order[k]] = k
+    for k in range(last + 1):
+        for j in range(at, last):
+            factor[k, j] = factor[k, j + 1]
+    # Givens rotations restore the triangle below the diagonal
+    for k in range(at, last):
+        upper, lower = factor[k], factor[k + 1]
+        size = np.sqrt(upper[k] * upper[k] + lower[k] * lower[k])
+        c, s = upper[k] / size, lower[k] / size
+        for j in range(k, last):
+            above, below = upper[j], lower[j]
+            upper[j] = c * above + s * below
+            lower[j] = c * below - s * above
+    place[candidate] = -1
+    active.force[candidate] = 0.0
+    active.count[0] = last
+
+
+@kernel
+def refactor(matrix: Matrix, active: ActiveSet):
+    """Compute the factor of the same active candidates again, for a changed matrix. Dependent ones become free."""
+    count = active.count[0]
+    for k in range(count):
+        active.changing[k] = active.order[k]
+        active.place[active.order[k]] = -1
+    active.count[0] = 0
+    for k in range(count):
+        if not admit(matrix, active, active.changing[k]):
+            active.force[active.changing[k]] = 0.0
+
+
+@kernel
+def _balance(matrix: Matrix, gap: Array, active: ActiveSet, slack: Array):
+    """Fill the force of the active candidates, and `slack`, w, of all."""
+    order, count, right = active.order, active.count[0], active.room[0]
+    for k in range(count):
+        right[k] = -gap[order[k]]
+    solve_active(active, right, count)
+    slack[:] = gap
+    for k in range(count):
+        i, value = order[k], right[k]
+        active.force[i] = value
+        row = matrix[i]
+        for j in range(len(slack)):
+            slack[j] += row[j] * value
+
+
+@kernel
+def _violations(active: ActiveSet, slack: Array, least: float):
+    """List the violating candidates in `changing`; returns their number."""
+    found = 0
+    for i in range(len(slack)):
+        if (active.force[i] < 0.0) if active.place[i] >= 0 else (slack[i] < -least):
+            active.changing[found] = i
+            found += 1
+    return found
+
+
+@kernel
+def _worst_first(active: ActiveSet, slack: Array, found: int, wanted: int):
+    """Move the `wanted` worst of the listed candidates to the front: first those that pull, then the deepest."""
+    listed = active.changing
+    for k in range(min(wanted, found)):
+        worst, most = k, -np.inf
+        for j in range(k, found):
+            i = listed[j]
+            bad = np.inf if active.place[i] >= 0 else -slack[i]
+            if bad > most:
+                worst, most = j, bad
+        listed[k], listed[worst] = listed[worst], listed[k]
+
+
+@ieee_kernel
+def complement(matrix: Matrix, gap: Array, active: ActiveSet, most: int):
+    """Solve for the forces p >= 0 in `active.force`, from the active candidates of the last call. Returns the number of
+    violations that are left; 0: solved.
+
+    matrix [m/N] (m,m)  W, whose part of the active candidates is in the factor (`refactor` after a change)
+    gap    [m] (m)      g
+    most                changes of sides in this call, > 0
+    """
+    slack, largest = active.room[1], 0.0
+    for i in range(len(gap)):
+        largest = max(largest, abs(gap[i]))
+    least, fewest, patience, changes, rounds = EXACT * largest, len(gap) + 1, PATIENCE, 0, 0
+    while True:
+        rounds += 1
+        _balance(matrix, gap, active, slack)
+        found = _violations(active, slack, least)
+        if found == 0 or changes >= most or rounds >= ROUNDS:
+            break
+        if found < fewest:
+            fewest, patience = found, PATIENCE
+        else:
+            patience -= 1
+        if patience < 0:
+            active.changing[0] = active.changing[found - 1]
+            wanted = 1
+        else:
+            wanted = min(found, most - changes)
+            if wanted < found:
+                _worst_first(active, slack, found, wanted)
+        before = changes
+        for k in range(wanted):
+            i = active.changing[k]
+            if active.place[i] >= 0:
+                release(active, i)
+                changes += 1
+            elif admit(matrix, active, i):
+                changes += 1
+        if changes == before:
+            break
+    for k in range(active.count[0]):
+        active.force[active.order[k]] = max(active.force[active.order[k]], 0.0)
+    active.count[1], active.count[2], active.count[3] = found, changes, rounds
+    return found
