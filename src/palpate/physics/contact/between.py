@@ -1,0 +1,182 @@
+"""Contact of two deformable bodies on a set of candidates: unilateral, implicit in time, without friction.
+
+Candidate i is a small patch of the first surface, opposite a patch of the second. With the force p_i on it along its
+normal n_i, outwards from the second body, gap and forces at the end of a step of T > 0 [s] satisfy
+
+    w = g0 + u_1 + u_2,    p >= 0,    w >= 0,    p_i w_i = 0
+
+g0 is the gap of the undeformed bodies, u_b the opening by body b: a linear Kelvin-Voigt solid with the compliance C_b
+between the candidates and the retardation tau_b, under the forces of the contact and the opening o_b that all other
+loads would cause at rest. By backward Euler, as in `physics.bodies.condensed_body`,
+
+    u_b = m_b (C_b p + o_b) + (1 - m_b) u_b',    m_b = T/(T + tau_b),    u_b' at the start of the step
+
+so that p solves a linear complementarity problem with W = m_1 C_1 + m_2 C_2 (`pivoting`). The force is that of the
+end of the step: contact and bodies have no delay, and no stiffness of a penalty limits the step.
+
+Energy: the step does the work p.(w - w') on the bodies' surfaces, w' the gap before. With p.w = 0 this is -p.w' <= 0:
+the contact dissipates what closing the gap within a step takes, and generates nothing. Only where the last call ended
+with an overlap (`complement`) may it be positive; it is then counted as generated.
+
+A finger on body b that presses with the force f opens the candidates by r f (r < 0 closes). While the active set S
+stays, the forces respond by dp_S = -W_SS^-1 m_b r_S df, and lift the finger's patch by
+
+    y df,    y = m_b² r_S.W_SS^-1 r_S
+
+(E. Betti's reciprocity): the Schur complement, by which the law of the finger's contact is stiffer than its body alone.
+
+Signorini's contact: A. Signorini 1933; P. Wriggers, Computational Contact Mechanics, 2006, ch. 5. Range: displacements
+small against the radii of curvature, for candidates, normals and compliances are those of the undeformed bodies.
+"""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from palpate.compiler.dot import inner
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Indices, Matrix
+from palpate.physics.contact.pivoting import ActiveSet, active_set, complement, refactor, solve_active
+
+MOST = 32
+"""Most candidates that touch or part in a step; the others follow in the next. At 1 kHz 500 candidates per 16 ms."""
+LEAST_FORCE = 1e-6  # [N] of a finger for which the response is computed
+
+
+class Pair(NamedTuple):
+    """Two bodies and their contact on m candidates.
+
+    gap     [m]   (m)      g0
+    first, second [m/N] (m,m)  C_b
+    retardation [s] (2)    tau_b
+    matrix  [m/N] (m,m)    W
+    moved   [m]   (2,m)    u_b
+    opening [m]   (m)      w
+    free    [m]   (m)      w without the forces of this step
+    known   (3)            T of `matrix` [s]; dissipated and generated energy [J]
+    """
+
+    gap: Annotated[np.ndarray, "<f8", 1]
+    first: Annotated[np.ndarray, "<f8", 2]
+    second: Annotated[np.ndarray, "<f8", 2]
+    retardation: Annotated[np.ndarray, "<f8", 1]
+    matrix: Annotated[np.ndarray, "<f8", 2]
+    moved: Annotated[np.ndarray, "<f8", 2]
+    opening: Annotated[np.ndarray, "<f8", 1]
+    free: Annotated[np.ndarray, "<f8", 1]
+    known: Annotated[np.ndarray, "<f8", 1]
+    active: ActiveSet
+
+
+def pair(gap: np.ndarray, first: np.ndarray, second: np.ndarray, retardation: tuple[float, float]) -> Pair:
+    """Two bodies at rest; arguments as in `Pair`."""
+    size = len(gap)
+    return Pair(
+        np.array(gap, float), np.array(first, float, order="C"), np.array(second, float, order="C"),
+        np.array(retardation, float), np.zeros((size, size)), np.zeros((2, size)), np.array(gap, float),
+        np.zeros(size), np.zeros(3), active_set(size),
+    )  # fmt: skip
+
+
+@kernel
+def take(pair: Pair, body: int, dt: float):
+    """m_b [1]."""
+    return dt / (dt + pair.retardation[body])
+
+
+@ieee_kernel
+def press(pair: Pair, others: Matrix, dt: float, most: int):
+    """A step: fills the forces `pair.active.force` [N] (m) and the gaps `pair.opening`. Returns the number of
+    candidates that pull or overlap and are left for the next step.
+
+    others  [m] (2,m)  o_b, the opening that the other loads on each body would cause at rest
+    dt      [s]        T > 0
+    most               most changes of candidates in this step
+    """
+    first, second, free, force = take(pair, 0, dt), take(pair, 1, dt), pair.free, pair.active.force
+    size = len(free)
+    if pair.known[0] != dt:
+        pair.known[0] = dt
+        for i in range(size):
+            for j in range(size):
+                pair.matrix[i, j] = first * pair.first[i, j] + second * pair.second[i, j]
+        refactor(pair.matrix, pair.active)
+    moved = pair.moved
+    for i in range(size):
+        moved[0, i] = first * others[0, i] + (1.0 - first) * moved[0, i]
+        moved[1, i] = second * others[1, i] + (1.0 - second) * moved[1, i]
+        free[i] = pair.gap[i] + (moved[0, i] + moved[1, i])
+    left = complement(pair.matrix, free, pair.active, most)
+    for k in range(pair.active.count[0]):
+        j = pair.active.order[k]
+        one, other = first * force[j], second * force[j]
+        for i in range(size):
+            moved[0, i] += one * pair.first[j, i]
+            moved[1, i] += other * pair.second[j, i]
+    work = 0.0
+    for i in range(size):
+        opening = pair.gap[i] + (moved[0, i] + moved[1, i])
+        work += force[i] * (opening - pair.opening[i])
+        pair.opening[i] = opening
+    if work > 0.0:
+        pair.known[2] += work
+    else:
+        pair.known[1] -= work
+    return left
+
+
+@ieee_kernel
+def response(pair: Pair, body: int, opened: Array, force: float, dt: float):
+    """y [m/N]: by how much the contact lifts the patch of a finger on a body per newton of its force.
+
+    opened [m] (m)  opening of the candidates by the finger's load alone, at rest;  force [N] its normal force
+    """
+    count, right = pair.active.count[0], pair.active.room[0]
+    if count == 0 or not force > LEAST_FORCE:
+        return 0.0
+    scale, along = take(pair, body, dt) / force, pair.active.room[2]
+    for k in range(count):
+        along[k] = right[k] = scale * opened[pair.active.order[k]]
+    solve_active(pair.active, right, count)
+    return inner(along[:count], right[:count])
+
+
+@kernel
+def open_by(
+    nodes: Indices,
+    forces: Matrix,
+    corners: Indices,
+    weights: Matrix,
+    compliance: Matrix,
+    gathered: Matrix,
+    touched: Indices,
+    out: Array,
+):
+    """Fill `out` [m] (m): opening of the candidates by a load at rest.
+
+    nodes (k), forces [N] (k,3)         the load on vertices of the body's surface
+    corners (V,3), weights [1] (V,3)    terminals that carry the load of each vertex
+    compliance [m/N] (3t,m)             opening by a unit force along each axis at each of t terminals
+    gathered [N] (t,3), touched (2,t)   workspace: forces on terminals, list of the loaded ones and a mark of each;
+                                        forces and marks are zero before and after
+    """
+    count, listed, marks = 0, touched[0], touched[1]
+    for k in range(len(nodes)):
+        v = nodes[k]
+        for a in range(3):
+            weight, terminal = weights[v, a], corners[v, a]
+            if weight != 0.0:
+                if marks[terminal] == 0:
+                    marks[terminal], listed[count] = 1, terminal
+                    count += 1
+                for x in range(3):
+                    gathered[terminal, x] += weight * forces[k, x]
+    out[:] = 0.0
+    for k in range(count):
+        terminal = listed[k]
+        marks[terminal] = 0
+        for x in range(3):
+            value, row = gathered[terminal, x], compliance[3 * terminal + x]
+            gathered[terminal, x] = 0.0
+            for i in range(len(out)):
+                out[i] += value * row[i]
