@@ -1,0 +1,110 @@
+"""Compliance of a body between the candidates of its contact with another (`physics.contact.between`).
+
+C_ij [m/N] is the displacement of candidate i along its normal by a unit force on candidate j along its normal; P are
+the weights of the candidates on the surface (`physics.contact.candidates`).
+
+*A condensed organ* (`condensed_body`), of the compliance C between coarse vertices for a modulus of 1 Pa. With the
+weights Q (m,V) of the candidates on the coarse vertices,
+
+    C_ij = (n_i.(Q C Q')_ij n_j + (1 - nu²)/pi <n_i.n_j> (X - Q T Q')_ij)/E,    <x> = max(0, x)
+
+As in `true_patch`, a half-space corrects for the hat functions of the coarse surface: T is its mean 1/r between them, X
+that between discs of the candidates' areas A = pi a²: for one disc 16/(3 pi a), the mean displacement under a uniform
+pressure (K. L. Johnson, Contact Mechanics, 1985, eq. 3.29), and for two at the distance d, to second order in a/d,
+
+    X_ij = 1/d + (a_i² + a_j²)/(8 d³)
+
+The surfaces slide freely, so nothing is reduced by sticking. Large displacement of the organ is neglected.
+
+*A foundation* of independent springs of the compliance q [m/Pa] per area, with vertices of the areas A_v:
+
+    C_ij = n_i.n_j sum_v q_v P_iv P_jv/A_v
+
+*A rigid plate* that is indented by force over stiffness: C_ij = (1 + d_ij)/K; d_ij = 1 for i = j is the compliance of
+the place itself, without which the forces of several candidates would not be determined.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.compiler.exact import product
+from palpate.physics.bodies.condensed_step import CondensedModel
+from palpate.physics.contact.candidates import Shares
+
+
+class BetweenBody(NamedTuple):
+    """A body as its contact with another needs it.
+
+    matrix      [m/N] (m,m)    C
+    response    [m/N] (3t,m)   displacement of each candidate along its normal by a unit force along each axis at each of
+                               t terminals
+    corners     (V,3)          terminals of each vertex of the surface, and their weights [1] (V,3)
+    retardation [s]
+    """
+
+    matrix: np.ndarray
+    response: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    retardation: float
+
+
+def condensed_between(model: CondensedModel, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
+    """A condensed organ; normal [1] (m,3) and area [m²] (m) of the candidates."""
+    size, count = len(model.vertices), len(normal)
+    hats = np.zeros((count, size))  # Q
+    for a in range(3):
+        np.add.at(hats, (shares.cells, model.corners[shares.vertices, a]),
+                  shares.weights * model.weights[shares.vertices, a])  # fmt: skip
+    # n.Q C (m,3V), then its product with Q' n
+    along = np.zeros((count, 3 * size))
+    for cell, v in zip(*np.nonzero(hats), strict=True):
+        for x in range(3):
+            along[cell] += hats[cell, v] * normal[cell, x] * model.compliance[3 * v + x]
+    matrix = np.zeros((count, count))
+    for cell, v in zip(*np.nonzero(hats), strict=True):
+        for x in range(3):
+            matrix[:, cell] += hats[cell, v] * normal[cell, x] * along[:, 3 * v + x]
+    if len(model.true.table):
+        facing = np.maximum(product(normal, normal.T), 0.0)
+        near = product(product(hats, model.true.table), hats.T)
+        matrix += model.true.normal * facing * (mean_inverse(shares.place, area) - near)
+    matrix = 0.5 * (matrix + matrix.T) / model.young
+    response = np.ascontiguousarray(along.T) / model.young
+    return BetweenBody(matrix, response, model.corners, model.weights, model.retardation)
+
+
+def mean_inverse(place: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """X [1/m] (m,m): mean of 1/r between discs of these areas [m²] (m) at these places [m] (m,3)."""
+    square = area / np.pi
+    away = np.sqrt(np.sum(np.square(place[:, None] - place[None]), axis=2))
+    radius = np.sqrt(square)
+    away = np.maximum(away, 0.5 * (radius[:, None] + radius[None]))  # discs that overlap, as on a rim
+    found = 1.0 / away + (square[:, None] + square[None]) / (8.0 * away**3)
+    np.fill_diagonal(found, 16.0 / (3.0 * np.pi * radius))
+    return np.asarray(found)
+
+
+def foundation_between(
+    softness: np.ndarray, areas: np.ndarray, shares: Shares, normal: np.ndarray, retardation: float
+) -> BetweenBody:
+    """Independent springs under each vertex; softness q [m/Pa] (V), areas [m²] (V) of the vertices."""
+    used, terminal = np.unique(shares.vertices, return_inverse=True)
+    weights = np.zeros((len(normal), len(used)))  # P
+    weights[shares.cells, terminal.ravel()] = shares.weights
+    yields = softness[used] / areas[used]
+    matrix = product(weights * yields, weights.T) * product(normal, normal.T)
+    response = (weights * yields)[:, :, None] * normal[:, None, :]
+    corners, on = np.zeros((len(areas), 3), np.int64), np.zeros((len(areas), 3))
+    corners[used, 0], on[used, 0] = np.arange(len(used)), 1.0
+    return BetweenBody(
+        0.5 * (matrix + matrix.T), np.ascontiguousarray(response.reshape(len(normal), -1).T), corners, on, retardation
+    )
+
+
+def rigid_between(stiffness: float, size: int, normal: np.ndarray) -> BetweenBody:
+    """A plate of this stiffness [N/m], whose surface has `size` vertices. Other loads do not move it."""
+    matrix = (np.ones((len(normal), len(normal))) + np.eye(len(normal))) / stiffness
+    nothing = np.zeros((3, len(normal)))
+    return BetweenBody(matrix, nothing, np.zeros((size, 3), np.int64), np.zeros((size, 3)), 0.0)
