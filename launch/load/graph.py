@@ -16,6 +16,7 @@ from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.checks.agreeing import agree
 from palpate.launch.load.checks.overlapping import overlaps
+from palpate.launch.load.checks.touching import place_bodies
 from palpate.launch.load.classes import ClassError, body, find_class
 from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_surfaces
 from palpate.launch.load.effects import KEY as EFFECTS
@@ -213,6 +214,7 @@ def _check_force_path(
         for name, draft in drafts.items()
     }
     agree(may, connections, places, faults)
+    place_bodies(may, connections, faults)
     for balance, delay in device_delays(may, connections, rate):
         if "delay" not in places[balance.name]:
             balance.settings["delay"] = delay

@@ -29,6 +29,40 @@ def law_of(body):
     return body.stiffness, body.exponent, body.damping, body.rest_indentation, body.previous_indentation
 
 
+@ieee_kernel
+def touch(own, proximity, body, law, gradient, shape, sloped, out, dt):
+    """A step of one fingertip against the law of its body: fills the Contact.
+
+    law  K, n, c, s_free and s_prev
+    gradient [N] (3), shape [1/m] (9)  of the body's energy along the surface, valid if `sloped`
+    """
+    moved = since(own.finger, sample_of(proximity), dt)
+    if moved == 0.0 and body.there:
+        return
+    arrive(own.finger.course, proximity.tick if own.second_order and moved == dt else -1)
+    dt = moved if moved > 0.0 else dt
+    pressed, approach, length, law = finger.pressing(
+        own.finger, proximity, body.there, law, body.step, body.relaxation, sample_of(body), dt, moved
+    )
+    solved = (0.0, 0.0, 0.0)
+    if pressed:
+        k, n, c, free, previous = law
+        solved = laws.series_step(approach, length, finger.start_of(own.finger), own.law[:], k, n, c, free, previous)
+    out.force, out.indentation, out.compression_rate, out.indentation_rate, lateral = finger.settle(
+        own.finger, proximity, body.there, gradient, shape, sloped, own.finger_damping, own.thickness, pressed, solved,
+        dt,
+    )  # fmt: skip
+    out.compression = own.finger.compression
+    put(out.foot, vector(proximity.foot))
+    put(out.normal, vector(proximity.normal))
+    put(out.lateral_force, lateral)
+    if own.energy:
+        one(
+            out.stored,
+            laws.series_energy(own.finger.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]),
+        )
+
+
 class Series(CompiledNode):
     """Fingertip and tissue in series: they share the approach and have one contact force (docs/equations/contact.md).
 
@@ -99,33 +133,8 @@ class Series(CompiledNode):
         if body.there and not finger.in_range(law, body.step, body.relaxation):
             own.fault = BAD_LAW
             return
-        moved = since(own.finger, sample_of(proximity), dt)
-        if moved == 0.0 and body.there:
-            return
-        arrive(own.finger.course, proximity.tick if own.second_order and moved == dt else -1)
-        dt = moved if moved > 0.0 else dt
-        pressed, approach, length, law = finger.pressing(
-            own.finger, proximity, body.there, law, body.step, body.relaxation, sample_of(body), dt, moved
-        )
-        solved = (0.0, 0.0, 0.0)
-        if pressed:
-            k, n, c, free, previous = law
-            solved = laws.series_step(
-                approach, length, finger.start_of(own.finger), own.law[:], k, n, c, free, previous
-            )
-        out.force, out.indentation, out.compression_rate, out.indentation_rate, lateral = finger.settle(
-            own.finger, proximity, body.there, body.tangential_gradient[:], body.shape_operator.values[:9],
-            body.shape_operator.count == 9, own.finger_damping, own.thickness, pressed, solved, dt,
-        )  # fmt: skip
-        out.compression = own.finger.compression
-        put(out.foot, vector(proximity.foot))
-        put(out.normal, vector(proximity.normal))
-        put(out.lateral_force, lateral)
-        if own.energy:
-            one(
-                out.stored,
-                laws.series_energy(own.finger.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]),
-            )
+        gradient, shape = body.tangential_gradient[:], body.shape_operator.values[:9]
+        touch(own, proximity, body, law, gradient, shape, body.shape_operator.count == 9, out, dt)
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         """Why the body's law was refused."""

@@ -15,6 +15,8 @@ from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
 from palpate.physics.bodies import spring_range
 from palpate.physics.bodies.beam_foundation_step import held_force
+from palpate.physics.bodies.between_bodies import BetweenBody, foundation_between
+from palpate.physics.contact.candidates import Shares
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.materials.voigt import SKIN, TISSUE, ViscoelasticMaterial
 
@@ -108,6 +110,15 @@ class BeamBundle(MeshBody):
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
         )
         return beams.beam_foundation(self.mesh(), self.hardness(), layers, materials, self.radius, contacts)
+
+    def between(self, size: int, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
+        """The body for its contact with another, see `physics.bodies.between_bodies`: beams along their axes, with the
+        mean retardation of the layers, weighted with their compliances."""
+        soft = np.asarray(self.layers) / np.asarray(self.moduli)
+        beam = self.foundation().beams
+        softness = beam.static * beam.length / self.hardness()
+        mean = float((soft * np.asarray(self.relaxations)).sum() / soft.sum())
+        return foundation_between(softness, self.mesh().areas, shares, normal, mean)
 
     @kernel
     def idle(own, load, out, dt):

@@ -10,7 +10,7 @@ from palpate.compiler.exact import exp, log, row_times
 from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
-from palpate.nodes.base import ARRAY, TABLE, Agrees, Out, Part, Switch
+from palpate.nodes.base import ARRAY, TABLE, Agrees, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, unknown_vertex
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.measured_map import measured_factor
@@ -18,9 +18,11 @@ from palpate.nodes.base.samples import oldest
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
 from palpate.physics.bodies import spring_range
+from palpate.physics.bodies.between_bodies import BetweenBody, foundation_between
 from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
+from palpate.physics.contact.candidates import Shares
 from palpate.physics.contact.terminal import indentation
 from palpate.physics.nearest import nearest, tree_of
 
@@ -169,6 +171,17 @@ class MassSpring(MeshBody):
         if self.stiffness_map == "basis":
             factor = factor * exp((2.0 * self.exponent - 1.0) * log(self._field()[0]))
         return factor
+
+    def between(self, size: int, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
+        """The body for its contact with another, see `physics.bodies.between_bodies`: the nodal law for a patch of
+        (1 - r²/R²)², in which the greatest pressure 3 f/(pi R²) indents by f/K. SettingError: the law is not linear."""
+        if self.exponent != 1.0 or self.damping != 0.0:
+            raise SettingError(
+                f"exponent {self.exponent:g}, damping {self.damping:g} s/m: the contact with another organ is linear, "
+                "expected exponent 1 and damping 0 (`retardation` is its viscosity)"
+            )
+        softness = np.pi * self.radius**2 / (3.0 * self.stiffness * self.hardness())
+        return foundation_between(softness, self.mesh().areas, shares, normal, self.retardation)
 
     def relative_stiffness(self, feet: Sequence[Vector3]) -> np.ndarray | float:
         """Stiffness [1] (p) of the stiffness map at the vertices nearest to these points [m] (p), over that of a

@@ -22,6 +22,7 @@ from palpate.nodes.deformation.reduced_answer import PRESSURE, along_the_surface
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies import sampled_body as sampled
+from palpate.physics.bodies.between_bodies import BetweenBody, condensed_between
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody, Start, condensed_body, under
 from palpate.physics.bodies.half_space_range import CAUSES, caution
@@ -29,6 +30,7 @@ from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.place_energy import softness
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampled_body
 from palpate.physics.bodies.true_patch import MEAN
+from palpate.physics.contact.candidates import Shares
 from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.geometry.mesh import Mesh
@@ -159,6 +161,16 @@ class ReducedFE(MeshBody):
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
         return condensed_body(placed, *given, *law, start=self._start(placed, given))
+
+    def between(self, size: int, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
+        """The body for its contact with another, see `physics.bodies.between_bodies`; large displacement is left out.
+        SettingError: model: sampled, or an area law."""
+        if self.model == "sampled" or self.area != "fixed":
+            raise SettingError(
+                f"model {self.model}, area {self.area}: the contact with another organ takes model nonlinear or "
+                "linear, and area fixed"
+            )
+        return condensed_between(self._make_shared()[0], shares, normal, area)
 
     def start_key(self, basis: Basis, given: tuple[Mesh, float, float, float, float]) -> str:
         """Key of the results of a start. They depend neither on the modulus nor on the retardation time."""

@@ -37,8 +37,8 @@ class BetweenBody(NamedTuple):
     """A body as its contact with another needs it.
 
     matrix      [m/N] (m,m)    C
-    response    [m/N] (3t,m)   displacement of each candidate along its normal by a unit force along each axis at each of
-                               t terminals
+    response    [m/N] (3t,m)   displacement of each candidate along its normal by a unit force along each axis at each
+                               of t terminals
     corners     (V,3)          terminals of each vertex of the surface, and their weights [1] (V,3)
     retardation [s]
     """

@@ -44,6 +44,7 @@ class Candidates(NamedTuple):
     first, second   shares on the vertices of each surface
     spacing [m]     least distance of their centres
     swapped         whether the cells are those of the second surface's vertices
+    deepest [m]     smallest signed distance of a vertex of one surface from the other, negative where they overlap
     """
 
     gap: np.ndarray
@@ -53,27 +54,32 @@ class Candidates(NamedTuple):
     second: Shares
     spacing: float
     swapped: bool
+    deepest: float
 
 
 def candidates(first: Mesh, second: Mesh, reach: float, most: int) -> Candidates:
     """At most `most` cells where the surfaces are nearer than `reach` [m]. The arguments may be exchanged: the same
     cells in the same order, with opposite normals."""
     one, other = _near(first, second, reach), _near(second, first, reach)
-    swapped = _finer(second, other, first, one)
-    if swapped:
+    deepest = min(one.deepest, other.deepest)
+    if _finer(second, other, first, one):
         found = _cells(second, first, other, most)
-        return found._replace(normal=-found.normal, first=found.second, second=found.first, swapped=True)
-    return _cells(first, second, one, most)
+        return found._replace(
+            normal=-found.normal, first=found.second, second=found.first, swapped=True, deepest=deepest
+        )
+    return _cells(first, second, one, most)._replace(deepest=deepest)
 
 
 class _Near(NamedTuple):
-    """Vertices of a surface near another: their indices, and feet, normals, triangles and distances there."""
+    """Vertices of a surface near another: their indices, and feet, normals, triangles and distances there; the
+    smallest distance of all vertices [m], also of those that face away."""
 
     vertices: np.ndarray
     feet: np.ndarray
     normals: np.ndarray
     triangles: np.ndarray
     distances: np.ndarray
+    deepest: float
 
 
 def _near(mesh: Mesh, other: Mesh, reach: float) -> _Near:
@@ -82,7 +88,8 @@ def _near(mesh: Mesh, other: Mesh, reach: float) -> _Near:
     feet, normals, triangles, distances = MeshClosestPoint(other).find(mesh.vertices[inside])
     facing = einsum("ij,ij->i", mesh.normals[inside], normals)
     keep = (distances < reach) & (facing < FACING) & (mesh.areas[inside] > 0.0)
-    return _Near(inside[keep], feet[keep], normals[keep], triangles[keep], distances[keep])
+    deepest = float(distances.min()) if len(distances) else np.inf
+    return _Near(inside[keep], feet[keep], normals[keep], triangles[keep], distances[keep], deepest)
 
 
 def _finer(mesh: Mesh, near: _Near, other: Mesh, others: _Near) -> bool:
@@ -116,7 +123,7 @@ def _cells(mesh: Mesh, other: Mesh, near: _Near, most: int) -> Candidates:
     weights = _barycentric(other.vertices[corners], near.feet) * part[:, None]
     own = _shares(cell, near.vertices, part, mesh, count)
     across = _shares(np.repeat(cell, 3), corners.ravel(), weights.ravel(), other, count)
-    return Candidates(gap, normal, area, own, across, spacing, False)
+    return Candidates(gap, normal, area, own, across, spacing, False, near.deepest)
 
 
 def _centres(points: np.ndarray, order: np.ndarray, spacing: float) -> np.ndarray:

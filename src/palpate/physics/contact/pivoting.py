@@ -21,7 +21,7 @@ import numpy as np
 
 from palpate.compiler.dot import inner
 from palpate.compiler.kernel import ieee_kernel, kernel
-from palpate.physics.arrays import Array, Indices, Matrix
+from palpate.physics.arrays import Array, Matrix
 
 PATIENCE = 3  # rounds without progress before single changes
 ROUNDS = 64  # most rounds of a call: those with changes are limited by `most`

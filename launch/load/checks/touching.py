@@ -1,0 +1,69 @@
+"""Finds the two bodies of each contact of organs (contact.Between), and checks its wiring."""
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+from palpate.engine.faults import Faults
+from palpate.engine.graph import NodeSpec
+from palpate.launch.load.contact_paths import MESH
+from palpate.launch.load.wiring import Wire
+from palpate.messages import Load
+from palpate.messages.between import OrganContact
+from palpate.nodes.contact.between import SIDES, Between
+from palpate.nodes.contact.side import Side
+
+
+def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:
+    """Set `bodies` of each contact of organs: class and settings of both bodies, and their surfaces.
+
+    A fault for each side without exactly one body, or whose body cannot touch another.
+    """
+    wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
+    for name, spec in nodes.items():
+        if not issubclass(spec.cls, Between):
+            continue
+        sides = [w.consumer for w in wires if w.producer == name and issubclass(w.port.type, OrganContact)]
+        sides = [side for side in sides if issubclass(nodes[side].cls, Side)]
+        found = [_side(name, which, sides, nodes, wires, faults) for which in SIDES]
+        if None not in found:
+            spec.settings["bodies"] = json.dumps(found, sort_keys=True)
+
+
+def _side(
+    name: str, which: str, sides: list[str], nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults
+) -> dict[str, Any] | None:
+    """Class, settings and surface of the body on one side; None and a fault: there is not one such body."""
+    place = nodes[name].place
+    named = [side for side in sides if nodes[side].settings["side"] == which]
+    if len(named) != 1:
+        faults.add(
+            f"has {len(named)} contact.Side with `side: {which}`, expected 1",
+            f"`side-of-{which}: {{use: contact.Side, in: {{contact: {name}}}, side: {which}, with: $surface}}`",
+            place, node=name,
+        )  # fmt: skip
+        return None
+    side = named[0]
+    bodies = [w.consumer for w in wires if w.producer == side and issubclass(w.port.type, Load)]
+    bodies = [body for body in bodies if not issubclass(nodes[body].cls, Between)]
+    if len(bodies) != 1:
+        faults.add(
+            f"its Load is read by {len(bodies)} bodies, expected 1",
+            f"One body with `in: {{load: [..., {side}]}}`.", nodes[side].place, node=side,
+        )  # fmt: skip
+        return None
+    body = nodes[bodies[0]]
+    if not _can_touch(body):
+        faults.add(
+            f"{bodies[0]!r} is a {body.use}, which has no contact with other bodies",
+            "deformation.ReducedFE, BeamBundle, MassSpring or Rigid.", nodes[side].place, node=side,
+        )  # fmt: skip
+        return None
+    given = nodes[side].settings
+    surface = {key: given[key] for key in MESH}
+    return {"use": body.cls.__name__, "settings": dict(body.settings), "surface": surface}
+
+
+def _can_touch(spec: NodeSpec) -> bool:
+    """Whether a shipped class of this name has a contact with other bodies: a file may not name code to run."""
+    return spec.cls.__module__.startswith("palpate.nodes.deformation.") and hasattr(spec.cls, "between")

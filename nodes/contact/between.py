@@ -1,0 +1,272 @@
+"""Contact of two bodies with each other (docs/equations/between.md)."""
+
+import json
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from palpate.compiler.records import floats, form, integers, lend_first, nth, put, unpacking, vector
+from palpate.messages import Load
+from palpate.messages.between import OrganContact
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Out, SettingError
+from palpate.nodes.base.contacts import NO_VERTEX
+from palpate.nodes.base.kernels import ieee_kernel
+from palpate.nodes.base.surface import OnThinnedSurface
+from palpate.physics.bodies.between_bodies import BetweenBody
+from palpate.physics.bodies.mass_spring import normal_force
+from palpate.physics.contact import between as contact
+from palpate.physics.contact.candidates import Candidates, Shares, candidates
+
+OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
+COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
+SIDES = "first", "second"
+
+
+class BodySide(NamedTuple):
+    """One of the two bodies: its terminals, see `between_bodies.BetweenBody`, and the shares of the candidates.
+
+    begins (m+1)  first share of each candidate;  vertices, weights (k)  of the shares, see `candidates.Shares`
+    place (m,3)   centre of each candidate [m]
+    gathered (t,3), touched (2,t)  workspace of `physics.contact.between.open_by`
+    slot (V)      place of a vertex in `nodes`, -1: none; -1 between steps
+    nodes (k), forces [N] (k,3)  the load on the body
+    """
+
+    corners: Annotated[np.ndarray, "<i8", 2]
+    weights: Annotated[np.ndarray, "<f8", 2]
+    response: Annotated[np.ndarray, "<f8", 2]
+    begins: Annotated[np.ndarray, "<i8", 1]
+    vertices: Annotated[np.ndarray, "<i8", 1]
+    shares: Annotated[np.ndarray, "<f8", 1]
+    place: Annotated[np.ndarray, "<f8", 2]
+    gathered: Annotated[np.ndarray, "<f8", 2]
+    touched: Annotated[np.ndarray, "<i8", 2]
+    slot: Annotated[np.ndarray, "<i8", 1]
+    nodes: Annotated[np.ndarray, "<i4", 1]
+    forces: Annotated[np.ndarray, "<f8", 2]
+
+
+def _side(body: BetweenBody, shares: Shares, count: int) -> BodySide:
+    size, terminals = len(body.corners), len(body.response) // 3
+    used = len(np.unique(shares.vertices))
+    return BodySide(
+        np.ascontiguousarray(body.corners, np.int64), np.ascontiguousarray(body.weights, float), body.response,
+        np.searchsorted(shares.cells, np.arange(count + 1)).astype(np.int64), shares.vertices, shares.weights,
+        np.ascontiguousarray(shares.place), np.zeros((terminals, 3)), np.zeros((2, terminals), np.int64),
+        np.full(size, -1), np.zeros(used, np.int32), np.zeros((used, 3)),
+    )  # fmt: skip
+
+
+_side_of, _pair_of = unpacking(BodySide), unpacking(contact.Pair)
+
+
+@ieee_kernel
+def take_loads(load, side, others, opened):
+    """Fill `others` [m] (m), the opening of the candidates by all loads on a body at rest, and `opened` [m] (m), that
+    by the first. Returns its normal force [N]; -1: a load is on an unknown vertex."""
+    first, row = 0.0, side.response.shape[1]
+    others[:] = 0.0
+    for i in range(load.count):
+        each = nth(load, i)
+        if not each.there or each.nodes.shape[0] == 0:
+            continue
+        nodes, forces = integers(each.nodes), floats(each.forces)
+        for v in nodes:
+            if not 0 <= v < len(side.corners):
+                return -1.0
+        contact.open_by(
+            nodes, forces, side.corners, side.weights, side.response, side.gathered, side.touched, opened[1]
+        )
+        for k in range(row):
+            others[k] += opened[1, k]
+        if i == 0:
+            opened[0, :] = opened[1]
+            first = normal_force(forces, vector(each.normal))
+    return first
+
+
+@ieee_kernel
+def spread_forces(pair, side, normal, sign):
+    """Fill nodes and forces of a side's load with the forces of the candidates along `sign` n; returns their number."""
+    count, active = 0, pair.active
+    for k in range(active.count[0]):
+        i = active.order[k]
+        force = sign * active.force[i]
+        if force == 0.0:
+            continue
+        for at in range(side.begins[i], side.begins[i + 1]):
+            v = side.vertices[at]
+            if side.slot[v] < 0:
+                side.slot[v], side.nodes[count] = count, v
+                side.forces[count, 0] = side.forces[count, 1] = side.forces[count, 2] = 0.0
+                count += 1
+            for x in range(3):
+                side.forces[side.slot[v], x] += side.shares[at] * force * normal[i, x]
+    for k in range(count):
+        side.slot[side.nodes[k]] = -1
+    return count
+
+
+@ieee_kernel
+def summarise(own, pair, first, second, normal, area, out):
+    """Fill force, patch and gap of the message."""
+    active, force, out.area, out.gap = pair.active, 0.0, 0.0, np.inf
+    resultant, foot, across = own.sums[0], own.sums[1], own.sums[2]
+    own.sums[:] = 0.0
+    for k in range(active.count[0]):
+        i = active.order[k]
+        p = active.force[i]
+        force += p
+        out.area += area[i] if p > 0.0 else 0.0
+        for x in range(3):
+            resultant[x] += p * normal[i, x]
+            foot[x] += p * first.place[i, x]
+            across[x] += p * second.place[i, x]
+    for i in range(len(area)):
+        out.gap = min(out.gap, pair.opening[i])
+    out.force = force
+    put(out.resultant, vector(resultant))
+    if force > 0.0:
+        size = np.sqrt(resultant[0] ** 2 + resultant[1] ** 2 + resultant[2] ** 2)
+        for x in range(3):
+            own.foot[x], own.across[x] = foot[x] / force, across[x] / force
+            own.normal[x] = resultant[x] / size if size > 0.0 else own.normal[x]
+    put(out.foot, vector(own.foot))
+    put(out.across, vector(own.across))
+    put(out.normal, vector(own.normal))
+
+
+class Between(CompiledNode):
+    """Contact of two bodies, without penalty and without friction (docs/equations/between.md).
+
+    `first` and `second` are the loads of the fingers, and of other organs, on each body; those of one body begin with
+    the finger that feels the other body through a `contact.Backed`. A `contact.Side` sends the load on each body. The
+    bodies are linear here: their large displacement is left out, and candidates stay where they were at the start.
+
+    reach   distance of the undeformed surfaces up to which they have candidates
+    cells   most candidates; where the meshes have more vertices, neighbours are joined
+    bodies  the two bodies with their settings, as JSON: determined when the graph is loaded
+    """
+
+    reach: Annotated[float, "m", msgspec.Meta(gt=0, le=0.05)] = 6e-3
+    cells: Annotated[int, "1", msgspec.Meta(ge=1, le=512)] = 160
+    bodies: Annotated[str, "1"] = ""
+
+    State = {
+        "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide),
+        "normals": TABLE, "areas": ARRAY, "others": TABLE, "opened": TABLE, "again": TABLE,
+        "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
+        "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
+    }  # fmt: skip
+    """The bodies and their contact; normals [1] and areas [m²] of the candidates; workspace; last feet and normal."""
+    shared = (
+        "pair.gap", "pair.first", "pair.second", "pair.retardation", "normals", "areas",
+        *(f"{side}.{name}" for side in ("one", "two")
+          for name in ("corners", "weights", "response", "begins", "vertices", "shares", "place")),
+    )  # fmt: skip
+
+    def start(self) -> None:
+        super().start()
+        found, bodies = self._meet()
+        count = len(found.gap)
+        normal, area = np.ascontiguousarray(found.normal), np.ascontiguousarray(found.area)
+        softs = [
+            body.between(size, shares, direction, area)
+            for (body, size), shares, direction in zip(
+                bodies, (found.first, found.second), (normal, normal), strict=True
+            )
+        ]
+        one, two = softs
+        self.hold("pair", contact.pair(found.gap, one.matrix, two.matrix, (one.retardation, two.retardation)))
+        # opening by a displacement of the second body along n is negative
+        self.hold("one", _side(one, found.first, count))
+        self.hold("two", _side(two._replace(response=-two.response), found.second, count))
+        self.hold("normals", normal)
+        self.hold("areas", area)
+        self.hold("others", np.zeros((2, count)))
+        self.hold("opened", np.zeros((2, count)))
+        self.hold("again", np.zeros((2, count)))
+        self.own["normal"] = (0.0, 0.0, 1.0)
+        if count:
+            nearest = int(np.argmin(found.gap))
+            self.own["foot"], self.own["across"] = found.first.place[nearest], found.second.place[nearest]
+            self.own["normal"] = normal[nearest]
+            self.own["penetrates"][1] = 1e-4
+        else:
+            self._notes.append(
+                f"Between: the bodies are farther apart than {1e3 * self.reach:.3g} mm (`reach`), so they do not touch"
+            )
+        if found.spacing > COARSE:
+            self._notes.append(
+                f"Between: the candidates are {1e3 * found.spacing:.2g} mm apart, so that patches narrower than "
+                f"{4e3 * found.spacing:.2g} mm are too stiff: more `cells`, or a shorter `reach`"
+            )
+        rough = [type(body).__name__ for body, _ in bodies if getattr(body, "model", "") == "nonlinear"]
+        if rough:
+            self._notes.append(
+                f"Between: {' and '.join(rough)}: linear where the organs touch; large displacement acts under fingers"
+            )
+
+    def _meet(self) -> tuple[Candidates, list[tuple[Any, int]]]:
+        """The candidates, and each body with the number of vertices of its surface. SettingError: they overlap, or a
+        body or surface cannot be used."""
+        from palpate.nodes import deformation
+
+        if not self.bodies:
+            raise SettingError("setting 'bodies': empty; a graph that is loaded finds them by its contact.Side")
+        given, bodies = json.loads(self.bodies), []
+        surfaces = [OnThinnedSurface(**each["surface"]) for each in given]
+        for each, surface in zip(given, surfaces, strict=True):
+            if surface.mesh() is not surface.whole():
+                raise SettingError(
+                    f"surface {surface.surface!r}: thinned to {1e3 * surface.spacing:.3g} mm, expected all vertices "
+                    "where organs touch: scene.surface.spacing: 0, or a coarser mesh"
+                )
+            bodies.append((getattr(deformation, each["use"])(**each["settings"]), len(surface.mesh().vertices)))
+        found = candidates(surfaces[0].mesh(), surfaces[1].mesh(), self.reach, self.cells)
+        if found.deepest < -OVERLAP:
+            raise SettingError(
+                f"the bodies overlap by {-1e3 * found.deepest:.3g} mm at the start, expected a gap: move one of them "
+                "(`position`)"
+            )
+        return found, bodies
+
+    @ieee_kernel
+    def compute(own, first: list[Load | None], second: list[Load | None], out: Out[OrganContact], dt):
+        pair, one, two = _pair_of(own.pair), _side_of(own.one), _side_of(own.two)
+        others, opened, again = floats(own.others), floats(own.opened), floats(own.again)
+        normal, area = floats(own.normals), floats(own.areas)
+        out.pressing[0] = take_loads(first, one, others[0], opened)
+        out.pressing[1] = take_loads(second, two, others[1], again)
+        if out.pressing[0] < 0.0 or out.pressing[1] < 0.0:
+            own.fault, own.fault_side = NO_VERTEX, 0 if out.pressing[0] < 0.0 else 1
+            return
+        out.left = contact.press(pair, others, dt, contact.MOST)
+        out.yields[0] = contact.response(pair, 0, opened[0], out.pressing[0], dt)
+        out.yields[1] = contact.response(pair, 1, again[0], out.pressing[1], dt)
+        summarise(own, pair, one, two, normal, area, out)
+        out.dissipated, out.generated = pair.known[1], pair.known[2]
+        own.penetrates[0] = max(own.penetrates[0], -out.gap)
+        count = spread_forces(pair, one, normal, 1.0)
+        lend_first(out.first_nodes, own.one.nodes, count)
+        lend_first(out.first_forces, own.one.forces, count)
+        count = spread_forces(pair, two, normal, -1.0)
+        lend_first(out.second_nodes, own.two.nodes, count)
+        lend_first(out.second_forces, own.two.forces, count)
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        side = int(self.own["fault_side"])
+        return InputError(
+            messages[side][0], f"a load of `{SIDES[side]}` is on a vertex that the surface of its contact.Side does not "
+            "have: give the node that spreads it the same surface"
+        )  # fmt: skip
+
+    def notes(self) -> list[str]:
+        deepest, least = self.known["penetrates"]
+        if deepest > least > 0.0:
+            self._note_once(
+                f"Between: the bodies overlapped by up to {1e3 * deepest:.2g} mm for some steps, because they met "
+                f"faster than {contact.MOST} candidates in a step"
+            )
+        return super().notes()

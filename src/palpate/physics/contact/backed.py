@@ -1,0 +1,52 @@
+"""The terminal law of a body under a finger, with other bodies that touch it (`physics.contact.between`).
+
+The body's law L (`terminal`) holds for its own force f. The held forces F_j of the bodies that touch it act on the
+finger's patch by the coupling O_j of the body, L(s) = f + X, X = sum_j O_j F_j; and they respond to a change of f by
+dF_j, which lifts the patch by y_j df. With the force f_0 for which F_j was solved,
+
+    s(f) = L^-1(f + X) - y (f - f_0),    y = sum_j y_j
+
+The law that is sent has the indentation and the tangent of s at f_0 and, at f = 0, its value. For n = 1 it is exact.
+"""
+
+from palpate.compiler.kernel import ieee_kernel
+from palpate.physics.contact.terminal import LEAST_FORCE, LEAST_FREE, fit_terminal, indentation, terminal_force
+
+STIFFEST = 0.95
+"""[1] Most of the body's compliance that its neighbours take away: for a rigid neighbour under the finger the forces of
+this step and the response of the last one differ."""
+
+
+@ieee_kernel
+def backed_law(
+    stiffness: float,
+    exponent: float,
+    damping: float,
+    free: float,
+    previous: float,
+    others: float,
+    yields: float,
+    pressing: float,
+    dt: float,
+):
+    """K, n, c, s_free and s_prev of the law with the neighbours.
+
+    stiffness ... previous  of the body alone
+    others [N]  X;  yields [m/N] y >= 0;  pressing [N] f_0 >= 0;  dt [s] the step of the law
+    """
+    if others == 0.0 and yields == 0.0:
+        return stiffness, exponent, damping, free, previous
+    if exponent == 1.0 and damping == 0.0:
+        compliance = 1.0 / stiffness
+        by = min(yields, STIFFEST * compliance)
+        free = max(free + others * compliance + by * pressing, LEAST_FREE)
+        return 1.0 / (compliance - by), 1.0, 0.0, free, previous
+    # the others push the body towards the finger where X < 0: then the law begins where f + X does
+    force = max(pressing, LEAST_FORCE)
+    base = indentation(max(others, 0.0), dt, stiffness, exponent, damping, free, previous)
+    s = indentation(max(force + others, LEAST_FORCE), dt, stiffness, exponent, damping, free, previous)
+    tangent = terminal_force(s, dt, stiffness, exponent, damping, free, previous)[1]
+    by = min(yields, STIFFEST / tangent)
+    base, s = max(base + by * pressing, LEAST_FREE), s - by * (force - pressing)
+    k, n = fit_terminal(base, s, 1.0 / (1.0 / tangent - by), force)
+    return k, n, 0.0, base, previous
