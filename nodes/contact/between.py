@@ -111,7 +111,7 @@ def spread_forces(pair, side, normal, sign):
 @ieee_kernel
 def summarise(own, pair, first, second, normal, area, out):
     """Fill force, patch and gap of the message."""
-    active, force, out.area, out.gap = pair.active, 0.0, 0.0, np.inf
+    active, force, out.area, out.gap = pair.active, 0.0, 0.0, own.reach
     resultant, foot, across = own.sums[0], own.sums[1], own.sums[2]
     own.sums[:] = 0.0
     for k in range(active.count[0]):
@@ -218,7 +218,7 @@ class Between(CompiledNode):
         given, bodies = json.loads(self.bodies), []
         surfaces = [OnThinnedSurface(**each["surface"]) for each in given]
         for each, surface in zip(given, surfaces, strict=True):
-            if surface.mesh() is not surface.whole():
+            if len(surface.mesh().vertices) != len(surface.whole().vertices):
                 raise SettingError(
                     f"surface {surface.surface!r}: thinned to {1e3 * surface.spacing:.3g} mm, expected all vertices "
                     "where organs touch: scene.surface.spacing: 0, or a coarser mesh"

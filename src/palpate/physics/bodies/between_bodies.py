@@ -10,9 +10,10 @@ weights Q (m,V) of the candidates on the coarse vertices,
 
 As in `true_patch`, a half-space corrects for the hat functions of the coarse surface: T is its mean 1/r between them, X
 that between discs of the candidates' areas A = pi a²: for one disc 16/(3 pi a), the mean displacement under a uniform
-pressure (K. L. Johnson, Contact Mechanics, 1985, eq. 3.29), and for two at the distance d, to second order in a/d,
+pressure (K. L. Johnson, Contact Mechanics, 1985, eq. 3.29), and for two at the distance d, to fourth order in a/d (the
+mean of f over a disc is f + a²/8 D f + a⁴/192 D D f, with D 1/r = 1/r³, D 1/r³ = 9/r⁵ in the plane),
 
-    X_ij = 1/d + (a_i² + a_j²)/(8 d³)
+    X_ij = 1/d + (a_i² + a_j²)/(8 d³) + (9/192 (a_i⁴ + a_j⁴) + 9/64 a_i² a_j²)/d⁵
 
 The surfaces slide freely, so nothing is reduced by sticking. Large displacement of the organ is neglected.
 
@@ -81,7 +82,9 @@ def mean_inverse(place: np.ndarray, area: np.ndarray) -> np.ndarray:
     away = np.sqrt(np.sum(np.square(place[:, None] - place[None]), axis=2))
     radius = np.sqrt(square)
     away = np.maximum(away, 0.5 * (radius[:, None] + radius[None]))  # discs that overlap, as on a rim
-    found = 1.0 / away + (square[:, None] + square[None]) / (8.0 * away**3)
+    first, second = square[:, None], square[None]
+    fourth = 9.0 / 192.0 * (first * first + second * second) + 9.0 / 64.0 * first * second
+    found = 1.0 / away + (first + second) / (8.0 * away**3) + fourth / away**5
     np.fill_diagonal(found, 16.0 / (3.0 * np.pi * radius))
     return np.asarray(found)
 

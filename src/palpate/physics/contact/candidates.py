@@ -1,8 +1,9 @@
 """The candidates of the contact of two surfaces: small opposite patches with gap, normal and area.
 
 Vertices of the finer surface that face the other one, and are nearer to it than the reach, are gathered into cells:
-each belongs to the nearest of a set of centres at least a spacing apart, of which the vertex with the smallest gap is
-the first. With the areas A_v of its vertices and their feet on the other surface, cell i has the weights
+each belongs to the nearest of a set of centres at least a spacing apart. The vertex with the smallest gap is the first,
+and the spacing grows with the gap, up to `GRADED` times where it is the reach, so that cells are small where the
+surfaces touch first. With the areas A_v of its vertices and their feet on the other surface, cell i has the weights
 
     P_iv = A_v/A_i,  A_i = sum of A_v in the cell
 
@@ -21,6 +22,7 @@ from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.nearest import nearest, tree_of
 
 FACING = -0.25  # [1] largest product of the normals of a vertex and of its foot
+GRADED = 3.0  # [1] spacing of the centres at the reach over that at the smallest gap
 WIDER = 1.1  # [1] factor on the spacing of the centres until they are few enough
 
 
@@ -42,7 +44,7 @@ class Candidates(NamedTuple):
 
     gap [m] (m), normal [1] (m,3) out of the second surface, area [m²] (m)
     first, second   shares on the vertices of each surface
-    spacing [m]     least distance of their centres
+    spacing [m]     least distance of their centres where the gap is smallest
     swapped         whether the cells are those of the second surface's vertices
     deepest [m]     smallest signed distance of a vertex of one surface from the other, negative where they overlap
     """
@@ -107,18 +109,20 @@ def _cells(mesh: Mesh, other: Mesh, near: _Near, most: int) -> Candidates:
     points = mesh.vertices[near.vertices]
     order = np.argsort(near.distances, kind="stable")
     areas = mesh.areas[near.vertices]
-    spacing = 0.5 * float(np.sqrt(areas.min())) if len(areas) else 0.0
-    centres = _centres(points, order, spacing)
-    while len(centres) > most:
-        spacing *= WIDER
-        centres = _centres(points, order, spacing)
+    spacing, centres = 0.0, order
+    if len(order):
+        out = near.distances - near.distances[order[0]]
+        grown = 1.0 + (GRADED - 1.0) * out / max(float(out.max()), 1e-12)
+        spacing = 0.5 * float(np.sqrt(areas.min()))
+        while len(centres := _centres(points, order, spacing * grown)) > most:
+            spacing *= WIDER
     count = len(centres)
     cell = nearest(tree_of(points[centres]), points)[1][:, 0] if count else np.zeros(0, np.int64)
-    area = np.bincount(cell, areas, minlength=count)
+    area = np.bincount(cell, areas, minlength=count).astype(float)
     part = areas / area[cell]
-    mean = np.stack([np.bincount(cell, part * near.normals[:, i], minlength=count) for i in range(3)], axis=1)
-    normal = mean / np.sqrt(np.sum(np.square(mean), axis=1, keepdims=True)) if count else mean
-    gap = np.bincount(cell, part * near.distances, minlength=count)
+    mean = np.stack([np.bincount(cell, part * near.normals[:, i], minlength=count) for i in range(3)], axis=1) + 0.0
+    normal = mean / np.sqrt(np.sum(np.square(mean), axis=1, keepdims=True))
+    gap = np.bincount(cell, part * near.distances, minlength=count).astype(float)
     corners = other.triangles[near.triangles]
     weights = _barycentric(other.vertices[corners], near.feet) * part[:, None]
     own = _shares(cell, near.vertices, part, mesh, count)
@@ -126,13 +130,13 @@ def _cells(mesh: Mesh, other: Mesh, near: _Near, most: int) -> Candidates:
     return Candidates(gap, normal, area, own, across, spacing, False, near.deepest)
 
 
-def _centres(points: np.ndarray, order: np.ndarray, spacing: float) -> np.ndarray:
-    """Indices of points at least `spacing` [m] apart, chosen in this order."""
+def _centres(points: np.ndarray, order: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+    """Indices of points chosen in this order, each without others nearer than its spacing [m] (n)."""
     free, chosen = np.ones(len(points), bool), []
     for k in order:
         if free[k]:
             chosen.append(k)
-            free[np.sum(np.square(points - points[k]), axis=1) < spacing * spacing] = False
+            free[np.sum(np.square(points - points[k]), axis=1) < spacing[k] * spacing[k]] = False
     return np.array(chosen, np.int64)
 
 
@@ -150,7 +154,7 @@ def _barycentric(corner: np.ndarray, point: np.ndarray) -> np.ndarray:
 def _shares(cell: np.ndarray, vertex: np.ndarray, weight: np.ndarray, mesh: Mesh, count: int) -> Shares:
     """The shares of cells on vertices, with one entry for each pair."""
     pairs, place = np.unique(np.stack([cell, vertex], axis=1), axis=0, return_inverse=True)
-    weights = np.bincount(place.ravel(), weight, minlength=len(pairs))
+    weights = np.bincount(place.ravel(), weight, minlength=len(pairs)).astype(float)  # integers if there are none
     cells, vertices = pairs[:, 0].astype(np.int64), pairs[:, 1].astype(np.int64)
     at = [np.bincount(cells, weights * mesh.vertices[vertices, i], minlength=count) for i in range(3)]
-    return Shares(cells, vertices, weights, np.stack(at, axis=1))
+    return Shares(cells, vertices, weights, np.stack(at, axis=1).astype(float))
