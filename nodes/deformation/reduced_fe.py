@@ -90,6 +90,10 @@ class ReducedFE(MeshBody):
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
     """Distance from the foot point within which the displacement of every vertex is sent; of fewer vertices beyond."""
 
+    beside: Annotated[int, "1", msgspec.Meta(ge=0, le=16)] = 0
+    """Number of loads of other organs, the last ones; determined when the graph is loaded. They act on the linear organ.
+    """
+
     energy = Part("energy", "stored", about="The energy stored in the condensed organ; not for the sampled model.")
     shape = Part(
         "shape", "nodes", "displacement",
@@ -205,6 +209,7 @@ class ReducedFE(MeshBody):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
             arrive(body.contacts[i].course, each.tick if own.second_order else -1)
+            body.contacts[i].organ = i >= load.count - own.beside
             condensed.bear(body, i, nodes, forces, vector(each.foot), vector(each.normal), dt)
         condensed.answer(body, floats(own.laws), dt)
         own.beyond = condensed.extrapolation(body)

@@ -20,6 +20,7 @@ def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faul
     A fault for each side without exactly one body, or whose body cannot touch another.
     """
     wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
+    _count_organs(nodes, wires, faults)
     for name, spec in nodes.items():
         if not issubclass(spec.cls, Between):
             continue
@@ -28,6 +29,24 @@ def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faul
         found = [_side(name, which, sides, nodes, wires, faults) for which in SIDES]
         if None not in found:
             spec.settings["bodies"] = json.dumps(found, sort_keys=True)
+
+
+def _count_organs(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> None:
+    """Set `beside` of each body: the number of its loads that are those of other organs. A fault unless they are the
+    last."""
+    for name, spec in nodes.items():
+        loads = [w for w in wires if w.consumer == name and issubclass(w.port.type, Load)]
+        organs = [issubclass(nodes[w.producer].cls, Side) for w in loads]
+        if not any(organs) or issubclass(spec.cls, Between):
+            continue
+        if organs != sorted(organs):
+            faults.add(
+                "a load of another organ is before that of a finger",
+                f"`in: {{load: [{', '.join(sorted((w.producer for w in loads), key=lambda p: issubclass(nodes[p].cls, Side)))}]}}`",
+                loads[0].place, node=name, port=loads[0].port.name,
+            )  # fmt: skip
+        if "beside" in spec.settings:
+            spec.settings["beside"] = sum(organs)
 
 
 def _side(

@@ -234,6 +234,8 @@ def _stored_under(model: Record, contact: Record):
     now, compliance = contact.now, contact.self_compliance
     if not (now > 0.0 and compliance > 0.0):
         return 0.0
+    if contact.organ:
+        return 0.5 * now * now / compliance
     radius = step.stretched_radius(model, contact)[0]
     return radius * radius / compliance * stored_energy(now / radius, model.rho)
 

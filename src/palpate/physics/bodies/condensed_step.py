@@ -57,6 +57,7 @@ CONTACT = {
     "press": (), "more": (),  # [N] normal force on the patch with the additional load for large displacement; that load
     "radius": (), "wide": (), "narrowed": bool,  # [m] of the patch, also on the coarse surface; near a nodule
     "total": (),  # [N] normal force of the load
+    "organ": bool,  # the load of another organ (`physics.contact.between`): linear, frictionless, without a patch radius
     "rubs": (),  # [m/N] indentation of the next step by the friction that grows with the normal force
     "excess": EXCESS, "holds": HOLDS,
     "course": end_rate.COURSE,  # normal force y [N] of the history h; `ahead` is the factor on h in the next step, as h
@@ -182,7 +183,9 @@ def take_load(
         model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, contact.holds
     )
     contact.narrowed = narrowed
-    if len(model.true.table) > 0 and share > 0.0:
+    if contact.organ:
+        clear(contact.holds)
+    elif len(model.true.table) > 0 and share > 0.0:
         contact.excess.narrow = narrow
         thin, curved = ground_under(model.true.ground, order, touched, measure)
         contact.excess.thin = max(FLAT * radius * thin - 1.0, 0.0)
@@ -264,7 +267,7 @@ def add_others(model: CondensedModel, dt: float, contact: Record, aside: float, 
     if len(model.area.forces) > 0:
         _grow(model, contact, keep * contact.course.ahead, take)
         return
-    if len(rho) == 0 or not self_compliance > 0.0:
+    if len(rho) == 0 or contact.organ or not self_compliance > 0.0:
         return
     radius, now, free = stretched_radius(model, contact)[0], contact.now, contact.free
     force = max(contact.total + others, LEAST_FORCE)
