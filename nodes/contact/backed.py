@@ -4,14 +4,14 @@ from typing import Annotated, Any
 
 from palpate.compiler.records import floats, nth
 from palpate.messages import Contact, Proximity, Surface
-from palpate.messages.between import Neighbour
+from palpate.messages.contact import Neighbour
 from palpate.nodes.base import InputError, Out, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.joint import law_for, slope_for
 from palpate.nodes.contact.series import BAD_LAW, BODY, Series, touch
-from palpate.physics.contact.backed import backed_law
+from palpate.physics.contact.organs.backed import backed_law
 
 MISMATCH = 2  # fault: the number of the body's laws differs from that of its loads
 

@@ -6,17 +6,18 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 import numpy as np
 
+from palpate.compiler.exact import product
 from palpate.compiler.records import floats, form, integers, lend_first, nth, put, unpacking, vector
-from palpate.messages import Load
-from palpate.messages.between import OrganContact
+from palpate.messages import Load, Vector3
+from palpate.messages.contact import OrganContact
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Out, SettingError
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.physics.bodies.between_bodies import BetweenBody
 from palpate.physics.bodies.mass_spring import normal_force
-from palpate.physics.contact import between as contact
-from palpate.physics.contact.candidates import Candidates, Shares, candidates
+from palpate.physics.contact.organs import between as contact
+from palpate.physics.contact.organs.candidates import Candidates, Shares, candidates
 
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
 COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
@@ -28,7 +29,7 @@ class BodySide(NamedTuple):
 
     begins (m+1)  first share of each candidate;  vertices, weights (k)  of the shares, see `candidates.Shares`
     place (m,3)   centre of each candidate [m]
-    gathered (t,3), touched (2,t)  workspace of `physics.contact.between.open_by`
+    gathered (t,3), touched (2,t)  workspace of `physics.contact.organs.between.open_by`
     slot (V)      place of a vertex in `nodes`, -1: none; -1 between steps
     nodes (k), forces [N] (k,3)  the load on the body
     """
@@ -90,7 +91,7 @@ def take_loads(load, side, others, opened):
 def spread_forces(pair, side, normal, sign):
     """Fill nodes and forces of a side's load with the forces of the candidates along `sign` n; returns their number."""
     count, active = 0, pair.active
-    for k in range(active.count[0]):
+    for k in range(active.tally[0].active):
         i = active.order[k]
         force = sign * active.force[i]
         if force == 0.0:
@@ -114,7 +115,7 @@ def summarise(own, pair, first, second, normal, area, out):
     active, force, out.area, out.gap = pair.active, 0.0, 0.0, own.reach
     resultant, foot, across = own.sums[0], own.sums[1], own.sums[2]
     own.sums[:] = 0.0
-    for k in range(active.count[0]):
+    for k in range(active.tally[0].active):
         i = active.order[k]
         p = active.force[i]
         force += p
@@ -182,6 +183,7 @@ class Between(CompiledNode):
         # opening by a displacement of the second body along n is negative
         self.hold("one", _side(one, found.first, count))
         self.hold("two", _side(two._replace(response=-two.response), found.second, count))
+        self._gap = found.gap.copy()
         self.hold("normals", normal)
         self.hold("areas", area)
         self.hold("others", np.zeros((2, count)))
@@ -232,6 +234,12 @@ class Between(CompiledNode):
             )
         return found, bodies
 
+    def move(self, side: str, displacement: Vector3) -> None:
+        """Move a body, "first" or "second", with its elastic foundation by a displacement [m] (3) from its place at the start, for
+        scripts that call the node step by step. Its surface for fingers stays."""
+        sign = 1.0 if side == SIDES[0] else -1.0
+        self._held["pair.gap"][:] = self._gap + sign * product(self._held["normals"], np.asarray(displacement, float))
+
     @ieee_kernel
     def compute(own, first: list[Load | None], second: list[Load | None], out: Out[OrganContact], dt):
         pair, one, two = _pair_of(own.pair), _side_of(own.one), _side_of(own.two)
@@ -242,11 +250,11 @@ class Between(CompiledNode):
         if out.pressing[0] < 0.0 or out.pressing[1] < 0.0:
             own.fault, own.fault_side = NO_VERTEX, 0 if out.pressing[0] < 0.0 else 1
             return
-        out.left = contact.press(pair, others, dt, contact.MOST)
+        out.left = contact.step_pair(pair, others, dt, contact.MOST)
         out.yields[0] = contact.response(pair, 0, opened[0], out.pressing[0], dt)
         out.yields[1] = contact.response(pair, 1, again[0], out.pressing[1], dt)
         summarise(own, pair, one, two, normal, area, out)
-        out.dissipated, out.generated = pair.known[1], pair.known[2]
+        out.dissipated, out.generated = pair.past[0].dissipated, pair.past[0].generated
         own.penetrates[0] = max(own.penetrates[0], -out.gap)
         count = spread_forces(pair, one, normal, 1.0)
         lend_first(out.first_nodes, own.one.nodes, count)
@@ -258,8 +266,8 @@ class Between(CompiledNode):
     def explain(self, fault: int, *messages: Any) -> Exception:
         side = int(self.own["fault_side"])
         return InputError(
-            messages[side][0], f"a load of `{SIDES[side]}` is on a vertex that the surface of its contact.Side does not "
-            "have: give the node that spreads it the same surface"
+            messages[side][0], f"a load of `{SIDES[side]}` is on a vertex that the surface of its contact.Side lacks: "
+            "give the node that spreads it the same surface"
         )  # fmt: skip
 
     def notes(self) -> list[str]:

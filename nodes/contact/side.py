@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.compiler.records import floats, integers, lend_first, put, vector
 from palpate.messages import Load
-from palpate.messages.between import Neighbour, OrganContact
+from palpate.messages.contact import Neighbour, OrganContact
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.surface import OnThinnedSurface

@@ -16,7 +16,7 @@ from palpate.physics.bodies import beam_foundation as beams
 from palpate.physics.bodies import spring_range
 from palpate.physics.bodies.beam_foundation_step import held_force
 from palpate.physics.bodies.between_bodies import BetweenBody, foundation_between
-from palpate.physics.contact.candidates import Shares
+from palpate.physics.contact.organs.candidates import Shares
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.materials.voigt import SKIN, TISSUE, ViscoelasticMaterial
 
@@ -118,7 +118,7 @@ class BeamBundle(MeshBody):
         beam = self.foundation().beams
         softness = beam.static * beam.length / self.hardness()
         mean = float((soft * np.asarray(self.relaxations)).sum() / soft.sum())
-        return foundation_between(softness, self.mesh().areas, shares, normal, mean)
+        return foundation_between(softness, self.mesh().areas, shares, normal, area, mean)
 
     @kernel
     def idle(own, load, out, dt):

@@ -22,7 +22,7 @@ from palpate.physics.bodies.between_bodies import BetweenBody, foundation_betwee
 from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
-from palpate.physics.contact.candidates import Shares
+from palpate.physics.contact.organs.candidates import Shares
 from palpate.physics.contact.terminal import indentation
 from palpate.physics.nearest import nearest, tree_of
 
@@ -181,7 +181,7 @@ class MassSpring(MeshBody):
                 "expected exponent 1 and damping 0 (`retardation` is its viscosity)"
             )
         softness = np.pi * self.radius**2 / (3.0 * self.stiffness * self.hardness())
-        return foundation_between(softness, self.mesh().areas, shares, normal, self.retardation)
+        return foundation_between(softness, self.mesh().areas, shares, normal, area, self.retardation)
 
     def relative_stiffness(self, feet: Sequence[Vector3]) -> np.ndarray | float:
         """Stiffness [1] (p) of the stiffness map at the vertices nearest to these points [m] (p), over that of a

@@ -30,8 +30,8 @@ from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.place_energy import softness
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampled_body
 from palpate.physics.bodies.true_patch import MEAN
-from palpate.physics.contact.candidates import Shares
 from palpate.physics.contact.end_rate import arrive
+from palpate.physics.contact.organs.candidates import Shares
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.geometry.mesh import Mesh
 
@@ -91,8 +91,8 @@ class ReducedFE(MeshBody):
     """Distance from the foot point within which the displacement of every vertex is sent; of fewer vertices beyond."""
 
     beside: Annotated[int, "1", msgspec.Meta(ge=0, le=16)] = 0
-    """Number of loads of other organs, the last ones; determined when the graph is loaded. They act on the linear organ.
-    """
+    """Number of loads of other organs, the last ones, which act on the linear organ; determined when the graph is
+    loaded."""
 
     energy = Part("energy", "stored", about="The energy stored in the condensed organ; not for the sampled model.")
     shape = Part(

@@ -13,7 +13,7 @@ from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies.between_bodies import BetweenBody, rigid_between
 from palpate.physics.bodies.mass_spring import normal_force
-from palpate.physics.contact.candidates import Shares
+from palpate.physics.contact.organs.candidates import Shares
 
 
 class Rigid(CompiledNode):

@@ -10,7 +10,7 @@ from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Load, Surface, unpack
-from palpate.messages.between import OrganContact
+from palpate.messages.contact import OrganContact
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
@@ -81,7 +81,7 @@ def test_one_process_per_node_sends_the_same_bytes(felt, tmp_path):
 
 
 @pytest.mark.notes("linear where the organs touch", "narrower than its mesh resolves")
-def test_a_lane_is_a_run_with_its_own_second_body(felt):
+def test_a_lane_is_a_run_with_the_second_body_of_that_lane(felt):
     """The settings of a body reach the contact of each lane."""
     lanes = palpate.Ensemble(
         "neighbours", lanes=2, over={"kidney.young": [19e3, 38e3]}, keep=["between.force", "contact.force"],
@@ -97,7 +97,8 @@ def test_organs_out_of_reach_have_the_bytes_of_one_alone(tmp_path):
     """Hand, contact and friction of a finger on a body with an unused neighbour equal those without it to the bit."""
     graph = tmp_path / "alone.yaml"
     graph.write_text(
-        "extends: neighbours\nnodes:\n  contact: {use: contact.Series, in: {proximity: collision, body: liver}, with: $finger}\n"
+        "extends: neighbours\nnodes:\n"
+        "  contact: {use: contact.Series, in: {proximity: collision, body: liver}, with: $finger}\n"
         "  liver: {in: {load: [spread]}}\n  kidney: null\n  between: null\n  side-liver: null\n  side-kidney: null\n"
     )
     far = "scene.liver-surface.position=[0, 0, 0.140]", "scene.hand.path=[{to: [0, 0, 0.150], time: 0.2}]"

@@ -9,9 +9,20 @@ from palpate.engine.graph import NodeSpec
 from palpate.launch.load.contact_paths import MESH
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Load
-from palpate.messages.between import OrganContact
-from palpate.nodes.contact.between import SIDES, Between
-from palpate.nodes.contact.side import Side
+from palpate.messages.contact import OrganContact
+from palpate.nodes.base import Node, inputs, outputs
+
+SIDES = "first", "second"
+
+
+def _solves(cls: type[Node]) -> bool:
+    """Whether a class is a contact of organs, without an import of its compiled code."""
+    return OrganContact in outputs(cls)
+
+
+def _is_side(cls: type[Node]) -> bool:
+    """Whether a class sends the load of a contact of organs on one of its bodies."""
+    return Load in outputs(cls) and any(port.type is OrganContact for port in inputs(cls))
 
 
 def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:
@@ -22,10 +33,10 @@ def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faul
     wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
     _count_organs(nodes, wires, faults)
     for name, spec in nodes.items():
-        if not issubclass(spec.cls, Between):
+        if not _solves(spec.cls):
             continue
         sides = [w.consumer for w in wires if w.producer == name and issubclass(w.port.type, OrganContact)]
-        sides = [side for side in sides if issubclass(nodes[side].cls, Side)]
+        sides = [side for side in sides if _is_side(nodes[side].cls)]
         found = [_side(name, which, sides, nodes, wires, faults) for which in SIDES]
         if None not in found:
             spec.settings["bodies"] = json.dumps(found, sort_keys=True)
@@ -36,13 +47,13 @@ def _count_organs(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults)
     last."""
     for name, spec in nodes.items():
         loads = [w for w in wires if w.consumer == name and issubclass(w.port.type, Load)]
-        organs = [issubclass(nodes[w.producer].cls, Side) for w in loads]
-        if not any(organs) or issubclass(spec.cls, Between):
+        organs = [_is_side(nodes[w.producer].cls) for w in loads]
+        if not any(organs) or _solves(spec.cls):
             continue
         if organs != sorted(organs):
             faults.add(
                 "a load of another organ is before that of a finger",
-                f"`in: {{load: [{', '.join(sorted((w.producer for w in loads), key=lambda p: issubclass(nodes[p].cls, Side)))}]}}`",
+                f"`in: {{load: [{', '.join(sorted((w.producer for w in loads), key=lambda p: _is_side(nodes[p].cls)))}]}}`",
                 loads[0].place, node=name, port=loads[0].port.name,
             )  # fmt: skip
         if "beside" in spec.settings:
@@ -52,7 +63,7 @@ def _count_organs(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults)
 def _side(
     name: str, which: str, sides: list[str], nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults
 ) -> dict[str, Any] | None:
-    """Class, settings and surface of the body on one side; None and a fault: there is not one such body."""
+    """Class, settings and surface of the body on one side; None and a fault: there is no body, or several."""
     place = nodes[name].place
     named = [side for side in sides if nodes[side].settings["side"] == which]
     if len(named) != 1:
@@ -64,7 +75,7 @@ def _side(
         return None
     side = named[0]
     bodies = [w.consumer for w in wires if w.producer == side and issubclass(w.port.type, Load)]
-    bodies = [body for body in bodies if not issubclass(nodes[body].cls, Between)]
+    bodies = [body for body in bodies if not _solves(nodes[body].cls)]
     if len(bodies) != 1:
         faults.add(
             f"its Load is read by {len(bodies)} bodies, expected 1",

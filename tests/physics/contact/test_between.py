@@ -1,11 +1,11 @@
-"""Contact of two deformable bodies (physics.contact.between)."""
+"""Contact of two deformable bodies (physics.contact.organs.between)."""
 
 import numpy as np
 import pytest
 from pytest import approx
 from scipy.optimize import nnls
 
-from palpate.physics.contact import between
+from palpate.physics.contact.organs import between
 
 RUNS = 120  # random motions
 SIZE = 14
@@ -46,7 +46,7 @@ def run(gap, first, second, taus, motion, dt=1e-3, most=between.MOST):
     made = between.pair(gap, first, second, taus)
     forces, openings, left = [], [], []
     for others in motion:
-        left.append(between.press(made, others, dt, most))
+        left.append(between.step_pair(made, others, dt, most))
         forces.append(made.active.force.copy())
         openings.append(made.opening.copy())
     return np.array(forces), np.array(openings), np.array(left), made
@@ -64,7 +64,9 @@ def test_random_motions_agree_with_a_reference_and_generate_no_energy():
         expected = reference(gap, first, second, taus, motion, 1e-3)
         assert forces == approx(expected, rel=1e-5, abs=1e-8 * max(expected.max(), 1e-12))
         assert openings.min() > -1e-9 and np.abs(forces * openings).max() < 1e-12 * max(forces.max(), 1.0)
-        assert made.known[2] <= 1e-9 * made.known[1] + 1e-15  # [J] rounding of the gap times the force
+        assert (
+            made.past["generated"][0] <= 1e-9 * made.past["dissipated"][0] + 1e-15
+        )  # [J] rounding of the gap times the force
         pressed += forces.any()
     assert pressed > RUNS // 2
 
@@ -95,8 +97,8 @@ def test_a_bounded_step_never_pulls_and_counts_what_it_generates():
     forces, openings, left, made = run(gap, first, second, (0.02, 0.02), motion, most=1)
     assert left.any() and forces.min() >= 0.0
     work = (forces * np.diff(openings, axis=0, prepend=gap[None])).sum(axis=1)
-    assert made.known[2] == approx(work[work > 0].sum(), abs=1e-15)
-    assert made.known[1] == approx(-work[work < 0].sum(), abs=1e-15)
+    assert made.past["generated"][0] == approx(work[work > 0].sum(), abs=1e-15)
+    assert made.past["dissipated"][0] == approx(-work[work < 0].sum(), abs=1e-15)
 
 
 @pytest.mark.parametrize("body", [0, 1])
@@ -114,7 +116,7 @@ def test_the_response_is_the_derivative_of_the_lift_by_the_finger(body):
         others = np.zeros((2, SIZE))
         others[body] = force * opened
         for _ in range(5):
-            between.press(made, others, dt, 10_000)
+            between.step_pair(made, others, dt, 10_000)
         return made
 
     force, by = 2.0, 1e-6
@@ -125,7 +127,7 @@ def test_the_response_is_the_derivative_of_the_lift_by_the_finger(body):
     for amount in (force, force + by):
         made, others = step(force), np.zeros((2, SIZE))
         others[body] = amount * opened
-        between.press(made, others, dt, 10_000)
+        between.step_pair(made, others, dt, 10_000)
         if amount == force:
             before = made.active.force.copy()
     lift = own * (opened @ (made.active.force - before)) / by

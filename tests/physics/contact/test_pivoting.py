@@ -1,12 +1,12 @@
-"""Linear complementarity by block pivoting (physics.contact.pivoting) against non-negative least squares."""
+"""Linear complementarity by block pivoting (physics.contact.organs.pivoting) against non-negative least squares."""
 
 import numpy as np
 import pytest
 from pytest import approx
 from scipy.optimize import nnls
 
-from palpate.physics.contact import pivoting
-from palpate.physics.contact.pivoting import active_set, complement
+from palpate.physics.contact.organs import pivoting
+from palpate.physics.contact.organs.pivoting import active_set, complement
 
 PROBLEMS = 400  # random problems
 
@@ -46,8 +46,8 @@ def test_a_changing_contact_is_solved_from_the_last_set():
         now = gap + 2.0 * np.sin(0.02 * step) * drift
         assert complement(matrix, now, active, 10_000) == 0
         assert active.force == approx(reference(matrix, now), rel=1e-7, abs=1e-9)
-        rounds.append(active.count[3])
-        used = active.order[: active.count[0]]
+        rounds.append(active.tally["rounds"][0])
+        used = active.order[: active.tally["active"][0]]
         factor = np.triu(active.factor[: len(used), : len(used)])
         assert factor.T @ factor == approx(matrix[np.ix_(used, used)], rel=1e-9, abs=1e-11)
     assert np.median(rounds) == 1
@@ -62,7 +62,7 @@ def test_a_bounded_call_never_pulls_and_later_calls_reach_the_solution(most):
         while left and calls < 1000:
             left = complement(matrix, gap, active, most)
             calls += 1
-            assert active.count[2] <= most and active.force.min() >= 0.0
+            assert active.tally["changes"][0] <= most and active.force.min() >= 0.0
         assert left == 0 and active.force == approx(reference(matrix, gap), rel=1e-6, abs=1e-7)
 
 
@@ -79,5 +79,5 @@ def test_the_factor_of_a_changed_matrix_is_computed_again():
     active = active_set(12)
     complement(matrix, gap, active, 1000)
     pivoting.refactor(3.0 * matrix, active)
-    assert complement(3.0 * matrix, gap, active, 1000) == 0 and active.count[2] == 0
+    assert complement(3.0 * matrix, gap, active, 1000) == 0 and active.tally["changes"][0] == 0
     assert active.force == approx(reference(matrix, gap) / 3.0, rel=1e-7, abs=1e-9)

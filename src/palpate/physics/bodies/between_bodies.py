@@ -1,7 +1,7 @@
-"""Compliance of a body between the candidates of its contact with another (`physics.contact.between`).
+"""Compliance of a body between the candidates of its contact with another (`physics.contact.organs.between`).
 
 C_ij [m/N] is the displacement of candidate i along its normal by a unit force on candidate j along its normal; P are
-the weights of the candidates on the surface (`physics.contact.candidates`).
+the weights of the candidates on the surface (`physics.contact.organs.candidates`).
 
 *A condensed organ* (`condensed_body`), of the compliance C between coarse vertices for a modulus of 1 Pa. With the
 weights Q (m,V) of the candidates on the coarse vertices,
@@ -17,9 +17,12 @@ mean of f over a disc is f + a²/8 D f + a⁴/192 D D f, with D 1/r = 1/r³, D 1
 
 The surfaces slide freely, so nothing is reduced by sticking. Large displacement of the organ is neglected.
 
-*A foundation* of independent springs of the compliance q [m/Pa] per area, with vertices of the areas A_v:
+*A foundation* of independent springs of the compliance q [m/Pa] per area: each candidate is a spring of its area,
 
-    C_ij = n_i.n_j sum_v q_v P_iv P_jv/A_v
+    C_ij = d_ij/A_i sum_v P_iv q_v
+
+and a load f_v of vertices of the areas A_v moves it by sum_v P_iv q_v n_i.f_v/A_v. (With C = P diag(q/A_v) P' the forces
+of candidates that share vertices of a coarser surface would not be determined.)
 
 *A rigid plate* that is indented by force over stiffness: C_ij = (1 + d_ij)/K; d_ij = 1 for i = j is the compliance of
 the place itself, without which the forces of several candidates would not be determined.
@@ -31,7 +34,7 @@ import numpy as np
 
 from palpate.compiler.exact import product
 from palpate.physics.bodies.condensed_step import CondensedModel
-from palpate.physics.contact.candidates import Shares
+from palpate.physics.contact.organs.candidates import Shares
 
 
 class BetweenBody(NamedTuple):
@@ -90,19 +93,23 @@ def mean_inverse(place: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def foundation_between(
-    softness: np.ndarray, areas: np.ndarray, shares: Shares, normal: np.ndarray, retardation: float
+    softness: np.ndarray,
+    areas: np.ndarray,
+    shares: Shares,
+    normal: np.ndarray,
+    area: np.ndarray,
+    retardation: float,
 ) -> BetweenBody:
-    """Independent springs under each vertex; softness q [m/Pa] (V), areas [m²] (V) of the vertices."""
+    """Independent springs; softness q [m/Pa] (V) and areas [m²] (V) of the vertices, area [m²] (m) of the candidates."""
     used, terminal = np.unique(shares.vertices, return_inverse=True)
     weights = np.zeros((len(normal), len(used)))  # P
     weights[shares.cells, terminal.ravel()] = shares.weights
-    yields = softness[used] / areas[used]
-    matrix = product(weights * yields, weights.T) * product(normal, normal.T)
-    response = (weights * yields)[:, :, None] * normal[:, None, :]
+    matrix = np.diag(product(weights, softness[used]) / area)
+    response = (weights * (softness[used] / areas[used]))[:, :, None] * normal[:, None, :]
     corners, on = np.zeros((len(areas), 3), np.int64), np.zeros((len(areas), 3))
     corners[used, 0], on[used, 0] = np.arange(len(used)), 1.0
     return BetweenBody(
-        0.5 * (matrix + matrix.T), np.ascontiguousarray(response.reshape(len(normal), -1).T), corners, on, retardation
+        matrix, np.ascontiguousarray(response.reshape(len(normal), 3 * len(used)).T), corners, on, retardation
     )
 
 

@@ -57,7 +57,7 @@ CONTACT = {
     "press": (), "more": (),  # [N] normal force on the patch with the additional load for large displacement; that load
     "radius": (), "wide": (), "narrowed": bool,  # [m] of the patch, also on the coarse surface; near a nodule
     "total": (),  # [N] normal force of the load
-    "organ": bool,  # the load of another organ (`physics.contact.between`): linear, frictionless, without a patch radius
+    "organ": bool,  # load of another organ (`physics.contact.organs`): linear, frictionless
     "rubs": (),  # [m/N] indentation of the next step by the friction that grows with the normal force
     "excess": EXCESS, "holds": HOLDS,
     "course": end_rate.COURSE,  # normal force y [N] of the history h; `ahead` is the factor on h in the next step, as h

@@ -154,7 +154,7 @@ def _barycentric(corner: np.ndarray, point: np.ndarray) -> np.ndarray:
 def _shares(cell: np.ndarray, vertex: np.ndarray, weight: np.ndarray, mesh: Mesh, count: int) -> Shares:
     """The shares of cells on vertices, with one entry for each pair."""
     pairs, place = np.unique(np.stack([cell, vertex], axis=1), axis=0, return_inverse=True)
-    weights = np.bincount(place.ravel(), weight, minlength=len(pairs)).astype(float)  # integers if there are none
+    weights = np.bincount(place.ravel(), weight, minlength=len(pairs)).astype(float)  # integers without a candidate
     cells, vertices = pairs[:, 0].astype(np.int64), pairs[:, 1].astype(np.int64)
     at = [np.bincount(cells, weights * mesh.vertices[vertices, i], minlength=count) for i in range(3)]
     return Shares(cells, vertices, weights, np.stack(at, axis=1).astype(float))

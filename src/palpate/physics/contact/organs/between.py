@@ -34,13 +34,19 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.dot import inner
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Indices, Matrix
-from palpate.physics.contact.pivoting import ActiveSet, active_set, complement, refactor, solve_active
+from palpate.physics.contact.organs.pivoting import ActiveSet, active_set, complement, refactor, solve_active
 
 MOST = 32
 """Most candidates that touch or part in a step; the others follow in the next. At 1 kHz 500 candidates per 16 ms."""
 LEAST_FORCE = 1e-6  # [N] of a finger for which the response is computed
+
+
+PAST = {"step": (), "dissipated": (), "generated": ()}
+"""Step of the last matrix [s]; energies since the start [J]."""
+PAST_TYPE = element_type(PAST)
 
 
 class Pair(NamedTuple):
@@ -53,7 +59,7 @@ class Pair(NamedTuple):
     moved   [m]   (2,m)    u_b
     opening [m]   (m)      w
     free    [m]   (m)      w without the forces of this step
-    known   (3)            T of `matrix` [s]; dissipated and generated energy [J]
+    past    (1)            `PAST`
     """
 
     gap: Annotated[np.ndarray, "<f8", 1]
@@ -64,7 +70,7 @@ class Pair(NamedTuple):
     moved: Annotated[np.ndarray, "<f8", 2]
     opening: Annotated[np.ndarray, "<f8", 1]
     free: Annotated[np.ndarray, "<f8", 1]
-    known: Annotated[np.ndarray, "<f8", 1]
+    past: Annotated[np.ndarray, PAST_TYPE, 1]
     active: ActiveSet
 
 
@@ -74,7 +80,7 @@ def pair(gap: np.ndarray, first: np.ndarray, second: np.ndarray, retardation: tu
     return Pair(
         np.array(gap, float), np.array(first, float, order="C"), np.array(second, float, order="C"),
         np.array(retardation, float), np.zeros((size, size)), np.zeros((2, size)), np.array(gap, float),
-        np.zeros(size), np.zeros(3), active_set(size),
+        np.zeros(size), np.zeros(1, PAST_TYPE), active_set(size),
     )  # fmt: skip
 
 
@@ -85,7 +91,7 @@ def take(pair: Pair, body: int, dt: float):
 
 
 @ieee_kernel
-def press(pair: Pair, others: Matrix, dt: float, most: int):
+def step_pair(pair: Pair, others: Matrix, dt: float, most: int):
     """A step: fills the forces `pair.active.force` [N] (m) and the gaps `pair.opening`. Returns the number of
     candidates that pull or overlap and are left for the next step.
 
@@ -94,9 +100,9 @@ def press(pair: Pair, others: Matrix, dt: float, most: int):
     most               most changes of candidates in this step
     """
     first, second, free, force = take(pair, 0, dt), take(pair, 1, dt), pair.free, pair.active.force
-    size = len(free)
-    if pair.known[0] != dt:
-        pair.known[0] = dt
+    size, past = len(free), pair.past[0]
+    if past.step != dt:
+        past.step = dt
         for i in range(size):
             for j in range(size):
                 pair.matrix[i, j] = first * pair.first[i, j] + second * pair.second[i, j]
@@ -107,7 +113,7 @@ def press(pair: Pair, others: Matrix, dt: float, most: int):
         moved[1, i] = second * others[1, i] + (1.0 - second) * moved[1, i]
         free[i] = pair.gap[i] + (moved[0, i] + moved[1, i])
     left = complement(pair.matrix, free, pair.active, most)
-    for k in range(pair.active.count[0]):
+    for k in range(pair.active.tally[0].active):
         j = pair.active.order[k]
         one, other = first * force[j], second * force[j]
         for i in range(size):
@@ -119,9 +125,9 @@ def press(pair: Pair, others: Matrix, dt: float, most: int):
         work += force[i] * (opening - pair.opening[i])
         pair.opening[i] = opening
     if work > 0.0:
-        pair.known[2] += work
+        past.generated += work
     else:
-        pair.known[1] -= work
+        past.dissipated -= work
     return left
 
 
@@ -131,7 +137,7 @@ def response(pair: Pair, body: int, opened: Array, force: float, dt: float):
 
     opened [m] (m)  opening of the candidates by the finger's load alone, at rest;  force [N] its normal force
     """
-    count, right = pair.active.count[0], pair.active.room[0]
+    count, right = pair.active.tally[0].active, pair.active.room[0]
     if count == 0 or not force > LEAST_FORCE:
         return 0.0
     scale, along = take(pair, body, dt) / force, pair.active.room[2]

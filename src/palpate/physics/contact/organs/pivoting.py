@@ -20,6 +20,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.dot import inner
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix
 
@@ -29,12 +30,17 @@ LEAST_PIVOT = 1e-10  # [1] share of a candidate's compliance that must be indepe
 EXACT = 1e-12  # [1] of the largest |g|: overlap below which a free candidate does not violate
 
 
+TALLY = {"active": int, "left": int, "changes": int, "rounds": int}
+"""Number of active candidates; after a call: violations that are left, changes and rounds."""
+TALLY_TYPE = element_type(TALLY)
+
+
 class ActiveSet(NamedTuple):
     """The active candidates of m, and the factor of their matrix.
 
-    order  (m)    the active candidates in the order of the factor; the first `count[0]` are used
+    order  (m)    the active candidates in the order of the factor
     place  (m)    index of a candidate in `order`, -1: free
-    count  (4)    active candidates; violations that are left; changes of the last call; rounds of the last call
+    tally  (1)    `TALLY`
     factor (m,m)  U, upper triangular
     force  (m)    p
     room   (3,m)  workspace
@@ -43,7 +49,7 @@ class ActiveSet(NamedTuple):
 
     order: Annotated[np.ndarray, "<i8", 1]
     place: Annotated[np.ndarray, "<i8", 1]
-    count: Annotated[np.ndarray, "<i8", 1]
+    tally: Annotated[np.ndarray, TALLY_TYPE, 1]
     factor: Annotated[np.ndarray, "<f8", 2]
     force: Annotated[np.ndarray, "<f8", 1]
     room: Annotated[np.ndarray, "<f8", 2]
@@ -53,7 +59,7 @@ class ActiveSet(NamedTuple):
 def active_set(count: int) -> ActiveSet:
     """No active candidate of `count`."""
     return ActiveSet(
-        np.zeros(count, np.int64), np.full(count, -1), np.zeros(4, np.int64), np.zeros((count, count)),
+        np.zeros(count, np.int64), np.full(count, -1), np.zeros(1, TALLY_TYPE), np.zeros((count, count)),
         np.zeros(count), np.zeros((3, count)), np.zeros(count, np.int64),
     )  # fmt: skip
 
@@ -74,7 +80,7 @@ def solve_active(active: ActiveSet, right: Array, count: int):
 @kernel
 def admit(matrix: Matrix, active: ActiveSet, candidate: int):
     """Activate a candidate. False: its row depends on those of the active ones, and nothing changes."""
-    order, factor, count, column = active.order, active.factor, active.count[0], active.room[2]
+    order, factor, count, column = active.order, active.factor, active.tally[0].active, active.room[2]
     row = matrix[candidate]
     for k in range(count):
         column[k] = row[order[k]]
@@ -91,14 +97,14 @@ def admit(matrix: Matrix, active: ActiveSet, candidate: int):
         factor[k, count] = column[k]
     factor[count, count] = np.sqrt(square)
     order[count], active.place[candidate] = candidate, count
-    active.count[0] = count + 1
+    active.tally[0].active = count + 1
     return True
 
 
 @kernel
 def release(active: ActiveSet, candidate: int):
     """Make an active candidate free."""
-    order, factor, place, last = active.order, active.factor, active.place, active.count[0] - 1
+    order, factor, place, last = active.order, active.factor, active.place, active.tally[0].active - 1
     at = place[candidate]
     for k in range(at, last):
         order[k] = order[k + 1]
@@ -117,17 +123,17 @@ def release(active: ActiveSet, candidate: int):
             lower[j] = c * below - s * above
     place[candidate] = -1
     active.force[candidate] = 0.0
-    active.count[0] = last
+    active.tally[0].active = last
 
 
 @kernel
 def refactor(matrix: Matrix, active: ActiveSet):
     """Compute the factor of the same active candidates again, for a changed matrix. Dependent ones become free."""
-    count = active.count[0]
+    count = active.tally[0].active
     for k in range(count):
         active.changing[k] = active.order[k]
         active.place[active.order[k]] = -1
-    active.count[0] = 0
+    active.tally[0].active = 0
     for k in range(count):
         if not admit(matrix, active, active.changing[k]):
             active.force[active.changing[k]] = 0.0
@@ -136,7 +142,7 @@ def refactor(matrix: Matrix, active: ActiveSet):
 @kernel
 def _balance(matrix: Matrix, gap: Array, active: ActiveSet, slack: Array):
     """Fill the force of the active candidates, and `slack`, w, of all."""
-    order, count, right = active.order, active.count[0], active.room[0]
+    order, count, right = active.order, active.tally[0].active, active.room[0]
     for k in range(count):
         right[k] = -gap[order[k]]
     solve_active(active, right, count)
@@ -214,7 +220,8 @@ def complement(matrix: Matrix, gap: Array, active: ActiveSet, most: int):
                 changes += 1
         if changes == before:
             break
-    for k in range(active.count[0]):
+    for k in range(active.tally[0].active):
         active.force[active.order[k]] = max(active.force[active.order[k]], 0.0)
-    active.count[1], active.count[2], active.count[3] = found, changes, rounds
+    tally = active.tally[0]
+    tally.left, tally.changes, tally.rounds = found, changes, rounds
     return found

@@ -1,0 +1,1 @@
+"""Contact of organs with each other."""
