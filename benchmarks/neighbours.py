@@ -13,7 +13,8 @@ def line(verdict: Verdict) -> str:
     case = verdict.case
     upper, lower = (f"{b['use']} {b['surface']['surface']}" for b in (case.upper, case.lower))
     return (
-        f"{case.number:5d} {upper:>18} {lower:>18} gap {1e3 * case.gap:4.2f} mm, overlap {1e3 * verdict.overlap:.1e} mm, "
+        f"{case.number:5d} {upper:>18} {lower:>18} gap {1e3 * case.gap:4.2f} mm, "
+        f"overlap {1e3 * verdict.overlap:.1e} mm, "
         f"generated {verdict.generated:.1e} J, change {verdict.change:.3f}, finger {verdict.finger:.3g} N, "
         f"organs {verdict.organs:.3g} N {', '.join(verdict.faults)}"
     )

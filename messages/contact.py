@@ -125,7 +125,8 @@ class OrganContact(Message):
     across         [m]   (3)   the same on the second body
     normal         [1]   (3)   mean normal out of the second body there
     area           [m^2] ()    of the candidates that touch
-    gap            [m]   ()    smallest gap of the candidates, at most their reach; negative where an overlap is left for the next step
+    gap            [m]   ()    smallest gap of the candidates, at most their reach; negative where an overlap is left for
+                               the next step
     left           [1]   ()    number of candidates that are left for the next step
     dissipated     [J]   ()    energy dissipated by the contact since the start
     generated      [J]   ()    energy generated since the start, by overlaps that were left

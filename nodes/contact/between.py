@@ -204,10 +204,14 @@ class Between(CompiledNode):
                 f"Between: the candidates are {1e3 * found.spacing:.2g} mm apart, so that patches narrower than "
                 f"{4e3 * found.spacing:.2g} mm are too stiff: more `cells`, or a shorter `reach`"
             )
-        rough = [type(body).__name__ for body, _ in bodies if getattr(body, "model", "") == "nonlinear"]
-        if rough:
+        self._notes.append(
+            "Between: the organs slide on each other without friction, and are linear where they touch: large "
+            "displacement acts under fingers only"
+        )
+        if local := sorted({type(body).__name__ for body, _ in bodies if not hasattr(body, "basis")}):
             self._notes.append(
-                f"Between: {' and '.join(rough)}: linear where the organs touch; large displacement acts under fingers"
+                f"Between: {' and '.join(local)}: a finger moves only the surface under its patch, so that it does not "
+                "press the organ into its neighbour from the other side, as with deformation.ReducedFE"
             )
 
     def _meet(self) -> tuple[Candidates, list[tuple[Any, int]]]:
@@ -235,8 +239,8 @@ class Between(CompiledNode):
         return found, bodies
 
     def move(self, side: str, displacement: Vector3) -> None:
-        """Move a body, "first" or "second", with its elastic foundation by a displacement [m] (3) from its place at the start, for
-        scripts that call the node step by step. Its surface for fingers stays."""
+        """Move a body, "first" or "second", with its elastic foundation by a displacement [m] (3) from its place at the
+        start, for scripts that call the node step by step. Its surface for fingers stays."""
         sign = 1.0 if side == SIDES[0] else -1.0
         self._held["pair.gap"][:] = self._gap + sign * product(self._held["normals"], np.asarray(displacement, float))
 

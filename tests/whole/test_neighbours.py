@@ -80,7 +80,7 @@ def test_one_process_per_node_sends_the_same_bytes(felt, tmp_path):
     assert payloads(run(tmp_path / "apart.mcap", place=None)) == payloads(felt)
 
 
-@pytest.mark.notes("linear where the organs touch", "narrower than its mesh resolves")
+@pytest.mark.notes("without friction")
 def test_a_lane_is_a_run_with_the_second_body_of_that_lane(felt):
     """The settings of a body reach the contact of each lane."""
     lanes = palpate.Ensemble(

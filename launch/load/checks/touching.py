@@ -51,9 +51,9 @@ def _count_organs(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults)
         if not any(organs) or _solves(spec.cls):
             continue
         if organs != sorted(organs):
+            order = sorted((w.producer for w in loads), key=lambda sender: _is_side(nodes[sender].cls))
             faults.add(
-                "a load of another organ is before that of a finger",
-                f"`in: {{load: [{', '.join(sorted((w.producer for w in loads), key=lambda p: _is_side(nodes[p].cls)))}]}}`",
+                "a load of another organ is before that of a finger", f"`in: {{load: [{', '.join(order)}]}}`",
                 loads[0].place, node=name, port=loads[0].port.name,
             )  # fmt: skip
         if "beside" in spec.settings:

@@ -59,8 +59,8 @@ def test_overlapping_surfaces_report_their_depth():
 
 @pytest.mark.parametrize(("step", "scatter"), [(1e-3, 0.0), (1.3e-3, 0.3)])
 def test_two_balls_press_as_hertz_computes(step, scatter):
-    """Half-spaces with the gap r²/2R on cells of a hexagonal and of a scattered grid: force within 1.5 % to s/R 0.5, and a
-    stiffness that changes by less than 10 % of it in a step of the motion."""
+    """Half-spaces with the gap r²/2R on cells of a hexagonal and of a scattered grid: force within 1.5 % to s/R 0.5,
+    and a stiffness that changes by less than 10 % of it in a step of the motion."""
     radius, count = 10.5e-3, int(0.02 / step)
     i, j = np.meshgrid(np.arange(-count, count), np.arange(-count, count))
     at = np.stack([i + 0.5 * (j % 2) + 0.23, 0.5 * np.sqrt(3) * j + 0.11], axis=-1).reshape(-1, 2)
@@ -83,8 +83,8 @@ def test_two_balls_press_as_hertz_computes(step, scatter):
 
 
 def test_the_compliance_of_an_organ_is_that_of_its_law(pair):
-    """ReducedFE: a patch on the candidates yields as the law of the body under the same load, which full finite elements
-    judge elsewhere. Cells widen the patch."""
+    """ReducedFE: a patch on the candidates yields as the law of the body under the same load, compared with full finite
+    elements in `test_reduced_fe.py`. Cells widen the patch."""
     body = ReducedFE(surface="sphere", vertices=10000, model="linear", sticks=False, retardation=0.0)
     body.start()
     mesh = body.mesh()

@@ -21,8 +21,8 @@ The surfaces slide freely, so nothing is reduced by sticking. Large displacement
 
     C_ij = d_ij/A_i sum_v P_iv q_v
 
-and a load f_v of vertices of the areas A_v moves it by sum_v P_iv q_v n_i.f_v/A_v. (With C = P diag(q/A_v) P' the forces
-of candidates that share vertices of a coarser surface would not be determined.)
+and a load f_v of vertices of the areas A_v moves it by sum_v P_iv q_v n_i.f_v/A_v. (With C = P diag(q/A_v) P' the
+forces of candidates that share vertices of a coarser surface would not be determined.)
 
 *A rigid plate* that is indented by force over stiffness: C_ij = (1 + d_ij)/K; d_ij = 1 for i = j is the compliance of
 the place itself, without which the forces of several candidates would not be determined.
@@ -100,7 +100,7 @@ def foundation_between(
     area: np.ndarray,
     retardation: float,
 ) -> BetweenBody:
-    """Independent springs; softness q [m/Pa] (V) and areas [m²] (V) of the vertices, area [m²] (m) of the candidates."""
+    """Independent springs; softness q [m/Pa] (V), areas [m²] (V) of the vertices, area [m²] (m) of the candidates."""
     used, terminal = np.unique(shares.vertices, return_inverse=True)
     weights = np.zeros((len(normal), len(used)))  # P
     weights[shares.cells, terminal.ravel()] = shares.weights

@@ -1,8 +1,8 @@
 """The terminal law of a body under a finger, with other bodies that touch it (`physics.contact.organs.between`).
 
-The body's law L (`terminal`) is valid for the force f of the finger alone. The held forces F_j of the bodies that touch it act on the
-finger's patch by the coupling O_j of the body, L(s) = f + X, X = sum_j O_j F_j; and they respond to a change of f by
-dF_j, which lifts the patch by y_j df. With the force f_0 for which F_j was solved,
+The body's law L (`terminal`) is valid for the force f of the finger alone. The held forces F_j of the bodies that touch
+it act on the finger's patch by the coupling O_j of the body, L(s) = f + X, X = sum_j O_j F_j; and they respond to a
+change of f by dF_j, which lifts the patch by y_j df. With the force f_0 for which F_j was solved,
 
     s(f) = L^-1(f + X) - y (f - f_0),    y = sum_j y_j
 
