@@ -1,6 +1,7 @@
 """The width of the finger, and the surface that a finger of this width can touch, for collision and spread."""
 
 from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -27,6 +28,7 @@ from palpate.physics.nearest import nearest, tree_of
 from palpate.units.header import factor
 
 SAMPLES = 3000  # vertices of a NURBS surface that are tested
+MAKERS = "scikit-image", "manifold3d"  # the packages on whose version a bridge depends
 WIDTH = 16e-3  # [m] twice the radius of the patch of spread.Kernel
 
 
@@ -74,7 +76,8 @@ def _felt_surface(
 
     try:
         if content:
-            inputs = inputs_of(surface, content, factor(file_unit, "m"), piece, refine) | {"width": width}
+            inputs = inputs_of(surface, content, factor(file_unit, "m"), piece, refine)
+            inputs |= {"width": width, "made by": [_version(name) for name in MAKERS]}
             felt = felt_of_arrays(
                 stored("felt", inputs, arrays, f"{Path(surface).name}, surface that the finger can touch")
             )
@@ -91,6 +94,13 @@ def _felt_surface(
             "finger bridges all of it. Expected less, or 0 for a needle or stylus"
         )
     return Bridged(felt, "")
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # a body without bridges needs none
+        return ""
 
 
 def touchable_share(node: OnThinnedSurface, width: float) -> np.ndarray | None:
