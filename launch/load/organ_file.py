@@ -70,8 +70,10 @@ class OrganFile:
         return -1 if self.piece == ALL else int(self.piece or 0)
 
     def check(self) -> None:
-        """SettingError: the file is missing, or is small and cannot be read. Neither numba nor scipy is imported, which
-        would take longer than to read it."""
+        """SettingError: the mesh file is missing, or is small and cannot be read. Neither numba nor scipy is imported,
+        which would take longer than to read it."""
+        if self.label is not None or ending_of(self.file):
+            return  # `as_mesh` checks it
         from palpate.nodes.base.mesh_formats import read_file
 
         file = self.file.expanduser()

@@ -2,7 +2,7 @@
 
 import contextlib
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +10,10 @@ from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console
 from palpate.cli.terminal.run_options import RunOptions, takes_run
 from palpate.physics.errors import TROUBLE
+
+if TYPE_CHECKING:  # slow to import
+    from palpate.engine.graph import Graph
+    from palpate.launch.load.launchfile import LaunchFile
 
 EXAMPLE = "palpate run kidney --set tissue.use=deformation.ReducedFE"
 
@@ -76,15 +80,11 @@ def run(
         from palpate.bases import build_missing
         from palpate.cli.terminal.run_summary import print_end
         from palpate.launch.run.execute import Network, execute
-        from palpate.launch.run.progress import preparing
-        from palpate.launch.run.work.shared import share_surfaces
         from palpate.launch.run.work.spawner import worker_server
         from palpate.records.times import step_times
 
         # Build the bases that it lacks, run it, then print the summary and draw the pictures.
-        with preparing(as_json):
-            loaded = loaded or launch.load()
-            share_surfaces(loaded)
+        loaded = _prepared(launch, loaded, as_json)
         build_missing(loaded, quiet=as_json)
         forkserver = None
         if not fused or clock == "real":
@@ -107,3 +107,14 @@ def run(
         raise typer.Exit(TROUBLE)
     if outcome.result.signal:
         raise typer.Exit(128 + outcome.result.signal)
+
+
+def _prepared(launch: "LaunchFile", loaded: "Graph | None", silent: bool) -> "Graph":
+    """The graph of a run, whose surfaces are prepared, with the progress of this."""
+    from palpate.launch.run.progress import preparing
+    from palpate.launch.run.work.shared import share_surfaces
+
+    with preparing(silent):
+        loaded = loaded or launch.load()
+        share_surfaces(loaded)
+    return loaded

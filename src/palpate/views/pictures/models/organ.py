@@ -70,7 +70,7 @@ def describe_organ(organ: OrganFile, width: float = WIDTH) -> Shown:
 
 
 def _thickness(mesh: Mesh) -> tuple[float, np.ndarray]:
-    """Smallest distance [m] along the inward normal to the other side, but for `LEAST` of the area, and its place."""
+    """Smallest distance [m] along the inward normal to the other side, except for `LEAST` of the area, and its place."""
     chosen = np.linspace(0, len(mesh.vertices) - 1, min(SAMPLES, len(mesh.vertices))).astype(int)
     points, inwards = mesh.vertices[chosen], -mesh.normals[chosen]
     closest = MeshClosestPoint(mesh)
@@ -195,7 +195,7 @@ def _text(shown: Shown, width: float) -> str:
         + (f" ({1e6 * found['volume of the voxels m3']:.4g} cm³ of voxels)" if shown.image else ""),
         f"area {1e4 * found['area m2']:.4g} cm², {' x '.join(f'{1e3 * side:.3g}' for side in found['sides m'])} mm",
         f"{found['vertices']} vertices",
-        f"smallest thickness {1e3 * thin:.2g} mm at ({place}) mm, but for {LEAST:.1%} of the vertices"
+        f"smallest thickness {1e3 * thin:.2g} mm at ({place}) mm, except for {LEAST:.1%} of the vertices"
         if np.isfinite(thin) else f"thicker than {1e3 * DEEPEST:.3g} mm everywhere",
     ]  # fmt: skip
     if shown.felt is not None:
