@@ -9,6 +9,7 @@ from palpate.messages.base import Floats, Ints, Message, Vector, Vector2, Vector
 from palpate.messages.fields import Bound
 
 UNIT_VECTOR = Bound(1.001, "a unit vector")
+COMPLIANCE = Bound(1e3, "a body of 1 mN/m")
 
 
 class Proximity(Message):
@@ -125,8 +126,8 @@ class OrganContact(Message):
     across         [m]   (3)   the same on the second body
     normal         [1]   (3)   mean normal out of the second body there
     area           [m^2] ()    of the candidates that touch
-    gap            [m]   ()    smallest gap of the candidates, at most their reach; negative where an overlap is left for
-                               the next step
+    gap            [m]   ()    smallest gap of the candidates, at most their reach; negative where an overlap is left
+                               for the next step
     left           [1]   ()    number of candidates that are left for the next step
     dissipated     [J]   ()    energy dissipated by the contact since the start
     generated      [J]   ()    energy generated since the start, by overlaps that were left
@@ -135,7 +136,7 @@ class OrganContact(Message):
     first_nodes    [1]   (k)   indices of the loaded vertices of the first body's surface
     first_forces   [N]   (k,3) force on each
     second_nodes   [1]   (l)   the same of the second body
-    second_forces  [N]   (l,3)
+    second_forces  [N]   (l,3) force on each
     """
 
     force: Annotated[float, "N"]
@@ -148,7 +149,7 @@ class OrganContact(Message):
     left: Annotated[int, "1"]
     dissipated: Annotated[float, "J"]
     generated: Annotated[float, "J"]
-    yields: Annotated[Vector2, "m/N"]
+    yields: Annotated[Vector2, "m/N", COMPLIANCE]
     pressing: Annotated[Vector2, "N"]
     first_nodes: Annotated[Ints, "1", ("k",)]
     first_forces: Annotated[Floats, "N", ("k", 3)]
@@ -165,5 +166,5 @@ class Neighbour(Message):
     """
 
     force: Annotated[float, "N"]
-    yields: Annotated[float, "m/N"]
+    yields: Annotated[float, "m/N", COMPLIANCE]
     pressing: Annotated[float, "N"]

@@ -116,9 +116,9 @@ def case(number: int, seed: int = 0) -> Case:
     speed = 10.0 ** rng.uniform(-2, -0.5)
     depth = float(rng.uniform(2e-3, 8e-3))
     closing = gap + float(rng.uniform(-0.5e-3, 3e-3))
-    return Case(
-        number, *made, gap, depth, closing, max(depth, closing) / speed, upper.vertices[foot], upper.normals[foot]
-    )
+    above, below = made
+    duration = max(depth, closing) / speed
+    return Case(number, above, below, gap, depth, closing, duration, upper.vertices[foot], upper.normals[foot])
 
 
 def motion(case: Case) -> np.ndarray:
