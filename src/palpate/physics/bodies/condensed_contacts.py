@@ -159,6 +159,8 @@ def _sticking(
     for i in range(many):
         _holding(contacts[i].holds, normals[i], held[i])
         for j in range(i):
+            if contacts[i].organ or contacts[j].organ:  # its patch is another when it parts, but not its history
+                continue
             # g_i.C g_j, in C_tt with the correction
             block[:] = 0.0
             for k in range(counts[i, 1]):
