@@ -35,9 +35,9 @@ from numba.extending import is_jitted
 
 from palpate.compiler.kernel import kernel
 from palpate.physics import materials
-from palpate.physics.arrays import Array, Record
+from palpate.physics.arrays import Array
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.materials.compiled import LAW, compile_law
+from palpate.physics.materials.compiled import LAW, compile_law, law_at
 from palpate.registry import modules
 
 Law = Callable[..., tuple[float, float, float, float]]
@@ -102,7 +102,8 @@ def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
 
 
 @kernel
-def _uniaxial(law: Record, p: Array, stretch: Array, stress: Array):
+def _uniaxial(address: int, p: Array, stretch: Array, stress: Array):
+    law = law_at(address)
     P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
     for i in range(len(stretch)):
         across = stretch[i] ** -0.5
@@ -116,7 +117,8 @@ def uniaxial(material: Material, stretch: np.ndarray) -> np.ndarray:
     """Nominal stress [Pa] (n,) of an incompressible body of this law under uniaxial stretch [1] (n,), sides free:
     P = dW/dF11 - dW/dF22 l2/l1 with l2 = l1^(-1/2). U does not contribute."""
     stress = np.empty(len(stretch))
-    _uniaxial(compile_law(material.law, LAW), np.array(material.parameters), np.asarray(stretch, float), stress)
+    place = place_of(material.law, material.name)
+    _uniaxial(place, np.array(material.parameters), np.asarray(stretch, float), stress)
     return stress
 
 

@@ -15,22 +15,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import brentq, least_squares
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue import noise, relaxing
+from palpate.models.fit.tissue import noise, relaxing, separable
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.residuals import inflation, runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
 
-STARTS = 10
+STARTS, TOUCH_STARTS = 10, 4  # Starts of a law with shape parameters, and without
 INDISTINGUISHABLE = 0.97  # [1] Correlation above which two parameters cannot be distinguished
 LEVEL = 0.95
 LEAST_PER_UNKNOWN = 3  # Rows per unknown that a fit needs
 STEEPEST = 1e12  # [1] Limit of a derivative of a residual
+ENDS = 1e-3  # [1] Accuracy of the ends of a profile, over half the width of the linear interval
 STEP = 1e-6  # finite-difference step of a Jacobian, in search coordinates
 LEAST_EFFECTIVE = 3.0
 """Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
@@ -139,6 +141,25 @@ class Problem:
         self.names += [name for name, _, _ in self.baselines]
         self.count = sum(len(p.force) for p in presses)
 
+    @cached_property
+    def measured(self) -> np.ndarray:
+        """(n,) Weighted measured forces."""
+        return np.concatenate([p.force * w for p, w in zip(self.presses, self.weight, strict=True)])
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(n, k) Weighted baselines."""
+        columns, ends = np.zeros((self.count, len(self.baselines))), np.cumsum([0, *map(len, self.weight)])
+        for k, (_, i, column) in enumerate(self.baselines):
+            columns[ends[i] : ends[i + 1], k] = column * self.weight[i]
+        return columns
+
+    @cached_property
+    def projected(self) -> tuple[separable.Baselines, np.ndarray]:
+        """The baselines, and the weighted measured forces (n,) without their part in the space of the baselines."""
+        baselines = separable.Baselines(self.columns)
+        return baselines, baselines.project(self.measured)
+
     def with_changes(
         self, presses: Sequence[MeasuredPress] | None = None, law: Law | None = None, kind: str | None = None
     ) -> Problem:
@@ -146,7 +167,9 @@ class Problem:
         presses = self.presses if presses is None else presses
         return Problem(presses, law or self.law, kind or self.kind, self.free_touch, self.relative)
 
+    @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest values of the unknowns, in search coordinates."""
         low = [p.to_search(p.low) for p in self.parameters]
         high = [p.to_search(p.high) for p in self.parameters]
         if self.free_touch:  # in units of `MeasuredPress.slack`; with rows before contact anywhere between these rows
@@ -167,12 +190,16 @@ class Problem:
         shifts = x[first : first + len(self.presses)] if self.free_touch else np.zeros(len(self.presses))
         return [p.touch + float(shift) * p.slack for p, shift in zip(self.presses, shifts, strict=True)]
 
-    def forces(self, x: np.ndarray) -> list[np.ndarray]:
+    def law_forces(self, x: np.ndarray) -> list[np.ndarray]:
+        """Forces [N] of the law alone, without baselines."""
         values = self.values(x)
-        forces = [
+        return [
             relaxing.force(self.kind, self.law, values, press, touch)
             for press, touch in zip(self.presses, self.touches(x), strict=True)
         ]
+
+    def forces(self, x: np.ndarray) -> list[np.ndarray]:
+        forces = self.law_forces(x)
         for (_, i, column), size in zip(self.baselines, x[len(x) - len(self.baselines) :], strict=True):
             forces[i] = forces[i] + size * column
         return forces
@@ -200,11 +227,13 @@ class Problem:
         measured = float(np.linalg.norm(np.concatenate([p.force for p in self.presses])))
         if self.parameters[0].log and guessed > 0.0 and math.isfinite(guessed):
             x[0] += math.log(measured / guessed)
-        return np.clip(x, *self.bounds())
+        return np.clip(x, *self.bounds)
 
     def solve(self, x: np.ndarray, fixed: int = -1) -> tuple[np.ndarray, float]:
         """The minimum that the search reaches from x, and its sum of squares; `fixed` is an unknown that stays."""
-        low, high = self.bounds()
+        if (found := separable.solve(self, x, fixed)) is not None:
+            return found
+        low, high = self.bounds
         free = np.arange(len(x)) != fixed
 
         def whole(part: np.ndarray) -> np.ndarray:
@@ -221,27 +250,38 @@ class Problem:
         )  # fmt: skip
         return whole(found.x), 2.0 * float(found.cost)
 
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """(rows, unknowns) Derivatives of the residuals: of the baselines exact, of the others forward differences. The
-        touch points move together, as each belongs to one press."""
-        step, count, first = np.where(x + STEP < self.bounds()[1], STEP, -STEP), len(self.presses), len(self.parameters)
-        slopes, here = [np.zeros((len(press.force), len(x))) for press in self.presses], self.forces(x)
+    def law_slopes(self, x: np.ndarray, here: Sequence[np.ndarray], free: np.ndarray) -> np.ndarray:
+        """(rows, unknowns) Derivatives of the weighted forces of the law, which are `here` at x, by the unknowns of the
+        mask `free`: of a scale exact, of the others forward differences. The touch points move together, as each
+        belongs to one press."""
+        step, count, first = np.where(x + STEP < self.bounds[1], STEP, -STEP), len(self.presses), len(self.parameters)
+        slopes = np.zeros((self.count, len(x)))
+        ends = np.cumsum([0, *map(len, self.weight)])
         # the unknown that moves in each press
         moved = [np.full(count, k) for k in range(first)] + ([first + np.arange(count)] if self.free_touch else [])
         for each in moved:
-            aside = x.copy()
-            aside[each] += step[each]
-            for k, slope, force, there in zip(each, slopes, here, self.forces(aside), strict=True):
-                slope[:, k] = (there - force) / step[k]
-        for k, (_, i, column) in enumerate(self.baselines, len(x) - len(self.baselines)):
-            slopes[i][:, k] = column
-        whole = np.concatenate([slope * w[:, None] for slope, w in zip(slopes, self.weight, strict=True)])
+            if not free[each].any():
+                continue
+            if each[0] == 0 and self.law.proportional:
+                there, size = [2.0 * force for force in here], np.ones(count)
+            else:
+                aside, size = x.copy(), step[each]
+                aside[each] += size
+                there = self.law_forces(aside)
+            for i, (k, w) in enumerate(zip(each, self.weight, strict=True)):
+                slopes[ends[i] : ends[i + 1], k] = (there[i] - here[i]) / size[i] * w
+        return slopes
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """(rows, unknowns) Derivatives of the residuals; those of the baselines are exact."""
+        whole = self.law_slopes(x, self.law_forces(x), np.ones(len(x), bool))
+        whole[:, len(x) - len(self.baselines) :] = self.columns
         # an exponential law can exceed the range of numbers during the search, whose squares must not
         return np.clip(np.nan_to_num(whole, posinf=0.0, neginf=0.0), -STEEPEST, STEEPEST)
 
 
 def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None = None) -> Estimate:
-    """Fit from `STARTS` random starts, or from `begin` alone, with intervals.
+    """Fit from several starts, or from `begin` alone, with intervals.
 
     SessionError: fewer than `LEAST_PER_UNKNOWN` rows per unknown.
     """
@@ -251,16 +291,8 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
             f"{count} rows remain for {size} unknowns; expected at least {LEAST_PER_UNKNOWN * size}. Rows deeper "
             "than --depth-limit are excluded and, without --relaxation, rows after the deepest one"
         )
-    # multistart least squares; the starts are drawn around the initial guess
-    rng = np.random.default_rng(0)
-    low, high = problem.bounds()
-    starts, begin, found = (STARTS, problem.start(), []) if begin is None else (1, begin, [])
-    for k in range(starts):
-        wide = np.where([p.log for p in problem.parameters], 1.4, 0.15 * (high - low)[: len(problem.parameters)])
-        shift = np.zeros(size)
-        if k:
-            shift[: len(wide)] = rng.uniform(-1.0, 1.0, len(wide)) * wide
-        found.append(problem.solve(np.clip(begin + shift, low, high)))
+    # multistart least squares
+    found = [problem.solve(each) for each in (_starts(problem) if begin is None else [begin])]
     x, least = min(found, key=lambda pair: pair[1])
     # effective sample size n_eff = n/tau and residual variance s²
     forces = problem.forces(x)
@@ -280,6 +312,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
     cov, effective = _coloured_covariance(problem, forces, weighted, J, bread, plain, effective)
     errors, ratio = np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov) / np.maximum(np.diag(plain), 1e-300))
     quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
+    low, high = problem.bounds
     # linear interval of each parameter, widened to its profile likelihood interval
     intervals = {}
     for i, p in enumerate(problem.parameters):
@@ -288,19 +321,33 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
         intervals[p.name] = Interval(p.value(value), p.value(ends[0]), p.value(ends[1]))
         if profiles:
             level = least * (1.0 + (quantile * ratio[i]) ** 2 / (count / tau - size))
-            profile, points = _profile(problem, x, i, reach / 2.0, least, level)
+            profile, points = _profile(problem, x, i, reach, least, level)
             ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
             interval = intervals[p.name]
             interval.profile = (ends[0], ends[1])
             interval.low = min(interval.low, p.low if math.isnan(ends[0]) else ends[0])
             interval.high = max(interval.high, p.high if math.isnan(ends[1]) else ends[1])
             interval.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
-    converged = sum(c <= least * 1.01 + 1e-12 for _, c in found) / starts
+    converged = sum(c <= least * 1.01 + 1e-12 for _, c in found) / len(found)
     return Estimate(
         problem.parameters, intervals, problem.touches(x), problem.names, cov / np.outer(errors, errors),
         float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), converged, least / count,
         runs(weighted), x, errors,
     )  # fmt: skip
+
+
+def _starts(problem: Problem) -> list[np.ndarray]:
+    """The initial guess, and others drawn around it: shape parameters and touch points. Scales and baselines follow
+    from these. A law without shape parameters needs fewer."""
+    rng, begin, (low, high) = np.random.default_rng(0), problem.start(), problem.bounds
+    wide, first = np.zeros(len(begin)), len(problem.parameters)
+    wide[:first] = np.where([p.log for p in problem.parameters], 1.4, 0.15 * (high - low)[:first])
+    scaled = int(problem.law.proportional)
+    wide[:scaled] = 0.0
+    if problem.free_touch:
+        wide[first : first + len(problem.presses)] = 1.0
+    count = STARTS if first > scaled else TOUCH_STARTS if problem.free_touch else 1
+    return [begin] + [np.clip(begin + rng.uniform(-1.0, 1.0, len(begin)) * wide, low, high) for _ in range(count - 1)]
 
 
 def _coloured_covariance(
@@ -343,36 +390,36 @@ def _profile(
     The profile is the least sum of squares with x_i fixed. An end is where it reaches `level`; nan if it does not
     within the bounds.
     """
-    low, high = problem.bounds()
+    low, high = problem.bounds
     ends, points = [], [(float(x[i]), least)]
     for side in (-1.0, 1.0):
         bound = low[i] if side < 0 else high[i]
-        inner, outer, at, reach = float(x[i]), math.nan, x.copy(), max(step, 1e-6)  # bracket the end
-        for _ in range(14):
-            trial = at.copy()
-            trial[i] = bound if side * (inner + side * reach - bound) >= 0 else inner + side * reach
-            solved, cost = problem.solve(trial, i)
-            points.append((float(trial[i]), cost))
-            if cost >= level:
-                outer = float(trial[i])
+        inner, outer, at, reach = float(x[i]), math.nan, x.copy(), max(step, 1e-6)
+
+        def above(value: float, known: dict[float, float]) -> float:
+            """Standard errors by which the profile at a value exceeds the level."""
+            nonlocal at
+            if value not in known:
+                trial = at.copy()
+                trial[i] = value
+                at, known[value] = problem.solve(trial, i)
+                points.append((value, known[value]))
+            return math.sqrt(max(known[value] - least, 0.0)) - math.sqrt(level - least)
+
+        known = {inner: least}
+        for _ in range(14):  # bracket the end
+            trial = bound if side * (inner + side * reach - bound) >= 0 else inner + side * reach
+            if above(trial, known) >= 0.0:
+                outer = trial
                 break
-            inner, at = float(trial[i]), solved
-            if trial[i] == bound:
+            inner = trial
+            if trial == bound:
                 break
             reach *= 2.0
         if math.isnan(outer):
             ends.append(math.nan)
             continue
-        for _ in range(6):  # bisection
-            trial = at.copy()
-            trial[i] = 0.5 * (inner + outer)
-            solved, cost = problem.solve(trial, i)
-            points.append((float(trial[i]), cost))
-            if cost >= level:
-                outer = float(trial[i])
-            else:
-                inner, at = float(trial[i]), solved
-        ends.append(0.5 * (inner + outer))
+        ends.append(float(brentq(above, inner, outer, (known,), xtol=ENDS * max(step, 1e-6), rtol=1e-12)))
     return (ends[0], ends[1]), points
 
 

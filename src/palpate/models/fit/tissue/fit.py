@@ -389,7 +389,7 @@ def _predict_press(problem: Problem, best: Estimate, press: MeasuredPress, deepe
     x, count = alone.start(), len(problem.parameters)
     x[:count] = [p.to_search(best.values[p.name]) for p in problem.parameters]
     if len(x) > count:
-        ends = [side[count:] for side in alone.bounds()]
+        ends = [side[count:] for side in alone.bounds]
         x[count:] = least_squares(lambda rest: alone.residuals(np.r_[x[:count], rest]), x[count:], bounds=ends).x
     (forces,), touch, peak = alone.forces(x), alone.touches(x)[0], _peak(problem.presses)
     inside = press.depth - touch <= deepest * (1.0 + 1e-9)

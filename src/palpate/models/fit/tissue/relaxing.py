@@ -37,7 +37,10 @@ def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
 
 def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: float) -> np.ndarray:
     """Force [N] (n,) of a law at the rows of a press that touches at `touch` [m]."""
-    elastic = law.force(values, np.maximum(press.depth - touch, 0.0))
+    depth = press.depth - touch
+    pressed = depth > 0.0
+    elastic = np.zeros(len(depth))
+    elastic[pressed] = law.force(values, depth[pressed])
     if kind == "none" or press.time is None:
         return elastic
     if kind == "kelvin-voigt":

@@ -96,6 +96,7 @@ class Law:
 
     reach   [m] largest valid indentation
     remark  assumptions, for the report
+    proportional  whether the force is proportional to the first parameter
     """
 
     name: str
@@ -104,6 +105,7 @@ class Law:
     reach: float = math.inf
     remark: str = ""
     fixed: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    proportional: bool = True
 
 
 YOUNG = Parameter("young", "Pa", 2e4, 1.0, 1e9)
@@ -192,7 +194,10 @@ def closed_form(rig: Rig, law: str) -> Law:
         return Law(law, (first, steep), exponential)
     if rig.kind == "fingertip" and law == "power":
         known = {"finger_stiffness": (FINGER[0], "N/m"), "finger_hardening": (FINGER[1], "1/m")}
-        return Law(law, (stiffness, exponent), lambda v, s: _series(v["stiffness"], v["exponent"], s), fixed=known)
+        return Law(
+            law, (stiffness, exponent), lambda v, s: _series(v["stiffness"], v["exponent"], s), fixed=known,
+            proportional=False,
+        )  # fmt: skip
     if law in ("power", "hunt-crossley"):
         return Law(law, (stiffness, exponent), lambda v, s: v["stiffness"] * s ** v["exponent"])
     raise SessionError(
@@ -211,11 +216,14 @@ def _series(stiffness: float, exponent: float, total: np.ndarray) -> np.ndarray:
     force, pressed = np.zeros(len(total)), total > 0.0
     s = total[pressed]
     log = np.log(np.minimum(stiffness * s**exponent, b / m * np.expm1(np.minimum(m * s, 500.0))))
-    for _ in range(9):
+    for _ in range(12):
         reached = np.exp(log)
         tissue = (reached / stiffness) ** (1.0 / exponent)
         slope = tissue / exponent + reached / (b + m * reached)
-        log -= (tissue + np.log1p(reached * m / b) / m - s) / slope
+        step = (tissue + np.log1p(reached * m / b) / m - s) / slope
+        log -= step
+        if not np.abs(step).max(initial=0.0) > 1e-9:  # the next step would be below 1e-17
+            break
     force[pressed] = np.exp(log)
     return force
 
