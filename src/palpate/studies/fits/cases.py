@@ -15,13 +15,17 @@ AFM = 0.25  # [1] Share of the balls that are colloids of a force microscope
 
 @dataclass(frozen=True)
 class Case:
-    """What presses: a rig and a law with its true parameters. `reach` [m] is the greatest indentation."""
+    """What presses: a rig and a law with its true parameters. `reach` [m] is the greatest indentation.
+
+    curve  force over Young's modulus [m²] at indentations [m], of a law without a closed form
+    """
 
     rig: Rig
     law: str
     relaxation: str
     truth: dict[str, float]
     reach: float
+    curve: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 def _spread(rng: np.random.Generator, low: float, high: float) -> float:
@@ -79,21 +83,37 @@ def _truth(law: str, relaxation: str, rng: np.random.Generator, radius: float, r
     out |= {
         "ogden": {"alpha": rng.uniform(3.0, 12.0)}, "demiray": {"b": _spread(rng, 0.3, 3.0)},
         "yeoh": {"c2_over_c1": rng.uniform(0.05, 1.0)},
+        "ogden2": {
+            "share": rng.uniform(0.05, 0.5), "alpha_1": rng.uniform(1.0, 5.0), "alpha_2": rng.uniform(8.0, 20.0),
+        },
+        "yeoh3": {"c2_over_c1": rng.uniform(-0.1, 0.5), "c3_over_c1": _spread(rng, 0.02, 1.0)},
     }.get(law, {})  # fmt: skip
     out |= {
         "kelvin-voigt": {"retardation": _spread(rng, 0.05, 0.5)},
         "hunt-crossley": {"damping": 0.5 / reach * _spread(rng, 0.3, 3.0)},
         "prony:1": {"share_1": rng.uniform(0.2, 0.7), "time_1": _spread(rng, 0.3, 3.0)},
+        "prony:2": _terms(rng, 2), "prony:3": _terms(rng, 3),
     }.get(relaxation, {})  # fmt: skip
     return out
 
 
+def _terms(rng: np.random.Generator, count: int) -> dict[str, float]:
+    """Prony terms from the slowest to the fastest, each 4 to 10 times faster than the one before."""
+    time, out = _spread(rng, 1.0, 3.0), {}
+    for i in range(1, count + 1):
+        out |= {f"share_{i}": rng.uniform(0.15, 0.5), f"time_{i}": time}
+        time /= rng.uniform(4.0, 10.0)
+    return out
+
+
+RUBBER = ("linear", "neo_hooke", "ogden", "demiray", "yeoh", "ogden2", "yeoh3")
+RELAXING = ("kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3")
 CASES: dict[str, Callable[[np.random.Generator], Case]] = {
     "ball hertz": _ball("hertz"), "ball layer": _ball("layer"), "ball power": _ball("power"),
     "ball exponential": _ball("exponential"), "punch hertz": _punch("hertz"), "punch power": _punch("power"),
     "punch exponential": _punch("exponential"), "fingertip power": _fingertip,
-    **{f"cylinder {law}": _cylinder(law) for law in ("linear", "neo_hooke", "ogden", "demiray", "yeoh")},
-    **{f"ball layer {kind}": _ball("layer", kind) for kind in ("kelvin-voigt", "hunt-crossley", "prony:1")},
+    **{f"cylinder {law}": _cylinder(law) for law in RUBBER},
+    **{f"ball layer {kind}": _ball("layer", kind) for kind in RELAXING},
 }  # fmt: skip
 """Laws with a closed form and up to three parameters. Those tabulated by finite elements take seconds per press, and
 have separate tests."""

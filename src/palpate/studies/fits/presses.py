@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.models.fit.tissue import relaxing
-from palpate.models.fit.tissue.measured import MeasuredPress
-from palpate.models.fit.tissue.rigs import closed_form
 from palpate.studies.fits.cases import CASES, Case
+from palpate.studies.fits.truth import true_force
 
 NOISES = ("white", "correlated", "gain", "hum", "heavy-tailed")
 SHALLOW, FEW = 0.05, 30  # share of the travel in contact [1], and rows in contact, below which they are a stratum
@@ -39,10 +37,9 @@ def draw_press(name: str, seed: int, number: int) -> RandomPress:
     rng = np.random.default_rng([seed, list(CASES).index(name), number])
     case = CASES[name](rng)
     flaws: dict[str, float] = {}
-    time, depth = _motion(case, rng, flaws)
-    law = closed_form(case.rig, case.law)
-    ideal = MeasuredPress("random", time, depth, np.zeros(len(time)), 0.0, 1e-9, 0.0)
-    force = relaxing.force(case.relaxation, law, case.truth, ideal, 0.0)
+    time, path, jitter = _motion(case, rng, flaws)
+    depth, force = true_force(case, time, path)
+    depth = depth + jitter
     peak, top = float(force.max()), int(np.argmax(depth))
     if case.relaxation == "none" and "hysteresis" in flaws:
         force[top:] *= 1.0 - flaws["hysteresis"] * _fade(len(force) - top)
@@ -72,8 +69,9 @@ def _fade(count: int) -> np.ndarray:
     return np.minimum(np.arange(count) / max(0.1 * count, 1.0), 1.0)
 
 
-def _motion(case: Case, rng: np.random.Generator, flaws: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Time [s] (n) and depth [m] (n) below the surface: approach, press, perhaps hold, return and a second cycle."""
+def _motion(case: Case, rng: np.random.Generator, flaws: dict[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time [s] (n) and depth [m] (n) below the surface: approach, press, perhaps hold, return and a second cycle; error
+    [m] (n) of the measured depth."""
     inside = int(_spread(rng, 12, 400))
     share = _spread(rng, 0.008, 0.9)
     outside = min(int(inside / share) - inside, MOST_ROWS - 2 * inside)
@@ -96,10 +94,11 @@ def _motion(case: Case, rng: np.random.Generator, flaws: dict[str, float]) -> tu
             flaws["two cycles"] = 1.0
             path += [path[0], path[0][::-1]]
     depth = np.concatenate(path)
+    jitter = np.zeros(len(depth))
     if {"hold", "two cycles"} & set(flaws):  # else each repeats exactly the same depth
-        depth = depth + 1e-4 * case.reach * rng.standard_normal(len(depth))
+        jitter = 1e-4 * case.reach * rng.standard_normal(len(depth))
     duration = _spread(rng, 0.5, 5.0)
-    return duration / inside * np.arange(len(depth)), depth
+    return duration / inside * np.arange(len(depth)), depth, jitter
 
 
 def _baseline(time: np.ndarray, depth: np.ndarray, rng: np.random.Generator, flaws: dict[str, float]) -> np.ndarray:

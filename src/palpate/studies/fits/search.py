@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ class Outcome:
     apart   [1] largest factor between the nearest end of an interval and the true value, 1 if inside; of parameters
             that are searched as logarithms
     notes   warnings of the fit, or the error
+    outside  the parameters outside their intervals
     """
 
     case: str
@@ -42,6 +43,7 @@ class Outcome:
     off: float
     apart: float
     notes: list[str]
+    outside: list[str] = field(default_factory=list)
 
     @property
     def wrong(self) -> bool:
@@ -71,11 +73,12 @@ def judge(name: str, seed: int, number: int) -> Outcome:
         end = min(max(true, found.low), found.high)
         if p.log:
             apart = max(apart, end / true, true / end)
-    inside = all(
-        best.intervals[p.name].low <= case.truth[p.name] <= best.intervals[p.name].high for p in best.parameters
-    )
-    result = "withheld" if best.withheld else "inside" if inside else "missed"
-    return Outcome(name, number, seed, strata, result, off, apart, list(fit.notes))
+    outside = [
+        p.name for p in best.parameters
+        if not best.intervals[p.name].low <= case.truth[p.name] <= best.intervals[p.name].high
+    ]  # fmt: skip
+    result = "withheld" if best.withheld else "missed" if outside else "inside"
+    return Outcome(name, number, seed, strata, result, off, apart, list(fit.notes), outside)
 
 
 def search(

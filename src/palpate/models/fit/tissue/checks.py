@@ -173,7 +173,7 @@ def allow_for_drift(
     sure = bends and float(fisher.sf(gained, more, left)) < RARE
     for name, now in best.intervals.items():
         its = free.intervals[name]
-        ends = [now.value, its.low, its.high, *(() if sure and not keep else (now.low, now.high))]
+        ends = [now.value, its.low, its.high, *((now.low, now.high) if keep else ())]
         best.intervals[name] = replace(now, low=min(ends), high=max(ends), profile=its.profile, curve=its.curve)
     return before, [
         "the zero of the force seems to drift along a curve or to rise before contact; the intervals include this"

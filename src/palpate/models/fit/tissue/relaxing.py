@@ -2,7 +2,8 @@
 
 kelvin-voigt    F = F_e(s) + tau dF_e/dt
 hunt-crossley   F = F_e(s) <1 + c s'>
-prony:N         F = integral of g(t - t') dF_e(t'), N terms: quasi-linear viscoelasticity
+prony:N         F = integral of g(t - t') dF_e(t'), N terms from the slowest to the fastest: quasi-linear
+                viscoelasticity
 """
 
 import numpy as np
@@ -51,5 +52,6 @@ def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: floa
     for i in range(1, int(kind.partition(":")[2]) + 1):  # each is a share of the remainder, so that their sum is < 1
         shares.append(left * values[f"share_{i}"])
         left -= shares[-1]
-    times = [values[f"time_{i}"] for i in range(1, len(shares) + 1)]
+    # no term is slower than the one before it: else two terms could change their names
+    times = np.minimum.accumulate([values[f"time_{i}"] for i in range(1, len(shares) + 1)])
     return relax_response(shares, times, press.time, elastic)
