@@ -15,7 +15,7 @@ from scipy.stats import f as fisher
 
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
 from palpate.models.fit.tissue.measured import LEAST_AIR, RARE, SUSPECT, MeasuredPress
-from palpate.models.fit.tissue.noise import noise_before
+from palpate.models.fit.tissue.noise import gain, noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
@@ -54,8 +54,9 @@ def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
     top = int(np.argmax(press.depth))
     s, force = press.depth[: top + 1], press.force[: top + 1]
     reach, peak = float(s[-1]) - press.touch, float(force.max())
-    equal = np.flatnonzero(force >= peak * (1.0 - 1e-9))
-    step = float(np.median(np.diff(np.unique(force)))) / peak * reach
+    rise = peak - (0.0 if press.air else float(force.min()))
+    equal = np.flatnonzero(force >= peak - 1e-9 * rise)
+    step = float(np.median(np.diff(np.unique(force)))) / rise * reach
     if len(equal) >= TIES and np.ptp(s[equal]) > max(WIDE * reach, 3.0 * step):
         return int(equal[0])
     air = force[s < press.touch - press.slack]
@@ -71,7 +72,7 @@ def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
         slope = float(across @ force[last]) / float(across @ across)
         noise = max(float((force[last] - level - slope * across).std()), float(air.std()))
         error = noise * math.sqrt(inflation([air], 1) / float(across @ across))
-        if max(slope, 0.0) + 2.0 * error < FLAT * peak / reach:
+        if max(slope, 0.0) + 2.0 * error < FLAT * rise / reach:
             return int(np.argmax(force >= level - 2.0 * noise))
     return None
 
@@ -94,7 +95,8 @@ def end_of_loading(press: MeasuredPress, top: int) -> int:
     if press.time is None or top == 0:
         return top
     peak = float(press.force[: top + 1].max())
-    reached = int(np.argmax(press.force >= peak - max(3.0 * noise_before(press.force), HELD * peak)))
+    rise = peak - (0.0 if press.air else float(press.force[: top + 1].min()))
+    reached = int(np.argmax(press.force >= peak - max(3.0 * noise_before(press.force), HELD * rise)))
     begin = int(np.argmax(press.depth > press.touch))
     if top - reached < LEAST_HELD or reached <= begin:
         return top
@@ -137,7 +139,7 @@ def allow_for_drift(
     it: the fit with it shows what the rows determine. Its interval inverts a likelihood-ratio test in which the
     baseline, of at most the peak force, is a nuisance parameter. So it contains the true value in 95 % of the cases,
     however wide it is. It is withheld if it reaches a limit of the search: then the rows exclude no value on that side.
-    Unless an F-test of the bends excludes the fit without them, its interval is included.
+    The value, of the fit without these, is included.
 
     keep  whether the intervals were widened, and may only become wider
 
@@ -146,23 +148,31 @@ def allow_for_drift(
     if drift == "none" or best.withheld:
         return {}, []
     bends = drift == "curved"
-    risen = _with_rise(problem, best) if bends else problem.presses
-    other = problem.with_changes([replace(press, drifts=True, bends=bends) for press in risen])
-    if other.count < LEAST_PER_UNKNOWN * len(other.names):  # the rise needs too many rows
-        other = problem.with_changes([replace(press, drifts=True, bends=bends) for press in problem.presses])
-    if other.names == problem.names:
+    allowed = [problem.with_changes([replace(press, drifts=True) for press in problem.presses])]
+    if bends:
+        curved = [replace(press, drifts=True, bends=True) for press in problem.presses]
+        risen = [replace(press, drifts=True, bends=True) for press in _with_rise(problem, best)]
+        allowed += [problem.with_changes(curved), problem.with_changes(risen)]
+    if allowed[-1].names == problem.names:
         return {}, []
-    if other.count < LEAST_PER_UNKNOWN * len(other.names):
-        return {}, [
-            f"{other.count} rows are too few to fit a zero of the force that drifts: the intervals are valid only if "
-            "it does not"
+    before = {name: (each.low, each.high) for name, each in best.intervals.items()}
+    known = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in before.items())
+    # the richest baseline for which the rows suffice
+    enough = [other for other in allowed if other.count >= LEAST_PER_UNKNOWN * len(other.names)]
+    if not enough or enough[-1].names == problem.names:
+        few = f"{problem.count} rows are too few to fit a zero of the force that drifts"
+        if all(press.air for press in problem.presses):
+            return {}, [f"{few}: the intervals are valid only if it does not"]
+        best.withhold()
+        return before, [
+            f"{few}, and no rows before contact show it: no interval is given. Record more rows, or rows before "
+            f"contact. If you know that the zero does not drift, --drift none gives {known}"
         ]
+    other = enough[-1]
     begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
     free = estimate(other, begin=np.array([begin[name] for name in other.names]))
-    before = {name: (each.low, each.high) for name, each in best.intervals.items()}
     if free.is_open(problem.parameters[0]):
         best.withhold()
-        known = ", ".join(f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in before.items())
         option = "linear" if bends and all(press.drifts for press in problem.presses) else "none"
         return before, [
             "the rows do not distinguish the force from a zero that drifts: no interval is given. Record rows before "
@@ -170,7 +180,7 @@ def allow_for_drift(
         ]
     more, left = len(other.names) - len(problem.names), max(free.effective[0] - len(other.names), 1.0)
     gained = max(best.squares / free.squares - 1.0, 0.0) * left / more
-    sure = bends and float(fisher.sf(gained, more, left)) < RARE
+    sure = any(press.bends for press in other.presses) and float(fisher.sf(gained, more, left)) < RARE
     for name, now in best.intervals.items():
         its = free.intervals[name]
         ends = [now.value, its.low, its.high, *((now.low, now.high) if keep else ())]
@@ -178,6 +188,25 @@ def allow_for_drift(
     return before, [
         "the zero of the force seems to drift along a curve or to rise before contact; the intervals include this"
     ] * sure
+
+
+def include_rise(problem: Problem, best: Estimate) -> tuple[Problem, Estimate, list[str]]:
+    """The problem, its estimate, and a note, with a rise of the force before contact in each press if the residuals
+    show one: it is no misfit of the law."""
+    if not _chances(problem, best).get(RISE, 1.0) <= RARE:
+        return problem, best, []
+    risen = problem.with_changes(_with_rise(problem, best))
+    if risen.count < LEAST_PER_UNKNOWN * len(risen.names):
+        return problem, best, []
+    begin = dict(zip(risen.names, risen.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
+    better = estimate(risen, begin=np.array([begin[name] for name in risen.names]))
+    return risen, better, [
+        f"{press.name}: the force rises before contact, by {abs(size):.2g} % of the peak; an exponential rise was "
+        "fitted with the parameters, which widens the intervals"
+        for press in risen.presses
+        for size in [better.number(f"rise, {press.name}")[0]]
+        if press.rise
+    ]
 
 
 def with_smooth_factor(law: Law, reach: float) -> Law:
@@ -270,7 +299,7 @@ def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
     groups = {what: shared.get(what, lambda each: block_diag(*each))(each) for what, each in columns.items()}
     weighted = [r * w for r, w in zip(best.residuals, problem.weight, strict=True)]
     jacobian = problem.jacobian(best.at)
-    chances = lack_of_fit(weighted, jacobian, groups, EXACT)
+    chances = lack_of_fit(*_evened(problem, best, weighted, jacobian, groups), EXACT)
     if any(press.step for press in problem.presses):  # rounding is no misfit
         residual, own = np.concatenate(weighted), _basis(jacobian)
         for what, table in groups.items():
@@ -280,6 +309,21 @@ def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
             ):
                 chances[what] = 1.0
     return chances
+
+
+def _evened(
+    problem: Problem, best: Estimate, weighted: list[np.ndarray], jacobian: np.ndarray, groups: dict[str, np.ndarray]
+) -> tuple[list[np.ndarray], np.ndarray, dict[str, np.ndarray]]:
+    """Residuals, Jacobian and groups of columns; where the noise grows with the force, their rows are divided by its
+    size, because the test assumes noise of one size."""
+    sizes = []
+    for force, residual, w in zip(best.fitted, weighted, problem.weight, strict=True):
+        found = None if problem.relative else gain(force * w, residual, len(problem.names))
+        size = np.ones(len(w)) if found is None else np.sqrt(np.diag(found[0]))
+        sizes.append(size / math.sqrt(float(np.mean(size**2))))
+    rows = np.concatenate(sizes)[:, None]
+    even = [residual / size for residual, size in zip(weighted, sizes, strict=True)]
+    return even, jacobian / rows, {name: columns / rows for name, columns in groups.items()}
 
 
 def _rises(press: MeasuredPress, touch: float) -> list[tuple[float, np.ndarray]]:
@@ -299,6 +343,9 @@ def _with_rise(problem: Problem, best: Estimate) -> list[MeasuredPress]:
     for press, touch, residual, w in zip(problem.presses, best.touches, best.residuals, problem.weight, strict=True):
         own = _basis(jacobian[at : at + len(w)])
         at += len(w)
+        if press.rise:
+            out.append(press)
+            continue
         gains = []
         for length, column in _rises(press, touch):
             rest = w * column - own @ (own.T @ (w * column))

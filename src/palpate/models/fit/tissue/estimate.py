@@ -321,7 +321,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
         intervals[p.name] = Interval(p.value(value), p.value(ends[0]), p.value(ends[1]))
         if profiles:
             level = least * (1.0 + (quantile * ratio[i]) ** 2 / (count / tau - size))
-            profile, points = _profile(problem, x, i, reach, least, level)
+            profile, points = _profile(problem, x, i, cov[:, i] / max(cov[i, i], 1e-300), reach, least, level)
             ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
             interval = intervals[p.name]
             interval.profile = (ends[0], ends[1])
@@ -383,9 +383,11 @@ def _coloured_covariance(
 
 
 def _profile(
-    problem: Problem, x: np.ndarray, i: int, step: float, least: float, level: float
+    problem: Problem, x: np.ndarray, i: int, along: np.ndarray, step: float, least: float, level: float
 ) -> tuple[tuple[float, float], list[tuple[float, float]]]:
     """Ends of the profile likelihood interval of unknown i, and the points (value, sum of squares) of the profile.
+
+    along  [1] change of all unknowns with unknown i along the profile, near the minimum
 
     The profile is the least sum of squares with x_i fixed. An end is where it reaches `level`; nan if it does not
     within the bounds.
@@ -400,7 +402,7 @@ def _profile(
             """Standard errors by which the profile at a value exceeds the level."""
             nonlocal at
             if value not in known:
-                trial = at.copy()
+                trial = np.clip(at + (value - at[i]) * along, low, high)
                 trial[i] = value
                 at, known[value] = problem.solve(trial, i)
                 points.append((value, known[value]))

@@ -122,6 +122,9 @@ def fit_tissue(
     problem, best, more = _fit_in_range(problem)
     loaded = problem.presses
     notes += more + _weak(whole, loaded)
+    if drift == "curved":
+        problem, best, more = checks.include_rise(problem, best)
+        notes += more
     steady, hidden, more = _widen(problem, best, rig, drift)
     notes += more
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
@@ -236,7 +239,7 @@ def _weak(whole: Sequence[MeasuredPress], loaded: Sequence[MeasuredPress]) -> li
         f"{part.name}: the rows fitted reach {float(part.force.max()):.3g} N of {float(press.force.max()):.3g} N: most "
         "of the force is excluded, and the result describes the first contact only"
         for press, part in zip(whole, loaded, strict=True)
-        if float(part.force.max()) < WEAK * float(press.force.max())
+        if np.ptp(part.force) < WEAK * np.ptp(press.force[: int(np.argmax(press.depth)) + 1])
     ]
 
 
