@@ -162,8 +162,38 @@ def test_an_assumption_about_the_drift_narrows_the_interval():
 
 
 def test_a_press_with_too_few_rows_to_fit_a_drift_is_reported():
+    """Ten rows suffice for modulus, touch point and zero; 14 rows also for a zero that drifts along a line."""
+    press = drifting(BALL, 0, air=False, rows=15)
+    assert len(press.depth) == 10
+    fit = fit_tissue([press], BALL, "hertz")
+    (note,) = [note for note in fit.notes if "too few to fit a zero of the force that drifts" in note]
+    assert fit.estimate.withheld and "--drift none gives young" in note
+    assert not fit_tissue([press], BALL, "hertz", drift="none").estimate.withheld
     fit = fit_tissue([drifting(BALL, 0, air=False, rows=20)], BALL, "hertz")
-    assert any("too few to fit a zero of the force that drifts" in note for note in fit.notes)
+    assert not any("too few" in note for note in fit.notes)
+
+
+def test_an_offset_of_a_press_without_rows_before_contact_is_no_saturation():
+    """A load cell that was not tared: the offset is many times the force of the press."""
+    rows = slice(110, None)
+    for offset in (-5.0, 5.0):
+        force = ideal(BALL)[rows] + offset * ideal(BALL).max()
+        force = force + 0.002 * np.random.default_rng(1).standard_normal(len(force)) * ideal(BALL).max()
+        fit = fit_tissue([prepare_press("press.csv", TIME[rows], DEPTH[rows], force)], BALL, "hertz", drift="none")
+        found = fit.estimate.intervals["young"]
+        assert found.low <= YOUNG <= found.high and not fit.estimate.withheld
+        assert not any("saturated" in note or "excluded" in note for note in fit.notes)
+
+
+def test_a_rise_before_contact_is_fitted_and_withholds_nothing():
+    peak = ideal(BALL).max()
+    for seed in range(3):
+        rise = 0.05 * peak * np.exp(np.minimum(DEPTH, 0.0) / (0.25 * -DEPTH.min()))
+        force = ideal(BALL) + rise + 0.003 * peak * np.random.default_rng(seed).standard_normal(len(TIME))
+        fit = fit_tissue([prepare_press("press.csv", TIME, DEPTH, force)], BALL, "hertz")
+        found = fit.estimate.intervals["young"]
+        assert found.low <= YOUNG <= found.high and not fit.estimate.withheld
+        assert any("the force rises before contact" in note for note in fit.notes)
 
 
 def test_a_hold_at_constant_force_is_excluded_from_the_loading():

@@ -139,7 +139,7 @@ def allow_for_drift(
     it: the fit with it shows what the rows determine. Its interval inverts a likelihood-ratio test in which the
     baseline, of at most the peak force, is a nuisance parameter. So it contains the true value in 95 % of the cases,
     however wide it is. It is withheld if it reaches a limit of the search: then the rows exclude no value on that side.
-    The value, of the fit without these, is included.
+    The value, of the fit without these, is included, and where the interval would become narrower, also the one before.
 
     keep  whether the intervals were widened, and may only become wider
 
@@ -181,19 +181,24 @@ def allow_for_drift(
     more, left = len(other.names) - len(problem.names), max(free.effective[0] - len(other.names), 1.0)
     gained = max(best.squares / free.squares - 1.0, 0.0) * left / more
     sure = any(press.bends for press in other.presses) and float(fisher.sf(gained, more, left)) < RARE
-    for name, now in best.intervals.items():
-        its = free.intervals[name]
-        ends = [now.value, its.low, its.high, *((now.low, now.high) if keep else ())]
+    for p in problem.parameters:
+        name, now, its = p.name, best.intervals[p.name], free.intervals[p.name]
+        # with more unknowns an interval becomes narrower only if they absorb noise, or if the zero does drift
+        wide, before_it = (p.to_search(each.high) - p.to_search(each.low) for each in (its, now))
+        narrower = not sure and wide < before_it
+        ends = [now.value, its.low, its.high, *((now.low, now.high) if keep or narrower else ())]
         best.intervals[name] = replace(now, low=min(ends), high=max(ends), profile=its.profile, curve=its.curve)
     return before, [
         "the zero of the force seems to drift along a curve or to rise before contact; the intervals include this"
     ] * sure
 
 
-def include_rise(problem: Problem, best: Estimate) -> tuple[Problem, Estimate, list[str]]:
+def include_rise(
+    problem: Problem, best: Estimate, chances: dict[str, float]
+) -> tuple[Problem, Estimate, list[str]]:
     """The problem, its estimate, and a note, with a rise of the force before contact in each press if the residuals
     show one: it is no misfit of the law."""
-    if not _chances(problem, best).get(RISE, 1.0) <= RARE:
+    if chances.get(RISE, 1.0) > RARE:
         return problem, best, []
     risen = problem.with_changes(_with_rise(problem, best))
     if risen.count < LEAST_PER_UNKNOWN * len(risen.names):
@@ -219,12 +224,13 @@ def with_smooth_factor(law: Law, reach: float) -> Law:
     return replace(law, parameters=(*law.parameters, *BEND), force=force)
 
 
-def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
+def widen(problem: Problem, best: Estimate, chances: dict[str, float]) -> tuple[list[str], list[str]]:
     """Widen or withhold the intervals of a fit if the law misfits. Returns two lists of notes.
+
+    chances  p-values of `shape_chances`
 
     The second list is for presses whose correlated noise may hide a misfit.
     """
-    chances = _chances(problem, best)
     limit = SUSPECT if best.effective[0] < SMOOTH * problem.count else UNLIKELY
     reach = max(float(p.depth.max()) - t for p, t in zip(problem.presses, best.touches, strict=True))
     drifting = [replace(press, drifts=True) for press in problem.presses]
@@ -251,7 +257,7 @@ def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
             if max(given[p.name].low - its.low, its.high - given[p.name].high) > HARMLESS * abs(now.value):
                 moved.append(f"{p.name} {its.value:.4g}")
             now.low, now.high = min(now.low, its.low), max(now.high, its.high)
-        lost = lost and _chances(other, free)[BLOCKS] < RARE
+        lost = lost and shape_chances(other, free)[BLOCKS] < RARE
         if moved:
             notes.append(f"with {what} it fits better and gives {', '.join(moved)}")
     # report, and withhold the interval if it spans too much or no shape explains the residuals
@@ -274,7 +280,7 @@ def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
     ]
 
 
-def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
+def shape_chances(problem: Problem, best: Estimate) -> dict[str, float]:
     """p-value of each alternative shape of the force, from the residuals of a fit.
 
     The shapes are small changes: a linear baseline, a smooth factor on the law, a factor that depends on the rate, and

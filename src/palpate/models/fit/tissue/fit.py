@@ -122,10 +122,7 @@ def fit_tissue(
     problem, best, more = _fit_in_range(problem)
     loaded = problem.presses
     notes += more + _weak(whole, loaded)
-    if drift == "curved":
-        problem, best, more = checks.include_rise(problem, best)
-        notes += more
-    steady, hidden, more = _widen(problem, best, rig, drift)
+    problem, best, steady, hidden, more = _widen(problem, best, rig, drift)
     notes += more
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
     kept = [_rows_to_fit(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
@@ -168,12 +165,17 @@ def _fit_in_range(problem: Problem) -> tuple[Problem, Estimate, list[str]]:
 
 def _widen(
     problem: Problem, best: Estimate, rig: Rig, drift: str
-) -> tuple[dict[str, tuple[float, float]], list[str], list[str]]:
-    """Widen the intervals by the scatter between presses and by lack of fit; withhold them where the law is invalid.
-    Returns the intervals without drift, what the data do not determine, and notes."""
+) -> tuple[Problem, Estimate, dict[str, tuple[float, float]], list[str], list[str]]:
+    """Include a rise before contact; widen the intervals by the scatter between presses and by lack of fit; withhold
+    them where the law is invalid. Returns the problem, the estimate, the intervals without drift, what the data do not
+    determine, and notes."""
+    chances, notes, without = checks.shape_chances(problem, best), [], problem
+    if drift == "curved":
+        problem, best, notes = checks.include_rise(problem, best, chances)
+        chances = chances if problem is without else checks.shape_chances(problem, best)
     widen_by_scatter(problem, best)
-    misfits, hidden = checks.widen(problem, best)
-    notes = checks.baselines(problem, best) + misfits
+    misfits, hidden = checks.widen(problem, best, chances)
+    notes += checks.baselines(problem, best) + misfits
     steady, more = checks.allow_for_drift(problem, best, drift, bool(misfits or hidden or len(problem.presses) > 1))
     notes += more
     if limited := _limited(problem.law, best):
@@ -185,7 +187,7 @@ def _widen(
             "the relaxation law does not describe a fingertip and a tissue in series, each with its damping: no "
             "interval is given. Fit the recording's indentation of the tissue: --rig ball"
         )
-    return steady, hidden, notes
+    return problem, best, steady, hidden, notes
 
 
 def _in_range(problem: Problem) -> tuple[list[MeasuredPress], list[str]]:

@@ -52,11 +52,12 @@ def quantised_variance(rows: np.ndarray, force: np.ndarray, step: float, noise: 
     out = np.zeros(len(rows))
     scales = np.linspace(1.0 - BEAT, 1.0 + BEAT, 41)
     left = 1.0 / 12.0
+    first = waves = np.exp(2j * math.pi / step * force[:, None] * scales)
     for k in HARMONICS:
         power = 1.0 / (2.0 * math.pi**2 * k**2) * math.exp(-((2.0 * math.pi * k * noise / step) ** 2))
         if power < 1e-6:
             break
-        waves = np.exp(2j * math.pi * k / step * force[:, None] * scales)
+        waves = first if k == 1 else waves * first
         out += power * (np.abs(rows @ waves) ** 2).max(axis=1)
         left -= power
     return step**2 * (out + max(left, 0.0) * np.sum(rows**2, axis=1))

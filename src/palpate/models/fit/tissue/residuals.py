@@ -53,34 +53,35 @@ def lack_of_fit(
     chances = dict.fromkeys(groups, 1.0)
     if free < every.shape[1]:
         return chances
-    found = [noise(rho) for rho in CORRELATIONS]
-    logs = np.array([
-        len(begins) * math.log(1.0 - rho**2) - size - free * math.log(max(squares, 1e-300))
-        for rho, (squares, size) in zip(CORRELATIONS, found, strict=True)
-    ])  # fmt: skip
+    (all_left, size), alone = noise(CORRELATIONS), left(CORRELATIONS)[0]
+    logs = len(begins) * np.log(1.0 - CORRELATIONS**2) - size - free * np.log(np.maximum(all_left, 1e-300))
     weights = np.exp(0.5 * (logs - logs.max())) * (1.0 - CORRELATIONS**2)  # by the spacing of the grid
     for name, columns in groups.items():
         both, k = _residual_squares(np.column_stack([jacobian, columns]), r, begins), columns.shape[1]
-        if left(0.0)[0] - both(0.0)[0] > n * least**2:
-            gains = np.array([left(rho)[0] - both(rho)[0] for rho in CORRELATIONS])
-            ratios = gains / k / np.array([max(squares, 1e-300) / free for squares, _ in found])
+        squares, _ = both(CORRELATIONS)
+        if alone[0] - squares[0] > n * least**2:  # without correlation
+            ratios = (alone - squares) / k / (np.maximum(all_left, 1e-300) / free)
             chances[name] = float(weights @ f_distribution.sf(ratios, k, free) / weights.sum())
     return chances
 
 
-def _residual_squares(columns: np.ndarray, r: np.ndarray, begins: np.ndarray) -> Callable[[float], tuple[float, float]]:
-    """rho -> residual sum of squares of the whitened r (n,) on the whitened columns (n, p), and the logarithm of the
-    determinant of their Gram matrix, up to a constant."""
+def _residual_squares(
+    columns: np.ndarray, r: np.ndarray, begins: np.ndarray
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Correlations (m,) -> residual sums of squares of the whitened r (n,) on the whitened columns (n, p), and the
+    logarithms of the determinants of their Gram matrices, up to a constant."""
     basis, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
     table = np.column_stack([basis[:, sizes > 1e-9 * sizes[0]], r])
     later = np.setdiff1d(np.arange(len(r)), begins)
     first, now, before = table[begins], table[later], table[later - 1]
     parts = first.T @ first, now.T @ now, now.T @ before + before.T @ now, before.T @ before
 
-    def at(rho: float) -> tuple[float, float]:
+    def at(correlations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rho = correlations[:, None, None]
         gram = (1.0 - rho**2) * parts[0] + parts[1] - rho * parts[2] + rho**2 * parts[3]
-        inner, across = gram[:-1, :-1], gram[:-1, -1]
-        return float(gram[-1, -1] - across @ np.linalg.solve(inner, across)), float(np.linalg.slogdet(inner)[1])
+        inner, across = gram[:, :-1, :-1], gram[:, :-1, -1:]
+        explained = np.sum(across * np.linalg.solve(inner, across), axis=(1, 2))
+        return gram[:, -1, -1] - explained, np.linalg.slogdet(inner)[1]
 
     return at
 
