@@ -19,13 +19,16 @@ RESULTS = ("inside", "withheld", "refused", "missed")
 
 
 def rows(found: Sequence[Outcome]) -> list[dict[str, Any]]:
-    """One row per stratum: counts of the results, the share that is right, and wrong values."""
+    """One row per stratum: counts of the results, the share that is right, that of the intervals given which contain
+    the true values, that without an interval, and wrong values."""
     out = []
     for name, each in strata(found).items():
         count = Counter(outcome.result for outcome in each)
         out.append({
             "stratum": name, "presses": len(each), **{result: count[result] for result in RESULTS},
             "right": 1.0 - count["missed"] / len(each),
+            "coverage": count["inside"] / max(count["inside"] + count["missed"], 1),
+            "without": (count["withheld"] + count["refused"]) / len(each),
             "wrong": sum(o.wrong for o in each),
             "silent": sum(o.silent for o in each), "apart": max(o.apart for o in each),
         })  # fmt: skip
@@ -42,15 +45,16 @@ def text(found: Sequence[Outcome], listed: Sequence[Outcome], commands: Sequence
     """The table of all strata, and the worst presses."""
     low, high = (100 * share for share in GOAL)
     lines = [
-        f"{len(found)} presses. right: inside all intervals, withheld or refused with a reason (goal {low:g} to",
-        f"{high:g} %); apart: the end of an interval over the true value, at worst; wrong: apart by more than",
-        f"{WRONG:g}; silent: these without a note that warns.", "",
-        f"{'stratum':28}{'presses':>8}{'right':>8}{'inside':>8}{'withheld':>9}{'refused':>8}{'missed':>7}{'wrong':>6}"
-        f"{'silent':>7}{'apart':>7}",
+        f"{len(found)} presses. right: all true values in their intervals, or no interval with a reason",
+        f"(goal {low:g} to {high:g} %); coverage: right among the intervals given; without: withheld or refused;",
+        f"apart: the nearest end of an interval over the true value, at worst; wrong: apart by more than {WRONG:g};",
+        "silent: these without a note that warns.", "",
+        f"{'stratum':26}{'presses':>8}{'right':>8}{'coverage':>9}{'without':>8}{'missed':>7}{'wrong':>6}{'silent':>7}"
+        f"{'apart':>7}",
     ]  # fmt: skip
     lines += [
-        f"{r['stratum']:28}{r['presses']:>8}{100 * r['right']:>7.1f}%{r['inside']:>8}{r['withheld']:>9}"
-        f"{r['refused']:>8}{r['missed']:>7}{r['wrong']:>6}{r['silent']:>7}{r['apart']:>7.3g}"
+        f"{r['stratum']:26}{r['presses']:>8}{100 * r['right']:>7.1f}%{100 * r['coverage']:>8.1f}%"
+        f"{100 * r['without']:>7.1f}%{r['missed']:>7}{r['wrong']:>6}{r['silent']:>7}{r['apart']:>7.3g}"
         for r in rows(found)
     ]  # fmt: skip
     for outcome, command in zip(listed, commands, strict=True):

@@ -83,12 +83,12 @@ def judge(name: str, seed: int, number: int) -> Outcome:
 
 def search(
     names: Sequence[str], presses: int, seed: int, out: Path, show: Callable[[float, str], object], first: int = 0
-) -> list[Outcome]:
-    """The presses first ... first + presses - 1 of each case; those in the folder from an earlier search are not
-    fitted again. The folder must be that of the same version."""
+) -> Iterator[Outcome]:
+    """The presses first ... first + presses - 1 of each case, one after the other; those in the folder from an earlier
+    search are not fitted again. The folder must be that of the same version."""
     out.mkdir(parents=True, exist_ok=True)
     known = {(o.case, o.number): o for o in stored(out / KEPT) if o.seed == seed}
-    found: list[Outcome] = []
+    missed = 0
     wanted = [(name, number) for number in range(first, first + presses) for name in names]
     kept = out / KEPT
     cut = kept.exists() and kept.read_bytes()[-1:] not in (b"", b"\n")  # the line at which a search was interrupted
@@ -100,9 +100,9 @@ def search(
                 outcome = judge(name, seed, number)
                 file.write(json.dumps(asdict(outcome)) + "\n")
                 file.flush()
-            found.append(outcome)
-            show(done / len(wanted), f"{sum(o.result == 'missed' for o in found)} missed")
-    return found
+            missed += outcome.result == "missed"
+            yield outcome
+            show(done / len(wanted), f"{missed} missed")
 
 
 def stored(path: Path) -> Iterator[Outcome]:

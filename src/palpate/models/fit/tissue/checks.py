@@ -139,7 +139,7 @@ def allow_for_drift(
     it: the fit with it shows what the rows determine. Its interval inverts a likelihood-ratio test in which the
     baseline, of at most the peak force, is a nuisance parameter. So it contains the true value in 95 % of the cases,
     however wide it is. It is withheld if it reaches a limit of the search: then the rows exclude no value on that side.
-    The value, of the fit without these, is included, and where the interval would become narrower, also the one before.
+    Unless an F-test of the bends excludes the fit without them, its interval is included.
 
     keep  whether the intervals were widened, and may only become wider
 
@@ -183,10 +183,8 @@ def allow_for_drift(
     sure = any(press.bends for press in other.presses) and float(fisher.sf(gained, more, left)) < RARE
     for p in problem.parameters:
         name, now, its = p.name, best.intervals[p.name], free.intervals[p.name]
-        # with more unknowns an interval becomes narrower only if they absorb noise, or if the zero does drift
-        wide, before_it = (p.to_search(each.high) - p.to_search(each.low) for each in (its, now))
-        narrower = not sure and wide < before_it
-        ends = [now.value, its.low, its.high, *((now.low, now.high) if keep or narrower else ())]
+        # unless the zero does drift, the fit without is as likely: another minimum, or noise that the bends absorb
+        ends = [now.value, its.low, its.high, *(() if sure and not keep else (now.low, now.high))]
         best.intervals[name] = replace(now, low=min(ends), high=max(ends), profile=its.profile, curve=its.curve)
     return before, [
         "the zero of the force seems to drift along a curve or to rise before contact; the intervals include this"

@@ -122,7 +122,8 @@ class Problem:
         self.free_touch, self.relative = free_touch, relative
         peaks = [float(np.abs(p.force).max()) for p in presses]
         self.weight = [
-            1.0 / (np.maximum(np.abs(p.force), 0.05 * peak) if relative else np.full(len(p.force), peak))
+            relaxing.measured_rows(kind, p)
+            / (np.maximum(np.abs(p.force), 0.05 * peak) if relative else np.full(len(p.force), peak))
             for p, peak in zip(presses, peaks, strict=True)
         ]
         self.baselines = []

@@ -80,6 +80,7 @@ def gain(force: np.ndarray, residual: np.ndarray, unknowns: int) -> tuple[np.nda
         return None
     b = (upper - lower) / float(np.mean(force[large] ** 2))
     size = np.sqrt(lower + b * np.maximum(force, 0.0) ** 2)
+    size = np.maximum(size, 1e-3 * size.max())  # rows that do not count have no residual
     scaled = (residual / size)[large]
     tau = inflation([scaled], unknowns)
     rho = (tau - 1.0) / (tau + 1.0)

@@ -16,6 +16,22 @@ from palpate.physics.materials.prony import relax_response
 KINDS = ("none", "kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3")
 
 
+NEAR = 1e-6  # [1] Relative step of the indentation for the derivative of a law
+JUMP = 0.15  # [1] Change of the rate in a row, over the largest rate, from which differences do not measure it
+
+
+def measured_rows(kind: str, press: MeasuredPress) -> np.ndarray:
+    """(n,) Which rows a fit of this kind counts: at the ends, and next to a row in which the indenter stops or starts,
+    differences do not measure the rate on which the force depends."""
+    counted = np.ones(len(press.depth), bool)
+    if kind in ("kelvin-voigt", "hunt-crossley") and press.time is not None and len(counted) > 2:
+        rates = np.diff(press.depth) / np.diff(press.time)
+        jumps = np.flatnonzero(np.abs(np.diff(rates)) > JUMP * np.abs(rates).max()) + 1
+        near = (jumps[:, None] + np.arange(-2, 3)).ravel()
+        counted[np.r_[np.clip(near, 0, len(counted) - 1), 0, -1]] = False
+    return counted
+
+
 def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
     """Parameters of a kind of relaxation, with guesses for a record of this length [s].
 
@@ -44,8 +60,10 @@ def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: floa
     elastic[pressed] = law.force(values, depth[pressed])
     if kind == "none" or press.time is None:
         return elastic
-    if kind == "kelvin-voigt":
-        return np.maximum(elastic + values["retardation"] * np.gradient(elastic, press.time), 0.0)
+    if kind == "kelvin-voigt":  # differences between rows would be wrong at the touch, where the force bends
+        slope, s = np.zeros(len(depth)), depth[pressed]
+        slope[pressed] = (law.force(values, s * (1.0 + NEAR)) - elastic[pressed]) / (s * NEAR)
+        return np.maximum(elastic + values["retardation"] * slope * press.rate, 0.0)
     if kind == "hunt-crossley":
         return elastic * np.maximum(1.0 + values["damping"] * press.rate, 0.0)
     shares, left = [], 1.0

@@ -27,23 +27,30 @@ def fits(
     """Search for presses on which `palpate fit tissue` is wrong without saying so.
 
     Draws travel, rows in contact, noise, drift, cycles and other flaws, fits the law that made each press, and counts
-    by stratum how often all true values lie in their intervals. The exit code is 1 if a value is silently wrong.
+    by stratum how often all true values lie in their intervals. Ctrl-C prints what was found so far. The exit code is
+    1 if a value is silently wrong.
     """
     from palpate.physics.writable import check_folder
     from palpate.studies.fits.cases import CASES
     from palpate.studies.fits.report import plain, save_press, text, worst_of
-    from palpate.studies.fits.search import search
+    from palpate.studies.fits.search import Outcome, search
 
     names = case or list(CASES)
     if unknown := [name for name in names if name not in CASES]:
         raise ArgumentError(f"--case: found {', '.join(unknown)}, expected some of {', '.join(CASES)}")
     check_folder(out)
-    with StageBars(silent=as_json) as bars:
-        done = bars.begin(f"bench fits: {presses} presses of {len(names)} cases", "")
-        found = search(names, presses, seed, out, done, first)
+    found: list[Outcome] = []
+    stopped = None
+    try:
+        with StageBars(silent=as_json) as bars:
+            done = bars.begin(f"bench fits: {presses} presses of {len(names)} cases", "")
+            for outcome in search(names, presses, seed, out, done, first):
+                found.append(outcome)
+    except KeyboardInterrupt as error:  # what was found so far is reported
+        stopped = error
     listed = worst_of(found, worst)
     commands = [save_press(outcome, out) for outcome in listed]
-    report = plain(found, listed, commands)
+    report = plain(found, listed, commands) | {"interrupted": stopped is not None}
     (out / "fits.txt").write_text(text(found, listed, commands), encoding="utf-8")
     if as_json:
         print_json(report)
@@ -52,5 +59,7 @@ def fits(
         say(
             f"written {out}/fits.txt, presses.jsonl; the same command resumes, a larger --presses adds to it", wrap=True
         )
+    if stopped is not None:
+        raise stopped
     if not report["ok"]:
         raise typer.Exit(1)
