@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from palpate.cli.__main__ import app
 from palpate.messages import Contact, Pose
 from palpate.models.fit.press import Loading, add_session
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue import relaxing
+from palpate.models.fit.tissue import estimate as estimating
+from palpate.models.fit.tissue import relaxing, separable
 from palpate.models.fit.tissue.estimate import Problem, estimate, inflation
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press, read_presses
@@ -358,3 +360,44 @@ def test_a_recording_without_one_press_is_refused(tmp_path):
     result = CliRunner().invoke(app, ["fit", "tissue", str(recording.path), *words])
     assert result.exit_code == 2
     assert "expected one press" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize(("rig", "law", "truth", "kind"), CASES)
+def test_the_search_without_scale_and_baselines_finds_the_minimum_of_all_unknowns(monkeypatch, rig, law, truth, kind):
+    problem = Problem([press(rig, law, truth, kind, noise=0.01, seed=3)], closed_form(rig, law), kind, True, False)
+    found = [separable.solve(problem, begin) for begin in estimating._starts(problem)]
+    x, squares = min((each for each in found if each is not None), key=lambda pair: pair[1])
+    assert float(np.sum(problem.residuals(x) ** 2)) == approx(squares, rel=1e-9)
+    monkeypatch.setattr(separable, "solve", lambda *_: None)
+    expected, least = problem.solve(problem.start())
+    name = problem.parameters[0].name
+    assert squares <= least * (1.0 + 1e-6)
+    assert problem.values(x)[name] == approx(problem.values(expected)[name], rel=0.1)
+
+
+def test_a_baseline_beyond_its_bound_is_held_there():
+    """A zero of 15 % of the peak, where rows before contact bound it by 10 %."""
+    made = press(BALL, "power", {"stiffness": 3e3, "exponent": 1.6})
+    made = replace(made, force=made.force + 0.15 * made.force.max())
+    problem = Problem([made], closed_form(BALL, "power"), "none", True, False)
+    x, squares = separable.solve(problem, problem.start())
+    low, high = problem.bounds
+    assert ((low <= x) & (x <= high)).all() and x[problem.names.index("zero, synthetic")] == 10.0
+    aside = [separable.solve(problem, x + step)[1] for step in (0.05 * np.eye(len(x)))[:3]]
+    assert min(aside) > squares * (1.0 - 1e-6)
+
+
+@pytest.mark.parametrize(("rig", "law", "truth", "kind"), CASES)
+def test_only_a_fingertip_is_not_proportional_to_the_first_parameter(rig, law, truth, kind):
+    made, s = closed_form(rig, law), np.linspace(1e-4, 2e-3, 20)
+    more = {**truth, made.parameters[0].name: 2.0 * truth[made.parameters[0].name]}
+    assert np.allclose(made.force(more, s), 2.0 * made.force(truth, s), rtol=1e-9) == made.proportional
+    assert made.proportional == (rig.kind != "fingertip")
+
+
+def test_no_prony_term_is_slower_than_the_one_before_it():
+    made = press(BALL, "layer", {"young": 2e4, "share_1": 0.6, "time_1": 1.0}, "prony:1")
+    values = {"young": 2e4, "share_1": 0.3, "time_1": 0.1, "share_2": 0.4, "time_2": 1.0}
+    law = closed_form(BALL, "layer")
+    forces = [relaxing.force("prony:2", law, {**values, "time_2": time}, made, made.touch) for time in (0.1, 1.0)]
+    assert np.array_equal(*forces)

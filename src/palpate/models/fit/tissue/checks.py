@@ -191,9 +191,7 @@ def allow_for_drift(
     ] * sure
 
 
-def include_rise(
-    problem: Problem, best: Estimate, chances: dict[str, float]
-) -> tuple[Problem, Estimate, list[str]]:
+def include_rise(problem: Problem, best: Estimate, chances: dict[str, float]) -> tuple[Problem, Estimate, list[str]]:
     """The problem, its estimate, and a note, with a rise of the force before contact in each press if the residuals
     show one: it is no misfit of the law."""
     if chances.get(RISE, 1.0) > RARE:
@@ -203,13 +201,17 @@ def include_rise(
         return problem, best, []
     begin = dict(zip(risen.names, risen.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
     better = estimate(risen, begin=np.array([begin[name] for name in risen.names]))
-    return risen, better, [
-        f"{press.name}: the force rises before contact, by {abs(size):.2g} % of the peak; an exponential rise was "
-        "fitted with the parameters, which widens the intervals"
-        for press in risen.presses
-        for size in [better.number(f"rise, {press.name}")[0]]
-        if press.rise
-    ]
+    return (
+        risen,
+        better,
+        [
+            f"{press.name}: the force rises before contact, by {abs(size):.2g} % of the peak; an exponential rise was "
+            "fitted with the parameters, which widens the intervals"
+            for press in risen.presses
+            for size in [better.number(f"rise, {press.name}")[0]]
+            if press.rise
+        ],
+    )
 
 
 def with_smooth_factor(law: Law, reach: float) -> Law:

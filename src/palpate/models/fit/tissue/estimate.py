@@ -372,7 +372,7 @@ def _coloured_covariance(
             cov, effective = cov * (effective - size) / (few - size), few
     # noise that grows with the force
     gains = [noise.gain(f * w, r, size) for f, w, r in zip(forces, problem.weight, weighted, strict=True)]
-    if not known.any() and all(found is not None for found in gains) and not problem.relative:
+    if all(found is not None for found in gains) and not problem.relative:
         found = [each for each in gains if each is not None]
         larger = noise.sandwich(J, bread, [block for block, _ in found])
         if np.trace(larger) > 0.0:
