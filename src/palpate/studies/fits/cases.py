@@ -15,17 +15,13 @@ AFM = 0.25  # [1] Share of the balls that are colloids of a force microscope
 
 @dataclass(frozen=True)
 class Case:
-    """What presses: a rig and a law with its true parameters. `reach` [m] is the greatest indentation.
-
-    curve  force over Young's modulus [m²] at indentations [m], of a law without a closed form
-    """
+    """What presses: a rig and a law with its true parameters. `reach` [m] is the greatest indentation."""
 
     rig: Rig
     law: str
     relaxation: str
     truth: dict[str, float]
     reach: float
-    curve: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 def _spread(rng: np.random.Generator, low: float, high: float) -> float:
@@ -99,7 +95,8 @@ def _truth(law: str, relaxation: str, rng: np.random.Generator, radius: float, r
 
 def _terms(rng: np.random.Generator, count: int) -> dict[str, float]:
     """Prony terms from the slowest to the fastest, each 4 to 10 times faster than the one before."""
-    time, out = _spread(rng, 1.0, 3.0), {}
+    out: dict[str, float] = {}
+    time = _spread(rng, 1.0, 3.0)
     for i in range(1, count + 1):
         out |= {f"share_{i}": rng.uniform(0.15, 0.5), f"time_{i}": time}
         time /= rng.uniform(4.0, 10.0)

@@ -66,8 +66,6 @@ def _relaxed(case: Case, elastic: np.ndarray, depth: np.ndarray, step: float) ->
 def elastic_force(case: Case) -> Callable[[np.ndarray], np.ndarray]:
     """Force [N] (n,) of the case's law at indentations [m] (n,) > 0, without relaxation."""
     rig, truth = case.rig, case.truth
-    if case.curve is not None:
-        return lambda s: truth["young"] * case.curve(s)
     if rig.kind == "cylinder":
         assert rig.height is not None  # of every cylinder
         area, height = math.pi * rig.radius**2, rig.height

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.stats import f as fisher
 
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
-from palpate.models.fit.tissue.measured import LEAST_AIR, RARE, SUSPECT, MeasuredPress
+from palpate.models.fit.tissue.measured import LEAST_AIR, MOST_RISE, RARE, SUSPECT, MeasuredPress
 from palpate.models.fit.tissue.noise import gain, noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
@@ -201,6 +201,9 @@ def include_rise(problem: Problem, best: Estimate, chances: dict[str, float]) ->
         return problem, best, []
     begin = dict(zip(risen.names, risen.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
     better = estimate(risen, begin=np.array([begin[name] for name in risen.names]))
+    sizes = [better.number(f"rise, {press.name}")[0] for press in risen.presses]
+    if max(map(abs, sizes)) > 100.0 * MOST_RISE:  # the begin of a law of this shape
+        return problem, best, []
     return (
         risen,
         better,

@@ -126,7 +126,7 @@ class Problem:
             / (np.maximum(np.abs(p.force), 0.05 * peak) if relative else np.full(len(p.force), peak))
             for p, peak in zip(presses, peaks, strict=True)
         ]
-        self.baselines = []
+        self.baselines: list[tuple[str, int, np.ndarray]] = []
         for i, (press, peak) in enumerate(zip(self.presses, peaks, strict=True)):
             self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
             if press.drifts:

@@ -169,7 +169,8 @@ def _widen(
     """Include a rise before contact; widen the intervals by the scatter between presses and by lack of fit; withhold
     them where the law is invalid. Returns the problem, the estimate, the intervals without drift, what the data do not
     determine, and notes."""
-    chances, notes, without = checks.shape_chances(problem, best), [], problem
+    chances, without = checks.shape_chances(problem, best), problem
+    notes: list[str] = []
     if drift == "curved":
         problem, best, notes = checks.include_rise(problem, best, chances)
         chances = chances if problem is without else checks.shape_chances(problem, best)

@@ -14,13 +14,13 @@ G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; the derivative 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.optimize import least_squares, leastsq
 
-if TYPE_CHECKING:
-    from palpate.models.fit.tissue.estimate import Problem
+from palpate.models.fit.tissue.rigs import Law
 
 TOLERANCE = 1e-9  # [1] Relative change of the squares and of the unknowns at which the search ends
 MOST = 100  # Most evaluations of a search
@@ -47,6 +47,25 @@ class Baselines:
         """(k,) of the baselines whose sum is nearest to a vector (n,)."""
         out: np.ndarray = self.inverse @ (self.basis.T @ vector)
         return out
+
+
+class Problem(Protocol):
+    """What the method needs of `estimate.Problem`."""
+
+    law: Law
+    weight: list[np.ndarray]
+    baselines: list[Any]
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]: ...
+    @property
+    def columns(self) -> np.ndarray: ...
+    @property
+    def measured(self) -> np.ndarray: ...
+    @property
+    def projected(self) -> tuple[Baselines, np.ndarray]: ...
+    def law_forces(self, x: np.ndarray) -> list[np.ndarray]: ...
+    def law_slopes(self, x: np.ndarray, here: Sequence[np.ndarray], free: np.ndarray) -> np.ndarray: ...
 
 
 class _Search:
