@@ -171,7 +171,7 @@ def main() -> None:
             for name in (name for name in MASKS if "ellipsoid" in name):
                 found = force_errors(name, body, 20, Path(folder))
                 print(
-                    f"force, {body:10} {name:20} error {np.abs(found).mean():.2%} on average, "
+                    f"force, {body:10} {name:20} wrong by {np.abs(found).mean():.2%} on average, "
                     f"{np.abs(found).max():.2%} at most"
                 )
         results = search(specimens, ["MassSpring", "BeamBundle"], count, 1, Path(folder), fingers=1)

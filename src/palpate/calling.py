@@ -45,7 +45,8 @@ def run(
     clock     "simulated" or "real"
     place     "fused", or a placement file. Default: on simulated time all nodes run in this process, which gives the
               same bytes as any other placement; on real time each node runs in a separate process
-    organ     mesh file instead of the scene's organ, "liver.stl", or {"file": "liver.stl", "unit": "mm", "piece": 2}
+    organ     mesh file instead of the scene's organ, "liver.stl", or {"file": "liver.stl", "unit": "mm", "piece": 2};
+              a label of a segmentation, {"file": "seg.nii.gz", "label": "liver"}
     sets      single values in the form of `--set`: ["tissue.stiffness=2e3"], or {"tissue.stiffness": 2e3}
     nodes     a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 

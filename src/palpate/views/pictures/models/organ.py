@@ -70,7 +70,7 @@ def describe_organ(organ: OrganFile, width: float = WIDTH) -> Shown:
 
 
 def _thickness(mesh: Mesh) -> tuple[float, np.ndarray]:
-    """Smallest distance [m] along the inward normal to the other side, without `LEAST` of the area, and its place."""
+    """Smallest distance [m] along the inward normal to the other side, except for `LEAST` of the vertices, and its place."""
     chosen = np.linspace(0, len(mesh.vertices) - 1, min(SAMPLES, len(mesh.vertices))).astype(int)
     points, inwards = mesh.vertices[chosen], -mesh.normals[chosen]
     closest = MeshClosestPoint(mesh)
@@ -129,8 +129,8 @@ def _fill(out: Figure, shown: Shown, width: float) -> Figure:
         axes.set(xlim=1e3 * np.array([low[across], high[across]]), ylim=1e3 * np.array([low[up], high[up]]),
                  xlabel=f"{right} [mm]", ylabel=f"{above} [mm]", aspect="equal",
                  title=f"{seen}, through {1e3 * middle[axis]:.3g} mm".lstrip(", "))  # fmt: skip
-    panels[0].legend(fontsize=8, loc="best")
     panels[3].axis("off")
+    panels[3].legend(*panels[0].get_legend_handles_labels(), fontsize=9, loc="lower left")
     panels[3].text(0.0, 1.0, _text(shown, width), va="top", wrap=True, fontsize=10, linespacing=1.5)
     return out
 
@@ -206,5 +206,5 @@ def _text(shown: Shown, width: float) -> str:
         )
     else:
         lines.append(f"a finger of {1e3 * width:.3g} mm fits everywhere")
-    lines += [note for note in shown.notes[1:]]
+    lines += [note.removeprefix(f"{shown.name}: ") for note in shown.notes[1:]]
     return "\n".join(textwrap.fill(line, 62, subsequent_indent="   ") for line in lines)
