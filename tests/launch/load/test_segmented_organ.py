@@ -54,16 +54,18 @@ def surface(launch):
 
 
 def test_launch_files_scenes_python_and_studies_take_a_label(folder):
-    expected, notes = surface(find("kidney").but(organ=OrganFile(folder / "seg.seg.nrrd", label="liver")))
+    organ = OrganFile(folder / "seg.seg.nrrd", label="liver")
+    expected, notes = surface(find("kidney").but(organ=organ, overrides=(COARSE,)))
     assert expected["file_unit"] == "m" and expected["surface"].endswith(".ply") and "/organs/" in expected["surface"]
     assert any("its surface encloses" in note for note in notes) and any("label 2 (tumour)" in note for note in notes)
     (folder / "run.yaml").write_text("graph: kidney\norgan: {file: seg.seg.nrrd, label: liver}\n")
     (folder / "scene.yaml").write_text("extends: kidney\norgan: {file: seg.seg.nrrd, label: liver}\n")
+    given = {"file": "seg.seg.nrrd", "label": "liver"}
     for launch in (
-        find("run.yaml"),
-        find("kidney").but(scene=folder / "scene.yaml"),
-        find("kidney").but(overrides=("scene.organ={file: seg.seg.nrrd, label: liver}",)),
-        palpate.Study("kidney", {"tissue.stiffness": [1.0]}, organ={"file": "seg.seg.nrrd", "label": "liver"}).launch,
+        find("run.yaml").but(overrides=(COARSE,)),
+        find("kidney").but(scene=folder / "scene.yaml", overrides=(COARSE,)),
+        find("kidney").but(overrides=("scene.organ={file: seg.seg.nrrd, label: liver}", COARSE)),
+        palpate.Study("kidney", {"tissue.stiffness": [1.0]}, organ=given, sets=(COARSE,)).launch,
     ):
         assert surface(launch)[0] == expected
     by_number = organ_of({"file": "seg.nii.gz", "label": 1}).as_mesh()[0]
@@ -89,7 +91,8 @@ def test_the_shell_runs_a_label_and_python_has_the_same_force(folder):
     np.testing.assert_array_equal(palpate.run("kidney", record="python.mcap", **given).contact.force, expected)
 
 
-def test_labels_are_listed_and_an_organ_is_drawn(folder):
+def test_labels_are_listed_and_an_organ_is_drawn(folder, monkeypatch):
+    monkeypatch.setattr("palpate.views.pictures.models.organ.REFINE", 12e-3)
     found = json.loads(call("list", "labels", "seg.seg.nrrd", "--json").stdout)
     assert [(each["label"], each["name"]) for each in found["labels"]] == [(1, "liver"), (2, "tumour")]
     assert found["labels"][1]["extent m"] == pytest.approx([0.00875] * 3)

@@ -70,7 +70,7 @@ def describe_organ(organ: OrganFile, width: float = WIDTH) -> Shown:
 
 
 def _thickness(mesh: Mesh) -> tuple[float, np.ndarray]:
-    """Smallest distance [m] along the inward normal to the other side, except for `LEAST` of the vertices, and its place."""
+    """Smallest distance [m] along the inward normal to the other side, and its place, except for `LEAST` of them."""
     chosen = np.linspace(0, len(mesh.vertices) - 1, min(SAMPLES, len(mesh.vertices))).astype(int)
     points, inwards = mesh.vertices[chosen], -mesh.normals[chosen]
     closest = MeshClosestPoint(mesh)
