@@ -26,7 +26,7 @@ def surface(mask, spacing=(1.0, 1.0, 1.0)):
 
 @pytest.mark.parametrize("name", [name for name in MASKS if "ellipsoid" in name])
 def test_the_surface_of_an_ellipsoid_is_within_half_a_voxel(name):
-    """Its root mean square is 0.04 to 0.07 voxels."""
+    """Its root mean square is 0.04 to 0.07 of the longest side."""
     side = max(MASKS[name][1]) * MM
     mean, rms, most = errors(name)
     assert abs(mean) < 0.02 * side and rms < 0.08 * side and most < 0.5 * side

@@ -2,8 +2,8 @@
 
 Both sides are measured: the distance of the outer voxels from the mask less that of the inner ones from the outside
 (Rosenfeld & Pfaltz 1966), so that the level 0 lies midway between the centres of neighbouring voxels. A Gaussian filter
-G would shrink a surface of curvature radius R by sigma²/R; 2 G - G G leaves the second derivatives as they are, so the
-surface of a mask of 1 mm of an ellipsoid of 90 x 60 x 40 mm is 0.02 mm too small instead of 0.14 mm.
+G would move a surface of mean curvature 1/R by sigma²/R; 2 G - G G leaves the second derivatives as they are: with a
+sigma of 2 mm, the surface of a mask of 1 mm of an ellipsoid of 90 x 60 x 40 mm is moved by 0.02 mm instead of 0.14 mm.
 
 The filter would remove what is thinner than its width. There, as in the antialiasing of R. T. Whitaker (Reducing
 aliasing artifacts in iso-surfaces of binary volumes, IEEE VolVis 2000), the centres of the voxels decide: where the
