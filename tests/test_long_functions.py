@@ -13,7 +13,6 @@ STAYS = {
     "models/fe/contact/rigid.py _touch": KERNEL,
     "models/fe/contact/pair.py _touch": KERNEL,
     "models/fe/sparse/cholesky.py _factor": "one loop over columns of blocks, compiled",
-    "models/fit/tissue/estimate.py estimate": "the steps of one estimate, each with its comment",
     "models/fit/tissue/rigs.py closed_form": "a list of laws, each by its equation",
     "launch/run/launcher.py _take": "one match, with a case for each report",
     "nodes/contact/joint.py compute": TICK,
