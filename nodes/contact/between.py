@@ -10,7 +10,7 @@ from palpate.compiler.exact import product
 from palpate.compiler.records import floats, form, integers, lend_first, nth, put, unpacking, vector
 from palpate.messages import Load, Vector3
 from palpate.messages.contact import OrganContact
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Out, SettingError
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out, SettingError
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.surface import OnThinnedSurface
@@ -138,6 +138,16 @@ def summarise(own, pair, first, second, normal, area, out):
     put(out.normal, vector(own.normal))
 
 
+def _body(name: str) -> Any:
+    """The class of a shipped body. SettingError: it is none; the name comes from a graph, a job or a recording."""
+    from palpate.nodes import deformation
+
+    found = getattr(deformation, name, None)
+    if not (isinstance(found, type) and issubclass(found, Node) and hasattr(found, "between")):
+        raise SettingError(f"setting 'bodies': found the class {name!r}, expected a body of palpate.nodes.deformation")
+    return found
+
+
 class Between(CompiledNode):
     """Contact of two bodies, without penalty and without friction (docs/equations/between.md).
 
@@ -217,11 +227,14 @@ class Between(CompiledNode):
     def _meet(self) -> tuple[Candidates, list[tuple[Any, int]]]:
         """The candidates, and each body with the number of vertices of its surface. SettingError: they overlap, or a
         body or surface cannot be used."""
-        from palpate.nodes import deformation
-
         if not self.bodies:
             raise SettingError("setting 'bodies': empty; a graph that is loaded finds them by its contact.Side")
-        given, bodies = json.loads(self.bodies), []
+        try:
+            given, bodies = json.loads(self.bodies), []
+        except ValueError:
+            raise SettingError(
+                "setting 'bodies': found no JSON; leave it out, it is set when the graph is loaded"
+            ) from None
         surfaces = [OnThinnedSurface(**each["surface"]) for each in given]
         for each, surface in zip(given, surfaces, strict=True):
             if len(surface.mesh().vertices) != len(surface.whole().vertices):
@@ -229,7 +242,7 @@ class Between(CompiledNode):
                     f"surface {surface.surface!r}: thinned to {1e3 * surface.spacing:.3g} mm, expected all vertices "
                     "where organs touch: scene.surface.spacing: 0, or a coarser mesh"
                 )
-            bodies.append((getattr(deformation, each["use"])(**each["settings"]), len(surface.mesh().vertices)))
+            bodies.append((_body(each["use"])(**each["settings"]), len(surface.mesh().vertices)))
         found = candidates(surfaces[0].mesh(), surfaces[1].mesh(), self.reach, self.cells)
         if found.deepest < -OVERLAP:
             raise SettingError(
