@@ -1,4 +1,4 @@
-"""The setting `bodies` of contact.Between, which names classes: only bodies are made, whoever wrote it."""
+"""The setting `bodies` of contact.Between, which names classes: only bodies are made, for any text."""
 
 import json
 

@@ -48,13 +48,13 @@ def within_edges(at: Indices, near: Indices, vertex: int, edges: int, itself: bo
 @ieee_kernel
 def fit_cubic(
     points: Matrix, along: Vector3, vertex: int, found: Indices, size: int, near: float, free: bool,
-    fit: Record, sums: Matrix, left: Matrix, right: Matrix,
+    fit: Record, places: Matrix, left: Matrix, right: Matrix,
 ):  # fmt: skip
     """Weighted least squares for a vertex with the neighbours found[:size]; False: the equations are singular.
 
     points [m] (V,3);  along [1] (3) axis of z;  near [1] in the weights 1/((r/wide)² + near), r the distance
     free   whether c_00 is fitted; else the surface goes through the vertex
-    sums (n,4), left (1,n,n) and right (1,n,1) are workspaces
+    places (n,3), left (1,n,n) and right (1,n,1) are workspaces
     """
     one, two = fit.one, fit.two
     x_axis = abs(along[0]) < 0.6
@@ -69,7 +69,7 @@ def fit_cubic(
         for i in range(3):
             away[i] = points[found[k], i] - points[vertex, i]
         x, y = row_times(away, one), row_times(away, two)
-        sums[k, 0], sums[k, 1], sums[k, 2] = x, y, row_times(away, along)
+        places[k, 0], places[k, 1], places[k, 2] = x, y, row_times(away, along)
         square += x * x + y * y
         count += 1.0
     number = max(count, 1.0)
@@ -83,9 +83,9 @@ def fit_cubic(
         right[0, i, 0] = 0.0
     total = 0.0
     for k in range(size):
-        x, y, z = sums[k, 0] / wide, sums[k, 1] / wide, sums[k, 2] / wide
+        x, y, z = places[k, 0] / wide, places[k, 1] / wide, places[k, 2] / wide
         weight = 1.0 / (x * x + y * y + near)
-        sums[k, 0], sums[k, 1], sums[k, 2], sums[k, 3] = x, y, z, weight
+        places[k, 0], places[k, 1], places[k, 2] = x, y, z
         total += weight
         _raise(x, y, 2 * DEGREE, powers)
         for degree in range(skipped, 2 * DEGREE + 1):
@@ -101,8 +101,9 @@ def fit_cubic(
         return False
     noise = 0.0
     for k in range(size):
-        z, weight = sums[k, 2], sums[k, 3]
-        _raise(sums[k, 0], sums[k, 1], DEGREE, powers)
+        x, y, z = places[k, 0], places[k, 1], places[k, 2]
+        weight = 1.0 / (x * x + y * y + near)
+        _raise(x, y, DEGREE, powers)
         at = 0
         for degree in range(skipped, DEGREE + 1):
             for j in range(degree + 1):

@@ -36,7 +36,7 @@ def fit_normals(
     """
     normals = means.copy()
     at, near = neighbours_of(triangles, len(points))
-    scratch = np.full(len(points), -1), np.empty(MOST + 1, np.int64), np.zeros(1, FIT), np.empty((MOST + 1, 4))
+    scratch = np.full(len(points), -1), np.empty(MOST + 1, np.int64), np.zeros(1, FIT), np.empty((MOST + 1, 3))
     _fit_normals(points, means, at, near, fitted, breaks, normals, *scratch, np.empty((1, TERMS, TERMS)),
                  np.empty((1, TERMS, 1)))  # fmt: skip
     return normals
@@ -45,7 +45,7 @@ def fit_normals(
 @ieee_kernel
 def _fit_normals(
     points: Matrix, means: Matrix, at: Indices, near: Indices, fitted: Indices, breaks: Indices, normals: Matrix,
-    seen: Indices, found: Indices, fits: Record, sums: Matrix, left: Matrix, right: Matrix,
+    seen: Indices, found: Indices, fits: Record, places: Matrix, left: Matrix, right: Matrix,
 ):  # fmt: skip
     """Fill in the normals (V,3) of the fitted vertices; workspaces last. Where a fit is not believed, the mean is."""
     fit = fits[0]
@@ -60,7 +60,7 @@ def _fit_normals(
         for k in range(size):
             smooth = smooth and not breaks[found[k]]
         share = first = second = 0.0
-        if smooth and fit_cubic(points, means[v], v, found, size, NEAR, False, fit, sums, left, right):
+        if smooth and fit_cubic(points, means[v], v, found, size, NEAR, False, fit, places, left, right):
             first, second = fit.terms[0], fit.terms[1]
             square = first * first + second * second
             if square < STEEPEST**2:

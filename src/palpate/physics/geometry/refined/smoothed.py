@@ -58,7 +58,7 @@ def _fits(
     """The fits (`FIT`) within two edges and three to the vertices `some` (k), and whether the surface is smooth there;
     zero where it is not."""
     fits, smooth, count = np.zeros((2, len(some)), FIT), np.zeros(len(some), bool), len(breaks)
-    scratch = np.full(count, -1), np.empty(count, np.int64), np.empty((count, 4))
+    scratch = np.full(count, -1), np.empty(count, np.int64), np.empty((count, 3))
     equations = np.empty((1, TERMS + 1, TERMS + 1)), np.empty((1, TERMS + 1, 1))
     _fill(mesh.vertices, mesh.normals, *near, breaks, some, fits, smooth, *scratch, *equations)
     return fits[0], fits[1], smooth
@@ -67,7 +67,7 @@ def _fits(
 @ieee_kernel
 def _fill(
     points: Matrix, normals: Matrix, at: Indices, near: Indices, breaks: Indices, some: Indices, fits: Record,
-    smooth: Indices, seen: Indices, found: Indices, sums: Matrix, left: Matrix, right: Matrix,
+    smooth: Indices, seen: Indices, found: Indices, places: Matrix, left: Matrix, right: Matrix,
 ):  # fmt: skip
     """Fill the results of `_fits`; workspaces last."""
     for k, v in enumerate(some):
@@ -76,6 +76,6 @@ def _fill(
         for n in range(size):
             smooth[k] = smooth[k] and not breaks[found[n]]
         if smooth[k]:
-            smooth[k] = fit_cubic(points, normals[v], v, found, size, NEAR, True, fits[1, k], sums, left, right)
+            smooth[k] = fit_cubic(points, normals[v], v, found, size, NEAR, True, fits[1, k], places, left, right)
             size = within_edges(at, near, v, 2, True, found, seen)
-            fit_cubic(points, normals[v], v, found, size, NEAR, True, fits[0, k], sums, left, right)
+            fit_cubic(points, normals[v], v, found, size, NEAR, True, fits[0, k], places, left, right)
