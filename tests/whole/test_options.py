@@ -26,6 +26,7 @@ RUNS = {
     ("palpate-two", None): 0.4,
     ("pinch", None): 0.45,
     ("organs", None): 0.3,
+    ("neighbours", None): 0.75,
     ("texture", None): 0.35,
     ("texture", "grating"): 0.35,
     ("remote", None): 0.5,

@@ -130,7 +130,7 @@ def test_an_unusable_file_is_an_error_of_one_line(tmp_path, name, content, text)
         ("k.ply", "stl", "content is that of a .stl file. Rename it to k.stl"),
         ("k.obj", "stl", "content is that of a .stl file. Rename it to k.stl"),
         ("k.stl", "glb", "content is that of a .glb file. Export it again, as a binary STL"),
-        ("k.off", "off", "format '.off', expected one of .stl, .ply, .obj. Export it again"),
+        ("k.off", "off", "format '.off', expected one of .stl, .ply, .obj, or as --organ a segmentation"),
     ],
 )
 def test_a_file_with_another_format_than_its_name_says_is_refused_with_that_format(tmp_path, name, given, text):

@@ -87,7 +87,8 @@ def mean_inverse(place: np.ndarray, area: np.ndarray) -> np.ndarray:
     away = np.maximum(away, 0.5 * (radius[:, None] + radius[None]))  # discs that overlap, as on a rim
     first, second = square[:, None], square[None]
     fourth = 9.0 / 192.0 * (first * first + second * second) + 9.0 / 64.0 * first * second
-    found = 1.0 / away + (first + second) / (8.0 * away**3) + fourth / away**5
+    cube = away * away * away
+    found = 1.0 / away + (first + second) / (8.0 * cube) + fourth / (cube * away * away)
     np.fill_diagonal(found, 16.0 / (3.0 * np.pi * radius))
     return np.asarray(found)
 

@@ -48,7 +48,9 @@ def picture(
     if str(file) == ORGAN and not file.exists():
         if names is None or len(names) != 1:
             raise typer.BadParameter("expected one file after `organ`: palpate picture organ seg.nii.gz --label liver")
-        _organ(Path(names[0]), unit, piece, label, out, as_json)
+        from palpate.cli.terminal.organ_picture import draw
+
+        draw(Path(names[0]), unit, piece, label, out, as_json)
         return
     for option, given in (("--unit", unit), ("--piece", piece), ("--label", label)):
         if given is not None:
@@ -79,25 +81,6 @@ def picture(
     else:
         for path in made:
             write(f"{path}{note}")
-
-
-def _organ(file: Path, unit: str | None, piece: str | None, label: str | None, out: Path | None, as_json: bool) -> None:
-    """Draw an organ, and print its numbers."""
-    from palpate.nodes.base.felt import WIDTH
-    from palpate.views.pictures.models.organ import describe_organ, draw_organ, rows
-
-    organ, _ = options.organ_file(file, unit, piece, False, label=label)
-    assert organ is not None
-    target = out or file.with_name(f"{organ.stem}-organ.png")
-    check_ending(target)
-    shown = describe_organ(organ)
-    draw_organ(shown, WIDTH, target)
-    if as_json:
-        print_json({"ok": True, "pictures": [str(target)], "organ": rows(shown), "notes": list(shown.notes)})
-        return
-    for note in shown.notes:
-        say(note, err=True)
-    write(str(target))
 
 
 def _plot(file: Path, names: list[str], over: str | None, target: Path) -> Path:
