@@ -130,7 +130,9 @@ def _fill(out: Figure, shown: Shown, width: float) -> Figure:
                  xlabel=f"{right} [mm]", ylabel=f"{above} [mm]", aspect="equal",
                  title=f"{seen}, through {1e3 * middle[axis]:.3g} mm".lstrip(", "))  # fmt: skip
     panels[3].axis("off")
-    panels[3].legend(*panels[0].get_legend_handles_labels(), fontsize=9, loc="lower left")
+    known = [dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True)) for axes in panels[:3]]
+    marks = known[0] | known[1] | known[2]  # a plane may miss another label
+    panels[3].legend(marks.values(), marks.keys(), fontsize=9, loc="lower left")
     panels[3].text(0.0, 1.0, _text(shown, width), va="top", wrap=True, fontsize=10, linespacing=1.5)
     return out
 
