@@ -48,9 +48,9 @@ def picture(
     if str(file) == ORGAN and not file.exists():
         if names is None or len(names) != 1:
             raise typer.BadParameter("expected one file after `organ`: palpate picture organ seg.nii.gz --label liver")
-        from palpate.cli.terminal.organ_picture import draw
+        from palpate.cli.terminal.organ_picture import picture_organ
 
-        draw(Path(names[0]), unit, piece, label, out, as_json)
+        picture_organ(Path(names[0]), unit, piece, label, out, as_json)
         return
     for option, given in (("--unit", unit), ("--piece", piece), ("--label", label)):
         if given is not None:
