@@ -8,7 +8,9 @@ from palpate.cli.terminal.options import check_ending, organ_file
 from palpate.cli.terminal.output import print_json, say, write
 
 
-def picture_organ(file: Path, unit: str | None, piece: str | None, label: str | None, out: Path | None, as_json: bool) -> None:
+def picture_organ(
+    file: Path, unit: str | None, piece: str | None, label: str | None, out: Path | None, as_json: bool
+) -> None:
     """Draw an organ, and print its numbers."""
     from palpate.nodes.base.felt import WIDTH
     from palpate.views.pictures.models.organ import describe_organ, draw_organ, rows
