@@ -38,38 +38,41 @@ class Packer:
         for frame in frames:
             begin = frame.index(b"\0") + 1
             if self._together and frame[:1] != b"!":
-                waiting.setdefault(frame[:begin], []).append(frame[begin:])
+                waiting.setdefault(frame[:begin], []).append(frame)
                 continue
             yield from self._gather(waiting)
             waiting = {}
-            yield from self._divide(frame[:begin], frame[begin:])
+            yield from self._divide(frame, begin)
         yield from self._gather(waiting)
 
     def _gather(self, waiting: dict[bytes, list[bytes]]) -> Iterator[bytes]:
-        for topic, payloads in waiting.items():
-            first, length = 0, 0
-            for place, payload in enumerate(payloads):
-                if place > first and length + len(payload) > LONGEST:
-                    yield from self._several(topic, payloads[first:place])
+        for topic, frames in waiting.items():
+            begin, first, length = len(topic), 0, 0
+            for place, frame in enumerate(frames):
+                more = _LENGTH.size + len(frame) - begin
+                if place > first and length + more > LONGEST:
+                    yield from self._several(topic, frames[first:place])
                     first, length = place, 0
-                length += len(payload) + _LENGTH.size
-            yield from self._several(topic, payloads[first:])
+                length += more
+            yield from self._several(topic, frames[first:])
 
-    def _several(self, topic: bytes, payloads: list[bytes]) -> Iterator[bytes]:
-        if len(payloads) == 1:
-            yield from self._divide(topic, payloads[0])
+    def _several(self, topic: bytes, frames: list[bytes]) -> Iterator[bytes]:
+        begin = len(topic)
+        if len(frames) == 1:
+            yield from self._divide(frames[0], begin)
         else:
-            yield b"".join((topic, SEVERAL, *(s for p in payloads for s in (_LENGTH.pack(len(p)), p))))
+            yield b"".join((topic, SEVERAL, *(s for f in frames for s in (_LENGTH.pack(len(f) - begin), f[begin:]))))
 
-    def _divide(self, topic: bytes, payload: bytes) -> Iterator[bytes]:
-        if len(payload) <= LONGEST:
-            yield topic + payload
+    def _divide(self, frame: bytes, begin: int) -> Iterator[bytes]:
+        length = len(frame) - begin
+        if length <= LONGEST:
+            yield frame
             return
-        count = -(-len(payload) // LONGEST)
+        count = -(-length // LONGEST)
         self._number = (self._number + 1) % _NUMBERS
         for place in range(count):
-            share = payload[place * LONGEST : (place + 1) * LONGEST]
-            yield b"".join((topic, PART, _SHARE.pack(self._number, place, count), share))
+            share = frame[begin + place * LONGEST : begin + (place + 1) * LONGEST]
+            yield b"".join((frame[:begin], PART, _SHARE.pack(self._number, place, count), share))
 
 
 class Unpacker:
@@ -92,12 +95,14 @@ class Unpacker:
         return [parcel]
 
     def _separate(self, topic: bytes, rest: memoryview) -> list[bytes]:
-        frames = []
-        while len(rest) >= _LENGTH.size:
-            (length,) = _LENGTH.unpack_from(rest)
-            frames.append(b"".join((topic, rest[_LENGTH.size : _LENGTH.size + length])))
-            rest = rest[_LENGTH.size + length :]
-        return frames
+        if len(rest) > LONGEST:  # so that the number of its frames is bounded
+            return []
+        frames, at = [], 0
+        while at + _LENGTH.size <= len(rest):
+            (length,) = _LENGTH.unpack_from(rest, at)
+            at += _LENGTH.size + length
+            frames.append(b"".join((topic, rest[at - length : at])))
+        return frames if at == len(rest) else []
 
     def _join(self, topic: bytes, rest: memoryview) -> list[bytes]:
         number, place, count, parts = -1, 0, 0, [topic]
