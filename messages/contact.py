@@ -10,6 +10,7 @@ from palpate.messages.fields import Bound
 
 UNIT_VECTOR = Bound(1.001, "a unit vector")
 COMPLIANCE = Bound(1e3, "a body of 1 mN/m")
+SIDES = "first", "second"  # the bodies of an `OrganContact`
 
 
 class Proximity(Message):

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.compiler.exact import product
 from palpate.compiler.records import floats, form, integers, lend_first, nth, put, unpacking, vector
 from palpate.messages import Load, Vector3
-from palpate.messages.contact import OrganContact
+from palpate.messages.contact import SIDES, OrganContact
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out, SettingError
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel
@@ -21,7 +21,6 @@ from palpate.physics.contact.organs.candidates import Candidates, Shares, candid
 
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
 COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
-SIDES = "first", "second"
 
 
 class BodySide(NamedTuple):

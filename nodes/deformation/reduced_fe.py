@@ -90,7 +90,7 @@ class ReducedFE(MeshBody):
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
     """Distance from the foot point within which the displacement of every vertex is sent; of fewer vertices beyond."""
 
-    beside: Annotated[int, "1", msgspec.Meta(ge=0, le=16)] = 0
+    organ_loads: Annotated[int, "1", msgspec.Meta(ge=0, le=16)] = 0
     """Number of loads of other organs, the last ones, which act on the linear organ; determined when the graph is
     loaded."""
 
@@ -209,7 +209,7 @@ class ReducedFE(MeshBody):
             each = nth(load, i)
             nodes, forces = integers(each.nodes), floats(each.forces)
             arrive(body.contacts[i].course, each.tick if own.second_order else -1)
-            body.contacts[i].organ = i >= load.count - own.beside
+            body.contacts[i].organ = i >= load.count - own.organ_loads
             condensed.bear(body, i, nodes, forces, vector(each.foot), vector(each.normal), dt)
         condensed.answer(body, floats(own.laws), dt)
         own.beyond = condensed.extrapolation(body)

@@ -9,10 +9,8 @@ from palpate.engine.graph import NodeSpec
 from palpate.launch.load.contact_paths import MESH
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Load
-from palpate.messages.contact import OrganContact
+from palpate.messages.contact import SIDES, OrganContact
 from palpate.nodes.base import Node, inputs, outputs
-
-SIDES = "first", "second"
 
 
 def _solves(cls: type[Node]) -> bool:
@@ -43,21 +41,18 @@ def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faul
 
 
 def _count_organs(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> None:
-    """Set `beside` of each body: the number of its loads that are those of other organs. A fault unless they are the
-    last."""
+    """Set `organ_loads` of each body: how many of its loads are those of other organs. A fault unless they are the last."""
     for name, spec in nodes.items():
         loads = [w for w in wires if w.consumer == name and issubclass(w.port.type, Load)]
         organs = [_is_side(nodes[w.producer].cls) for w in loads]
-        if not any(organs) or _solves(spec.cls):
-            continue
-        if organs != sorted(organs):
+        if "organ_loads" in spec.settings:
+            spec.settings["organ_loads"] = sum(organs)
+        if organs != sorted(organs) and not _solves(spec.cls):
             order = sorted((w.producer for w in loads), key=lambda sender: _is_side(nodes[sender].cls))
             faults.add(
                 "a load of another organ is before that of a finger", f"`in: {{load: [{', '.join(order)}]}}`",
                 loads[0].place, node=name, port=loads[0].port.name,
             )  # fmt: skip
-        if "beside" in spec.settings:
-            spec.settings["beside"] = sum(organs)
 
 
 def _side(

@@ -133,7 +133,7 @@ def nodes_of(case: Case, exchanged: bool) -> tuple[Any, Any, Between, Side, Side
     """The started nodes; with `exchanged` bodies the upper one is the second of the contact."""
     bodies = []
     for each, organs in ((case.upper, 1), (case.lower, 1)):
-        more = {"beside": organs} if each["use"] == "ReducedFE" else {}
+        more = {"organ_loads": organs} if each["use"] == "ReducedFE" else {}
         bodies.append(getattr(deformation, each["use"])(**each["settings"], **more))
     order = [case.lower, case.upper] if exchanged else [case.upper, case.lower]
     between = Between(bodies=json.dumps(order))
