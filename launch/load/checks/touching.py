@@ -41,7 +41,7 @@ def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faul
 
 
 def _count_organs(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> None:
-    """Set `organ_loads` of each body: how many of its loads are those of other organs. A fault unless they are the last."""
+    """Set `organ_loads` of each body: how many of its loads are those of other organs. A fault unless they are last."""
     for name, spec in nodes.items():
         loads = [w for w in wires if w.consumer == name and issubclass(w.port.type, Load)]
         organs = [_is_side(nodes[w.producer].cls) for w in loads]

@@ -115,6 +115,25 @@ def test_a_surface_is_computed_once_for_each_content_and_label(folder, monkeypat
     assert organ.as_mesh()[0].file != first[0].file
 
 
+@pytest.mark.parametrize("damage", ["cut mesh", "other mesh", "no JSON", "no hash", "a number"])
+def test_a_damaged_surface_is_computed_again(folder, damage):
+    found = stored.store_surface(folder / "seg.nii.gz", 1)
+    about, right = found.path.with_suffix(".json"), found.path.read_bytes()
+    match damage:
+        case "cut mesh":
+            found.path.write_bytes(right[:-100])
+        case "other mesh":
+            found.path.write_bytes(right[:-1] + bytes([right[-1] ^ 1]))
+        case "no JSON":
+            about.write_text("{")
+        case "no hash":
+            about.write_text(json.dumps({"name": "x", "notes": []}))
+        case "a number":
+            about.write_text("3")
+    assert stored.store_surface(folder / "seg.nii.gz", 1) == found
+    assert found.path.read_bytes() == right
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [

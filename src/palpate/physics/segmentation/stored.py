@@ -37,9 +37,8 @@ def store_surface(file: Path, label: int | str | None) -> StoredSurface:
     """The surface of a label, from the store or computed. MeshError: unusable, or the store cannot be written."""
     kept = user_cache() / "organs" / f"{_stem(file, label)}-{_key(file, label)}.ply"
     about = kept.with_suffix(".json")
-    if may_read(kept) and may_read(about):
-        stored = json.loads(about.read_text(encoding="utf-8"))
-        return StoredSurface(kept, stored["name"], tuple(stored["notes"]))
+    if (stored := _read(kept, about)) is not None:
+        return stored
     image = read_labels(file)
     segment = choose_label(image, label)
     made = label_surface(image, segment)
@@ -53,10 +52,29 @@ def store_surface(file: Path, label: int | str | None) -> StoredSurface:
         make_folder(kept.parent)
         write_ply(kept, made.mesh)
         with replacing(about) as part:
-            part.write_text(json.dumps({"name": name, "notes": found.notes}), encoding="utf-8")
+            text = json.dumps({"name": name, "notes": found.notes, "sha256": _hash(kept)})
+            part.write_text(text, encoding="utf-8")
     except OSError as error:
         raise MeshError(f"{file}: its surface cannot be stored in {kept.parent}: {error.strerror}") from None
     return found
+
+
+def _read(kept: Path, about: Path) -> StoredSurface | None:
+    """A stored surface; None: it is missing, untrusted or damaged."""
+    if not (may_read(kept) and may_read(about)):
+        return None
+    try:
+        stored = json.loads(about.read_text(encoding="utf-8"))
+        if stored["sha256"] == _hash(kept):
+            return StoredSurface(kept, str(stored["name"]), tuple(map(str, stored["notes"])))
+    except (OSError, ValueError, LookupError, TypeError):
+        pass  # it is made again
+    return None
+
+
+def _hash(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _stem(file: Path, label: int | str | None) -> str:
@@ -68,8 +86,7 @@ def _key(file: Path, label: int | str | None) -> str:
     """Hash of what the surface depends on. MeshError: no file, or too large."""
     try:
         check_file(file, MOST_FILE)
-        with file.open("rb") as stream:
-            content = hashlib.file_digest(stream, "sha256").hexdigest()
+        content = _hash(file)
     except OSError as error:
         raise MeshError(f"{file}: {error.strerror} (looked in {Path.cwd()})") from None
     return hashlib.sha256(f"{VERSION} {content} {label!s} {file.name}".encode()).hexdigest()[:16]
