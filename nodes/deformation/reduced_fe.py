@@ -36,7 +36,8 @@ from palpate.physics.contact.spread import TABLES
 from palpate.physics.geometry.mesh import Mesh
 
 BUILT_FROM = (
-    "model", "modes", "surface", "file_unit", "piece", "poisson", "bed", "coarse", "capsule_thickness", "capsule_ratio",
+    "model", "modes", "surface", "file_unit", "piece", "poisson", "bed", "walls", "coarse", "capsule_thickness",
+    "capsule_ratio",
 )  # fmt: skip
 """Settings that the basis depends on."""
 LAYERED = ("poisson", "bed", "coarse", "capsule_thickness", "nodule_radius")
@@ -76,6 +77,9 @@ class ReducedFE(MeshBody):
     The sampled model ignores it."""
     bed: Annotated[float, "1/m", msgspec.Meta(gt=0)] = 50.0
     """Stiffness per area of the elastic foundation below the organ, over `young`."""
+    walls: Annotated[float, "m", msgspec.Meta(ge=0, le=5e-3)] = 1e-3
+    """Walls of the surface of a file that are nearer to each other, as those of a cut, push on each other as if they
+    touched, without friction; 0: they are free."""
     capsule_thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
     """Of a capsule of another modulus; 0: a homogeneous organ."""
     capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0  # Modulus of the capsule over that of the organ
@@ -297,6 +301,10 @@ class ReducedFE(MeshBody):
             wanted = int(np.clip(10 * round(even / 10), wanted, basis_store.MOST_REDUCED))
         return wanted if len(mesh.vertices) > basis_store.KEPT * wanted else None
 
+    def near_walls(self) -> float:
+        """The setting `walls` [m]; 0 for a built-in surface, which has none that are near."""
+        return 0.0 if self.surface in SURFACES else self.walls
+
     def inputs(self) -> dict[str, Any]:
         """All inputs of the basis."""
         inputs: dict[str, Any] = {"builder": basis_store.BUILDERS[self._kind()], "surface": _name(self.surface)}
@@ -306,6 +314,8 @@ class ReducedFE(MeshBody):
             inputs |= {"mesh": basis_store.digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
             if (reduced := self.reduced_count()) is not None:
                 inputs["coarse"] = reduced
+            if self.surface not in SURFACES:
+                inputs["walls"] = self.near_walls()
             if self.nodule_radius > 0:
                 inputs |= {"nodule": [*self.nodule_centre(), self.nodule_radius, self.nodule_ratio]}
             if self.capsule_thickness > 0:

@@ -57,6 +57,7 @@ disturbance."""
 WITHOUT = {
     "vertices": "approximate: neighbouring numbers make the same mesh of a built-in surface",
     "width": "of surfaces with gaps; tests/nodes/test_width.py",
+    "walls": "of mesh files with walls that are near each other; tests/models/fe/test_walls.py",
     "refine": "of mesh files alone; tests/physics/geometry/test_refined.py",
     "seed": "of random faults, which are off, and of noise that no reader of the graph wants",
     "catch_up": "of the pose after an outage of the device; tests/nodes/device/test_device_outage.py",

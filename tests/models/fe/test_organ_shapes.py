@@ -70,7 +70,7 @@ def test_a_ring_without_a_point_that_sees_all_is_meshed_again():
 def test_a_nodule_in_a_ring_stiffens_what_lies_over_it(monkeypatch):
     ring = torus(n=20, m=10)
     once = solid(ring)  # fTetWild does not give the same mesh twice
-    monkeypatch.setattr("palpate.models.fe.meshing.organ.solid", lambda surface: (replace(once[0]), once[1]))
+    monkeypatch.setattr("palpate.models.fe.meshing.organ.solid", lambda *given: (replace(once[0]), once[1]))
     soft, hard = (Organ(ring, nodule=Nodule((0.03, 0.0, 0.0), 5e-3, ratio)) for ratio in (1.0, 50.0))
     compliances = [of_organ(soft).compliance(), of_organ(hard).compliance()]
     assert np.linalg.eigvalsh(compliances[1]).min() > 0

@@ -98,3 +98,7 @@ class ElasticFoundation(ContactPair):
         np.add.at(force, self.faces, np.einsum("fab,fbi->fai", self._block, displacement[self.faces]))
         if tangent:
             np.add.at(data, self._where, self._block[..., None, None] * np.eye(3))
+
+    def inputs(self) -> bytes:
+        """All that its forces depend on."""
+        return repr(self.stiffness).encode() + np.ascontiguousarray(self.faces).tobytes()

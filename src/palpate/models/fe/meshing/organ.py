@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from palpate.models.fe.element.mesh import MeshError, TetMesh, check_surface, quadratic, turned_out
+from palpate.models.fe.meshing.walls import NearWalls, bodies, facing, near_walls
 from palpate.physics.extras import missing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material
@@ -21,6 +22,7 @@ ENVELOPE = 0.1
 FINER = 4.0
 """[1] Triangles to which a surface is decimated before it is meshed, over the triangles that are wanted: fTetWild takes
 5 times as long for 80 000 triangles as for 8 000, and the surface moves by 0.04 mm."""
+SLACK = 1.1  # [1] The distance of the boundary from the surface over the envelope, with what decimation moves it
 LEAST = 1e-3  # Volume of the tetrahedron from a point to a triangle, over the mean, above which the triangle is visible
 
 
@@ -150,37 +152,36 @@ def _prisms(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.concatenate([np.column_stack(cut) for cut in cuts])
 
 
-def solid(surface: Mesh, edge: float | None = None) -> tuple[TetMesh, Mesh]:
+def envelope(surface: Mesh, edge: float | None = None) -> float:
+    """Largest distance [m] of the boundary of `solid` from the surface."""
+    return 1e-3 * diagonal(surface) if edge is None else ENVELOPE * edge
+
+
+def diagonal(surface: Mesh) -> float:
+    """Diagonal of the bounding box of a surface [m]."""
+    return float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+
+
+def solid(surface: Mesh, edge: float | None = None, apart: bool = False) -> tuple[TetMesh, Mesh]:
     """Quadratic tetrahedra inside any closed surface, and their boundary, whose vertices are their first nodes.
 
     fTetWild remeshes the surface. Y. Hu et al., Fast tetrahedral meshing in the wild, ACM Trans. Graph. 39 (2020) 117.
 
-    edge  [m] length of the edges to aim for; the boundary is within `ENVELOPE` of it from the surface. None: the mean
-          length of the surface's edges, within 0.1 % of its size
+    edge   [m] length of the edges to aim for; None: the mean length of the surface's edges
+    apart  whether separate bodies are meshed one by one. Together, those that are nearer than the envelope are joined
+           here and there, and a gap that is far narrower than the edges takes minutes
 
     MeshError: pytetwild is not installed, or finds no tetrahedra inside.
     """
-    try:
-        from pytetwild import tetrahedralize
-    except ModuleNotFoundError as error:
-        what = "surface: not star-shaped (no point inside sees all of its triangles), or to be reduced, which requires "
-        raise MeshError(missing(what + "another mesher", error.name, "mesh")) from None
-    near = 1e-3 if edge is None else ENVELOPE * edge / float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    far = envelope(surface, edge)
     if edge is None:
         corner = surface.vertices[surface.triangles]
         edge = float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean())
     else:
         surface = decimate_mesh(surface, round(FINER * 2.0 * vertices_for(surface, edge)))
-    middle, size = surface.vertices.mean(axis=0), float(np.ptp(surface.vertices))
-    scaled, triangles = (surface.vertices - middle) / size, np.array(surface.triangles, dtype=np.int32)
-    with ScratchFolder("mesh") as folder, chdir(folder):  # it leaves a file in the current folder
-        vertices, tets = tetrahedralize(
-            scaled, triangles, edge_length_abs=edge / size, epsilon=near, num_threads=1
-        )[:2]  # fmt: skip
-    if len(tets) == 0:
-        raise MeshError("surface: found no tetrahedra inside it; does it intersect itself?")
-    points, tets = middle + size * np.asarray(vertices, dtype=np.float64), np.asarray(tets, dtype=np.int64)
-    tets = turned_out(points, tets)
+    parts = [_tetrahedra(body, edge, far) for body in (bodies(surface) if apart else [surface])]
+    points, first = np.concatenate([part[0] for part in parts]), np.cumsum([0, *(len(part[0]) for part in parts)])
+    tets = turned_out(points, np.concatenate([tets + k for (_, tets), k in zip(parts, first[:-1], strict=True)]))
     faces = quadratic(points, tets).faces[:, :3]
     outer = np.unique(faces)
     order = np.concatenate([outer, np.setdiff1d(np.unique(tets), outer)])
@@ -188,6 +189,25 @@ def solid(surface: Mesh, edge: float | None = None) -> tuple[TetMesh, Mesh]:
     number[order] = np.arange(len(order))
     points = points[order]
     return quadratic(points, number[tets]), Mesh(points[: len(outer)].copy(), number[faces].astype(np.int32))
+
+
+def _tetrahedra(surface: Mesh, edge: float, far: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points [m] (n,3) and tetrahedra (E,4) inside a surface, with edges of about `edge` [m], and a boundary at most
+    `far` [m] from it."""
+    try:
+        from pytetwild import tetrahedralize
+    except ModuleNotFoundError as error:
+        what = "surface: not star-shaped (no point inside sees all of its triangles), or to be reduced, which requires "
+        raise MeshError(missing(what + "another mesher", error.name, "mesh")) from None
+    middle, size = surface.vertices.mean(axis=0), float(np.ptp(surface.vertices))
+    scaled, triangles = (surface.vertices - middle) / size, np.array(surface.triangles, dtype=np.int32)
+    with ScratchFolder("mesh") as folder, chdir(folder):  # it leaves a file in the current folder
+        vertices, tets = tetrahedralize(
+            scaled, triangles, edge_length_abs=edge / size, epsilon=far / diagonal(surface), num_threads=1
+        )[:2]  # fmt: skip
+    if len(tets) == 0:
+        raise MeshError("surface: found no tetrahedra inside it; does it intersect itself?")
+    return middle + size * np.asarray(vertices, dtype=np.float64), np.asarray(tets, dtype=np.int64)
 
 
 def vertices_for(surface: Mesh, edge: float) -> float:
@@ -223,6 +243,7 @@ class Organ:
     surface  closed triangle mesh in the organ's frame; remeshed if it is not star-shaped, see `solid`
     `edge`   [m] length of the edges to which the surface is reduced; 0: its vertices are kept where possible
     `bed`    [1/m] stiffness per area of the foundation under faces with normals towards -z, over the organ's modulus
+    `walls`  [m] walls of the surface that are nearer to each other push on each other as if they touched; 0: none do
     """
 
     surface: Mesh
@@ -231,6 +252,7 @@ class Organ:
     nodule: Nodule = Nodule()  # harder ball
     capsule: Capsule = Capsule()  # harder surface layer
     edge: float = 0.0
+    walls: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.bed > 0:
@@ -238,10 +260,11 @@ class Organ:
         across = float(np.ptp(self.surface.vertices, axis=0).max())
         if not 1e-3 <= across <= 3.0:
             raise MeshError(f"surface: found {across:.4g} m across, expected 1 mm ... 3 m; is its unit right?")
+        if self.edge > 0.0 and (self.surface.edges[1] != 2).any():
+            check_surface(self.surface)  # raises; whether it intersects itself does not matter to fTetWild
+        near, far = self._near_walls(), envelope(self.surface, self.edge or None)
         if self.edge > 0.0:
-            if (self.surface.edges[1] != 2).any():
-                check_surface(self.surface)  # raises; whether it intersects itself does not matter to fTetWild
-            self.mesh, self.surface = solid(self.surface, self.edge)
+            self.mesh, self.surface = solid(self.surface, self.edge or None, near is not None)
         if self.edge > 0.0 and self.capsule.thickness == 0.0:
             self.mesh.region[inside(self.nodule, self.mesh.points[self.mesh.elements[:, :4]])] = 1
         elif level(self.surface) or seen_from(self.surface) is not None:
@@ -249,7 +272,7 @@ class Organ:
         else:
             if self.capsule.thickness > 0.0:
                 raise MeshError("capsule: found a surface that is not star-shaped, expected one; remove the capsule")
-            self.mesh, self.surface = solid(self.surface)
+            self.mesh, self.surface = solid(self.surface, None, near is not None)
             self.mesh.region[inside(self.nodule, self.mesh.points[self.mesh.elements[:, :4]])] = 1
         if self.nodule.radius > 0.0 and not (self.mesh.region == 1).any():
             raise MeshError(
@@ -257,6 +280,13 @@ class Organ:
                 "under the capsule, in the surface's frame; enlarge or move the nodule, or refine the surface"
             )
         self.faces = self.mesh.faces
+        self.facing = None if near is None else facing(self.mesh, near, self.walls, SLACK * far)
+
+    def _near_walls(self) -> NearWalls | None:
+        """The near walls of the given surface."""
+        if not (self.walls > 0.0 and self.surface.closed):
+            return None
+        return near_walls(self.surface, self.walls, 0.5 * self.edge or np.inf)
 
     def materials(self, young: float) -> dict[int, Material]:
         """Neo-Hookean materials of an organ with this modulus [Pa]."""

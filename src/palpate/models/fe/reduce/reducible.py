@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.models.fe.contact.protocol import ElasticFoundation
+from palpate.models.fe.contact.walls import Walls
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.meshing.fingertip import BONE, DERMIS, EPIDERMIS, NAIL, SUBCUTIS, FingertipDimensions, materials
 from palpate.models.fe.meshing.organ import Organ
@@ -31,11 +32,11 @@ class Reducible:
     fixed: np.ndarray  # (N,3) bool, displacements that are zero
     surface: Mesh  # V vertices and triangles, in the body's frame
     hats: np.ndarray  # (N,V) nodal loads of a unit force spread round each vertex of the surface
-    beds: Callable[[float], list[ElasticFoundation]] = lambda young: []  # modulus [Pa] -> foundations
+    supports: Callable[[float], list[ElasticFoundation | Walls]] = lambda young: []  # modulus [Pa] -> linear supports
 
     @cached_property
     def elastic(self) -> ElasticBody:
-        return ElasticBody(self.mesh, self.materials(1.0), self.beds(1.0))
+        return ElasticBody(self.mesh, self.materials(1.0), self.supports(1.0))
 
     @cached_property
     def digest(self) -> bytes:
@@ -52,18 +53,28 @@ class Reducible:
     def solver(self, young: float, loads: Callable[[float], np.ndarray], settings: Settings = DEFAULT) -> Solver:
         """Solver of the full model with a modulus [Pa] under nodal loads [N], see `fe.Solver`."""
         return Solver(
-            self.mesh, self.materials(young), self.fixed, loads=loads, contacts=self.beds(young), settings=settings
+            self.mesh, self.materials(young), self.fixed, loads=loads, contacts=self.supports(young), settings=settings
         )
 
 
 def of_organ(organ: Organ) -> Reducible:
-    def beds(young: float) -> list[ElasticFoundation]:
-        return [ElasticFoundation(organ.faces[organ.under()], organ.bed * young)]
+    def supports(young: float) -> list[ElasticFoundation | Walls]:
+        bed = ElasticFoundation(organ.faces[organ.under()], organ.bed * young)
+        pairs = organ.facing
+        if pairs is None:
+            return [bed]
+        stiffness = young * pairs.area * _oedometric(organ.poisson) / pairs.gap  # of a layer of the organ's tissue
+        return [bed, Walls(pairs.nodes, pairs.values, pairs.normals, stiffness)]
 
     free = np.zeros(organ.mesh.points.shape, dtype=bool)
     corners = np.arange(len(organ.surface.vertices))
     touched = organ.faces[(organ.faces[:, :3] < len(corners)).all(axis=1)]
-    return Reducible(organ.mesh, organ.materials, free, organ.surface, hats(organ.mesh, touched, corners), beds)
+    return Reducible(organ.mesh, organ.materials, free, organ.surface, hats(organ.mesh, touched, corners), supports)
+
+
+def _oedometric(poisson: float) -> float:
+    """Modulus of a layer that cannot expand sideways over Young's modulus [1]."""
+    return (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
 
 
 def of_finger(finger: FingertipDimensions) -> Reducible:

@@ -76,10 +76,10 @@ def points_of(body: Reducible, phi: np.ndarray, limit: float) -> Points:
         kinds[inside] = list(places).index(_place(law))
         constants[inside, : len(law.parameters)] = law.parameters
     springs = np.zeros((r, r))
-    for bed in body.elastic.beds:
+    for support in body.elastic.supports:
         pull = np.zeros_like(phi)
         for k in range(r):
-            bed.add(np.ascontiguousarray(phi[:, :, k]), 0.0, False, pull[:, :, k], np.zeros((0, 3, 3)))
+            support.add(np.ascontiguousarray(phi[:, :, k]), 0.0, False, pull[:, :, k], np.zeros((0, 3, 3)))
         springs += np.einsum("nia,nib->ab", phi, pull)
     gradients_of_modes = np.einsum("enia,epnj->epija", phi[mesh.elements], slope, optimize=True)
     each = slope.shape[1]

@@ -10,7 +10,7 @@ from palpate.models.fe.contact.switching import join_parts, switch_points
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.solve.body import ElasticBody
 from palpate.models.fe.solve.support import check_values
-from palpate.models.fe.sparse.tangent import Tangent
+from palpate.models.fe.sparse.tangent import Tangent, join_cliques
 from palpate.physics.materials.hyperelastic import Material
 
 
@@ -57,9 +57,7 @@ class Assembly:
 
     def _couple(self) -> None:
         mesh = self.mesh
-        width = max(10, self._extra.shape[1])
-        cliques = np.concatenate([_widen(mesh.elements, width), _widen(self._extra, width)])
-        self.tangent = Tangent(mesh.points, cliques, self.fixed)
+        self.tangent = Tangent(mesh.points, join_cliques([mesh.elements, self._extra]), self.fixed)
         self.body.couple(self.tangent.pattern)
 
     def recouple(self) -> None:
@@ -68,8 +66,7 @@ class Assembly:
         couplings = [x for x in couplings if len(x)]
         if not couplings:
             return
-        width = max(x.shape[1] for x in couplings)
-        extra = np.concatenate([_widen(x, width) for x in couplings])
+        extra = join_cliques(couplings)
         if not np.array_equal(extra, self._extra):
             self._extra = extra
             self._couple()
@@ -113,7 +110,3 @@ class Assembly:
         for contact in self.contacts:
             contact.skew(change, force)
         return np.where(self.fixed, 0.0, force)
-
-
-def _widen(cliques: np.ndarray, width: int) -> np.ndarray:
-    return np.pad(cliques, ((0, 0), (0, width - cliques.shape[1])), constant_values=-1)

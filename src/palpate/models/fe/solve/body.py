@@ -1,4 +1,4 @@
-"""An elastic body: elements in groups of one material, and elastic foundations."""
+"""An elastic body: elements in groups of one material, elastic foundations, and walls that push on each other."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -9,12 +9,13 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from palpate.models.fe.contact.protocol import ElasticFoundation
+from palpate.models.fe.contact.walls import Walls
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.elements import gradients, integrate
 from palpate.models.fe.element.mesh import MeshError, TetMesh
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.sparse.condensation import condense
-from palpate.models.fe.sparse.tangent import Pattern, Tangent, pattern
+from palpate.models.fe.sparse.tangent import Pattern, Tangent, join_cliques, pattern
 from palpate.physics.materials.compiled import LAW, compile_law
 from palpate.physics.materials.hyperelastic import Material
 
@@ -31,17 +32,17 @@ class ElementGroup(NamedTuple):
 
 
 class ElasticBody:
-    """Elements, each with the material of its region, and elastic foundations.
+    """Elements, each with the material of its region, and linear supports.
 
-    materials  by region number
+    materials  by region number;  supports  elastic foundations, and walls that are near each other
 
     MeshError: an element is inverted in the undeformed mesh.
     """
 
     def __init__(
-        self, mesh: TetMesh, materials: Mapping[int, Material], beds: Sequence[ElasticFoundation] = ()
+        self, mesh: TetMesh, materials: Mapping[int, Material], supports: Sequence[ElasticFoundation | Walls] = ()
     ) -> None:
-        self.mesh, self.beds = mesh, list(beds)
+        self.mesh, self.supports = mesh, list(supports)
         self.groups: list[ElementGroup] = []
         for region in np.unique(mesh.region).tolist():
             elements = np.flatnonzero(mesh.region == region)
@@ -53,13 +54,19 @@ class ElasticBody:
                 )
             self.groups.append(ElementGroup(materials[region], elements, slope, det / 24.0))
         self._where: list[np.ndarray] = []
-        for bed in self.beds:
-            bed.bind(mesh.points, self.pattern, np.zeros(0))
+        for support in self.supports:
+            support.bind(mesh.points, self.pattern, np.zeros(0))
+            support.couple(self.pattern)
+
+    @cached_property
+    def cliques(self) -> np.ndarray:
+        """Nodes that are coupled (C,k), padded with -1: by each element, and by each pair of near walls."""
+        return join_cliques([self.mesh.elements, *(support.couples() for support in self.supports)])
 
     @cached_property
     def pattern(self) -> Pattern:
         """Sparsity pattern of the tangent."""
-        sparsity = pattern(len(self.mesh.points), self.mesh.elements)
+        sparsity = pattern(len(self.mesh.points), self.cliques)
         self.couple(sparsity)
         return sparsity
 
@@ -95,8 +102,8 @@ class ElasticBody:
         energy, bad = self.add(u, force, data)
         if bad >= 0:
             return None
-        for bed in self.beds:
-            bed.add(u, 0.0, data is not None, springs, np.zeros((0, 3, 3)) if data is None else data)
+        for support in self.supports:
+            support.add(u, 0.0, data is not None, springs, np.zeros((0, 3, 3)) if data is None else data)
         return energy + 0.5 * float(np.sum(springs * u)), force + springs
 
     def tangent(self, u: np.ndarray) -> np.ndarray:
@@ -112,13 +119,13 @@ class ElasticBody:
 
     def rest(self, fixed: np.ndarray) -> Tangent:
         """The factored tangent at rest, with displacement components (N,3) bool fixed."""
-        tangent = Tangent(self.mesh.points, self.mesh.elements, fixed)
+        tangent = Tangent(self.mesh.points, self.cliques, fixed)
         tangent.factor(self.tangent(np.zeros_like(self.mesh.points)))
         return tangent
 
     def compliance(self, fixed: np.ndarray, hats: np.ndarray, report: Report = unheard) -> np.ndarray:
         """Mean displacement over each hat for a unit force on each hat [m/N] (3V,3V), symmetric positive definite."""
-        tangent = Tangent(self.mesh.points, self.mesh.elements, fixed)
+        tangent = Tangent(self.mesh.points, self.cliques, fixed)
         report(ORDERED)
         tangent.factor(self.tangent(np.zeros_like(self.mesh.points)))
         report(FACTORED)
@@ -135,8 +142,8 @@ class ElasticBody:
             hasher.update(repr((law.name, law.parameters, law.mixed, law.small)).encode())
             for part in (elements, slope, weight):
                 hasher.update(np.ascontiguousarray(part).tobytes())
-        for bed in self.beds:
-            hasher.update(repr(bed.stiffness).encode() + np.ascontiguousarray(bed.faces).tobytes())
+        for support in self.supports:
+            hasher.update(support.inputs())
         for part in (self.mesh.points, self.mesh.elements):
             hasher.update(np.ascontiguousarray(part).tobytes())
         return hasher.digest()

@@ -10,7 +10,7 @@ is slightly nonlinear in single precision, directions are made conjugate by the 
 G. Ribiere, 1969).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -69,6 +69,12 @@ def pattern(count: int, elements: np.ndarray) -> Pattern:
     coupled = csr_array(incidence.T @ incidence)
     coupled.sort_indices()
     return Pattern(coupled.indptr.astype(np.int32), coupled.indices.astype(np.int32))
+
+
+def join_cliques(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """All cliques of several arrays (C,k) of nodes, padded with -1 to the widest."""
+    width = max(part.shape[1] for part in parts)
+    return np.concatenate([np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=-1) for part in parts])
 
 
 class UnheldError(ArithmeticError):
