@@ -132,8 +132,11 @@ class OrganContact(Message):
     left           [1]   ()    number of candidates that are left for the next step
     dissipated     [J]   ()    energy dissipated by the contact since the start
     generated      [J]   ()    energy generated since the start, by overlaps that were left
-    yields         [m/N] (2)   by how much the contact lifts the patch of the first load on each body per newton of it
-    pressing       [N]   (2)   normal force of these loads
+    first_yields   [m/N] (f,f) by how much the contact lifts the patch of each finger on the first body per newton of
+                               each finger
+    second_yields  [m/N] (g,g) the same on the second body
+    first_pressing [N]   (f)   normal force of each finger for which this is valid
+    second_pressing [N]  (g)   the same on the second body
     first_nodes    [1]   (k)   indices of the loaded vertices of the first body's surface
     first_forces   [N]   (k,3) force on each
     second_nodes   [1]   (l)   the same of the second body
@@ -150,8 +153,10 @@ class OrganContact(Message):
     left: Annotated[int, "1"]
     dissipated: Annotated[float, "J"]
     generated: Annotated[float, "J"]
-    yields: Annotated[Vector2, "m/N", COMPLIANCE]
-    pressing: Annotated[Vector2, "N"]
+    first_yields: Annotated[Floats, "m/N", ("f", "f"), COMPLIANCE]
+    second_yields: Annotated[Floats, "m/N", ("g", "g"), COMPLIANCE]
+    first_pressing: Annotated[Vector, "N", ("f",)]
+    second_pressing: Annotated[Vector, "N", ("g",)]
     first_nodes: Annotated[Ints, "1", ("k",)]
     first_forces: Annotated[Floats, "N", ("k", 3)]
     second_nodes: Annotated[Ints, "1", ("l",)]
@@ -159,13 +164,14 @@ class OrganContact(Message):
 
 
 class Neighbour(Message):
-    """What a finger on a body feels of a second body that touches it.
+    """What the fingers on a body feel of a second body that touches it.
 
-    force     [N]   ()  sum of the normal forces of the second body on the first
-    yields    [m/N] ()  by how much the second body lifts the patch of the finger per newton that its force increases
-    pressing  [N]   ()  normal force of the finger for which this is valid
+    force     [N]   ()    sum of the normal forces of the second body on the first
+    yields    [m/N] (f,f) by how much the second body lifts the patch of each finger per newton that the force of each
+                          finger increases
+    pressing  [N]   (f)   normal forces of the fingers for which this is valid
     """
 
     force: Annotated[float, "N"]
-    yields: Annotated[float, "m/N", COMPLIANCE]
-    pressing: Annotated[float, "N"]
+    yields: Annotated[Floats, "m/N", ("f", "f"), COMPLIANCE]
+    pressing: Annotated[Vector, "N", ("f",)]

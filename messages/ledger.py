@@ -7,7 +7,7 @@ from palpate.messages.fields import OneOf
 
 PARTS = (
     "fingertip", "tissue", "friction", "display",
-    *(f"{part} {finger}" for finger in range(2, 17) for part in ("fingertip", "friction")),
+    *(f"{part} {finger}" for finger in range(2, 17) for part in ("fingertip", "friction")), "contact of organs",
 )  # fmt: skip
 """Parts with an energy account; those of the first finger have no number."""
 
@@ -22,8 +22,8 @@ class Ledger(Message):
                                  generates energy
     fingertip_stored      [J] () stored in the fingertip
     fingertip_dissipated  [J] () work on it minus the stored energy
-    tissue_stored         [J] () stored in the body; 0 if the model does not report it
-    tissue_dissipated     [J] () work on it minus the stored energy
+    tissue_stored         [J] () stored in the body and in the organs that touch it; 0 if a model does not report it
+    tissue_dissipated     [J] () work on them minus the stored energy; what their contacts dissipate is included
     friction_stored       [J] () stored in the bristles
     friction_dissipated   [J] () work on them minus the stored energy
     work                  [J] () of the hand in this tick

@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.compiler.records import array_of, nth, vector
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
+from palpate.messages.contact import OrganContact
 from palpate.messages.ledger import PARTS
 from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import kernel
@@ -24,11 +25,25 @@ def stored_energy(stored):
     return stored.values[0] if stored.count > 0 else nan
 
 
+@kernel
+def of_organs(others, between):
+    """Energy [J] stored in the other organs, NaN if one does not report it, and work on all contacts of organs."""
+    stored = given = 0.0
+    for i in range(others.count):
+        each = nth(others, i)
+        stored += stored_energy(each.stored) if each.there else nan
+    for i in range(between.count):
+        touch = nth(between, i)
+        given += touch.dissipated - touch.generated if touch.there else 0.0
+    return stored, given
+
+
 class Energy(CompiledNode):
     """Energy balance of a touch: work of the hand, energy that fingertip, tissue and bristles store and dissipate.
 
     For several fingers on one body, the inputs force, contact, pose and friction have the same order, and the message
-    contains sums; each fingertip and each friction has a separate account.
+    contains sums; each fingertip and each friction has a separate account. Organs that touch the body, `others`, count
+    with it as one, and their contacts, `between`, as a part.
 
     bound  energy that a part, or the whole display, may generate. Above it the ledger trips for the rest of the run,
            and the controller reduces the force to zero. 0: the ledger never trips
@@ -71,6 +86,8 @@ class Energy(CompiledNode):
         pose: Annotated[list[Pose | None], Wants("position")],
         friction: Annotated[list[Friction | None], Wants("force", "stored")],
         body: Annotated[Surface | None, Wants("stored")],
+        others: Annotated[list[Surface | None], Wants("stored")],
+        between: Annotated[list[OrganContact | None], Wants("dissipated", "generated")],
         out: Out[Ledger],
         dt,
     ):
@@ -92,7 +109,8 @@ class Energy(CompiledNode):
                 if stepped:
                     stored = (stored_energy(touch.stored), stored_energy(body.stored), bristles)
                     ledger.add_finger(account, past, i, along, rubbed, stored)
-            ledger.end(account, past, stepped, stored_energy(body.stored))
+            elsewhere, given = of_organs(others, between)
+            ledger.end(account, past, stepped, stored_energy(body.stored), elsewhere, given)
         else:
             account.moments = 0
         row, most = ledger.worst(account)
@@ -101,6 +119,7 @@ class Energy(CompiledNode):
         out.hand, out.controller, out.sampling = account.hand, account.controller, account.sampling
         out.fingertip_stored, out.fingertip_dissipated = ledger.totals(account, ledger.FINGERTIP)
         out.tissue_stored, out.tissue_dissipated = ledger.totals(account, ledger.TISSUE)
+        out.tissue_dissipated += account.accounts[ledger.ORGANS].work
         out.friction_stored, out.friction_dissipated = ledger.totals(account, ledger.FRICTION)
         out.work, out.balance, out.unexplained = account.work, account.left, account.balance
         out.generated, out.generated_by = most, row + 1 if most != 0.0 else 0

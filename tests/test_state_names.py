@@ -56,6 +56,7 @@ TABLES: dict[str, dict[str, str]] = {
     "src/palpate/physics/bodies/sampled/solve.py": {"vectors": FIELDS},
     "src/palpate/physics/bodies/sampled/step.py": {"fields": FIELDS, "vectors": FIELDS},
     "src/palpate/physics/bodies/sampled_body.py": {"laws": LAW, "body.fields": FIELDS},
+    "src/palpate/physics/contact/organs/backed.py": {"laws": LAW},
     "src/palpate/physics/contact/end_rate.py": {"rates": "the last four steps, the newest first"},
     "src/palpate/physics/contact/ledger.py": {"ledger.accounts": "the parts, in the order of `messages.ledger.PARTS`"},
     "src/palpate/physics/contact/series.py": {"finger": ROW},

@@ -12,6 +12,7 @@ from palpate.engine.graph import NodeSpec
 from palpate.engine.parts import parts
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, DeviceState, Force, Ledger, Load, Message, Pose, Proximity, Surface
+from palpate.messages.contact import Neighbour, OrganContact
 from palpate.nodes.base import Node, inputs, outputs
 from palpate.nodes.base.carrier import Carrier
 
@@ -148,14 +149,15 @@ class ContactPaths:
             counted = {
                 c for node in (w.producer for w in self._of(name, Contact)) for c in self.pressing(node) or [node]
             }
-            for body in (w.producer for w in self._of(name, Surface)):
-                if self.pressing(body) and counted != set(self.pressing(body)):
-                    faults.add(
-                        f"includes {_and(sorted(counted))}, but {_and(self.pressing(body))} press on {body!r}: its "
-                        "energy balance would not close",
-                        "All of them in one order: `in: {contact: [...], force: [...], pose: [...], friction: [...]}`. "
-                        f"Or remove it: `{name}: null`.", places[name], node=name,
-                    )  # fmt: skip
+            bodies = [w.producer for w in self._of(name, Surface)]
+            pressing = list(dict.fromkeys(contact for body in bodies for contact in self.pressing(body)))
+            if pressing and counted != set(pressing):
+                faults.add(
+                    f"includes {_and(sorted(counted))}, but {_and(pressing)} press on {_and(bodies)}: its "
+                    "energy balance would not close",
+                    "All of them in one order: `in: {contact: [...], force: [...], pose: [...], friction: [...]}`. "
+                    f"Or remove it: `{name}: null`.", places[name], node=name,
+                )  # fmt: skip
 
     def place_shares(self, nodes: dict[str, NodeSpec], faults: Faults) -> None:
         """Set the `finger` of each share of a joint: the index of its proximity among the inputs of the joint.
@@ -177,13 +179,16 @@ class ContactPaths:
                 )  # fmt: skip
 
     def _check_orders(self, faults: Faults) -> None:
-        """A fault for each node with several multiple inputs whose senders belong to different fingers."""
+        """A fault for each node with several multiple inputs whose senders belong to different fingers. Inputs of
+        organs belong to none, and a contact of organs has other fingers on each side."""
         part = parts((wire.consumer, wire.port.name, wire.producer) for wire in self.wires)
         for name in self.classes:
             ports: dict[str, list[Wire]] = {}
             for wire in self.incoming.get(name, ()):
-                if wire.port.many:
+                if wire.port.many and not issubclass(wire.port.type, Surface | OrganContact | Neighbour):
                     ports.setdefault(wire.port.name, []).append(wire)
+            if OrganContact in outputs(self.classes[name]):
+                continue
             first, *others = ports.values() or [[]]
             order = [part.get(wire.producer, -1) for wire in first]
             for wires in others:
@@ -197,8 +202,9 @@ class ContactPaths:
                     )  # fmt: skip
 
     def _check_joint(self, body: str, faults: Faults) -> None:
-        """A fault if several contacts press on a body and are not solved jointly, in the order of their loads."""
-        loads = self._of(body, Load)
+        """A fault if several contacts press on a body and are not solved jointly, in the order of their loads. The
+        loads of other organs have no contact."""
+        loads = [w for w in self._of(body, Load) if self.pressing(w.producer)]
         if len(self.pressing(body)) < 2:
             return
         contacts = [name for w in loads for name in self.pressing(w.producer)]

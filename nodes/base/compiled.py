@@ -134,21 +134,28 @@ class CompiledNode(Node):
         self._records.write(messages)
         return self._records
 
-    def rests(self, *messages: Any) -> bool:
+    def rests(self, *given: Any) -> bool:
+        messages = self._inputs(given, {})
         if self.idle is None or (self._records is not None and self._records.counts != _counts(messages)):
             return False
         return self.records(messages).idle()
 
     def step(self, *given: Any, dt: float = math.inf, **named: Any) -> Any:
-        """One step on messages, in the order of the inputs or by name; None: no message.
+        """One step on messages, in the order of the inputs or by name; None: no message, and of an input that takes
+        several none at all if it is left out.
 
         Returns the answer, or a tuple if there are several.
         """
-        messages = (*given, *(named.get(port.name) for port in inputs(type(self))[len(given) :]))
+        messages = self._inputs(given, named)
         records = self.records(messages)
         records.compute(messages, dt)
         answers = records.read()
         return answers[0] if len(answers) == 1 else answers
+
+    def _inputs(self, given: Sequence[Any], named: dict[str, Any]) -> tuple[Any, ...]:
+        """What each input gets: the messages in order, then those by name."""
+        rest = inputs(type(self))[len(given) :]
+        return (*given, *(named.get(port.name, [] if port.many else None) for port in rest))
 
 
 @cache

@@ -2,14 +2,17 @@
 
 from typing import Annotated, Any
 
-from palpate.compiler.records import floats, nth
+import numpy as np
+
+from palpate.compiler.records import floats
 from palpate.messages import Contact, Proximity, Surface
 from palpate.messages.contact import Neighbour
-from palpate.nodes.base import InputError, Out, Wants
+from palpate.nodes.base import TABLE, InputError, Out, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.joint import law_for, slope_for
+from palpate.nodes.contact.neighbours import add_neighbours
 from palpate.nodes.contact.series import BAD_LAW, BODY, Series, touch
 from palpate.physics.contact.organs.backed import backed_law
 
@@ -17,34 +20,36 @@ MISMATCH = 2  # fault: the number of the body's laws differs from that of its lo
 
 
 @kernel
-def _law(body, several, neighbour, dt):
+def _law(own, body, several, neighbour, dt):
     """The law under the finger, the first load of the body, with its neighbours, the other loads, in their order."""
     stiffness, exponent, damping, free, previous = law_for(body, several, 0)
-    others = yields = pressing = 0.0
-    if several:
-        coupling = floats(body.coupling)
-        for j in range(neighbour.count):
-            each = nth(neighbour, j)
-            if each.there:
-                others += coupling[0, j + 1] * each.force
-                yields += each.yields
-                pressing = each.pressing
+    if not several:
+        return stiffness, exponent, damping, free, previous
+    others, yields, pressing = own.others, floats(own.yields), own.pressing
+    add_neighbours(body, neighbour, 1, others, yields, pressing)
     step = body.step if body.step > 0.0 else dt
-    return backed_law(stiffness, exponent, damping, free, previous, others, yields, pressing, step)
+    return backed_law(stiffness, exponent, damping, free, previous, others[0], yields[0, 0], pressing[0], step)
 
 
 class Backed(Series):
     """`Series` with a body that other bodies touch (docs/equations/between.md): the finger feels them in the same step.
 
     The finger's load is the first of the body; the others are those of the senders of `neighbour`, in the same order.
+    Several fingers: `contact.Joint`.
     """
+
+    State = Series.State | {"others": (1,), "yields": TABLE, "pressing": (1,)}
+
+    def start(self) -> None:
+        super().start()
+        self.hold("yields", np.zeros((1, 1)))
 
     @kernel
     def idle(own, proximity, body, neighbour, out, dt):
         several = body.there and len(floats(body.laws)) > 1
         if several and len(floats(body.laws)) != neighbour.count + 1:
             return False
-        law = _law(body, several, neighbour, dt)
+        law = _law(own, body, several, neighbour, dt)
         if not finger.at_rest(own.finger, proximity, body.there, law, body.step, body.relaxation):
             return False
         own.finger.sampled = sample_of(proximity)
@@ -63,7 +68,7 @@ class Backed(Series):
         if several and len(floats(body.laws)) != neighbour.count + 1:
             own.fault = MISMATCH
             return
-        law = _law(body, several, neighbour, dt)
+        law = _law(own, body, several, neighbour, dt)
         if body.there and not finger.in_range(law, body.step, body.relaxation):
             own.fault = BAD_LAW
             return

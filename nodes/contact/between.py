@@ -7,9 +7,10 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.exact import product
-from palpate.compiler.records import floats, form, integers, lend_first, nth, put, unpacking, vector
+from palpate.compiler.records import floats, form, integers, lend, lend_first, nth, put, unpacking, vector
 from palpate.messages import Load, Vector3
 from palpate.messages.contact import SIDES, OrganContact
+from palpate.messages.record import ROOM, array_handle
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out, SettingError
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel
@@ -19,6 +20,7 @@ from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs.candidates import Candidates, Shares, candidates
 
+CUBE = array_handle(3)
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
 COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
 
@@ -62,28 +64,31 @@ _side_of, _pair_of = unpacking(BodySide), unpacking(contact.Pair)
 
 
 @ieee_kernel
-def take_loads(load, side, others, opened):
-    """Fill `others` [m] (m), the opening of the candidates by all loads on a body at rest, and `opened` [m] (m), that
-    by the first. Returns its normal force [N]; -1: a load is on an unknown vertex."""
-    first, row = 0.0, side.response.shape[1]
+def take_loads(load, fingers, side, others, opened, pressing):
+    """Fill `others` [m] (m), the opening of the candidates by all loads on a body at rest, `opened` [m] (2,f + 1,m),
+    that by each of the first f = `fingers` loads and by its normal part, and their normal forces `pressing` [N].
+    Returns whether a load is on an unknown vertex."""
     others[:] = 0.0
+    pressing.count = fingers
     for i in range(load.count):
-        each = nth(load, i)
+        each, row, part = nth(load, i), opened[0, min(i, fingers)], opened[1, min(i, fingers)]
+        if i < fingers:
+            pressing.values[i] = 0.0
         if not each.there or each.nodes.shape[0] == 0:
             continue
         nodes, forces = integers(each.nodes), floats(each.forces)
         for v in nodes:
             if not 0 <= v < len(side.corners):
-                return -1.0
+                return True
+        n = vector(each.normal)
         contact.open_by(
-            nodes, forces, side.corners, side.weights, side.response, side.gathered, side.touched, opened[1]
+            nodes, forces, n, side.corners, side.weights, side.response, side.gathered, side.touched, row, part
         )
-        for k in range(row):
-            others[k] += opened[1, k]
-        if i == 0:
-            opened[0, :] = opened[1]
-            first = normal_force(forces, vector(each.normal))
-    return first
+        for k in range(len(others)):
+            others[k] += row[k]
+        if i < fingers:
+            pressing.values[i] = normal_force(forces, n)
+    return False
 
 
 @ieee_kernel
@@ -150,26 +155,32 @@ def _body(name: str) -> Any:
 class Between(CompiledNode):
     """Contact of two bodies, without penalty and without friction (docs/equations/between.md).
 
-    `first` and `second` are the loads of the fingers, and of other organs, on each body; those of one body begin with
-    the finger that feels the other body through a `contact.Backed`. A `contact.Side` sends the load on each body. The
-    bodies are linear here: their large displacement is left out, and candidates stay where they were at the start.
+    `first` and `second` are the loads of the fingers on each body, then of other organs, in the order of the body's
+    loads. The fingers feel the other body through `contact.Backed` or `contact.Joint`. A `contact.Side` sends the load
+    on each body. The bodies are linear here: their large displacement is left out, and candidates stay where they were
+    at the start.
 
     reach   distance of the undeformed surfaces up to which they have candidates
     cells   most candidates; where the meshes have more vertices, neighbours are joined
     bodies  the two bodies with their settings, as JSON: determined when the graph is loaded
+    first_organs, second_organs  numbers of loads of other organs, the last ones, also determined there
     """
 
     reach: Annotated[float, "m", msgspec.Meta(gt=0, le=0.05)] = 6e-3
     cells: Annotated[int, "1", msgspec.Meta(ge=1, le=512)] = 160
     bodies: Annotated[str, "1"] = ""
+    first_organs: Annotated[int, "1", msgspec.Meta(ge=0, le=ROOM)] = 0
+    second_organs: Annotated[int, "1", msgspec.Meta(ge=0, le=ROOM)] = 0
 
     State = {
         "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide),
-        "normals": TABLE, "areas": ARRAY, "others": TABLE, "opened": TABLE, "again": TABLE,
+        "normals": TABLE, "areas": ARRAY, "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
+        "yields": TABLE, "returns": TABLE,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
     }  # fmt: skip
-    """The bodies and their contact; normals [1] and areas [m²] of the candidates; workspace; last feet and normal."""
+    """The bodies and their contact; normals [1] and areas [m²] of the candidates; openings by all loads on each body,
+    and by each finger on the first and on the second; workspace; responses [m/N] of both; last feet and normal."""
     shared = (
         "pair.gap", "pair.first", "pair.second", "pair.retardation", "normals", "areas",
         *(f"{side}.{name}" for side in ("one", "two")
@@ -196,8 +207,7 @@ class Between(CompiledNode):
         self.hold("normals", normal)
         self.hold("areas", area)
         self.hold("others", np.zeros((2, count)))
-        self.hold("opened", np.zeros((2, count)))
-        self.hold("again", np.zeros((2, count)))
+        self.resize([self.first_organs, self.second_organs])
         self.own["normal"] = (0.0, 0.0, 1.0)
         if count:
             nearest = int(np.argmin(found.gap))
@@ -222,6 +232,16 @@ class Between(CompiledNode):
                 f"Between: {' and '.join(local)}: a finger moves only the surface under its patch, so that it does not "
                 "press the organ into its neighbour from the other side, as with deformation.ReducedFE"
             )
+
+    def resize(self, counts: list[int]) -> None:
+        """Room for the fingers on each body."""
+        one, two = max(counts[0] - self.first_organs, 0), max(counts[1] - self.second_organs, 0)
+        size = len(self._gap)
+        self.hold("opened", np.zeros((2, one + 1, size)))
+        self.hold("again", np.zeros((2, two + 1, size)))
+        self.hold("along", np.zeros((2, max(one, two), size)))
+        self.hold("yields", np.zeros((one, one)))
+        self.hold("returns", np.zeros((two, two)))
 
     def _meet(self) -> tuple[Candidates, list[tuple[Any, int]]]:
         """The candidates, and each body with the number of vertices of its surface. SettingError: they overlap, or a
@@ -260,15 +280,17 @@ class Between(CompiledNode):
     def compute(own, first: list[Load | None], second: list[Load | None], out: Out[OrganContact], dt):
         pair, one, two = _pair_of(own.pair), _side_of(own.one), _side_of(own.two)
         others, opened, again = floats(own.others), floats(own.opened), floats(own.again)
-        normal, area = floats(own.normals), floats(own.areas)
-        out.pressing[0] = take_loads(first, one, others[0], opened)
-        out.pressing[1] = take_loads(second, two, others[1], again)
-        if out.pressing[0] < 0.0 or out.pressing[1] < 0.0:
-            own.fault, own.fault_side = NO_VERTEX, 0 if out.pressing[0] < 0.0 else 1
+        normal, area, along = floats(own.normals), floats(own.areas), floats(own.along)
+        presses, rests = out.first_pressing, out.second_pressing
+        unknown = take_loads(first, opened.shape[1] - 1, one, others[0], opened, presses)
+        if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests):
+            own.fault, own.fault_side = NO_VERTEX, 0 if unknown else 1
             return
         out.left = contact.step_pair(pair, others, dt, contact.MOST)
-        out.yields[0] = contact.response(pair, 0, opened[0], out.pressing[0], dt)
-        out.yields[1] = contact.response(pair, 1, again[0], out.pressing[1], dt)
+        contact.responses(pair, 0, opened[0], opened[1], presses.values, dt, along, floats(own.yields))
+        contact.responses(pair, 1, again[0], again[1], rests.values, dt, along, floats(own.returns))
+        lend(out.first_yields, own.yields)
+        lend(out.second_yields, own.returns)
         summarise(own, pair, one, two, normal, area, out)
         out.dissipated, out.generated = pair.past[0].dissipated, pair.past[0].generated
         own.penetrates[0] = max(own.penetrates[0], -out.gap)

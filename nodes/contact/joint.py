@@ -7,15 +7,18 @@ import numpy as np
 
 from palpate.compiler.records import floats, nth, put, vector
 from palpate.messages import Contact, Contacts, Proximity, Surface
+from palpate.messages.contact import Neighbour
 from palpate.messages.record import ROOM
 from palpate.nodes.base import TABLE, CompiledNode, InputError, Out, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of, since
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
+from palpate.nodes.contact.neighbours import add_neighbours
 from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
 from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.joint import joint_step
+from palpate.physics.contact.organs.backed import backed_laws
 from palpate.physics.contact.series import series_energy
 
 MISMATCH = 2  # fault: the number of the body's laws differs from the number of fingers
@@ -41,14 +44,36 @@ def slope_for(body, several, i):
 
 
 @kernel
-def fault_of(body, count):
-    """Fault of a body's message for `count` fingers; 0: none."""
-    if count > 1 and len(floats(body.laws)) != count:
+def fault_of(body, count, organs):
+    """Fault of a body's message for `count` fingers and the loads of `organs` other bodies; 0: none."""
+    several = count + organs > 1
+    if several and len(floats(body.laws)) != count + organs:
         return MISMATCH
     for i in range(count):
-        if not finger.in_range(law_for(body, count > 1, i), body.step, body.relaxation):
+        if not finger.in_range(law_for(body, several, i), body.step, body.relaxation):
             return BAD_LAW
     return 0
+
+
+@kernel
+def take_laws(own, body, count, neighbour, dt):
+    """Keep the laws of `count` fingers on a body and their coupling, with the other bodies that touch it: the body may
+    be missing in the next step."""
+    several = count + neighbour.count > 1
+    laws, coupled = floats(own.laws)[:count], own.coupling[: count * count].reshape(count, count)
+    for i in range(count):
+        k, n, c, free, previous = law_for(body, several, i)
+        laws[i, 0], laws[i, 1], laws[i, 2], laws[i, 3], laws[i, 4] = k, n, c, free, previous
+    if several:
+        coupling = floats(body.coupling)
+        for i in range(count):
+            for j in range(count):
+                coupled[i, j] = coupling[i, j]
+    if neighbour.count > 0:
+        yields = floats(own.yields)
+        add_neighbours(body, neighbour, count, own.others, yields, own.pressing)
+        step = body.step if body.step > 0.0 else dt
+        backed_laws(laws, coupled, own.others[:count], yields[:count, :count], own.pressing[:count], step)
 
 
 class Joint(Series):
@@ -56,6 +81,9 @@ class Joint(Series):
 
     All forces of a step are solved together, so the coupling of the fingers has no delay. The approaches have the order
     of the loads at the body. All fingertips have the same law. A `contact.Share` sends the Contact of each finger.
+
+    Of other bodies that touch the body, `neighbour` has the contacts (`contact.Side`), in the order of their loads,
+    which follow those of the fingers: all fingers feel them in the same step, as with `contact.Backed`.
     """
 
     State = {
@@ -63,19 +91,24 @@ class Joint(Series):
         "approach": (ROOM,), "before": (ROOM,), "terminal": (ROOM, 5), "coupling": (ROOM * ROOM,),  # of `joint_step`
         "moved": (ROOM,), "waited": (),  # [s] since the last sample of each finger; since the last step
         "force": (ROOM,), "solved": (ROOM, 3), "lateral": TABLE,
+        "laws": TABLE, "others": (ROOM,), "yields": TABLE, "pressing": (ROOM,),  # of the body; of its neighbours
     }  # fmt: skip
 
     def start(self) -> None:
         super().start()
         self.hold("lateral", np.zeros((ROOM, 3)))
+        self.hold("laws", np.zeros((ROOM, 5)))
+        self.hold("yields", np.zeros((ROOM, ROOM)))
 
     @kernel
-    def idle(own, proximity, body, out, dt):
-        count = proximity.count
-        if not body.there or (count > 1 and len(floats(body.laws)) != count):
+    def idle(own, proximity, body, neighbour, out, dt):
+        count, organs = proximity.count, neighbour.count
+        if not body.there or (count + organs > 1 and len(floats(body.laws)) != count + organs):
             return False
+        take_laws(own, body, count, neighbour, dt)
+        laws = floats(own.laws)
         for i in range(count):
-            law = law_for(body, count > 1, i)
+            law = laws[i, 0], laws[i, 1], laws[i, 2], laws[i, 3], laws[i, 4]
             if not finger.at_rest(own.finger[i], nth(proximity, i), True, law, body.step, body.relaxation):
                 return False
         for i in range(count):
@@ -87,6 +120,7 @@ class Joint(Series):
         own,
         proximity: list[Proximity],
         body: Annotated[Surface | None, Wants(*BODY.names, "laws", "slopes", "coupling")],
+        neighbour: list[Neighbour | None],
         out: Out[Contacts],
         dt,
     ):
@@ -99,25 +133,22 @@ class Joint(Series):
             own.waited += dt
             return
         dt, own.waited = dt + own.waited, 0.0
-        # Coupling of the contacts by the body.
-        several = body.there and count > 1
+        # Laws and coupling of the contacts by the body and by those that touch it.
+        several, laws = body.there and count + neighbour.count > 1, floats(own.laws)
         if body.there:
-            own.fault = fault_of(body, count)
+            own.fault = fault_of(body, count, neighbour.count)
             if own.fault != 0:
                 return
-        if several:  # kept: the body may be missing in the next step
-            coupling = floats(body.coupling)
-            for i in range(count):
-                for j in range(count):
-                    own.coupling[i * count + j] = coupling[i, j]
+            take_laws(own, body, count, neighbour, dt)
         # Approach, fingertip law and terminal law of each contact.
         pressed, length, time = False, 0.0, sample_of(body)
         for i in range(count):
             one, near = own.finger[i], nth(proximity, i)
             moved = own.moved[i]
             arrive(one.course, near.tick if own.second_order and moved == dt else -1)
+            given = laws[i, 0], laws[i, 1], laws[i, 2], laws[i, 3], laws[i, 4]
             presses, approach, step, law = finger.pressing(
-                one, near, body.there, law_for(body, several, i), body.step, body.relaxation, time, dt, moved
+                one, near, body.there, given, body.step, body.relaxation, time, dt, moved
             )
             if presses:
                 own.approach[i], terminal = approach, own.terminal[i]
@@ -152,11 +183,14 @@ class Joint(Series):
         out.lateral_force.shape[0], out.lateral_force.shape[1] = count, 3
 
     def explain(self, fault: int, *messages: Any) -> Exception:
-        fingers, body = messages
+        fingers, body, neighbours = messages
         if fault == MISMATCH:
-            count = len(fingers)
-            return InputError(body, f"found laws of {len(body.laws)} contacts, expected {count}: one per finger")
-        return super().explain(fault, *messages)
+            count, organs = len(fingers), len(neighbours)
+            of_organs = f", then one of each contact.Side of `neighbour`: {organs}" if organs else ""
+            return InputError(
+                body, f"found laws of {len(body.laws)} contacts, expected {count + organs}: one per finger{of_organs}"
+            )
+        return super().explain(fault, fingers, body)
 
 
 class Share(CompiledNode):

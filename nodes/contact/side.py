@@ -7,11 +7,12 @@ import numpy as np
 from palpate.compiler.records import floats, integers, lend_first, put, vector
 from palpate.messages import Load
 from palpate.messages.contact import Neighbour, OrganContact
+from palpate.messages.record import ROOM
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.surface import OnThinnedSurface
 
-TOO_MANY = 1  # fault: more nodes than the surface has vertices
+TOO_MANY = 1  # fault: more nodes than the surface has vertices, or more fingers than a body takes
 
 
 class Side(CompiledNode, OnThinnedSurface):
@@ -22,13 +23,14 @@ class Side(CompiledNode, OnThinnedSurface):
 
     side: Annotated[Literal["first", "second"], "1"] = "first"
 
-    State = {"nodes": ARRAY, "forces": TABLE}
+    State = {"nodes": ARRAY, "forces": TABLE, "yields": ARRAY}
 
     def start(self) -> None:
         super().start()
         size = len(self.mesh().vertices)
         self.hold("nodes", np.zeros(size, np.int32))
         self.hold("forces", np.zeros((size, 3)))
+        self.hold("yields", np.zeros(ROOM * ROOM))
 
     @kernel
     def compute(own, contact: OrganContact, out: Out[Load], feels: Out[Neighbour], dt):
@@ -55,5 +57,19 @@ class Side(CompiledNode, OnThinnedSurface):
             put(out.normal, (-n[0], -n[1], -n[2]))
         out.delayed = feels.delayed = contact.delayed
         feels.force = contact.force
-        feels.yields = contact.yields[1] if second else contact.yields[0]
-        feels.pressing = contact.pressing[1] if second else contact.pressing[0]
+        given, presses = (
+            (contact.second_yields, contact.second_pressing)
+            if second
+            else (contact.first_yields, contact.first_pressing)
+        )
+        yields, lifts = floats(own.yields), floats(given)
+        if given.shape[0] > ROOM or presses.count != given.shape[0]:
+            own.fault = TOO_MANY
+            return
+        feels.pressing.count = presses.count
+        for i in range(presses.count):
+            feels.pressing.values[i] = presses.values[i]
+            for j in range(presses.count):
+                yields[i * presses.count + j] = lifts[i, j]
+        feels.yields.address = own.yields.address
+        feels.yields.shape[0] = feels.yields.shape[1] = presses.count

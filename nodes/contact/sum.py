@@ -14,7 +14,8 @@ class Sum(CompiledNode):
 
     Each organ has a separate collision, contact, spread and body. If only one organ is touched, the contact is that of
     this organ. Otherwise force and normal are those of F = sum f_i n_i, the lengths are means weighted with f_i, the
-    stored energies are added, and the foot is that of the greatest force. Organs do not touch each other.
+    stored energies are added, and the foot is that of the greatest force. The organs touch each other only through a
+    `contact.Between`.
     """
 
     State = {"total": (3,), "along": (3,), "lengths": (4,)}  # sums over the organs

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Load, Pose, Proximity, Surface, Torque, pack
+from palpate.messages.contact import OrganContact
 from palpate.nodes.base import inputs
 
 MANY = int(os.environ.get("PALPATE_EXAMPLES", 200))
@@ -90,6 +91,11 @@ MESSAGES = {
         stored=HELD,
     ),
     Load: loads(),
+    OrganContact: st.builds(
+        functools.partial(msgspec.structs.replace, OrganContact.example(False)),
+        dissipated=number(1e9),
+        generated=number(1e9),
+    ),
     Force: st.builds(Force, force=vector(1e12), state=st.just("contact"), energy=number(1e9)),
     Torque: st.builds(Torque, torques=vector(1e9)),
     Ledger: st.builds(

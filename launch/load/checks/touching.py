@@ -8,8 +8,8 @@ from palpate.engine.faults import Faults
 from palpate.engine.graph import NodeSpec
 from palpate.launch.load.contact_paths import MESH
 from palpate.launch.load.wiring import Wire
-from palpate.messages import Load
-from palpate.messages.contact import SIDES, OrganContact
+from palpate.messages import Contact, Contacts, Ledger, Load
+from palpate.messages.contact import SIDES, Neighbour, OrganContact
 from palpate.nodes.base import Node, inputs, outputs
 
 
@@ -26,7 +26,7 @@ def _is_side(cls: type[Node]) -> bool:
 def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:
     """Set `bodies` of each contact of organs: class and settings of both bodies, and their surfaces.
 
-    A fault for each side without exactly one body, or whose body cannot touch another.
+    A fault for each side without exactly one body, whose body cannot touch another, or whose fingers do not feel it.
     """
     wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
     _count_organs(nodes, wires, faults)
@@ -38,21 +38,33 @@ def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faul
         found = [_side(name, which, sides, nodes, wires, faults) for which in SIDES]
         if None not in found:
             spec.settings["bodies"] = json.dumps(found, sort_keys=True)
+    for name in nodes:
+        loads = [w.producer for w in wires if w.consumer == name and issubclass(w.port.type, Load)]
+        sides = [sender for sender in loads if _is_side(nodes[sender].cls)]
+        if sides and not _solves(nodes[name].cls):
+            _check_fingers(name, sides, nodes, wires, faults)
+    _check_balances(nodes, wires, faults)
 
 
 def _count_organs(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> None:
-    """Set `organ_loads` of each body: how many of its loads are those of other organs. A fault unless they are last."""
+    """Set the numbers of loads of other organs: `organ_loads` of each body, `first_organs` and `second_organs` of each
+    contact of organs. A fault unless they are the last."""
+    counted = {"load": "organ_loads"} | {side: f"{side}_organs" for side in SIDES}
     for name, spec in nodes.items():
-        loads = [w for w in wires if w.consumer == name and issubclass(w.port.type, Load)]
-        organs = [_is_side(nodes[w.producer].cls) for w in loads]
-        if "organ_loads" in spec.settings:
-            spec.settings["organ_loads"] = sum(organs)
-        if organs != sorted(organs) and not _solves(spec.cls):
-            order = sorted((w.producer for w in loads), key=lambda sender: _is_side(nodes[sender].cls))
-            faults.add(
-                "a load of another organ is before that of a finger", f"`in: {{load: [{', '.join(order)}]}}`",
-                loads[0].place, node=name, port=loads[0].port.name,
-            )  # fmt: skip
+        ports: dict[str, list[Wire]] = {}
+        for wire in wires:
+            if wire.consumer == name and issubclass(wire.port.type, Load):
+                ports.setdefault(wire.port.name, []).append(wire)
+        for port, loads in ports.items():
+            organs = [_is_side(nodes[w.producer].cls) for w in loads]
+            if counted.get(port) in spec.settings:
+                spec.settings[counted[port]] = sum(organs)
+            if organs != sorted(organs):
+                order = sorted((w.producer for w in loads), key=lambda sender: _is_side(nodes[sender].cls))
+                faults.add(
+                    "a load of another organ is before that of a finger", f"`in: {{{port}: [{', '.join(order)}]}}`",
+                    loads[0].place, node=name, port=port,
+                )  # fmt: skip
 
 
 def _side(
@@ -78,6 +90,7 @@ def _side(
         )  # fmt: skip
         return None
     body = nodes[bodies[0]]
+    _check_loads(name, which, side, bodies[0], nodes, wires, faults)
     if not _can_touch(body):
         faults.add(
             f"{bodies[0]!r} is a {body.use}, which has no contact with other bodies",
@@ -87,6 +100,84 @@ def _side(
     given = nodes[side].settings
     surface = {key: given[key] for key in MESH}
     return {"use": body.cls.__name__, "settings": dict(body.settings), "surface": surface}
+
+
+def _check_loads(
+    name: str, which: str, side: str, body: str, nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults
+) -> None:
+    """A fault unless a contact of organs gets all other loads of a body, in the order of the body."""
+    expected = [w.producer for w in wires if w.consumer == body and issubclass(w.port.type, Load)]
+    expected.remove(side)
+    found = [w.producer for w in wires if w.consumer == name and w.port.name == which]
+    if found != expected:
+        faults.add(
+            f"gets the loads {_list(found)} of {body!r}, which bears {_list(expected)} and that of the contact",
+            f"`{name}: {{in: {{{which}: {_list(expected)}}}}}`, in the order of the body.", nodes[name].place,
+            node=name, port=which,
+        )  # fmt: skip
+
+
+def _check_fingers(body: str, sides: list[str], nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> None:
+    """A fault for each contact of fingers with a body that does not feel all organs that touch it, by `sides`."""
+    for wire in wires:
+        if wire.producer != body or not set(outputs(nodes[wire.consumer].cls)) & {Contact, Contacts}:
+            continue
+        reader = nodes[wire.consumer]
+        felt = [w.producer for w in wires if w.consumer == wire.consumer and issubclass(w.port.type, Neighbour)]
+        if felt == sides:
+            continue
+        given = f"in: {{neighbour: {_list(sides)}}}"
+        if any(issubclass(port.type, Neighbour) for port in inputs(reader.cls)):
+            cure = f"`{wire.consumer}: {{{given}}}`, in the order of the loads of {body!r}."
+        else:
+            cure = f"One finger: `use: contact.Backed`, several: `use: contact.Joint`, and `{given}`."
+        faults.add(
+            f"a {reader.use} feels {_list(felt)} of the organs that touch {body!r}, expected {_list(sides)}", cure,
+            reader.place, node=wire.consumer, port="neighbour",
+        )  # fmt: skip
+
+
+def _check_balances(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> None:
+    """A fault for each energy balance that lacks organs which touch its body, directly or through others, or their
+    contacts: energy that passes to them would count as dissipated, and as generated when it returns."""
+    for name, spec in nodes.items():
+        if Ledger not in outputs(spec.cls):
+            continue
+        given: dict[str, list[str]] = {"body": [], "others": [], "between": []}
+        for wire in wires:
+            if wire.consumer == name and wire.port.name in given:
+                given[wire.port.name].append(wire.producer)
+        organs, contacts = _touching(given["body"], nodes, wires)
+        if set(given["others"]) != set(organs) or set(given["between"]) != set(contacts):
+            faults.add(
+                f"includes the organs {_list(given['others'])} and their contacts {_list(given['between'])}, but "
+                f"{_list(contacts)} solves for {_list(organs)} next to {_list(given['body'])}: its energy balance "
+                "would not close",
+                f"`{name}: {{in: {{others: {_list(organs)}, between: {_list(contacts)}}}}}`. Or remove it: "
+                f"`{name}: null`.", spec.place, node=name,
+            )  # fmt: skip
+
+
+def _touching(bodies: list[str], nodes: dict[str, NodeSpec], wires: list[Wire]) -> tuple[list[str], list[str]]:
+    """The organs that touch these bodies, directly or through others, and the contacts between all of them."""
+    found, contacts = list(bodies), list[str]()
+    for body in found:  # grows
+        sides = [w.producer for w in wires if w.consumer == body and _is_side(nodes[w.producer].cls)]
+        for contact in (w.producer for w in wires if w.consumer in sides and _solves(nodes[w.producer].cls)):
+            if contact in contacts:
+                continue
+            contacts.append(contact)
+            others = [w.consumer for w in wires if w.producer == contact and _is_side(nodes[w.consumer].cls)]
+            found += [
+                w.consumer for w in wires
+                if w.producer in others and issubclass(w.port.type, Load) and not _solves(nodes[w.consumer].cls)
+                and w.consumer not in found
+            ]  # fmt: skip
+    return found[len(bodies) :], contacts
+
+
+def _list(names: list[str]) -> str:
+    return f"[{', '.join(names)}]"
 
 
 def _can_touch(spec: NodeSpec) -> bool:

@@ -3,6 +3,8 @@
 from collections import Counter
 from collections.abc import Iterable
 
+from palpate.messages.contact import SIDES
+
 Link = tuple[str, str, str]  # receiving node, its input, sending node
 
 
@@ -10,9 +12,10 @@ def parts(links: Iterable[Link]) -> dict[str, int]:
     """The number of the finger of each node.
 
     Fingers meet in nodes with several senders at one input: the body, and the node that solves their contacts. These
-    nodes get no number. Without them, each finger is a connected component of the graph.
+    nodes get no number. Without them, each finger is a connected component of the graph. Both sides of a contact of
+    organs count as one input.
     """
-    links = list(links)
+    links = [(receiver, SIDES[0] if port in SIDES else port, sender) for receiver, port, sender in links]
     senders = Counter((receiver, port) for receiver, port, _ in links)
     shared = {receiver for (receiver, _), count in senders.items() if count > 1}
     neighbours: dict[str, list[str]] = {}

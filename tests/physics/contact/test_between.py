@@ -102,36 +102,35 @@ def test_a_bounded_step_never_pulls_and_counts_what_it_generates():
 
 
 @pytest.mark.parametrize("body", [0, 1])
-def test_the_response_is_the_derivative_of_the_lift_by_the_finger(body):
-    """y by a difference of two steps with different forces of the finger and the same active candidates."""
+def test_the_responses_are_the_derivatives_of_the_lifts_by_each_finger(body):
+    """y_ij by differences of two steps with different forces of three fingers and the same active candidates."""
     rng = np.random.default_rng(10)
     first, second = bodies(rng)
     gap = rng.uniform(0, 1e-5, SIZE)
-    opened = -rng.uniform(1e-4, 1e-3, SIZE) * 1e-1  # by 1 N
-    taus = (0.02, 0.004)
-    own = (dt := 1e-3) / (dt + taus[body])
+    opened = -rng.uniform(1e-5, 1e-4, (3, SIZE))  # by 1 N
+    taus, forces = (0.02, 0.004), np.array([2.0, 0.5, 1.0])
+    own, by = (dt := 1e-3) / (dt + taus[body]), 1e-6
 
-    def step(force):
-        made = between.pair(gap, first, second, taus)
-        others = np.zeros((2, SIZE))
-        others[body] = force * opened
-        for _ in range(5):
+    def step(last):
+        """The state after five steps under `forces` and one under `last`."""
+        made, others = between.pair(gap, first, second, taus), np.zeros((2, SIZE))
+        for given in (*[forces] * 5, last):
+            others[body] = given @ opened
             between.step_pair(made, others, dt, 10_000)
         return made
 
-    force, by = 2.0, 1e-6
-    low = step(force)
-    found = between.response(low, body, force * opened, force, dt)
-    again, others = step(force), np.zeros((2, SIZE))
-    before = again.active.force.copy()
-    for amount in (force, force + by):
-        made, others = step(force), np.zeros((2, SIZE))
-        others[body] = amount * opened
-        between.step_pair(made, others, dt, 10_000)
-        if amount == force:
-            before = made.active.force.copy()
-    lift = own * (opened @ (made.active.force - before)) / by
-    assert found > 0.0 and -lift == approx(found, rel=1e-5)
+    found, along = np.zeros((3, 3)), np.zeros((2, 3, SIZE))
+    base, given = step(forces), forces[:, None] * opened
+    part = given * rng.uniform(0.7, 1.3, given.shape)  # without friction
+    between.responses(base, body, given, given, forces, dt, along, found)
+    assert np.array_equal(found, found.T) and np.linalg.eigvalsh(found).min() > -1e-12
+    between.responses(base, body, given, part, forces, dt, along, found)
+    for j in range(3):
+        change = step(forces + by * np.eye(3)[j]).active.force - base.active.force
+        assert own * (part / forces[:, None] @ change) / by == approx(-found[:, j], rel=1e-4)
+    light = np.array([2.0, 1e-7, 1.0])
+    between.responses(base, body, given, given, light, dt, along, found)
+    assert not found[1].any() and not found[:, 1].any()
 
 
 def test_the_opening_by_a_load_is_the_sum_over_its_terminals():
@@ -139,10 +138,14 @@ def test_the_opening_by_a_load_is_the_sum_over_its_terminals():
     corners, weights = rng.integers(0, 9, (50, 3)), rng.uniform(0, 1, (50, 3))
     compliance, nodes = rng.standard_normal((27, SIZE)), rng.choice(50, 12, replace=False).astype(np.int32)
     forces, out = rng.standard_normal((12, 3)), np.zeros(SIZE)
-    gathered, touched = np.zeros((9, 3)), np.zeros((2, 9), np.int64)
-    between.open_by(nodes, forces, corners, weights, compliance, gathered, touched, out)
-    expected = np.zeros(SIZE)
-    for node, force in zip(nodes, forces, strict=True):
-        for corner, weight in zip(corners[node], weights[node], strict=True):
-            expected += weight * force @ compliance[3 * corner : 3 * corner + 3]
-    assert out == approx(expected, rel=1e-12, abs=1e-13) and not gathered.any() and not touched[1].any()
+    gathered, touched, part = np.zeros((9, 3)), np.zeros((2, 9), np.int64), np.zeros(SIZE)
+    n = rng.standard_normal(3)
+    n /= np.linalg.norm(n)
+    between.open_by(nodes, forces, tuple(n), corners, weights, compliance, gathered, touched, out, part)
+    for found, loads in ((out, forces), (part, np.outer(forces @ n, n))):
+        expected = np.zeros(SIZE)
+        for node, force in zip(nodes, loads, strict=True):
+            for corner, weight in zip(corners[node], weights[node], strict=True):
+                expected += weight * force @ compliance[3 * corner : 3 * corner + 3]
+        assert found == approx(expected, rel=1e-12, abs=1e-13)
+    assert not gathered.any() and not touched[1].any()

@@ -3,6 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import pytest
 from formulas import bristle_path, series_path
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from pytest import approx
 
 from palpate.messages import Contact, Force, Friction, Pose, Surface
+from palpate.messages.contact import OrganContact
 from palpate.nodes.ledger import Energy
 from palpate.physics.contact.series import exponential, series_energy
 from palpate.physics.friction.coulomb import Coulomb
@@ -41,7 +43,7 @@ class Balance:
         self.node = Energy()
         self.node.start()
 
-    def add(self, *now: Moment):
+    def add(self, *now: Moment, others=(), between=()):
         tip, tissue, bristles = zip(*[[() if e is None else (e,) for e in m.stored] for m in now], strict=True)
         self.answer = self.node.step(
             [Force(force=m.force, state="contact", energy=0.0) for m in now],
@@ -55,6 +57,7 @@ class Balance:
              for m, held in zip(now, bristles, strict=True)],
             Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1.0, exponent=1.0, damping=0.0,
                     rest_indentation=0.0, previous_indentation=0.0, stored=tissue[0]),
+            [*others], [*between],
         )  # fmt: skip
 
     def gap(self):
@@ -212,3 +215,58 @@ def test_a_finger_that_generates_energy_is_named_even_if_another_dissipates_it()
     assert balance.friction_dissipated == approx(0.0, abs=1e-15)
     assert balance.generated("friction 2") == approx(2e-3) and balance.generated("friction") == 0.0
     assert (balance.generated_by, balance.answer.generated) == ("friction 2", approx(2e-3))
+
+
+def organ(stored):
+    return Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1.0, exponent=1.0, damping=0.0,
+                   rest_indentation=0.0, previous_indentation=0.0, stored=(stored,))  # fmt: skip
+
+
+def organs(dissipated, generated=0.0):
+    return msgspec.structs.replace(OrganContact.example(False), dissipated=dissipated, generated=generated)
+
+
+def pressed_into_a_neighbour(depths, gap=1e-3, known=True, lost=0.0):
+    """A finger on a spring of 500 N/m, which meets one of 300 N/m behind it after `gap` [m]: it then yields as both.
+    The contact of the springs dissipates `lost` [J] per step while they touch, which the finger pays.
+
+    known  whether the balance gets the second spring and the contact
+    """
+    balance, paid, given = Balance(), 0.0, 0.0
+    for s in depths:
+        second = max(s - gap, 0.0)
+        f = 500.0 * s + 300.0 * second
+        paid += lost if second > 0.0 else 0.0
+        more = {"others": [organ(150.0 * second**2)], "between": [organs(max(paid, 0.0), max(-paid, 0.0))]}
+        moment = Moment((0.0, 0.0, -s), (0.0, 0.0, f), UP, f, 0.0, s, NONE, NONE, (0.0, 250.0 * s * s, 0.0))
+        balance.add(moment, **more if known else {})
+        given = max(given, balance.node.generated_energy("tissue"))
+    return balance, given
+
+
+def test_organs_that_touch_count_as_one_body():
+    """Pressed in and back, the second spring takes 150 N/m (3 mm)² = 1.35 mJ and returns it. Without it in the balance
+    this counts as dissipated, then as generated. With a step h the force at its end does 800 N/m h²/2 more than the
+    energy that the springs store, and as much less on the way back."""
+    steps, h = np.linspace(0.0, 4e-3, 4001), 1e-6
+    path = np.concatenate([steps, steps[::-1]])
+    balance, given = pressed_into_a_neighbour(path)
+    excess = 4000 * 0.5 * 800.0 * h * h
+    assert given <= 2 * excess and balance.tissue_stored == 0.0
+    half, _ = pressed_into_a_neighbour(steps)
+    assert half.tissue_stored == approx(250.0 * 4e-3**2 + 150.0 * 3e-3**2, rel=1e-12)
+    assert half.hand == approx(half.tissue_stored, rel=1e-3)
+    _, given = pressed_into_a_neighbour(path, known=False)
+    assert given == approx(1.35e-3, rel=1e-2)
+
+
+def test_what_the_contact_of_organs_dissipates_is_no_gain_and_what_it_generates_is_found():
+    path = np.concatenate([np.linspace(0.0, 4e-3, 401), np.linspace(4e-3, 0.0, 401)])
+    steps = int((path > 1e-3).sum())
+    passive, _ = pressed_into_a_neighbour(path, lost=1e-7)
+    assert passive.generated("contact of organs") == 0.0
+    still, _ = pressed_into_a_neighbour(path)
+    assert passive.tissue_dissipated == approx(still.tissue_dissipated, abs=1e-15)
+    active, _ = pressed_into_a_neighbour(path, lost=-1e-5)
+    assert active.generated("contact of organs") == approx(steps * 1e-5, rel=1e-9)
+    assert active.generated_by == "contact of organs"

@@ -10,7 +10,7 @@ from palpate.nodes.base.surface import PLACE, surface_mesh
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE, Rigid
 from palpate.physics.bodies.between_bodies import mean_inverse
 from palpate.physics.contact.organs import between
-from palpate.physics.contact.organs.backed import backed_law
+from palpate.physics.contact.organs.backed import STIFFEST, backed_law, backed_laws
 from palpate.physics.contact.organs.candidates import candidates
 from palpate.physics.contact.terminal import fit_terminal, indentation
 from palpate.studies import organ_pairs
@@ -160,6 +160,31 @@ def test_the_fitted_law_of_a_growing_contact_passes_through_the_present_force():
     found = (indentation(1.0001, 1e-3, k, n, c, free, previous) - expected) / 1e-4
     assert found == approx(slope, rel=1e-3) or n in (1.0, 3.0)
     assert fit_terminal(free, expected, 1.0 / slope, 1.0)[1] == approx(n, rel=1e-3)
+
+
+def test_two_fingers_with_a_neighbour_have_the_response_of_all():
+    """s_i = sum_j (C_ij - y_ij) f_j + (C X)_i + y f_0 for a linear body, at any forces. One finger: `backed_law`."""
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        root = rng.uniform(-1, 1, (3, 5))
+        joint = root @ root.T * 1e-4  # of two fingers and a neighbour with fixed place
+        body, lifts = joint[:2, :2], np.outer(joint[:2, 2], joint[:2, 2]) / joint[2, 2]
+        own, free = np.diag(body), rng.uniform(-1e-3, 1e-3, 2)
+        laws = np.array([[1.0 / c, 1.0, 0.0, s, s] for c, s in zip(own, free, strict=True)])
+        coupling, others, before = body / own[:, None], rng.uniform(-1, 1, 2), rng.uniform(0, 2, 2)
+        if (np.diag(lifts) > STIFFEST * own).any():
+            continue
+        made, joined = laws.copy(), coupling.copy()
+        backed_laws(made, joined, others, lifts, before, 1e-3)
+        force = rng.uniform(0.1, 3, 2)
+        for i in range(2):
+            k, n, c, rest, _ = made[i]
+            acting = force[i] + joined[i, 1 - i] * force[1 - i]
+            expected = free[i] + body[i] @ force + own[i] * others[i] - lifts[i] @ (force - before)
+            assert rest + acting / k == approx(expected, rel=1e-9, abs=1e-12) and (n, c) == (1.0, 0.0)
+        alone, one = laws[:1].copy(), np.ones((1, 1))
+        backed_laws(alone, one, others[:1], lifts[:1, :1], before[:1], 1e-3)
+        assert tuple(alone[0]) == backed_law(*laws[0], others[0], lifts[0, 0], before[0], 1e-3)
 
 
 @pytest.mark.parametrize("number", range(CASES))

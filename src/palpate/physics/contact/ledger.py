@@ -16,6 +16,10 @@ with the forces f_n, a, f_t at the end of the step, as in the implicit step of t
 a convex V. The display as a whole also counts as a part. Each finger has a fingertip and a friction; a coupled body
 receives sum_i f_i ds2_i.
 
+Organs that touch each other are one body, whose V is the sum of theirs. Their contacts are a part that stores nothing;
+the work on it is what they dissipate, W_c = -sum p.dw (`physics.contact.organs.between`), and the organs receive the
+rest of the work of the fingers.
+
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.
 Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 """
@@ -29,7 +33,9 @@ from palpate.physics.arrays import Array, Record, Vector3
 
 FINGERS = 16  # at most
 FINGERTIP, TISSUE, FRICTION, DISPLAY, MORE = range(5)
-"""Rows of the accounts: of the first finger, then fingertip and friction of each further one."""
+ORGANS = MORE + 2 * (FINGERS - 1)
+"""Rows of the accounts: of the first finger, then fingertip and friction of each further one, last the contacts of
+organs."""
 ACCOUNT = {"work": (), "stored": (), "highest": (), "generated": ()}
 """Energies [J]: work on a part; stored energy, NaN if not reported; largest dissipation so far; generated energy."""
 MOMENT = {
@@ -42,9 +48,10 @@ SUMS = {"hand": (), "asked": (), "rendered": (), "fingertip": (), "tissue": (), 
 """Sums over the fingers in a step [J]: works, see `_works`, and the energy stored in all parts."""
 
 LEDGER = {
-    "accounts": (MORE + 2 * (FINGERS - 1), ACCOUNT), "rows": int,  # rows in use
+    "accounts": (ORGANS + 1, ACCOUNT), "rows": int,  # rows in use, without `ORGANS`
     "fingers": int, "moments": int, "newest": int,  # fingers, moments in the ring `past`, index of the newest
     "sums": SUMS, "hand": (), "controller": (), "sampling": (), "balance": (), "work": (), "left": (),
+    "between": (),  # work on the contacts of organs since their start
 }  # fmt: skip
 """State of an energy account [J]; `work` and `left` are the hand's work and the balance of the last step. The kernels
 also take `past` (d + 2, FINGERS) of `MOMENT`, a ring buffer of the last moments."""
@@ -105,15 +112,21 @@ def add_finger(ledger: Record, past: Record, finger: int, along: Vector3, fricti
 
 
 @kernel
-def end(ledger: Record, past: Record, stepped: bool, tissue: float):
-    """End the moment; if it ends a step, after `add_finger` for each finger. tissue [J]: stored energy."""
+def end(ledger: Record, past: Record, stepped: bool, tissue: float, others: float, between: float):
+    """End the moment; if it ends a step, after `add_finger` for each finger.
+
+    tissue, others [J]  energy stored in the body, and in the organs that touch it; NaN if it is not reported
+    between [J]         work on their contacts since the start
+    """
+    given, ledger.between = between - ledger.between, between
     if not stepped:
         ledger.moments = 1
         return
     sums = ledger.sums
     hand, asked, rendered = sums.hand, sums.asked, sums.rendered
-    _add_step(ledger.accounts[TISSUE], sums.tissue, tissue)
-    _add_step(ledger.accounts[DISPLAY], hand, sums.stored)
+    _add_step(ledger.accounts[TISSUE], sums.tissue - given, tissue + others)
+    _add_step(ledger.accounts[ORGANS], given, 0.0)
+    _add_step(ledger.accounts[DISPLAY], hand, sums.stored + others)
     ledger.controller += hand - asked
     ledger.sampling += asked - rendered
     ledger.hand += hand
@@ -172,8 +185,9 @@ def totals(ledger: Record, row: int):
 def worst(ledger: Record):
     """The row of the part that has generated the most energy, and that energy [J]. For a part that does not report its
     stored energy it is the negative work on it."""
-    row = 0
-    for k in range(max(ledger.rows, MORE)):
+    row, rows = 0, max(ledger.rows, MORE)
+    for place in range(rows + 1):
+        k = place if place < rows else ORGANS
         account = ledger.accounts[k]
         if math.isnan(account.stored):
             account.generated = max(-account.work, 0.0)

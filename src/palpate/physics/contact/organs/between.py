@@ -18,12 +18,14 @@ Energy: the step does the work p.(w - w') on the bodies' surfaces, w' the gap be
 the contact dissipates what closing the gap within a step takes, and generates nothing. Only where the last call ended
 with an overlap (`complement`) may it be positive; it is then counted as generated.
 
-A finger on body b that presses with the force f opens the candidates by r f (r < 0 closes). While the active set S
-stays, the forces respond by dp_S = -W_SS^-1 m_b r_S df, and lift the finger's patch by
+Fingers j on body b that press with the normal forces f_j open the candidates by r_j f_j (r < 0 closes), n_j f_j of it
+by the normal part of their load; friction grows with the normal force. While the active set S stays, the forces respond
+by dp_S = -W_SS^-1 m_b r_j,S df_j, and lift the patch of finger i by
 
-    y df,    y = m_b² r_S.W_SS^-1 r_S
+    sum_j y_ij df_j,    y_ij = m_b² n_i,S.W_SS^-1 r_j,S
 
-(E. Betti's reciprocity): the Schur complement, by which the law of the finger's contact is stiffer than its body alone.
+(E. Betti's reciprocity): the Schur complement, by which the laws of the fingers' contacts are stiffer than their body
+alone. y is symmetric without friction.
 
 Signorini's contact: A. Signorini 1933; P. Wriggers, Computational Contact Mechanics, 2006, ch. 5. Range: displacements
 small against the radii of curvature, for candidates, normals and compliances are those of the undeformed bodies.
@@ -36,8 +38,8 @@ import numpy as np
 from palpate.compiler.dot import inner
 from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel, kernel
-from palpate.physics.arrays import Array, Indices, Matrix
-from palpate.physics.contact.organs.pivoting import ActiveSet, active_set, complement, refactor, solve_active
+from palpate.physics.arrays import Array, Indices, Matrix, Tensor, Vector3
+from palpate.physics.contact.organs.pivoting import ActiveSet, active_set, complement, refactor, solve_lower
 
 MOST = 32
 """Most candidates that touch or part in a step; the others follow in the next. At 1 kHz 500 candidates per 16 ms."""
@@ -132,35 +134,44 @@ def step_pair(pair: Pair, others: Matrix, dt: float, most: int):
 
 
 @ieee_kernel
-def response(pair: Pair, body: int, opened: Array, force: float, dt: float):
-    """y [m/N]: by how much the contact lifts the patch of a finger on a body per newton of its force.
+def responses(
+    pair: Pair, body: int, opened: Matrix, pressed: Matrix, forces: Array, dt: float, along: Tensor, out: Matrix
+):
+    """Fill `out` [m/N] (f,f), y_ij: by how much the contact lifts the patch of finger i on a body per newton of j.
 
-    opened [m] (m)  opening of the candidates by the finger's load alone, at rest;  force [N] its normal force
+    opened, pressed [m] (f,m)  opening of the candidates by the load of each finger alone, and by its normal part
+    forces [N] (f)  normal forces; a finger of less than `LEAST_FORCE` has no response
+    along  (2,f,m)  workspace
     """
-    count, right = pair.active.tally[0].active, pair.active.room[0]
-    if count == 0 or not force > LEAST_FORCE:
-        return 0.0
-    scale, along = take(pair, body, dt) / force, pair.active.room[2]
-    for k in range(count):
-        along[k] = right[k] = scale * opened[pair.active.order[k]]
-    solve_active(pair.active, right, count)
-    return inner(along[:count], right[:count])
+    count, active = pair.active.tally[0].active, pair.active
+    for a in range(len(out)):
+        scale = take(pair, body, dt) / forces[a] if forces[a] > LEAST_FORCE else 0.0
+        for k in range(count):
+            along[0, a, k] = scale * pressed[a, active.order[k]]
+            along[1, a, k] = scale * opened[a, active.order[k]]
+        solve_lower(active, along[0, a], count)
+        solve_lower(active, along[1, a], count)
+    for a in range(len(out)):
+        for b in range(len(out)):
+            out[a, b] = inner(along[0, a][:count], along[1, b][:count])
 
 
 @kernel
 def open_by(
     nodes: Indices,
     forces: Matrix,
+    normal: Vector3,
     corners: Indices,
     weights: Matrix,
     compliance: Matrix,
     gathered: Matrix,
     touched: Indices,
     out: Array,
+    pressed: Array,
 ):
-    """Fill `out` [m] (m): opening of the candidates by a load at rest.
+    """Fill `out` [m] (m): opening of the candidates by a load at rest, and `pressed` [m] (m): by its part along n.
 
-    nodes (k), forces [N] (k,3)         the load on vertices of the body's surface
+    nodes (k), forces [N] (k,3), normal [1] (3)  the load on vertices of the body's surface
     corners (V,3), weights [1] (V,3)    terminals that carry the load of each vertex
     compliance [m/N] (3t,m)             opening by a unit force along each axis at each of t terminals
     gathered [N] (t,3), touched (2,t)   workspace: forces on terminals, list of the loaded ones and a mark of each;
@@ -178,11 +189,15 @@ def open_by(
                 for x in range(3):
                     gathered[terminal, x] += weight * forces[k, x]
     out[:] = 0.0
+    pressed[:] = 0.0
     for k in range(count):
         terminal = listed[k]
         marks[terminal] = 0
+        given, rows = gathered[terminal], compliance[3 * terminal : 3 * terminal + 3]
+        value = given[0] * normal[0] + given[1] * normal[1] + given[2] * normal[2]
         for x in range(3):
-            value, row = gathered[terminal, x], compliance[3 * terminal + x]
-            gathered[terminal, x] = 0.0
+            force, part, row = given[x], value * normal[x], rows[x]
+            given[x] = 0.0
             for i in range(len(out)):
-                out[i] += value * row[i]
+                out[i] += force * row[i]
+                pressed[i] += part * row[i]

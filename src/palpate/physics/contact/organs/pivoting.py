@@ -65,14 +65,22 @@ def active_set(count: int) -> ActiveSet:
 
 
 @kernel
-def solve_active(active: ActiveSet, right: Array, count: int):
-    """Replace `right` (count), in the order of the factor, by the solution x of W_SS x = right."""
+def solve_lower(active: ActiveSet, right: Array, count: int):
+    """Replace `right` (count), in the order of the factor, by the solution x of U'x = right, so that x.x =
+    right.W_SS^-1 right."""
     factor = active.factor
     for k in range(count):
         row, value = factor[k], right[k] / factor[k, k]
         right[k] = value
         for j in range(k + 1, count):
             right[j] -= row[j] * value
+
+
+@kernel
+def solve_active(active: ActiveSet, right: Array, count: int):
+    """Replace `right` (count), in the order of the factor, by the solution x of W_SS x = right."""
+    factor = active.factor
+    solve_lower(active, right, count)
     for k in range(count - 1, -1, -1):
         right[k] = (right[k] - inner(factor[k][k + 1 : count], right[k + 1 : count])) / factor[k, k]
 
