@@ -23,10 +23,11 @@ def line(verdict: Verdict) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0, help="number of the first pair")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     begin, found = time.process_time(), []
-    for verdict in search(given.pairs, given.seed):
+    for verdict in search(given.pairs, given.seed, given.first):
         found.append(verdict)
         if verdict.faults:
             print(line(verdict), flush=True)

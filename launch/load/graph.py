@@ -27,6 +27,9 @@ from palpate.launch.load.network import device_delays, unknown_delays, unlike_de
 from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.resting import restless
 from palpate.launch.load.scene import Scene, condition
+from palpate.launch.load.several.described import take_organs
+from palpate.launch.load.several.lines import has_marks, repeat_lines
+from palpate.launch.load.several.reach import pairs_in_reach
 from palpate.launch.load.values.lines import BOOLEAN, fill, quantity
 from palpate.launch.load.values.settings import Offer, calibration_notes, check_offers, check_taken, resolve
 from palpate.launch.load.values.source import YamlSource
@@ -106,7 +109,7 @@ def load(
     scene_source = read_scene(scene, source, faults)
     parsed = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in overrides]
     changes = [item for item in parsed if item is not None]
-    apply(changes, source, scene_source, faults)
+    notes, apart = _repeat_for_organs(changes, source, scene_source, faults)
     switched = chosen_effects(source, scene_source, faults)
     place = scene_source.place(ORGAN)
     organ = None if (given := scene_source.data.pop(ORGAN, None)) is None else (given, place)
@@ -119,8 +122,10 @@ def load(
     kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in unclear}
     offers: list[Offer] = []
     nodes = _nodes(drafts, kinds, unclear, world, offers, faults)
+    for name in apart.keys() & nodes.keys():
+        nodes[name].off = apart[name]
     connections = _connect(drafts, nodes, faults)
-    notes = [] if unclear else _check_values(drafts, nodes, offers, changes, world, faults)
+    notes += [] if unclear else _check_values(drafts, nodes, offers, changes, world, faults)
     switch(switched, nodes, faults)
     by_value = () if unclear else _check_force_path(drafts, nodes, offers, connections, contents.rate, faults)
     notes += [] if unclear or faults.entries else _instead(nodes, drafts, world, faults)
@@ -140,6 +145,23 @@ def load(
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
+
+
+def _repeat_for_organs(
+    changes: list[Override], source: YamlSource, scene: YamlSource, faults: Faults
+) -> tuple[list[str], dict[str, str]]:
+    """Apply the overrides, those of the scene first: on it depends which lines are repeated for which organs. Notes,
+    and why nodes of pairs out of reach do not run."""
+    organs, notes = take_organs(scene, faults)
+    of_scene = [change for change in changes if change.keys[0] == "scene" and len(change.keys) > 1]
+    apply(of_scene, source, scene, faults)
+    several = has_marks(source)
+    pairs, apart = pairs_in_reach(organs or [], scene, faults) if several else ([], {})
+    off = repeat_lines(source, organs, pairs, apart, faults)
+    apply([change for change in changes if change not in of_scene], source, scene, faults)
+    if organs and not several:
+        notes = (*notes, "the scene's list `organs` reaches no node: the graph has no line such as contact-<organ>")
+    return list(notes), off
 
 
 def _nodes(

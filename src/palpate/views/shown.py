@@ -14,6 +14,7 @@ from palpate.engine.imports import full_name
 from palpate.engine.parts import Link, parts
 from palpate.engine.plan import Plan
 from palpate.messages import Contact, Friction, Load, Proximity, Surface
+from palpate.messages.contact import Neighbour, OrganContact
 from palpate.nodes.base.surface import complete
 from palpate.physics.geometry.mesh import Mesh
 from palpate.records.stored import Stored
@@ -35,7 +36,7 @@ class Finger(dict[str, str]):
 def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
     """The streams of each finger, in the order of the graph.
 
-    links  links between the nodes
+    links  links between the nodes, without those between organs
 
     Streams that do not belong to one finger (`engine.parts`) are shared by all. The sum of the contacts or frictions of
     one finger replaces them. A single finger, or one with unknown links, gets the first stream of each type.
@@ -73,16 +74,27 @@ def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
 _ADDED = {full_name(Contact), full_name(Friction)}
 
 
+_OF_ORGANS = {full_name(OrganContact), full_name(Neighbour)}
+
+
 def links_of_plan(planned: Plan) -> tuple[list[Link], Streams]:
-    links = [(name, edge.port, edge.producer) for name in planned.order for edge in planned.edges[name]]
+    """The links between nodes of a plan without those between organs, and its streams."""
     nodes = planned.graph.nodes
-    return links, {s: (n, full_name(kind)) for n in planned.order for s, kind in nodes[n].streams.items()}
+    streams = {s: (n, full_name(kind)) for n in planned.order for s, kind in nodes[n].streams.items()}
+    edges = ((name, edge) for name in planned.order for edge in planned.edges[name])
+    return [(n, e.port, e.producer) for n, e in edges if streams[e.stream][1] not in _OF_ORGANS], streams
 
 
 def links_of(recording: Stored) -> tuple[list[Link], Streams]:
-    edges = recording.about.get("plan", {}).get("edges", {})
-    links = [(name, edge["port"], edge["producer"]) for name, incoming in edges.items() for edge in incoming]
-    return links, {name: (s.producer, str(s.schema["class"])) for name, s in recording.streams.items()}
+    """The same of a recording."""
+    streams = {name: (s.producer, str(s.schema["class"])) for name, s in recording.streams.items()}
+    links = [
+        (name, edge["port"], edge["producer"])
+        for name, incoming in recording.about.get("plan", {}).get("edges", {}).items()
+        for edge in incoming
+        if streams.get(edge["stream"], ("", ""))[1] not in _OF_ORGANS
+    ]
+    return links, streams
 
 
 def _nearest_mesh(body: str, links: Sequence[Link], mesh: Callable[[str], Mesh]) -> Mesh:

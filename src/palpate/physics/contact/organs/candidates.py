@@ -72,6 +72,13 @@ def candidates(first: Mesh, second: Mesh, reach: float, most: int) -> Candidates
     return _cells(first, second, one, most)._replace(deepest=deepest)
 
 
+def nearest_distance(first: Mesh, second: Mesh, reach: float) -> float:
+    """The smallest signed distance [m] of a vertex of one surface from the other, negative where they overlap; infinite
+    if it is above `reach` [m]."""
+    least = min(_near(first, second, reach).deepest, _near(second, first, reach).deepest)
+    return least if least < reach else np.inf
+
+
 class _Near(NamedTuple):
     """Vertices of a surface near another: their indices, and feet, normals, triangles and distances there; the
     smallest distance of all vertices [m], also of those that face away."""

@@ -1,0 +1,104 @@
+"""The organs of a scene: a list of files, labels of segmentations or built-in surfaces, with place and tissue.
+
+organs:
+  - {name: liver, file: liver.stl, unit: mm, position: [0, 0, 0.128], tissue: liver-human}
+  - {name: kidney, file: seg.nii.gz, label: 2}       # labels of one segmentation keep their places
+  - {surface: sphere, name: ball, position: [0, 0, 0.084], tissue: {young: 40 kPa}}
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from palpate.engine.faults import Fault, Faults, GraphError, choices
+from palpate.launch.load.organ_file import organ_of
+from palpate.launch.load.tissues import fill_in
+from palpate.launch.load.values.source import YamlSource, merge
+from palpate.messages.wording import written
+from palpate.physics.errors import PalpateError
+
+ORGANS = "organs"  # key of a scene
+FILE = ("file", "unit", "piece", "label")
+PLACE = ("position", "rotation", "vertices", "refine")
+KEYS = ("name", "surface", *FILE, *PLACE, "tissue")
+MOST = 16
+
+
+def take_organs(scene: YamlSource, faults: Faults) -> tuple[list[str] | None, tuple[str, ...]]:
+    """Replace the list of organs in a scene by a part for each, named like the organ, with its `surface`, over that of
+    the scene, and its `tissue`, without one that of the scene. Returns the names in the order of the list, None without
+    a list, and what was changed for segmentations.
+
+    A fault for each entry that cannot be used.
+    """
+    given = scene.data.get(ORGANS)
+    if given is None:
+        return None, ()
+    place = scene.place(ORGANS)
+    if not (isinstance(given, list) and 1 <= len(given) <= MOST):
+        faults.add(f"organs: found {written(given)}, expected a list of 1 to {MOST} organs", "", place)
+        return None, ()
+    entries = [YamlSource(entry, _places(scene, number)) for number, entry in enumerate(given)]
+    scene.drop((ORGANS,))
+    del scene.data[ORGANS]
+    names: list[str] = []
+    notes: list[str] = []
+    for entry in entries:
+        read = faults.keep(_read, entry, scene, names)
+        if read is not None:
+            name, part, made = read
+            scene.put((name,), part)
+            names.append(name)
+            notes += made
+    return names, tuple(notes)
+
+
+def _places(scene: YamlSource, number: int) -> dict[tuple[Any, ...], Any]:
+    head = (ORGANS, number)
+    found = {keys[2:]: place for keys, place in scene.places.items() if keys[:2] == head}
+    return {(): scene.place(*head)} | found
+
+
+def _read(entry: YamlSource, scene: YamlSource, names: list[str]) -> tuple[str, YamlSource, tuple[str, ...]]:
+    """Name, part of the scene and notes of one organ. GraphError: it cannot be used."""
+    data, place = entry.data, entry.place()
+    if not isinstance(data, dict):
+        raise GraphError([Fault(f"organs: found {written(data)}, expected {{file: liver.stl, unit: mm}}", "", place)])
+    for key in data:
+        if key not in KEYS:
+            raise GraphError([Fault(f"organs: found the key {key!r}", choices("Keys", key, KEYS), entry.place(key))])
+    if ("file" in data) == ("surface" in data):
+        raise GraphError([Fault("organs: expected either `file` or `surface` of each organ", "", place)])
+    surface: dict[str, Any] = {"spacing": 0}  # a contact of organs needs all vertices
+    notes: tuple[str, ...] = ()
+    stem = data.get("surface")
+    if "file" in data:
+        organ = organ_of({key: data[key] for key in FILE if key in data}, entry.place("file"))
+        stem = str(data.get("label") or organ.stem)
+        try:
+            organ.check()
+            organ, notes = organ.as_mesh()
+            surface |= {"surface": str(organ.file.absolute()), "file_unit": organ.in_unit(), "piece": organ.setting}
+        except PalpateError as error:
+            raise GraphError([Fault(str(error).replace("--organ ", ""), "", entry.place("file"))]) from None
+    else:
+        surface["surface"] = stem
+    name = data.get("name", re.sub(r"[^A-Za-z0-9_-]+", "-", str(stem)))
+    if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name)):
+        text = f"organs: found the name {written(name)}, expected letters, digits, _ and -"
+        raise GraphError([Fault(text, "`name: liver`", entry.place("name"))])
+    if name in names or name in scene.data:
+        what = "an organ" if name in names else "a part of the scene"
+        raise GraphError([Fault(f"organs: {what} has the name {name!r}", "Give it another `name`.", place)])
+    surface |= {key: data[key] for key in PLACE if key in data}
+    fill_in(entry, "tissue")
+    part = YamlSource({}, {(): place})
+    part.put(("surface",), YamlSource(surface, {(): place} | {(key,): entry.place(key) for key in surface}))
+    if isinstance(scene.data.get("surface"), dict):
+        part.put(("surface",), merge(scene.sub("surface"), part.sub("surface")))
+    part.put(("tissue",), entry.sub("tissue") if "tissue" in data else scene.sub("tissue"))
+    if not isinstance(part.data["tissue"], dict):
+        text = f"organs: found the tissue {written(data.get('tissue'))} of {name}, expected a name or a mapping"
+        raise GraphError([Fault(text, "`tissue: liver-human`, or {young: 19 kPa}", entry.place("tissue"))])
+    return name, part, notes

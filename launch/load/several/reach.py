@@ -1,0 +1,91 @@
+"""Pairs of organs that may touch: those whose undeformed surfaces are nearer than the reach of their contact."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import combinations
+from typing import Any
+
+from palpate.engine.faults import Faults
+from palpate.launch.load.several.lines import Pair
+from palpate.launch.load.values.source import YamlSource
+from palpate.messages import Vector3
+from palpate.physics.errors import PalpateError
+from palpate.units.quantity import UnitError, convert
+
+REACH = 6e-3  # [m] as the default of contact.Between
+LEVEL, PLACED = (0.0, 0.0, 0.0), (("position", "m"), ("rotation", "rad"))
+DEEPEST = 1e-5  # [m] overlap at the start above which organs are refused
+
+
+def pairs_in_reach(organs: list[str], scene: YamlSource, faults: Faults) -> tuple[list[Pair], dict[Pair, str]]:
+    """The pairs in the order of the list, and the others with the reason. A fault for each pair that overlaps, with its
+    depth. Organs that cannot be read count as in reach: their nodes report why."""
+    found: list[Pair] = []
+    apart: dict[Pair, str] = {}
+    reach = _number(scene.data.get("between"), "reach", REACH)
+    for first, second in combinations(organs, 2):
+        one, other = (_surface(scene.data[name].get("surface")) for name in (first, second))
+        away = None if one is None or other is None else _distance(one, other, reach)
+        if away is not None and away < -DEEPEST:
+            faults.add(
+                f"organs: {first} and {second} overlap by {-1e3 * away:.3g} mm at the start, expected a gap",
+                f"Move one of them: `position` of {second} in the scene's list.", scene.place(second, "surface"),
+            )  # fmt: skip
+        if away is None or away < reach:
+            found.append((first, second))
+        else:
+            apart[first, second] = f"{first} and {second} are farther apart than {1e3 * reach:.3g} mm (between.reach)"
+    return found, apart
+
+
+def _number(given: Any, key: str, default: float) -> float:
+    """A length [m] of a part of the scene; the default if it is missing or no length, which its node reports."""
+    value = given.get(key, default) if isinstance(given, dict) else default
+    try:
+        return convert(value, "m") if isinstance(value, str) else float(value)
+    except (UnitError, TypeError, ValueError):
+        return default
+
+
+Surface = tuple[str, int, Vector3, Vector3, str, int, float, bytes]
+
+
+def _surface(given: Any) -> Surface | None:
+    """Name, vertices, position [m], rotation [rad], unit, piece, refinement [m] and digest of the file of a surface;
+    None: it is not complete, or has a wrong value."""
+    from palpate.nodes.base.surface import content_of  # numba and scipy, which few graphs need
+
+    if not isinstance(given, dict):
+        return None
+    try:
+        position, rotation = (_vector(given.get(key, LEVEL), unit) for key, unit in PLACED)
+        count, piece = int(given.get("vertices", 3000)), int(given.get("piece", 0))
+    except (UnitError, TypeError, ValueError):
+        return None
+    unit, refine = str(given.get("file_unit", "m")), _number(given, "refine", 1.6e-3)
+    name = str(given.get("surface"))
+    return name, count, position, rotation, unit, piece, refine, content_of(name)
+
+
+def _vector(given: Any, unit: str) -> Vector3:
+    """UnitError, TypeError, ValueError: not three numbers."""
+    x, y, z = (convert(v, unit) if isinstance(v, str) else float(v) for v in given)
+    return x, y, z
+
+
+@lru_cache(maxsize=64)
+def _distance(one: Surface, other: Surface, reach: float) -> float | None:
+    """The smallest signed distance [m] of two surfaces where they are nearer than the reach, infinite elsewhere; None:
+    one of them cannot be read."""
+    from palpate.nodes.base.surface import surface_mesh
+    from palpate.physics.contact.organs.candidates import nearest_distance
+
+    try:
+        first, second = (
+            surface_mesh(name, count, position, rotation, unit, piece=piece, refine=refine)
+            for name, count, position, rotation, unit, piece, refine, _ in (one, other)
+        )
+        return nearest_distance(first, second, reach)
+    except (PalpateError, ValueError):
+        return None
