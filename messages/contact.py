@@ -129,8 +129,11 @@ class OrganContact(Message):
     area           [m^2] ()    of the candidates that touch
     gap            [m]   ()    smallest gap of the candidates, at most their reach; negative where an overlap is left
                                for the next step
+    friction       [N]   (3)   sum of the friction forces on the first body; the second gets the opposite
+    slip           [m/s] (3)   velocity of the first body's surface against the second's in the patch
     left           [1]   ()    number of candidates that are left for the next step
-    dissipated     [J]   ()    energy dissipated by the contact since the start
+    stored         [J]   ()    energy stored in the bristles of the friction
+    dissipated     [J]   ()    energy dissipated by contact and friction since the start
     generated      [J]   ()    energy generated since the start, by overlaps that were left
     first_yields   [m/N] (f,f) by how much the contact lifts the patch of each finger on the first body per newton of
                                each finger
@@ -150,7 +153,10 @@ class OrganContact(Message):
     normal: Annotated[Vector3, "1", UNIT_VECTOR]
     area: Annotated[float, "m^2"]
     gap: Annotated[float, "m"]
+    friction: Annotated[Vector3, "N"]
+    slip: Annotated[Vector3, "m/s"]
     left: Annotated[int, "1"]
+    stored: Annotated[float, "J"]
     dissipated: Annotated[float, "J"]
     generated: Annotated[float, "J"]
     first_yields: Annotated[Floats, "m/N", ("f", "f"), COMPLIANCE]

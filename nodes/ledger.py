@@ -27,15 +27,18 @@ def stored_energy(stored):
 
 @kernel
 def of_organs(others, between):
-    """Energy [J] stored in the other organs, NaN if one does not report it, and work on all contacts of organs."""
-    stored = given = 0.0
+    """Energy [J] stored in the other organs, NaN if one does not report it, work on all contacts of organs, and energy
+    stored there."""
+    stored = given = held = 0.0
     for i in range(others.count):
         each = nth(others, i)
         stored += stored_energy(each.stored) if each.there else nan
     for i in range(between.count):
         touch = nth(between, i)
-        given += touch.dissipated - touch.generated if touch.there else 0.0
-    return stored, given
+        if touch.there:
+            held += touch.stored
+            given += touch.stored + touch.dissipated - touch.generated
+    return stored, given, held
 
 
 class Energy(CompiledNode):
@@ -87,7 +90,7 @@ class Energy(CompiledNode):
         friction: Annotated[list[Friction | None], Wants("force", "stored")],
         body: Annotated[Surface | None, Wants("stored")],
         others: Annotated[list[Surface | None], Wants("stored")],
-        between: Annotated[list[OrganContact | None], Wants("dissipated", "generated")],
+        between: Annotated[list[OrganContact | None], Wants("stored", "dissipated", "generated")],
         out: Out[Ledger],
         dt,
     ):
@@ -109,8 +112,8 @@ class Energy(CompiledNode):
                 if stepped:
                     stored = (stored_energy(touch.stored), stored_energy(body.stored), bristles)
                     ledger.add_finger(account, past, i, along, rubbed, stored)
-            elsewhere, given = of_organs(others, between)
-            ledger.end(account, past, stepped, stored_energy(body.stored), elsewhere, given)
+            elsewhere, given, held = of_organs(others, between)
+            ledger.end(account, past, stepped, stored_energy(body.stored), elsewhere, given, held)
         else:
             account.moments = 0
         row, most = ledger.worst(account)
@@ -119,7 +122,7 @@ class Energy(CompiledNode):
         out.hand, out.controller, out.sampling = account.hand, account.controller, account.sampling
         out.fingertip_stored, out.fingertip_dissipated = ledger.totals(account, ledger.FINGERTIP)
         out.tissue_stored, out.tissue_dissipated = ledger.totals(account, ledger.TISSUE)
-        out.tissue_dissipated += account.accounts[ledger.ORGANS].work
+        out.tissue_dissipated += account.accounts[ledger.ORGANS].work - account.accounts[ledger.ORGANS].stored
         out.friction_stored, out.friction_dissipated = ledger.totals(account, ledger.FRICTION)
         out.work, out.balance, out.unexplained = account.work, account.left, account.balance
         out.generated, out.generated_by = most, row + 1 if most != 0.0 else 0

@@ -15,10 +15,11 @@ from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.surface import OnThinnedSurface
-from palpate.physics.bodies.between_bodies import BetweenBody
+from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs.candidates import Candidates, Shares, candidates
+from palpate.physics.contact.organs.rubbing import Rubbing, open_by_friction, rubbing, step_rubbing
 
 CUBE = array_handle(3)
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
@@ -38,6 +39,7 @@ class BodySide(NamedTuple):
     corners: Annotated[np.ndarray, "<i8", 2]
     weights: Annotated[np.ndarray, "<f8", 2]
     response: Annotated[np.ndarray, "<f8", 2]
+    aside: Annotated[np.ndarray, "<f8", 2]
     begins: Annotated[np.ndarray, "<i8", 1]
     vertices: Annotated[np.ndarray, "<i8", 1]
     shares: Annotated[np.ndarray, "<f8", 1]
@@ -54,21 +56,27 @@ def _side(body: BetweenBody, shares: Shares, count: int) -> BodySide:
     used = len(np.unique(shares.vertices))
     return BodySide(
         np.ascontiguousarray(body.corners, np.int64), np.ascontiguousarray(body.weights, float), body.response,
-        np.searchsorted(shares.cells, np.arange(count + 1)).astype(np.int64), shares.vertices, shares.weights,
+        body.aside, np.searchsorted(shares.cells, np.arange(count + 1)).astype(np.int64), shares.vertices,
+        shares.weights,
         np.ascontiguousarray(shares.place), np.zeros((terminals, 3)), np.zeros((2, terminals), np.int64),
         np.full(size, -1), np.zeros(used, np.int32), np.zeros((used, 3)),
     )  # fmt: skip
 
 
-_side_of, _pair_of = unpacking(BodySide), unpacking(contact.Pair)
+_side_of, _pair_of, _rub_of = unpacking(BodySide), unpacking(contact.Pair), unpacking(Rubbing)
 
 
 @ieee_kernel
-def take_loads(load, fingers, side, others, opened, pressing):
+def take_loads(load, fingers, side, others, opened, pressing, aside, moved):
     """Fill `others` [m] (m), the opening of the candidates by all loads on a body at rest, `opened` [m] (2,f + 1,m),
-    that by each of the first f = `fingers` loads and by its normal part, and their normal forces `pressing` [N].
-    Returns whether a load is on an unknown vertex."""
+    that by each of the first f = `fingers` loads and by its normal part, and their normal forces `pressing` [N]; if the
+    bodies rub, `aside` [m] (2m), the displacement of the candidates along the surface by all loads. Returns whether a
+    load is on an unknown vertex.
+
+    moved (2,2m)  workspace
+    """
     others[:] = 0.0
+    aside[:] = 0.0
     pressing.count = fingers
     for i in range(load.count):
         each, row, part = nth(load, i), opened[0, min(i, fingers)], opened[1, min(i, fingers)]
@@ -86,14 +94,30 @@ def take_loads(load, fingers, side, others, opened, pressing):
         )
         for k in range(len(others)):
             others[k] += row[k]
+        if len(aside) > 0:
+            contact.open_by(
+                nodes,
+                forces,
+                n,
+                side.corners,
+                side.weights,
+                side.aside,
+                side.gathered,
+                side.touched,
+                moved[0],
+                moved[1],
+            )
+            for k in range(len(aside)):
+                aside[k] += moved[0, k]
         if i < fingers:
             pressing.values[i] = normal_force(forces, n)
     return False
 
 
 @ieee_kernel
-def spread_forces(pair, side, normal, sign):
-    """Fill nodes and forces of a side's load with the forces of the candidates along `sign` n; returns their number."""
+def spread_forces(pair, side, normal, rubs, sign):
+    """Fill nodes and forces of a side's load with the forces of the candidates, `sign` (p n + friction [N] (m,3));
+    returns the number of nodes."""
     count, active = 0, pair.active
     for k in range(active.tally[0].active):
         i = active.order[k]
@@ -107,7 +131,10 @@ def spread_forces(pair, side, normal, sign):
                 side.forces[count, 0] = side.forces[count, 1] = side.forces[count, 2] = 0.0
                 count += 1
             for x in range(3):
-                side.forces[side.slot[v], x] += side.shares[at] * force * normal[i, x]
+                given = force * normal[i, x]
+                if len(rubs) > 0:
+                    given += sign * rubs[i, x]
+                side.forces[side.slot[v], x] += side.shares[at] * given
     for k in range(count):
         side.slot[side.nodes[k]] = -1
     return count
@@ -153,7 +180,7 @@ def _body(name: str) -> Any:
 
 
 class Between(CompiledNode):
-    """Contact of two bodies, without penalty and without friction (docs/equations/between.md).
+    """Contact of two bodies, without penalty, with friction (docs/equations/between.md).
 
     `first` and `second` are the loads of the fingers on each body, then of other organs, in the order of the body's
     loads. The fingers feel the other body through `contact.Backed` or `contact.Joint`. A `contact.Side` sends the load
@@ -162,29 +189,37 @@ class Between(CompiledNode):
 
     reach   distance of the undeformed surfaces up to which they have candidates
     cells   most candidates; where the meshes have more vertices, neighbours are joined
+    friction  coefficient mu of Coulomb friction; 0: the bodies slide freely, as with a film of fluid between them
+    bristle_stiffness  of the stick
+    viscous   of a film of fluid: friction of this multiple of normal force and slip velocity
     bodies  the two bodies with their settings, as JSON: determined when the graph is loaded
     first_organs, second_organs  numbers of loads of other organs, the last ones, also determined there
     """
 
     reach: Annotated[float, "m", msgspec.Meta(gt=0, le=0.05)] = 6e-3
     cells: Annotated[int, "1", msgspec.Meta(ge=1, le=512)] = 160
+    friction: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.0
+    bristle_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0, le=1e9)] = 1e4
+    viscous: Annotated[float, "s/m", msgspec.Meta(ge=0, le=1e6)] = 0.0
     bodies: Annotated[str, "1"] = ""
     first_organs: Annotated[int, "1", msgspec.Meta(ge=0, le=ROOM)] = 0
     second_organs: Annotated[int, "1", msgspec.Meta(ge=0, le=ROOM)] = 0
 
     State = {
-        "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide),
+        "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide), "rub": form(Rubbing),
         "normals": TABLE, "areas": ARRAY, "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
-        "yields": TABLE, "returns": TABLE,
+        "yields": TABLE, "returns": TABLE, "slid": TABLE,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
     }  # fmt: skip
-    """The bodies and their contact; normals [1] and areas [m²] of the candidates; openings by all loads on each body,
-    and by each finger on the first and on the second; workspace; responses [m/N] of both; last feet and normal."""
+    """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates; openings by all loads
+    on each body, and by each finger on the first and on the second; workspace; responses [m/N] of both; last feet and
+    normal."""
     shared = (
-        "pair.gap", "pair.first", "pair.second", "pair.retardation", "normals", "areas",
+        "pair.gap", "pair.first", "pair.second", "pair.retardation", "normals", "areas", "rub.tangents", "rub.first",
+        "rub.second",
         *(f"{side}.{name}" for side in ("one", "two")
-          for name in ("corners", "weights", "response", "begins", "vertices", "shares", "place")),
+          for name in ("corners", "weights", "response", "aside", "begins", "vertices", "shares", "place")),
     )  # fmt: skip
 
     def start(self) -> None:
@@ -192,18 +227,22 @@ class Between(CompiledNode):
         found, bodies = self._meet()
         count = len(found.gap)
         normal, area = np.ascontiguousarray(found.normal), np.ascontiguousarray(found.area)
-        softs = [
-            body.between(size, shares, direction, area)
-            for (body, size), shares, direction in zip(
-                bodies, (found.first, found.second), (normal, normal), strict=True
-            )
-        ]
-        one, two = softs
+        tangents = tangents_of(normal) if self.friction > 0.0 or self.viscous > 0.0 else NO_TANGENTS
+        one, two = (
+            body.between(size, shares, normal, area, tangents)
+            for (body, size), shares in zip(bodies, (found.first, found.second), strict=True)
+        )
+        # forces on the second body are along -n
+        signs = np.repeat((-1.0, 1.0, 1.0), tangents.shape[1])[:, None] if tangents.size else 1.0
+        self.hold("rub", rubbing(
+            tangents, one.drags, signs * two.drags, self.friction, self.bristle_stiffness, self.viscous
+        ))  # fmt: skip
+        self.hold("slid", np.zeros((2, 2 * tangents.shape[1])))
         self.hold("pair", contact.pair(found.gap, one.matrix, two.matrix, (one.retardation, two.retardation)))
         # opening by a displacement of the second body along n is negative
         self.hold("one", _side(one, found.first, count))
         self.hold("two", _side(two._replace(response=-two.response), found.second, count))
-        self._gap = found.gap.copy()
+        self._gap, self._moved = found.gap.copy(), np.zeros(3)
         self.hold("normals", normal)
         self.hold("areas", area)
         self.hold("others", np.zeros((2, count)))
@@ -223,9 +262,9 @@ class Between(CompiledNode):
                 f"Between: the candidates are {1e3 * found.spacing:.2g} mm apart, so that patches narrower than "
                 f"{4e3 * found.spacing:.2g} mm are too stiff: more `cells`, or a shorter `reach`"
             )
+        how = "" if tangents.size else "slide on each other without friction, and "
         self._notes.append(
-            "Between: the organs slide on each other without friction, and are linear where they touch: large "
-            "displacement acts under fingers only"
+            f"Between: the organs {how}are linear where they touch: large displacement acts under fingers only"
         )
         if local := sorted({type(body).__name__ for body, _ in bodies if not hasattr(body, "basis")}):
             self._notes.append(
@@ -274,7 +313,10 @@ class Between(CompiledNode):
         """Move a body, "first" or "second", with its elastic foundation by a displacement [m] (3) from its place at the
         start, for scripts that call the node step by step. Its surface for fingers stays."""
         sign = 1.0 if side == SIDES[0] else -1.0
-        self._held["pair.gap"][:] = self._gap + sign * product(self._held["normals"], np.asarray(displacement, float))
+        to = sign * np.asarray(displacement, float)
+        self._held["rub.carried"][:] += to - self._moved
+        self._held["pair.gap"][:] = self._gap + product(self._held["normals"], to)
+        self._moved = to
 
     @ieee_kernel
     def compute(own, first: list[Load | None], second: list[Load | None], out: Out[OrganContact], dt):
@@ -282,22 +324,36 @@ class Between(CompiledNode):
         others, opened, again = floats(own.others), floats(own.opened), floats(own.again)
         normal, area, along = floats(own.normals), floats(own.areas), floats(own.along)
         presses, rests = out.first_pressing, out.second_pressing
-        unknown = take_loads(first, opened.shape[1] - 1, one, others[0], opened, presses)
-        if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests):
+        rub, slid = _rub_of(own.rub), floats(own.slid)
+        unknown = take_loads(first, opened.shape[1] - 1, one, others[0], opened, presses, rub.others[0], slid)
+        if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests, rub.others[1], slid):
             own.fault, own.fault_side = NO_VERTEX, 0 if unknown else 1
             return
+        rubs = rub.tangents.shape[1] > 0
+        if rubs:
+            open_by_friction(rub, others)
         out.left = contact.step_pair(pair, others, dt, contact.MOST)
+        if rubs:
+            step_rubbing(pair, rub, dt)
         contact.responses(pair, 0, opened[0], opened[1], presses.values, dt, along, floats(own.yields))
         contact.responses(pair, 1, again[0], again[1], rests.values, dt, along, floats(own.returns))
         lend(out.first_yields, own.yields)
         lend(out.second_yields, own.returns)
         summarise(own, pair, one, two, normal, area, out)
-        out.dissipated, out.generated = pair.past[0].dissipated, pair.past[0].generated
+        balance = rub.balance[0]
+        out.stored, out.dissipated = balance.stored, pair.past[0].dissipated + balance.dissipated
+        out.generated = pair.past[0].generated
+        put(out.slip, vector(rub.speed))
+        for x in range(3):
+            out.friction[x] = 0.0
+            for i in range(len(rub.force)):
+                out.friction[x] += rub.force[i, x]
+            out.resultant[x] += out.friction[x]
         own.penetrates[0] = max(own.penetrates[0], -out.gap)
-        count = spread_forces(pair, one, normal, 1.0)
+        count = spread_forces(pair, one, normal, rub.force, 1.0)
         lend_first(out.first_nodes, own.one.nodes, count)
         lend_first(out.first_forces, own.one.forces, count)
-        count = spread_forces(pair, two, normal, -1.0)
+        count = spread_forces(pair, two, normal, rub.force, -1.0)
         lend_first(out.second_nodes, own.two.nodes, count)
         lend_first(out.second_forces, own.two.forces, count)
 

@@ -15,7 +15,7 @@ from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
 from palpate.physics.bodies import spring_range
 from palpate.physics.bodies.beam_foundation_step import held_force
-from palpate.physics.bodies.between_bodies import BetweenBody, foundation_between
+from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, foundation_between
 from palpate.physics.contact.organs.candidates import Shares
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.materials.voigt import SKIN, TISSUE, ViscoelasticMaterial
@@ -111,14 +111,21 @@ class BeamBundle(MeshBody):
         )
         return beams.beam_foundation(self.mesh(), self.hardness(), layers, materials, self.radius, contacts)
 
-    def between(self, size: int, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
+    def between(
+        self,
+        size: int,
+        shares: Shares,
+        normal: np.ndarray,
+        area: np.ndarray,
+        tangents: np.ndarray = NO_TANGENTS,
+    ) -> BetweenBody:
         """The body for its contact with another, see `physics.bodies.between_bodies`: beams along their axes, with the
         mean retardation of the layers, weighted with their compliances."""
         soft = np.asarray(self.layers) / np.asarray(self.moduli)
         beam = self.foundation().beams
         softness = beam.static * beam.length / self.hardness()
         mean = float((soft * np.asarray(self.relaxations)).sum() / soft.sum())
-        return foundation_between(softness, self.mesh().areas, shares, normal, area, mean)
+        return foundation_between(softness, self.mesh().areas, shares, normal, area, mean, tangents)
 
     @kernel
     def idle(own, load, out, dt):

@@ -18,7 +18,7 @@ from palpate.nodes.base.samples import oldest
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
 from palpate.physics.bodies import spring_range
-from palpate.physics.bodies.between_bodies import BetweenBody, foundation_between
+from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, foundation_between
 from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact import end_rate
@@ -172,7 +172,14 @@ class MassSpring(MeshBody):
             factor = factor * exp((2.0 * self.exponent - 1.0) * log(self._field()[0]))
         return factor
 
-    def between(self, size: int, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
+    def between(
+        self,
+        size: int,
+        shares: Shares,
+        normal: np.ndarray,
+        area: np.ndarray,
+        tangents: np.ndarray = NO_TANGENTS,
+    ) -> BetweenBody:
         """The body for its contact with another, see `physics.bodies.between_bodies`: the nodal law for a patch of
         (1 - r²/R²)², in which the greatest pressure 3 f/(pi R²) indents by f/K. SettingError: the law is not linear."""
         if self.exponent != 1.0 or self.damping != 0.0:
@@ -181,7 +188,7 @@ class MassSpring(MeshBody):
                 "expected exponent 1 and damping 0 (`retardation` is its viscosity)"
             )
         softness = np.pi * self.radius**2 / (3.0 * self.stiffness * self.hardness())
-        return foundation_between(softness, self.mesh().areas, shares, normal, area, self.retardation)
+        return foundation_between(softness, self.mesh().areas, shares, normal, area, self.retardation, tangents)
 
     def relative_stiffness(self, feet: Sequence[Vector3]) -> np.ndarray | float:
         """Stiffness [1] (p) of the stiffness map at the vertices nearest to these points [m] (p), over that of a

@@ -22,7 +22,7 @@ from palpate.nodes.deformation.reduced_answer import PRESSURE, along_the_surface
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies import sampled_body as sampled
-from palpate.physics.bodies.between_bodies import BetweenBody, condensed_between
+from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, condensed_between
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody, Start, condensed_body, under
 from palpate.physics.bodies.half_space_range import CAUSES, caution
@@ -170,7 +170,14 @@ class ReducedFE(MeshBody):
         law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
         return condensed_body(placed, *given, *law, start=self._start(placed, given))
 
-    def between(self, size: int, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
+    def between(
+        self,
+        size: int,
+        shares: Shares,
+        normal: np.ndarray,
+        area: np.ndarray,
+        tangents: np.ndarray = NO_TANGENTS,
+    ) -> BetweenBody:
         """The body for its contact with another, see `physics.bodies.between_bodies`; large displacement is left out.
         SettingError: model: sampled, or an area law."""
         if self.model == "sampled" or self.area != "fixed":
@@ -178,7 +185,7 @@ class ReducedFE(MeshBody):
                 f"model {self.model}, area {self.area}: the contact with another organ takes model nonlinear or "
                 "linear, and area fixed"
             )
-        return condensed_between(self._make_shared()[0], shares, normal, area)
+        return condensed_between(self._make_shared()[0], shares, normal, area, tangents)
 
     def start_key(self, basis: Basis, given: tuple[Mesh, float, float, float, float]) -> str:
         """Key of the results of a start. They depend neither on the modulus nor on the retardation time."""

@@ -11,7 +11,7 @@ from palpate.nodes.base import CompiledNode, Out
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import oldest
-from palpate.physics.bodies.between_bodies import BetweenBody, rigid_between
+from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, rigid_between
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs.candidates import Shares
 
@@ -27,9 +27,16 @@ class Rigid(CompiledNode):
     def resize(self, counts: list[int]) -> None:
         make_room(self, counts[0])
 
-    def between(self, size: int, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
+    def between(
+        self,
+        size: int,
+        shares: Shares,
+        normal: np.ndarray,
+        area: np.ndarray,
+        tangents: np.ndarray = NO_TANGENTS,
+    ) -> BetweenBody:
         """The body for its contact with another, see `physics.bodies.between_bodies`."""
-        return rigid_between(self.plate_stiffness, size, normal)
+        return rigid_between(self.plate_stiffness, size, normal, tangents)
 
     @ieee_kernel
     def compute(own, load: list[Load], out: Out[Surface], dt):

@@ -112,6 +112,25 @@ def test_action_equals_reaction(felt):
     assert pressed > 100
 
 
+def test_friction_between_the_organs_acts_on_both_and_stays_below_its_limit(tmp_path):
+    recording = run(tmp_path / "rubbed.mcap", "scene.between.friction=0.3")
+    streams, slid = payloads(recording), 0
+    for m, first, second in zip(
+        streams["between"], streams["side-liver.Load"], streams["side-kidney.Load"], strict=True
+    ):
+        between, one, other = unpack(m, OrganContact), unpack(first, Load), unpack(second, Load)
+        assert one.forces.sum(axis=0) == approx(np.array(between.resultant), rel=1e-9, abs=1e-12)
+        assert other.forces.sum(axis=0) == approx(-np.array(between.resultant), rel=1e-9, abs=1e-12)
+        pull = np.linalg.norm(between.friction)
+        assert pull <= 0.3 * between.force * (1.0 + 1e-9)
+        slid += pull > 0.29 * between.force > 0.0
+    assert slid > 10
+    report = verify(recording, plan_of(recording), tolerance=0.0)
+    assert report.ok and report.complete, report.first
+    books = [unpack(m, Ledger) for m in streams["ledger"]]
+    assert max(book.generated for book in books) < 2e-3 * max(book.hand for book in books)
+
+
 def test_it_replays_bit_for_bit(felt):
     report = verify(felt, plan_of(felt), tolerance=0.0)
     assert report.ok and report.complete, report.first

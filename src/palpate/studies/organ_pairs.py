@@ -1,8 +1,8 @@
 """A random search of pairs of organs that touch while a finger presses one of them (docs/equations/between.md).
 
 Each case has two bodies of random kinds, shapes, stiffnesses, turns and gap. A finger moves along the normal of the
-upper one, into it and back, without a device, while the lower one moves up and back with its foundation. Every step is
-checked.
+upper one, into it and back, without a device, while the lower one moves up and back with its foundation; with friction
+it also slides. Every step is checked.
 """
 
 import json
@@ -44,6 +44,9 @@ class Case:
     duration: float  # [s] of the way in
     foot: np.ndarray  # [m] (3)
     normal: np.ndarray  # [1] (3)
+    friction: float = 0.0  # [1] between the organs
+    viscous: float = 0.0  # [s/m]
+    slide: tuple[float, float] = (0.0, 0.0)  # [m] of the lower body's motion along x and y
 
 
 @dataclass
@@ -118,7 +121,12 @@ def case(number: int, seed: int = 0) -> Case:
     closing = gap + float(rng.uniform(-0.5e-3, 3e-3))
     above, below = made
     duration = max(depth, closing) / speed
-    return Case(number, above, below, gap, depth, closing, duration, upper.vertices[foot], upper.normals[foot])
+    friction, viscous = float(rng.choice([0.0, 0.0, 0.05, 0.3, 1.0])), float(rng.choice([0.0, 0.0, 3.0]))
+    x, y = (rng.uniform(0, 3e-3) * rng.standard_normal(2) if friction > 0.0 else np.zeros(2)).tolist()
+    return Case(
+        number, above, below, gap, depth, closing, duration, upper.vertices[foot], upper.normals[foot], friction,
+        viscous if friction > 0.0 else 0.0, (x, y),
+    )  # fmt: skip
 
 
 def motion(case: Case) -> np.ndarray:
@@ -136,7 +144,7 @@ def nodes_of(case: Case, exchanged: bool) -> tuple[Any, Any, Between, Side, Side
         more = {"organ_loads": organs} if each["use"] == "ReducedFE" else {}
         bodies.append(getattr(deformation, each["use"])(**each["settings"], **more))
     order = [case.lower, case.upper] if exchanged else [case.upper, case.lower]
-    between = Between(bodies=json.dumps(order))
+    between = Between(bodies=json.dumps(order), friction=case.friction, viscous=case.viscous)
     sides = ("second", "first") if exchanged else ("first", "second")
     above = Side(side=sides[0], **case.upper["surface"])
     below = Side(side=sides[1], **case.lower["surface"])
@@ -157,7 +165,8 @@ def run(case: Case, exchanged: bool = False, rigid: bool = False) -> Course:
     (nx, ny, nz), (x, y, z) = case.normal.tolist(), case.foot.tolist()
     for tick, share in enumerate(motion(case)):
         approach = case.depth * share - 1e-4 + (case.closing * share * max(nz, 0.0) if rigid else 0.0)
-        between.move("first" if exchanged else "second", (0.0, 0.0, case.closing * float(share)))
+        way = float(share) * np.array([*case.slide, case.closing])
+        between.move("first" if exchanged else "second", (float(way[0]), float(way[1]), float(way[2])))
         near = Proximity(
             foot=(x, y, z), normal=(nx, ny, nz), coordinates=(0.0, 0.0), element=0,
             gap=-float(approach), approach=max(float(approach), 0.0), slip=(0.0, 0.0, 0.0),
@@ -193,11 +202,25 @@ def judge(case: Case) -> Verdict:
         faults.append("overlap")
     if generated > 1e-9 + 1e-6 * found.between[-1].dissipated:
         faults.append("energy generated")
+    faults += _rubs(case, found.between)
     if change > LIMIT:
         faults.append("change of the force per step")
     if not np.array_equal(forces, [c.force for c in swapped.contacts]):
         faults.append("other bits with exchanged bodies")
     return Verdict(case, max(overlap, 0.0), generated, change, float(forces.max()), float(organs.max()), tuple(faults))
+
+
+def _rubs(case: Case, course: list[OrganContact]) -> list[str]:
+    """Faults of the friction: above its limit, or energy that it returns beyond what its bristles store."""
+    faults = []
+    rubs = np.array([b.friction for b in course])
+    normal, film = np.array([b.force for b in course]), case.viscous * np.array([b.slip for b in course])
+    pull = np.linalg.norm(rubs + film * normal[:, None], axis=1)
+    if (pull > case.friction * normal + 1e-9 * (1.0 + np.linalg.norm(rubs, axis=1))).any():
+        faults.append("friction above its limit")
+    if case.friction > 0.0 and np.diff([b.dissipated for b in course], prepend=0.0).min() < -1e-12:
+        faults.append("energy returned by friction")
+    return faults
 
 
 def search(count: int, seed: int = 0, first: int = 0) -> Iterator[Verdict]:

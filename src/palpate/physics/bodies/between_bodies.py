@@ -34,7 +34,10 @@ import numpy as np
 
 from palpate.compiler.exact import product
 from palpate.physics.bodies.condensed_step import CondensedModel
+from palpate.physics.bodies.true_patch import sideways
 from palpate.physics.contact.organs.candidates import Shares
+
+NO_TANGENTS, NO_FIELD = np.zeros((2, 0, 3)), np.zeros((0, 0))
 
 
 class BetweenBody(NamedTuple):
@@ -45,6 +48,9 @@ class BetweenBody(NamedTuple):
                                of t terminals
     corners     (V,3)          terminals of each vertex of the surface, and their weights [1] (V,3)
     retardation [s]
+    aside       [m/N] (3t,2m)  displacement of each candidate along its tangents, those along t_1 before those along
+                               t_2, by a unit force along each axis at each terminal
+    drags       [m/N] (3m,2m)  the same by a unit force on each candidate along n, t_1 and t_2
     """
 
     matrix: np.ndarray
@@ -52,31 +58,53 @@ class BetweenBody(NamedTuple):
     corners: np.ndarray
     weights: np.ndarray
     retardation: float
+    aside: np.ndarray = NO_FIELD
+    drags: np.ndarray = NO_FIELD
 
 
-def condensed_between(model: CondensedModel, shares: Shares, normal: np.ndarray, area: np.ndarray) -> BetweenBody:
-    """A condensed organ; normal [1] (m,3) and area [m²] (m) of the candidates."""
+def condensed_between(
+    model: CondensedModel, shares: Shares, normal: np.ndarray, area: np.ndarray, tangents: np.ndarray = NO_TANGENTS
+) -> BetweenBody:
+    """A condensed organ; normal [1] (m,3) and area [m²] (m) of the candidates, tangents [1] (2,m,3) if they rub."""
     size, count = len(model.vertices), len(normal)
     hats = np.zeros((count, size))  # Q
     for a in range(3):
         np.add.at(hats, (shares.cells, model.corners[shares.vertices, a]),
                   shares.weights * model.weights[shares.vertices, a])  # fmt: skip
-    # n.Q C (m,3V), then its product with Q' n
-    along = np.zeros((count, 3 * size))
-    for cell, v in zip(*np.nonzero(hats), strict=True):
-        for x in range(3):
-            along[cell] += hats[cell, v] * normal[cell, x] * model.compliance[3 * v + x]
+    along = _moved(model, hats, normal)  # n.Q C (m,3V), then its product with Q' n
     matrix = np.zeros((count, count))
     for cell, v in zip(*np.nonzero(hats), strict=True):
         for x in range(3):
             matrix[:, cell] += hats[cell, v] * normal[cell, x] * along[:, 3 * v + x]
+    local = np.zeros((count, count))
     if len(model.true.table):
-        facing = np.maximum(product(normal, normal.T), 0.0)
         near = product(product(hats, model.true.table), hats.T)
-        matrix += model.true.normal * facing * (mean_inverse(shares.place, area) - near)
+        local = model.true.normal * (mean_inverse(shares.place, area) - near)
+        matrix += np.maximum(product(normal, normal.T), 0.0) * local
     matrix = 0.5 * (matrix + matrix.T) / model.young
     response = np.ascontiguousarray(along.T) / model.young
-    return BetweenBody(matrix, response, model.corners, model.weights, model.retardation)
+    body = BetweenBody(matrix, response, model.corners, model.weights, model.retardation)
+    if not tangents.size:
+        return body
+    # displacement along the tangents by forces along n, t_1 and t_2
+    aside = np.concatenate([_moved(model, hats, t) for t in tangents])
+    pushes = [(hats[:, :, None] * e[:, None, :]).reshape(count, 3 * size) for e in (normal, *tangents)]
+    drags = product(aside, np.concatenate(pushes).T)
+    for a, t in enumerate(tangents):
+        for b, e in enumerate(tangents):
+            drags[a * count : (a + 1) * count, (b + 1) * count : (b + 2) * count] += (
+                model.true.tangential * product(t, e.T) * local
+            )
+    return body._replace(aside=np.ascontiguousarray(aside.T) / model.young, drags=drags.T / model.young)
+
+
+def _moved(model: CondensedModel, hats: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """e.Q C (m,3V): displacement of each candidate along a direction [1] (m,3) by a unit force at a coarse vertex."""
+    along = np.zeros((len(hats), 3 * hats.shape[1]))
+    for cell, v in zip(*np.nonzero(hats), strict=True):
+        for x in range(3):
+            along[cell] += hats[cell, v] * direction[cell, x] * model.compliance[3 * v + x]
+    return along
 
 
 def mean_inverse(place: np.ndarray, area: np.ndarray) -> np.ndarray:
@@ -100,8 +128,10 @@ def foundation_between(
     normal: np.ndarray,
     area: np.ndarray,
     retardation: float,
+    tangents: np.ndarray = NO_TANGENTS,
 ) -> BetweenBody:
-    """Independent springs; softness q [m/Pa] (V), areas [m²] (V) of the vertices, area [m²] (m) of the candidates."""
+    """Independent springs, as soft along the surface as across it; softness q [m/Pa] (V), areas [m²] (V) of the
+    vertices, area [m²] (m) of the candidates."""
     used, terminal = np.unique(shares.vertices, return_inverse=True)
     weights = np.zeros((len(normal), len(used)))  # P
     weights[shares.cells, terminal.ravel()] = shares.weights
@@ -109,13 +139,39 @@ def foundation_between(
     response = (weights * (softness[used] / areas[used]))[:, :, None] * normal[:, None, :]
     corners, on = np.zeros((len(areas), 3), np.int64), np.zeros((len(areas), 3))
     corners[used, 0], on[used, 0] = np.arange(len(used)), 1.0
-    return BetweenBody(
+    body = BetweenBody(
         matrix, np.ascontiguousarray(response.reshape(len(normal), 3 * len(used)).T), corners, on, retardation
     )
+    if not tangents.size:
+        return body
+    moved = [(weights * (softness[used] / areas[used]))[:, :, None] * t[:, None, :] for t in tangents]
+    aside = np.concatenate([each.reshape(len(normal), 3 * len(used)) for each in moved])
+    return body._replace(aside=np.ascontiguousarray(aside.T), drags=_own_drags(matrix))
 
 
-def rigid_between(stiffness: float, size: int, normal: np.ndarray) -> BetweenBody:
+def _own_drags(tangential: np.ndarray) -> np.ndarray:
+    """Displacement [m/N] (3m,2m) of candidates that move along the surface only by forces along it, as across it."""
+    count = len(tangential)
+    drags = np.zeros((3 * count, 2 * count))
+    for a in range(2):
+        drags[(a + 1) * count : (a + 2) * count, a * count : (a + 1) * count] = tangential
+    return drags
+
+
+def rigid_between(stiffness: float, size: int, normal: np.ndarray, tangents: np.ndarray = NO_TANGENTS) -> BetweenBody:
     """A plate of this stiffness [N/m], whose surface has `size` vertices. Other loads do not move it."""
     matrix = (np.ones((len(normal), len(normal))) + np.eye(len(normal))) / stiffness
     nothing = np.zeros((3, len(normal)))
-    return BetweenBody(matrix, nothing, np.zeros((size, 3), np.int64), np.zeros((size, 3)), 0.0)
+    body = BetweenBody(matrix, nothing, np.zeros((size, 3), np.int64), np.zeros((size, 3)), 0.0)
+    if not tangents.size:
+        return body
+    return body._replace(aside=np.zeros((3, 2 * len(normal))), drags=_own_drags(matrix))
+
+
+def tangents_of(normal: np.ndarray) -> np.ndarray:
+    """Two orthogonal tangents [1] (2,m,3) of candidates with the normals [1] (m,3)."""
+    found, along = np.zeros((2, len(normal), 3)), np.zeros((2, 3))
+    for i, n in enumerate(normal):
+        sideways((float(n[0]), float(n[1]), float(n[2])), along)
+        found[:, i] = along
+    return found

@@ -16,8 +16,8 @@ with the forces f_n, a, f_t at the end of the step, as in the implicit step of t
 a convex V. The display as a whole also counts as a part. Each finger has a fingertip and a friction; a coupled body
 receives sum_i f_i ds2_i.
 
-Organs that touch each other are one body, whose V is the sum of theirs. Their contacts are a part that stores nothing;
-the work on it is what they dissipate, W_c = -sum p.dw (`physics.contact.organs.between`), and the organs receive the
+Organs that touch each other are one body, whose V is the sum of theirs. Their contacts are a part; the work on it,
+W_c = -sum p.dw + F.dx, is dissipated or stored in the bristles (`physics.contact.organs`), and the organs receive the
 rest of the work of the fingers.
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.
@@ -112,11 +112,11 @@ def add_finger(ledger: Record, past: Record, finger: int, along: Vector3, fricti
 
 
 @kernel
-def end(ledger: Record, past: Record, stepped: bool, tissue: float, others: float, between: float):
+def end(ledger: Record, past: Record, stepped: bool, tissue: float, others: float, between: float, held: float):
     """End the moment; if it ends a step, after `add_finger` for each finger.
 
     tissue, others [J]  energy stored in the body, and in the organs that touch it; NaN if it is not reported
-    between [J]         work on their contacts since the start
+    between, held [J]   work on their contacts since the start, and energy stored in the bristles there
     """
     given, ledger.between = between - ledger.between, between
     if not stepped:
@@ -125,8 +125,8 @@ def end(ledger: Record, past: Record, stepped: bool, tissue: float, others: floa
     sums = ledger.sums
     hand, asked, rendered = sums.hand, sums.asked, sums.rendered
     _add_step(ledger.accounts[TISSUE], sums.tissue - given, tissue + others)
-    _add_step(ledger.accounts[ORGANS], given, 0.0)
-    _add_step(ledger.accounts[DISPLAY], hand, sums.stored + others)
+    _add_step(ledger.accounts[ORGANS], given, held)
+    _add_step(ledger.accounts[DISPLAY], hand, sums.stored + others + held)
     ledger.controller += hand - asked
     ledger.sampling += asked - rendered
     ledger.hand += hand

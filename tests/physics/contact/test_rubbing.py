@@ -1,0 +1,126 @@
+"""Friction of two bodies on each other (physics.contact.organs.rubbing)."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.physics.contact.organs import between
+from palpate.physics.contact.organs.rubbing import rubbing, step_rubbing
+
+SIZE, DT = 12, 1e-3
+UP = np.tile((0.0, 0.0, 1.0), (SIZE, 1))
+TANGENTS = np.stack([np.tile((1.0, 0.0, 0.0), (SIZE, 1)), np.tile((0.0, 1.0, 0.0), (SIZE, 1))])
+
+
+def body(rng, stiff):
+    """A random compliance of n, t_1 and t_2 forces and displacements, symmetric positive definite (3m,3m) [m/N]."""
+    root = rng.standard_normal((3 * SIZE, 3 * SIZE))
+    whole = 1e-4 / stiff * (root @ root.T / SIZE + 0.5 * np.eye(3 * SIZE))
+    return whole[:SIZE, :SIZE], whole[:, SIZE:]
+
+
+def pair_of(rng, mu, bristles=1e4, viscous=0.0, taus=(0.02, 0.005)):
+    (one, drag), (other, drags) = body(rng, 1.0), body(rng, 3.0)
+    signs = np.repeat((-1.0, 1.0, 1.0), SIZE)[:, None]
+    made = between.pair(rng.uniform(0, 2e-4, SIZE), one, other, taus)
+    return made, rubbing(TANGENTS, drag, signs * drags, mu, bristles, viscous)
+
+
+def run(made, rub, motions, pressed):
+    """Steps with the first foundation carried by each motion [m] (n,3), and the candidates closed by `pressed` [m] (n).
+    Returns forces on the first body (n,3), normal forces (n), and the work of the friction on both surfaces (n)."""
+    forces, normals, works = [], [], []
+    for carried, depth in zip(motions, pressed, strict=True):
+        others = np.stack([np.full(SIZE, -depth), np.zeros(SIZE)])
+        between.step_pair(made, others, DT, 10_000)
+        rub.carried[:] = carried
+        before = rub.moved.copy()
+        step_rubbing(made, rub, DT)
+        by = (rub.moved - before).reshape(2, 2, SIZE)
+        relative = by[0] - by[1] + np.einsum("ami,i->am", TANGENTS, carried)
+        along = np.einsum("mi,ami->am", rub.force, TANGENTS)
+        works.append(float((along * relative).sum()))
+        forces.append(rub.force.sum(axis=0))
+        normals.append(made.active.force.sum())
+    return np.array(forces), np.array(normals), np.array(works)
+
+
+def random_motion(rng, steps):
+    """Random slides between 1 um and 30 mm with stops, and random presses that also part [m]."""
+    size, turn = 10.0 ** rng.uniform(-6, -1.5), rng.uniform(0, 2 * np.pi, 2)
+    t = np.arange(steps) * 2 * np.pi / steps
+    way = size * np.stack([np.sin(t + turn[0]), 0.5 * np.sin(2 * t + turn[1]), 0.1 * np.cos(t)], axis=1)
+    held = rng.uniform(0, 1, steps) < 0.2
+    moves = np.where(held[:, None], 0.0, np.diff(way, axis=0, prepend=way[:1]))
+    return moves, 3e-4 * np.sin(rng.uniform(1, 4) * t + rng.uniform(0, 6)) + rng.uniform(-1e-4, 4e-4)
+
+
+RUNS = 200
+
+
+def test_random_slides_neither_exceed_the_limit_nor_generate_energy():
+    """Work on the surfaces plus the energy that bristles store and lose is zero; the loss never falls."""
+    rng, slid = np.random.default_rng(3), 0
+    for _ in range(RUNS):
+        mu, viscous = 10.0 ** rng.uniform(-2, 0.3), float(rng.choice([0.0, 1.0, 30.0]))
+        made, rub = pair_of(rng, mu, 10.0 ** rng.uniform(2, 6), viscous, 10.0 ** rng.uniform(-4, -1, 2))
+        moves, pressed = random_motion(rng, 120)
+        lost = []
+        works = []
+        for move, depth in zip(moves, pressed, strict=True):
+            force, normal, work = run(made, rub, [move], [depth])
+            works.append(work[0])
+            film = viscous * normal[0] * rub.speed
+            rounding = 1e-12 * (np.linalg.norm(film) + mu * normal[0])
+            assert np.linalg.norm(rub.total - film) <= mu * normal[0] + rounding
+            assert force[0] == approx(-rub.total, rel=1e-9, abs=1e-12)
+            lost.append(rub.balance["dissipated"][0])
+        scale = max(lost[-1], 1e-12)
+        assert np.diff(lost, prepend=0.0).min() >= -1e-12 * scale
+        assert sum(works) + rub.balance["stored"][0] + lost[-1] == approx(0.0, abs=1e-9 * scale)
+        slid += rub.balance["slipped"][0] > 1e-6
+    assert slid > RUNS // 2
+
+
+def test_it_sticks_below_the_limit_with_the_stiffness_of_bodies_and_bristles_in_series():
+    rng = np.random.default_rng(4)
+    made, rub = pair_of(rng, 5.0, 2e3, taus=(0.0, 0.0))
+    run(made, rub, np.zeros((3, 3)), np.full(3, 5e-4))
+    step, before = np.array([1e-6, 0.0, 0.0]), rub.total.copy()
+    run(made, rub, [step], [5e-4])
+    p = made.active.force / made.active.force.sum()
+    tt = rub.first[SIZE:] + rub.second[SIZE:]
+    mean = np.array(
+        [[p @ tt[b * SIZE : (b + 1) * SIZE, a * SIZE : (a + 1) * SIZE] @ p for a in (0, 1)] for b in (0, 1)]
+    )
+    expected = np.linalg.solve(mean + np.eye(2) / 2e3, step[:2])
+    assert np.linalg.norm(before) > 0.0 and (rub.total - before)[:2] == approx(expected, rel=1e-6)
+
+
+def test_a_slide_has_the_limit_against_its_motion_at_any_step():
+    """Bodies without retardation dragged over 10 mm: the friction is mu N along the way, in 10 or 1000 steps."""
+    for steps in (10, 1000):
+        made, rub = pair_of(np.random.default_rng(5), 0.3, taus=(0.0, 0.0))
+        run(made, rub, np.zeros((3, 3)), np.full(3, 5e-4))
+        way = np.array([6e-3, 8e-3, 0.0])
+        forces, normals, _ = run(made, rub, np.tile(way / steps, (steps, 1)), np.full(steps, 5e-4))
+        assert np.linalg.norm(forces[-1]) == approx(0.3 * normals[-1], rel=1e-9)
+        assert forces[-1] / np.linalg.norm(forces[-1]) == approx(-way / 1e-2, abs=2e-2)
+
+
+def test_a_film_of_fluid_resists_in_proportion_to_the_speed():
+    made, rub = pair_of(np.random.default_rng(6), 1e-9, viscous=0.2, taus=(0.0, 0.0))
+    run(made, rub, np.zeros((3, 3)), np.full(3, 5e-4))
+    for speed in (1e-3, 1e-2, 1e-1):
+        forces, normals, _ = run(made, rub, np.tile((speed * DT, 0, 0), (400, 1)), np.full(400, 5e-4))
+        assert forces[-1][0] == approx(-0.2 * normals[-1] * speed, rel=1e-3)
+
+
+@pytest.mark.parametrize("viscous", [0.0, 1.0])
+def test_bodies_that_part_forget_the_bristles(viscous):
+    made, rub = pair_of(np.random.default_rng(7), 0.5, viscous=viscous)
+    run(made, rub, np.tile((1e-5, 0, 0), (20, 1)), np.full(20, 5e-4))
+    assert np.linalg.norm(rub.total) > 0.0
+    run(made, rub, np.zeros((1, 3)), [-1e-2])
+    assert not made.active.force.any()
+    assert not rub.force.any() and not rub.bristle.any() and rub.balance["stored"][0] == 0.0
