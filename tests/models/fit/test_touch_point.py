@@ -5,7 +5,7 @@ import pytest
 
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.fit import fit_tissue
-from palpate.models.fit.tissue.measured import MOST_ROWS, hertz_touch, prepare_press
+from palpate.models.fit.tissue.measured import MOST_ROWS, deepest_row, hertz_touch, prepare_press, thin_press
 from palpate.models.fit.tissue.rigs import Rig
 
 TRAVEL, YOUNG = 50e-6, 5000.0  # [m], [Pa]
@@ -33,8 +33,43 @@ def test_a_rise_before_a_shallow_contact_is_not_the_contact(contact, radius, len
 
 
 def test_rows_in_contact_of_a_long_record_are_not_averaged_away():
-    press = approach(0.5e-6, 5e-6, 20e-6, rows=20000)
+    press = thin_press(approach(0.5e-6, 5e-6, 20e-6, rows=20000))
     assert len(press.depth) <= MOST_ROWS and (press.depth > TRAVEL - 0.5e-6).sum() >= 100
+
+
+def cycles(count, deeper=0.0, held=0, seed=5):
+    """Depth [m] of equal cycles, the last one deeper, with noise of the depth, and the force [N], which is 30 % less
+    after the first peak."""
+    rng = np.random.default_rng(seed)
+    up = np.linspace(-2e-3, 0.7e-3, 600)
+    parts = [each for _ in range(count) for each in (up, np.full(held, up[-1]), up[::-1])]
+    path = np.concatenate(parts) + 1e-7 * rng.standard_normal(count * (1200 + held))
+    path[-1200 - held :] += deeper * (path[-1200 - held :] > 0.0)
+    force = 4.0 / 3.0 / 0.75 * np.sqrt(8e-3) * 1e4 * np.maximum(path, 0.0) ** 1.5
+    force[600 + held :] *= 1.0 - 0.3 * np.minimum(np.arange(len(force) - 600 - held) / 60.0, 1.0)
+    return path, force + 0.02 * force.max() * rng.standard_normal(len(path))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("held", [0, 200])
+def test_of_equal_cycles_the_first_loading_is_fitted_with_all_its_rows(count, held):
+    """Noise of the depth chose the cycle; the first peak counted as the begin of a hold at a constant force; and rows
+    were averaged over all cycles, so that few were left of the loading: 88 % of such presses were right."""
+    path, force = cycles(count, held=held)
+    press = prepare_press("press.csv", 0.01 * np.arange(len(path)), path, force)
+    fit = fit_tissue([press], Rig("ball", 8e-3), "hertz")
+    fitted = fit.presses[0]
+    assert len(fitted.depth) <= MOST_ROWS and (fitted.depth > 0.0).sum() >= 140  # of 156
+    assert np.isin(fitted.depth, path[: 601 + held]).all()  # no averages
+    assert fit.young[1] < 1e4 < fit.young[2] and fit.young[0] == pytest.approx(1e4, rel=0.05)
+    assert any("creeps" in note for note in fit.notes) == bool(held)
+    assert not any("earlier cycles" in note for note in fit.notes)
+
+
+def test_a_deeper_cycle_is_the_one_that_counts():
+    path, _ = cycles(3, deeper=2e-5)
+    assert deepest_row(path) > 2400
+    assert deepest_row(np.zeros(5)) == 0 and deepest_row(np.arange(9.0)) == 8
 
 
 def test_most_of_the_force_is_not_left_out_without_a_note():

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.stats import f as fisher
 
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
-from palpate.models.fit.tissue.measured import LEAST_AIR, MOST_RISE, RARE, SUSPECT, MeasuredPress
+from palpate.models.fit.tissue.measured import LEAST_AIR, MOST_RISE, RARE, SUSPECT, MeasuredPress, deepest_row
 from palpate.models.fit.tissue.noise import gain, noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
@@ -51,7 +51,7 @@ def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
     below `FLAT` of the mean slope, which no law here allows. Parts where the indenter is slower than half of its mean
     speed are skipped, because the force of a damped tissue falls there.
     """
-    top = int(np.argmax(press.depth))
+    top = deepest_row(press.depth)
     s, force = press.depth[: top + 1], press.force[: top + 1]
     reach, peak = float(s[-1]) - press.touch, float(force.max())
     rise = peak - (0.0 if press.air else float(force.min()))
@@ -89,15 +89,15 @@ def last_cycle(press: MeasuredPress, top: int) -> int:
     return peak + int(np.argmin(depth[peak:]))
 
 
-def end_of_loading(press: MeasuredPress, top: int) -> int:
-    """Last row of the loading up to row `top`, the deepest: the row at which an indenter reaches the force that it then
-    holds while it creeps on; `top` if it does not."""
-    if press.time is None or top == 0:
+def end_of_loading(press: MeasuredPress, first: int, top: int) -> int:
+    """Last row of the loading from row `first` of the cycle to row `top`, the deepest: the row at which an indenter
+    reaches the force that it then holds while it creeps on; `top` if it does not."""
+    if press.time is None or top == first:
         return top
-    peak = float(press.force[: top + 1].max())
-    rise = peak - (0.0 if press.air else float(press.force[: top + 1].min()))
-    reached = int(np.argmax(press.force >= peak - max(3.0 * noise_before(press.force), HELD * rise)))
-    begin = int(np.argmax(press.depth > press.touch))
+    peak = float(press.force[first : top + 1].max())
+    rise = peak - (0.0 if press.air else float(press.force[first : top + 1].min()))
+    reached = first + int(np.argmax(press.force[first:] >= peak - max(3.0 * noise_before(press.force), HELD * rise)))
+    begin = first + int(np.argmax(press.depth[first:] > press.touch))
     if top - reached < LEAST_HELD or reached <= begin:
         return top
     loading = float(press.depth[reached] - press.depth[begin]) / float(press.time[reached] - press.time[begin])
@@ -139,7 +139,9 @@ def allow_for_drift(
     it: the fit with it shows what the rows determine. Its interval inverts a likelihood-ratio test in which the
     baseline, of at most the peak force, is a nuisance parameter. So it contains the true value in 95 % of the cases,
     however wide it is. It is withheld if it reaches a limit of the search: then the rows exclude no value on that side.
-    Unless an F-test of the bends excludes the fit without them, its interval is included.
+    The union with the interval before would count the error of the force twice, and contain the true value in 98 to
+    99 %. It is included only if an F-test of the bends does not exclude the fit without them, and this fit is another
+    minimum, or has the wider interval: then the bends absorb noise.
 
     keep  whether the intervals were widened, and may only become wider
 
@@ -183,8 +185,11 @@ def allow_for_drift(
     sure = any(press.bends for press in other.presses) and float(fisher.sf(gained, more, left)) < RARE
     for p in problem.parameters:
         name, now, its = p.name, best.intervals[p.name], free.intervals[p.name]
-        # unless the zero does drift, the fit without is as likely: another minimum, or noise that the bends absorb
-        ends = [now.value, its.low, its.high, *(() if sure and not keep else (now.low, now.high))]
+        wide, wide_before = (p.to_search(each.high) - p.to_search(each.low) for each in (its, now))
+        # the fit without is as likely, but another minimum; or the bends absorb noise
+        other_minimum = not its.low <= now.value <= its.high
+        before_too = keep or (not sure and (other_minimum or wide < wide_before))
+        ends = [now.value, its.low, its.high, *((now.low, now.high) if before_too else ())]
         best.intervals[name] = replace(now, low=min(ends), high=max(ends), profile=its.profile, curve=its.curve)
     return before, [
         "the zero of the force seems to drift along a curve or to rise before contact; the intervals include this"

@@ -12,7 +12,7 @@ from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
-from palpate.models.fit.tissue.measured import LEAST_ROWS, STEEPEST, MeasuredPress
+from palpate.models.fit.tissue.measured import LEAST_ROWS, STEEPEST, MeasuredPress, deepest_row, thin_press
 from palpate.models.fit.tissue.plausible import check_units
 from palpate.models.fit.tissue.relaxing import parameters
 from palpate.models.fit.tissue.rigs import (
@@ -242,7 +242,7 @@ def _weak(whole: Sequence[MeasuredPress], loaded: Sequence[MeasuredPress]) -> li
         f"{part.name}: the rows fitted reach {float(part.force.max()):.3g} N of {float(press.force.max()):.3g} N: most "
         "of the force is excluded, and the result describes the first contact only"
         for press, part in zip(whole, loaded, strict=True)
-        if np.ptp(part.force) < WEAK * np.ptp(press.force[: int(np.argmax(press.depth)) + 1])
+        if np.ptp(part.force) < WEAK * np.ptp(press.force[: deepest_row(press.depth) + 1])
     ]
 
 
@@ -287,8 +287,9 @@ def _rows_to_fit(press: MeasuredPress, relaxation: str, deepest: float) -> tuple
             "indentation on are excluded"
         )
         keep &= np.arange(len(keep)) < limit
-    top = last = int(np.argmax(np.where(keep, press.depth, -np.inf)))
-    loaded = checks.end_of_loading(press, top) if relaxation == "none" else top
+    top = last = deepest_row(np.where(keep, press.depth, float(press.depth.min())))
+    cycle = checks.last_cycle(press, top) if relaxation == "none" else 0
+    loaded = checks.end_of_loading(press, cycle, top) if relaxation == "none" else top
     if loaded < top:
         begin, end = 1e3 * press.depth[loaded], 1e3 * press.depth[top]
         notes.append(
@@ -305,13 +306,13 @@ def _rows_to_fit(press: MeasuredPress, relaxation: str, deepest: float) -> tuple
                 "fits all rows"
             )
         keep &= ~after
-    if relaxation == "none" and (begin := checks.last_cycle(press, top)):
-        notes.append(f"{press.name}: {begin} rows of earlier cycles are excluded; --relaxation fits all rows")
-        keep &= np.arange(len(press.depth)) >= begin
+    if cycle:
+        notes.append(f"{press.name}: {cycle} rows of earlier cycles are excluded; --relaxation fits all rows")
+        keep &= np.arange(len(press.depth)) >= cycle
     part = press.part(keep)
     if len(part.depth) < LEAST_ROWS or not (part.depth > part.touch).any():
         raise SessionError(f"{press.name}: fewer than {LEAST_ROWS} rows remain to fit")
-    return part, notes
+    return thin_press(part), notes  # of these rows only: else few averages would remain of a short loading
 
 
 def _hysteresis(press: MeasuredPress, top: int) -> str:

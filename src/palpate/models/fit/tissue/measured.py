@@ -34,6 +34,7 @@ MOST_RISE = (
 )
 LEAST_RISE = 2e-3  # [1] The same ratio below which a drift is negligible
 RARE, SUSPECT = 1e-3, 0.2  # p-values below which an effect is significant, and below which it is included in the fit
+TRAVEL = 0.9  # [1] Quantile of the travel between rows within which two cycles are equally deep
 GRID = np.geomspace(1.0, 2e-3, 60)  # [1] Shares of the travel in contact at which a touch point is tried
 LEAST_CONTACT, AIR_ROWS = 100, 300
 """Rows in contact below which a long approach is cut instead of averaging all rows, and its least rows then."""
@@ -168,7 +169,7 @@ def prepare_press(
         raise SessionError(f"{name}: time does not increase: {time[at]:.6g} s is followed by {time[at + 1]:.6g} s")
     _check_signs(name, time, depth, force, inverted)
     # noise from second differences (median absolute deviation); detection level of contact
-    deepest = int(np.argmax(depth))
+    deepest = deepest_row(depth)
     noise, step = noise_before(force), step_of(force)
     line = np.full(len(force), float(np.median(force[: max(deepest // 100, 5)])))
     peak = float((force - line).max())
@@ -209,8 +210,21 @@ def prepare_press(
         # a rise before contact, or a law of another curvature: allow for both
         touch, slack = later, later - touch
     # a drift below the noise before contact may still matter at the peak: fit one in each press that has these rows
-    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts=free, air=free, step=step)
-    return press if len(depth) <= MOST_ROWS else _thin_press(press)
+    return MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts=free, air=free, step=step)
+
+
+def deepest_row(depth: np.ndarray) -> int:
+    """The deepest row of a press (n,). If several cycles are equally deep within the travel of a row, that of the first
+    one: a tissue is softer in the cycles after it, and which row is deepest depends on noise."""
+    top = int(np.argmax(depth))
+    rises = np.diff(depth[: top + 1])
+    rises = rises[rises > 0.0]
+    if not len(rises):
+        return top
+    near = depth >= depth[top] - np.quantile(rises, TRAVEL)
+    first = int(np.argmax(near))
+    left = np.flatnonzero(depth[first:] < depth[top] - 0.5 * (depth[top] - float(depth.min())))
+    return first + int(np.argmax(depth[first : first + left[0]])) if len(left) else top
 
 
 def hertz_touch(when: np.ndarray, depth: np.ndarray, force: np.ndarray, first: float) -> float:
@@ -237,7 +251,7 @@ def _check_signs(
     name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray, inverted: Callable[[frozenset[str]], str]
 ) -> None:
     """SessionError: force or indentation fall in the press. The remedy is printed only if it gives a press."""
-    deepest = int(np.argmax(depth))
+    deepest = deepest_row(depth)
     first = float(np.median(force[: max(len(force) // 100, 5)]))
     pressed = force[: deepest + 1] - first
     if depth[deepest] - depth[0] <= 0.2 * np.ptp(depth):
@@ -272,12 +286,14 @@ def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:
     return float(slope), float(at), bool(2.0 * student.sf(abs(slope) / max(error, 1e-300), effective - 2.0) < SUSPECT)
 
 
-def _thin_press(press: MeasuredPress) -> MeasuredPress:
+def thin_press(press: MeasuredPress) -> MeasuredPress:
     """The press averaged over groups of neighbouring rows, at most `MOST_ROWS` groups.
 
     If few rows would remain in contact, the begin of the approach is left out first.
     """
-    deepest = int(np.argmax(press.depth))
+    if len(press.depth) <= MOST_ROWS:
+        return press
+    deepest = deepest_row(press.depth)
     first = int(np.argmax(press.depth > press.touch))
     many = -(-len(press.depth) // MOST_ROWS)
     if deepest - first < many * LEAST_CONTACT:

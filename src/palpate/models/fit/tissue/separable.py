@@ -18,12 +18,10 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.optimize import least_squares, leastsq
 
+from palpate.models.fit.tissue.bounded import minimize_squares
 from palpate.models.fit.tissue.rigs import Law
 
-TOLERANCE = 1e-9  # [1] Relative change of the squares and of the unknowns at which the search ends
-MOST = 100  # Most evaluations of a search
 REJECTED = 1e6  # [1] Residual of a force that is not finite
 SINGULAR = 1e-12  # [1] Least singular value of the baselines, over the largest one
 
@@ -129,7 +127,7 @@ class _Search:
         without a positive scale."""
         begin = self.x[self.free]
         with np.errstate(all="ignore"):
-            z = self._minimum(begin) if len(begin) else begin
+            z = minimize_squares(self.residuals, self.jacobian, begin, self.low, self.high)
             residuals = self.residuals(z)
         if not (self.a > 0.0 and abs(residuals).max() < REJECTED):
             return None
@@ -139,38 +137,6 @@ class _Search:
             out[0] += math.log(self.a)
         out[self.loose] = self.baselines.sizes(self.measured - self.a * self.raw)
         return out, residuals
-
-    def _minimum(self, begin: np.ndarray) -> np.ndarray:
-        """z at the minimum that is reached from `begin`: by MINPACK, with unknowns held at bounds that it crosses; if
-        one of these would return, by a search within the bounds."""
-        z, moving = begin.copy(), np.ones(len(begin), bool)
-        while moving.any():
-            z = np.clip(z, self.low, self.high)
-
-            def whole(part: np.ndarray, z: np.ndarray = z) -> np.ndarray:
-                out = z.copy()
-                out[moving] = part
-                return out
-
-            part, _, _, _, state = leastsq(
-                lambda part, whole=whole: self.residuals(whole(part)), z[moving], full_output=True, maxfev=MOST,
-                Dfun=lambda part, whole=whole: self.jacobian(whole(part))[:, moving], ftol=TOLERANCE, xtol=TOLERANCE,
-            )  # fmt: skip
-            if state not in (1, 2, 3, 4):
-                break
-            z = whole(part)
-            beyond = np.maximum(self.low - z, z - self.high)
-            if not (beyond > 0.0).any():
-                slopes = self.jacobian(z).T @ self.residuals(z) if not moving.all() else np.zeros(len(z))
-                returns = np.where(z >= self.high, slopes, -slopes) > 0.0
-                if not (returns & ~moving).any():
-                    return z
-                break
-            moving[np.argmax(beyond)] = False
-        inside = np.clip(begin, self.low + 1e-9, self.high - 1e-9)
-        ends = self.low, self.high
-        found = least_squares(self.residuals, inside, jac=self.jacobian, bounds=ends, x_scale="jac", max_nfev=MOST)
-        return np.asarray(found.x)
 
 
 def solve(problem: Problem, x: np.ndarray, fixed: int = -1) -> tuple[np.ndarray, float] | None:
