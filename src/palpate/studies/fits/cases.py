@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.models.fit.tissue.rigs import Rig
+from palpate.models.fit.tissue.rigs import Law, Rig
 
 AFM = 0.25  # [1] Share of the balls that are colloids of a force microscope
 
 
 @dataclass(frozen=True)
 class Case:
-    """What presses: a rig and a law with its true parameters. `reach` [m] is the greatest indentation."""
+    """What presses: a rig and a law with its true parameters. `reach` [m] is the greatest indentation.
+
+    For a law tabulated by finite elements `force` is the true one, [N] (n,) of indentations [m] (n,) > 0, and `table`
+    the law for the fit.
+    """
 
     rig: Rig
     law: str
     relaxation: str
     truth: dict[str, float]
     reach: float
+    force: Callable[[np.ndarray], np.ndarray] | None = field(default=None, compare=False)
+    table: Law | None = field(default=None, compare=False)
 
 
 def _spread(rng: np.random.Generator, low: float, high: float) -> float:
@@ -112,5 +118,4 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
     **{f"cylinder {law}": _cylinder(law) for law in RUBBER},
     **{f"ball layer {kind}": _ball("layer", kind) for kind in RELAXING},
 }  # fmt: skip
-"""Laws with a closed form and up to three parameters. Those tabulated by finite elements take seconds per press, and
-have separate tests."""
+"""Laws with a closed form and up to three parameters; `tables.TABULATED` has those of finite elements."""

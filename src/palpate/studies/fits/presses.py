@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.studies.fits.cases import CASES, Case
+from palpate.studies.fits.tables import TABULATED, draw_tabulated
 from palpate.studies.fits.truth import true_force
 
+NAMES = (*CASES, *TABULATED)
 NOISES = ("white", "correlated", "gain", "hum", "heavy-tailed")
 SHALLOW, FEW = 0.05, 30  # share of the travel in contact [1], and rows in contact, below which they are a stratum
 MOST_ROWS = 4000
@@ -32,10 +35,10 @@ class RandomPress:
         return {"noise": self.noise, **{name: float(f"{size:.3g}") for name, size in self.flaws.items()}}
 
 
-def draw_press(name: str, seed: int, number: int) -> RandomPress:
-    """Press `number` of a case; the same numbers give the same press."""
-    rng = np.random.default_rng([seed, list(CASES).index(name), number])
-    case = CASES[name](rng)
+def draw_press(name: str, seed: int, number: int, folder: Path | None = None) -> RandomPress:
+    """Press `number` of a case; the same numbers give the same press. `folder` has the tables of finite elements."""
+    rng = np.random.default_rng([seed, NAMES.index(name), number])
+    case = CASES[name](rng) if name in CASES else draw_tabulated(name, rng, folder)
     flaws: dict[str, float] = {}
     time, path, jitter = _motion(case, rng, flaws)
     depth, force = true_force(case, time, path)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from palpate.models.fit.tissue.rigs import Rig
-from palpate.studies.fits.presses import draw_press
-from palpate.studies.fits.search import GOAL, WRONG, Outcome, strata
+from palpate.studies.fits.presses import NAMES, draw_press
+from palpate.studies.fits.search import ENOUGH, GOAL, WRONG, Outcome, strata
 
 RESULTS = ("inside", "withheld", "refused", "missed")
 
@@ -25,7 +25,8 @@ def rows(found: Sequence[Outcome]) -> list[dict[str, Any]]:
     for name, each in strata(found).items():
         count = Counter(outcome.result for outcome in each)
         out.append({
-            "stratum": name, "presses": len(each), **{result: count[result] for result in RESULTS},
+            "stratum": name, "by": "law" if name in NAMES else "disturbance", "enough": len(each) >= ENOUGH,
+            "presses": len(each), **{result: count[result] for result in RESULTS},
             "right": 1.0 - count["missed"] / len(each),
             "coverage": count["inside"] / max(count["inside"] + count["missed"], 1),
             "without": (count["withheld"] + count["refused"]) / len(each),
@@ -48,15 +49,26 @@ def text(found: Sequence[Outcome], listed: Sequence[Outcome], commands: Sequence
         f"{len(found)} presses. right: all true values in their intervals, or no interval with a reason",
         f"(goal {low:g} to {high:g} %); coverage: right among the intervals given; without: withheld or refused;",
         f"apart: the nearest end of an interval over the true value, at worst; wrong: apart by more than {WRONG:g};",
-        "silent: these without a note that warns.", "",
-        f"{'stratum':26}{'presses':>8}{'right':>8}{'coverage':>9}{'without':>8}{'missed':>7}{'wrong':>6}{'silent':>7}"
-        f"{'apart':>7}",
+        "silent: these without a note that warns; *: at least 1000 presses.",
     ]  # fmt: skip
-    lines += [
-        f"{r['stratum']:26}{r['presses']:>8}{100 * r['right']:>7.1f}%{100 * r['coverage']:>8.1f}%"
-        f"{100 * r['without']:>7.1f}%{r['missed']:>7}{r['wrong']:>6}{r['silent']:>7}{r['apart']:>7.3g}"
-        for r in rows(found)
-    ]  # fmt: skip
+    table = rows(found)
+    for by, title in (("law", "by rig and law, with every disturbance"),
+                      ("disturbance", "by disturbance, of every rig and law; a press may have several")):  # fmt: skip
+        part = [r for r in table if r["by"] == by]
+        many = [r for r in part if r["enough"]]
+        good = sum(low <= 100 * r["right"] <= high for r in many)
+        lines += [
+            "", f"{title}:",
+            f"{len(many)} of {len(part)} strata have {ENOUGH} presses, {good} of them {low:g} to {high:g} % right",
+            f"{'stratum':26}{'presses':>9}{'right':>8}{'coverage':>9}{'without':>8}{'missed':>7}{'wrong':>6}{'silent':>7}"
+            f"{'apart':>7}",
+        ]  # fmt: skip
+        lines += [
+            f"{r['stratum']:26}{r['presses']:>8}{'*' if r['enough'] else ' '}{100 * r['right']:>7.1f}%"
+            f"{100 * r['coverage']:>8.1f}%{100 * r['without']:>7.1f}%{r['missed']:>7}{r['wrong']:>6}{r['silent']:>7}"
+            f"{r['apart']:>7.3g}"
+            for r in part
+        ]
     for outcome, command in zip(listed, commands, strict=True):
         lines += ["", f"{outcome.case}, press {outcome.number}: off {outcome.off:.3g}, apart {outcome.apart:.3g}; "
                   + ", ".join(f"{name} {size}" for name, size in outcome.strata.items())]  # fmt: skip
@@ -75,7 +87,7 @@ def plain(found: Sequence[Outcome], listed: Sequence[Outcome], commands: Sequenc
 
 def save_press(outcome: Outcome, folder: Path) -> str:
     """Write a press as CSV; returns the command that fits it."""
-    press = draw_press(outcome.case, outcome.seed, outcome.number)
+    press = draw_press(outcome.case, outcome.seed, outcome.number, folder)
     path = folder / f"{outcome.case.replace(' ', '-').replace(':', '-')}-{outcome.number}.csv"
     table = np.column_stack([press.time, 1e3 * press.depth, press.force])
     np.savetxt(path, table, fmt="%.9e", delimiter=",", header="time [s],depth [mm],force [N]", comments="")
@@ -88,4 +100,5 @@ def _rig(rig: Rig) -> list[str]:
     """The options of a rig."""
     size = [] if rig.kind == "fingertip" else ["--radius", f"{1e3 * rig.radius:.9g} mm"]
     height = ["--height", f"{1e3 * rig.height:.9g} mm"] if rig.height else []
-    return ["--rig", rig.kind, *size, *height]
+    plates = ["--plates", rig.plates] if rig.kind == "cylinder" else []
+    return ["--rig", rig.kind, *size, *height, *plates]

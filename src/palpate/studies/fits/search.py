@@ -11,11 +11,10 @@ from typing import Any
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import prepare_press
-from palpate.studies.fits.cases import CASES
-from palpate.studies.fits.presses import NOISES, draw_press
+from palpate.studies.fits.presses import NAMES, NOISES, draw_press
 
 WRONG = 1.5  # [1] Factor by which no value may be wrong without a word
-GOAL = (0.92, 0.98)
+GOAL, ENOUGH = (0.92, 0.98), 1000  # [1] Share of right presses in a stratum of this many presses
 FLAWS = (
     "shallow", "few rows", "from contact", "rise", "zero", "drift", "bent drift", "tilt", "quantised", "hysteresis",
     "two cycles", "hold",
@@ -56,13 +55,13 @@ class Outcome:
         return self.wrong and all("excluded" in note for note in self.notes)
 
 
-def judge(name: str, seed: int, number: int) -> Outcome:
-    """Draw, fit and judge a press."""
-    press = draw_press(name, seed, number)
+def judge(name: str, seed: int, number: int, folder: Path | None = None) -> Outcome:
+    """Draw, fit and judge a press; `folder` has the tables of finite elements."""
+    press = draw_press(name, seed, number, folder)
     case, strata = press.case, press.plain()
     try:
         measured = prepare_press("press.csv", press.time, press.depth, press.force)
-        fit = fit_tissue([measured], case.rig, case.law, case.relaxation)
+        fit = fit_tissue([measured], case.rig, case.law, case.relaxation, table=case.table)
     except SessionError as error:
         return Outcome(name, number, seed, strata, "refused", 1.0, 1.0, [str(error)])
     best, off, apart = fit.estimate, 1.0, 1.0
@@ -82,22 +81,28 @@ def judge(name: str, seed: int, number: int) -> Outcome:
 
 
 def search(
-    names: Sequence[str], presses: int, seed: int, out: Path, show: Callable[[float, str], object], first: int = 0
-) -> Iterator[Outcome]:
-    """The presses first ... first + presses - 1 of each case, one after the other; those in the folder from an earlier
-    search are not fitted again. The folder must be that of the same version."""
+    names: Sequence[str], presses: int, seed: int, out: Path, show: Callable[[float, str], object], first: int = 0,
+    results: Path | None = None,
+) -> Iterator[Outcome]:  # fmt: skip
+    """The presses first ... first + presses - 1 of each case, one after the other.
+
+    results  file of outcomes, one per line; by default in the folder. Presses of this seed that it has are not fitted
+             again, so it must be of the same version
+    out      folder of the tables of finite elements
+    """
     out.mkdir(parents=True, exist_ok=True)
-    known = {(o.case, o.number): o for o in stored(out / KEPT) if o.seed == seed}
+    kept = results or out / KEPT
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    known = {(o.case, o.number): o for o in stored(kept) if o.seed == seed}
     missed = 0
     wanted = [(name, number) for number in range(first, first + presses) for name in names]
-    kept = out / KEPT
     cut = kept.exists() and kept.read_bytes()[-1:] not in (b"", b"\n")  # the line at which a search was interrupted
     with kept.open("a", encoding="utf-8") as file:
         file.write("\n" * cut)
         for done, (name, number) in enumerate(wanted, 1):
             outcome = known.get((name, number))
             if outcome is None:
-                outcome = judge(name, seed, number)
+                outcome = judge(name, seed, number, out)
                 file.write(json.dumps(asdict(outcome)) + "\n")
                 file.flush()
             missed += outcome.result == "missed"
@@ -117,9 +122,10 @@ def stored(path: Path) -> Iterator[Outcome]:
 
 
 def strata(found: Iterable[Outcome]) -> dict[str, list[Outcome]]:
-    """Outcomes by case, by kind of noise, and by flaw; each press is in several."""
+    """Outcomes by rig and law, with every disturbance; then by kind of noise and by flaw, of every rig and law. Each
+    press is in one stratum of the first kind and in several of the second."""
     listed = list(found)
-    out = {name: [o for o in listed if o.case == name] for name in CASES}
+    out = {name: [o for o in listed if o.case == name] for name in NAMES}
     out |= {f"noise: {kind}": [o for o in listed if o.strata["noise"] == kind] for kind in NOISES}
     out |= {f"flaw: {flaw}": [o for o in listed if flaw in o.strata] for flaw in FLAWS}
     out["no flaw but noise"] = [o for o in listed if not set(o.strata) - {"noise", "zero", "hold"}]

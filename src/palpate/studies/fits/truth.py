@@ -2,7 +2,8 @@
 
 elastic     formulas written out; cylinder: the nominal stress of each law in its stretch; layer: the integral equation
             of `physics.contact.layer`, by Simpson's rule and successive substitution; fingertip: the total indentation
-            is explicit in the force, and inverted by interpolation
+            is explicit in the force, and inverted by interpolation; rubber under a ball and between bonded plates:
+            finite elements on a finer mesh than those of the fit (`tables`)
 relaxation  the motion and the elastic force on a grid `FINER` times finer than the rows; kelvin-voigt: its derivative;
             prony: internal variables q' = F_e' - q/tau by the exponential midpoint rule
 
@@ -66,6 +67,8 @@ def _relaxed(case: Case, elastic: np.ndarray, depth: np.ndarray, step: float) ->
 def elastic_force(case: Case) -> Callable[[np.ndarray], np.ndarray]:
     """Force [N] (n,) of the case's law at indentations [m] (n,) > 0, without relaxation."""
     rig, truth = case.rig, case.truth
+    if case.force is not None:
+        return case.force
     if rig.kind == "cylinder":
         assert rig.height is not None  # of every cylinder
         area, height = math.pi * rig.radius**2, rig.height

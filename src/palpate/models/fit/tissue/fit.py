@@ -13,18 +13,11 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
 from palpate.models.fit.tissue.measured import LEAST_ROWS, STEEPEST, MeasuredPress, deepest_row, thin_press
+from palpate.models.fit.tissue.mesh_error import include_mesh_error
 from palpate.models.fit.tissue.plausible import check_units
 from palpate.models.fit.tissue.relaxing import parameters
-from palpate.models.fit.tissue.rigs import (
-    REFERENCE,
-    SHAPES,
-    Law,
-    Rig,
-    check_tabulated,
-    closed_form,
-    curve,
-    tabulate_law,
-)
+from palpate.models.fit.tissue.rigs import SHAPES, Law, Rig, closed_form
+from palpate.models.fit.tissue.tabulated import check_tabulated, tabulate_law
 from palpate.physics.contact.layer import thickness_factor
 
 MIXED = 2.0
@@ -36,7 +29,6 @@ WIDER = 1.2  # [1] Ratio of the widths with and without a drifting zero above wh
 EMPIRICAL = ("power", "exponential")
 RANGES = 6  # Most turns in which touch points and the rows in the range of a law are found
 WEAK = 0.5  # [1] Share of the force in the rows fitted below which a note follows
-FINE = 14  # Elements across the contact in the finer mesh that checks the table
 
 
 @dataclass
@@ -93,6 +85,7 @@ def fit_tissue(
     touch: bool = True,
     deepest: float = math.inf,
     drift: str = "curved",
+    table: Law | None = None,
     report: Report = unheard,
 ) -> TissueFit:
     """Fit a law to presses of one rig.
@@ -101,6 +94,7 @@ def fit_tissue(
     touch     whether to fit the touch point with the parameters; else it stays at its estimate from the force
     deepest   [m] deeper rows are excluded
     drift     how the zero of the force may drift in time: curved (quadratic), linear or none
+    table     the law of this rig from `tabulated`, if it was computed before
 
     SessionError: a fault in the data, or an unknown law.
     """
@@ -115,7 +109,7 @@ def fit_tissue(
         whole.append(replace(part, drifts=part.drifts and drift != "none"))
         notes += note
     reach = max(float(p.depth.max()) - p.touch for p in whole)
-    law, more = _law(rig, name, relaxation, whole, touch, reach, report)
+    law, more = (table, []) if table else _law(rig, name, relaxation, whole, touch, reach, report)
     notes += more
     # fit the rows in the range of the law, and widen the intervals
     problem = Problem(whole, law, relaxation, touch, rig.kind == "cylinder")  # its forces span decades
@@ -124,6 +118,8 @@ def fit_tissue(
     notes += more + _weak(whole, loaded)
     problem, best, steady, hidden, more = _widen(problem, best, rig, drift)
     notes += more
+    if law.finer is not None:
+        notes.append(include_mesh_error(problem, best, steady))
     # prediction of held-out presses, sensitivity to fixed lengths, comparison of laws
     kept = [_rows_to_fit(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
     fitted = TissueFit(
@@ -133,8 +129,6 @@ def fit_tissue(
     fitted.sensitivity = _sensitivity(fitted, problem)
     fitted.open_ = hidden + _open(fitted)
     fitted.open_ += _drift(fitted)
-    if "finite elements" in law.remark:
-        fitted.notes.append(_mesh_error(fitted))
     fitted.notes += check_units(rig, _peak(loaded), fitted.deepest)
     if compare:
         others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
@@ -409,7 +403,7 @@ def _predict_press(problem: Problem, best: Estimate, press: MeasuredPress, deepe
 
 def _sensitivity(fit: TissueFit, problem: Problem) -> dict[str, float]:
     """Change of the first parameter [%] if a fixed length is 1 % larger, or Poisson's ratio 0.01 lower."""
-    if "finite elements" in fit.law.remark:
+    if fit.law.finer is not None:
         return {}
     first = fit.estimate.parameters[0].name
     out = {}
@@ -505,16 +499,3 @@ def _thickness(rig: Rig, deepest: float) -> str:
     return (f"young and the thickness: hertz is the law of a half-space; a layer bonded to a stiff ground and thinner "
             f"than {1e3 * least:.3g} mm is more than 10 % stiffer at the deepest row, and young too high by as much: "
             "fit --law layer with --height")  # fmt: skip
-
-
-def _mesh_error(fit: TissueFit) -> str:
-    """Error of the force from the mesh and the interpolation of the table."""
-    reach = min(fit.deepest, fit.law.reach)
-    shape = {k: v for k, v in fit.estimate.values.items() if k != "young"}
-    depths = reach * np.linspace(0.0, 1.0, 9)[1:]
-    fine = curve(fit.rig, fit.law.name, shape, depths, FINE)
-    table = fit.law.force({**fit.estimate.values, "young": REFERENCE}, depths)
-    off = np.abs(table / fine - 1.0)
-    if np.isnan(off).all():
-        return "the solver found no equilibrium on the finer mesh, so the error of the mesh is unknown"
-    return f"mesh and table: error of at most {100 * np.nanmax(off):.1f} % compared with {FINE} elements across"

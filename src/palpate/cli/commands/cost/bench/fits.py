@@ -21,30 +21,38 @@ def fits(
     case: Annotated[list[str] | None, typer.Option(help="Only this rig and law; may be repeated.")] = None,
     first: Annotated[int, typer.Option(help="Number of the first press of each case.", min=0)] = 0,
     worst: Annotated[int, typer.Option(help="Number of the worst presses to print, and to save as CSV.", min=0)] = 5,
-    out: Annotated[Path, out_option("Folder of results; a search with the same seed resumes.")] = Path("fits"),
+    results: Annotated[
+        Path | None, typer.Option(help="File of results that a search adds to and resumes; else OUT/presses.jsonl.")
+    ] = None,
+    out: Annotated[Path, out_option("Folder of results, tables and worst presses.")] = Path("fits"),
     as_json: Json = False,
 ) -> None:
     """Search for presses on which `palpate fit tissue` is wrong without saying so.
 
     Draws travel, rows in contact, noise, drift, cycles and other flaws, fits the law that made each press, and counts
-    by stratum how often all true values lie in their intervals. Ctrl-C prints what was found so far. The exit code is
-    1 if a value is silently wrong.
+    by rig and law, and by disturbance, how often all true values lie in their intervals. Ctrl-C prints what was found
+    so far. The exit code is 1 if a value is silently wrong.
     """
-    from palpate.physics.writable import check_folder
-    from palpate.studies.fits.cases import CASES
+    from palpate.physics.writable import check_file, check_folder
+    from palpate.studies.fits.presses import NAMES
     from palpate.studies.fits.report import plain, save_press, text, worst_of
-    from palpate.studies.fits.search import Outcome, search
+    from palpate.studies.fits.search import KEPT, Outcome, search
+    from palpate.studies.fits.tables import TABULATED, make_tables
 
-    names = case or list(CASES)
-    if unknown := [name for name in names if name not in CASES]:
-        raise ArgumentError(f"--case: found {', '.join(unknown)}, expected some of {', '.join(CASES)}")
+    names = case or list(NAMES)
+    if unknown := [name for name in names if name not in NAMES]:
+        raise ArgumentError(f"--case: found {', '.join(unknown)}, expected some of {', '.join(NAMES)}")
     check_folder(out)
+    results = results or out / KEPT
+    check_file(results)
     found: list[Outcome] = []
     stopped = None
     try:
         with StageBars(silent=as_json) as bars:
+            if tabulated := tuple(name for name in names if name in TABULATED):
+                make_tables(tabulated, out, bars.begin("bench fits: tables of finite elements, once per folder", ""))
             done = bars.begin(f"bench fits: {presses} presses of {len(names)} cases", "")
-            for outcome in search(names, presses, seed, out, done, first):
+            for outcome in search(names, presses, seed, out, done, first, results):
                 found.append(outcome)
     except KeyboardInterrupt as error:  # what was found so far is reported
         stopped = error
@@ -56,9 +64,7 @@ def fits(
         print_json(report)
     else:
         write(text(found, listed, commands))
-        say(
-            f"written {out}/fits.txt, presses.jsonl; the same command resumes, a larger --presses adds to it", wrap=True
-        )
+        say(f"written {out}/fits.txt, {results}; the same command resumes, a larger --presses adds to it", wrap=True)
     if stopped is not None:
         raise stopped
     if not report["ok"]:
