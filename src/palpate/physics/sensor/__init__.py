@@ -1,0 +1,1 @@
+"""Errors of tactile and force sensors."""
