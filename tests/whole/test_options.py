@@ -33,6 +33,7 @@ RUNS = {
     ("fingertip-slide", None): 0.05,
     ("softness", None): 0.1,
     ("digit", None): 0.7,
+    ("sensors", None): 0.5,
 }
 """Graphs and scenes, and durations [s] in which the finger touches."""
 IN_PLACE = {
