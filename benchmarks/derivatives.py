@@ -16,7 +16,7 @@ import palpate
 from palpate.launch.load.graph import load
 
 STEPS = (0.1, 0.01, 1e-3, 1e-4)
-EXACT = ("device.resolution=0", "finger.resolution=0", "controller.resolution=0")
+EXACT = ("scene.hand.ideal=true",)
 DURATION = 1.8  # [s]
 
 

@@ -6,7 +6,7 @@ import msgspec
 
 from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
-from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.nodes.base import CompiledNode, Ideal, Out, Wants
 from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, fade_value, keep_pace, step_gain
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.device.controller import (
@@ -145,7 +145,7 @@ class Haptic(CompiledNode):
     mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.1
     drag: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
-    resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0), Ideal("thresholds of one count")] = 60e-6
     limit: Annotated[float, "N", msgspec.Meta(gt=0)] = 9.0
     slew: Annotated[float, "N/s", msgspec.Meta(gt=0)] = 5000.0
     ramp: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.1

@@ -10,7 +10,7 @@ from palpate.compiler.kernel import CompiledKernel
 from palpate.compiler.records import one, put, vector
 from palpate.messages import Contact, Friction, Load, Proximity
 from palpate.messages.sliding import Sliding
-from palpate.nodes.base import Agrees, CompiledNode, Node, Out, Part, Wants
+from palpate.nodes.base import Agrees, CompiledNode, Ideal, Node, Out, Part, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import SLID, slid
 from palpate.physics import friction
@@ -18,7 +18,10 @@ from palpate.physics.friction import bristle, components, coulomb, elastoplastic
 from palpate.registry import classes
 
 HELD = 1e-9  # [s] step without a new sample: the bristles stay, force and damping follow the load
-AGREES = {"mu_static": (Agrees(Load, Friction),)}  # with the margin of a grip
+MARKS = {
+    "mu_static": (Agrees(Load, Friction),),  # with the margin of a grip
+    "play": (Ideal("dead zone of half a count", jumps=False),),
+}
 SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 
 
@@ -50,7 +53,7 @@ class _Sliding(CompiledNode):
         """
         if law is not None:
             settings = typing.get_type_hints(law, include_extras=True)
-            cls.__annotations__ = {name: _setting(hint, *AGREES.get(name, ())) for name, hint in settings.items()}
+            cls.__annotations__ = {name: _setting(hint, *MARKS.get(name, ())) for name, hint in settings.items()}
             values = law._field_defaults | {"law": law, "compute": _compute(law)}  # type: ignore[attr-defined]
             values["spring"] = next(
                 (name for name in ("stiffness", "bristle_stiffness") if name in settings), cls.spring

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.compiler.records import array_of, form, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
-from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, Wants
+from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Ideal, Out, Wants
 from palpate.nodes.base.absence import PACE, keep_pace
 from palpate.nodes.base.kernels import kernel
 from palpate.physics.device.average import MOST, READINGS
@@ -19,6 +19,7 @@ from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.tracking import COUNT, SLACK, TRACK, pose, pose_falcon
 
 ZERO = (0.0, 0.0, 0.0)
+BETWEEN = Ideal("observer between counts")
 geometry_of, _window_of = unpacking(Geometry), array_of(READINGS)
 WRONG_DEVICE = 1  # fault: not three numbers
 
@@ -37,7 +38,7 @@ class _Tracker(CompiledNode):
 
     origin: Annotated[Vector3, "m", Agrees(DeviceState, Pose)] = ZERO
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
-    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=1e-3)] = 0.0
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=1e-3), BETWEEN] = 0.0
     average: Annotated[int, "1", msgspec.Meta(ge=0, le=MOST)] = 0
     catch_up: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 0.3
 
@@ -136,7 +137,7 @@ class FalconKinematics(_Tracker):
     instead, as in the kidney study: 8 samples, which delay the position by 3.5 samples.
     """
 
-    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=1e-3)] = COUNT
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=1e-3), BETWEEN] = COUNT
 
     State = _Tracker.State | {"geometry": form(Geometry)}
     home = HOME

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Message
-from palpate.nodes.base import SettingError
+from palpate.nodes.base import Ideal, SettingError
 from palpate.nodes.base.carrier import Carrier
 
 
@@ -28,8 +28,8 @@ class Delay(Carrier):
     """
 
     delay: Annotated[float, "s", msgspec.Meta(ge=0, le=60)] = 0.0
-    jitter: Annotated[float, "s", msgspec.Meta(ge=0, le=60)] = 0.0
-    loss: Annotated[float, "1", msgspec.Meta(ge=0, le=1)] = 0.0
+    jitter: Annotated[float, "s", msgspec.Meta(ge=0, le=60), Ideal("jitter of the network")] = 0.0
+    loss: Annotated[float, "1", msgspec.Meta(ge=0, le=1), Ideal("lost messages")] = 0.0
     seed: Annotated[int, "1", msgspec.Meta(ge=0)] = 0
 
     def __init__(self, **given: Any) -> None:

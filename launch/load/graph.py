@@ -15,6 +15,7 @@ import msgspec
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.checks.agreeing import agree
+from palpate.launch.load.checks.ideal import remove_imperfections
 from palpate.launch.load.checks.overlapping import overlaps
 from palpate.launch.load.checks.touching import place_bodies
 from palpate.launch.load.classes import ClassError, body, find_class
@@ -124,6 +125,7 @@ def load(
     nodes = _nodes(drafts, kinds, unclear, world, offers, faults)
     for name in apart.keys() & nodes.keys():
         nodes[name].off = apart[name]
+    remove_imperfections(world, nodes, offers, changes, faults)
     connections = _connect(drafts, nodes, faults)
     notes += [] if unclear else _check_values(drafts, nodes, offers, changes, world, faults)
     switch(switched, nodes, faults)

@@ -51,6 +51,24 @@ class Calibrated:
     command: str  # command that fits the setting to another tissue
 
 
+@dataclass(frozen=True)
+class Ideal:
+    """Mark of a setting that describes an imperfection of a sensor, such as the count of an encoder:
+
+    resolution: Annotated[float, "rad", Ideal("counts of the encoder")] = FALCON.count
+
+    about   the imperfection, in a few words
+    value   of the setting without it
+    jumps   whether results jump with it when another setting changes a little, so that they have no derivative
+    hand    whether it is one of the hand, which `hand: {ideal: true}` in a scene removes (launch/load/checks/ideal.py)
+    """
+
+    about: str
+    value: float = 0.0
+    jumps: bool = True
+    hand: bool = True
+
+
 class Agrees:
     """Mark of a setting that describes one thing in several nodes, such as the patch under the finger in the node that
     spreads the load and in the body that carries it:

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.compiler.records import floats, put, vector
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.base.kernels import kernel
-from palpate.nodes.device.hand import HELD_GRIP, HeldGrip, check_reach, geometry_of, hold_grip, move_grip
+from palpate.nodes.device.hand import COUNTS, HELD_GRIP, HeldGrip, check_reach, geometry_of, hold_grip, move_grip
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.grip import LINEAR
@@ -23,7 +23,7 @@ class Follower(HeldGrip, CompiledNode):
 
     sink = True
 
-    resolution: Annotated[float, "rad", msgspec.Meta(ge=0)] = FALCON.count
+    resolution: Annotated[float, "rad", msgspec.Meta(ge=0), COUNTS] = FALCON.count
 
     State = HELD_GRIP | {"goal": (3,)}
     """The goal of the hand [m], in the device's frame."""

@@ -8,12 +8,14 @@ import numpy as np
 
 from palpate.compiler.records import floats, form, integers, unpacking
 from palpate.messages import DeviceState, Pose, Vector3
-from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Node, SettingError
+from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Ideal, Node, SettingError
 from palpate.nodes.base.kernels import kernel
 from palpate.physics.device.falcon import FALCON, HOME, Geometry, directions
 from palpate.physics.device.grip import GRIP, LINEAR, MINIMUM_JERK, MOTION, grip_kernel
 
 geometry_of = unpacking(Geometry)
+COUNTS = Ideal("counts of the encoder")
+"""Mark of the resolution of a simulated device."""
 HELD_GRIP = {
     "geometry": form(Geometry), "grip": GRIP, "motion": MOTION, "ends": ARRAY, "points": TABLE, "shapes": ARRAY,
 }  # fmt: skip

@@ -7,10 +7,18 @@ import numpy as np
 
 from palpate.compiler.records import floats, integers, put, vector
 from palpate.messages import DeviceState, Torque
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Ideal, Out
 from palpate.nodes.base.absence import FADED, FALL, PACE, begin, fade_value, keep_pace
 from palpate.nodes.base.kernels import kernel
-from palpate.nodes.device.hand import HELD_GRIP, SimulatedOperator, check_reach, geometry_of, hold_grip, move_grip
+from palpate.nodes.device.hand import (
+    COUNTS,
+    HELD_GRIP,
+    SimulatedOperator,
+    check_reach,
+    geometry_of,
+    hold_grip,
+    move_grip,
+)
 from palpate.physics.device import random_numbers
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.grip import angles
@@ -35,10 +43,10 @@ class Simulated(SimulatedOperator, CompiledNode):
     paced = True
     sink = True
 
-    resolution: Annotated[float, "rad", msgspec.Meta(ge=0)] = FALCON.count
+    resolution: Annotated[float, "rad", msgspec.Meta(ge=0), COUNTS] = FALCON.count
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
-    lost: Annotated[float, "1", msgspec.Meta(ge=0, le=1)] = 0.0
-    glitches: Annotated[float, "1", msgspec.Meta(ge=0, le=1)] = 0.0
+    lost: Annotated[float, "1", msgspec.Meta(ge=0, le=1), Ideal("lost reports")] = 0.0
+    glitches: Annotated[float, "1", msgspec.Meta(ge=0, le=1), Ideal("wrong counts")] = 0.0
     seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
     State = HELD_GRIP | {

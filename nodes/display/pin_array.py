@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.compiler.exact import einsum, length, product
 from palpate.messages import Contact, Pins, Surface, Vector3
-from palpate.nodes.base import SettingError, Wants
+from palpate.nodes.base import Ideal, SettingError, Wants
 from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.physics.contact.subsurface import next_axis
 from palpate.physics.display import shape_display as pads
@@ -15,6 +15,7 @@ from palpate.physics.display.pin_heights import heights_from_force, heights_from
 from palpate.physics.display.pins import Drives, drive, pin_grid
 from palpate.physics.nearest import nearest, tree_of
 
+STEPS = Ideal("steps of a pin", hand=False)
 NEIGHBOURS = 9  # number of surface vertices that determine the height of a pin: one and its neighbours on a square mesh
 
 
@@ -45,7 +46,7 @@ class PinArray(OnThinnedSurface):
     actuator_rate: Annotated[float, "m/s", msgspec.Meta(gt=0, le=1e3)] = 0.5
     rise_time: Annotated[float, "s", msgspec.Meta(ge=0, le=1e3)] = 0.0
     fall_time: Annotated[float, "s", msgspec.Meta(ge=0, le=1e3)] = 0.0
-    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=0.1)] = 0.0
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=0.1), STEPS] = 0.0
 
     pad: Annotated[Literal["canonical", "calibrated"], "1"] = "canonical"
     pad_b: Annotated[Annotated[float, msgspec.Meta(gt=0, le=1e12)] | None, "Pa/m"] = None
