@@ -16,6 +16,7 @@ import palpate.cli
 import palpate.compiler
 import palpate.drivers
 import palpate.engine
+import palpate.gradients
 import palpate.gym
 import palpate.launch
 import palpate.messages
@@ -41,6 +42,7 @@ PACKAGES = (
     palpate.messages,
     palpate.nodes,
     palpate.engine,
+    palpate.gradients,
     palpate.gym,
     palpate.cli,
     palpate.launch,
@@ -84,7 +86,8 @@ MAY = {
     "launch": MIDDLE,
     "calling": (*MIDDLE, "launch.run", "records", "views", "bases"),
     "stepping": (*MIDDLE, "launch.run", "records", "bases"),
-    "ensemble": (*MIDDLE, "launch.run", "records", "bases"),
+    "gradients": (*MIDDLE, "launch.run", "bases"),
+    "ensemble": (*MIDDLE, "launch.run", "records", "bases", "gradients"),
     "gym": (*MIDDLE, "launch.run", "records", "stepping"),
     "cli": (*HIGH, "launch", "cli.machine", "studies", "bases"),
     "__init__": (*HIGH, "studies", "calling", "ensemble", "stepping"),

@@ -8,6 +8,7 @@
     palpate.open("run.mcap").plot("contact.force", "tissue.indentation")
     palpate.Study("kidney", over={"tissue.stiffness": [2e3, 4e3]}).run("out/").table()      # many runs on all cores
     palpate.Ensemble("kidney", 256, {"tissue.stiffness": stiffness}).run()      # many runs in parallel in this process
+    palpate.gradient("kidney", ["tissue.stiffness"], sets=["scene.hand.ideal=true"])    # d(force)/d(stiffness)
 
 The public API is `__all__` here and in the packages `palpate.messages` and `palpate.nodes` (for custom nodes),
 `palpate.physics` (laws), `palpate.models.fe` (finite elements) and `palpate.gym`. Everything else is internal and may
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from palpate.calling import run
-    from palpate.ensemble import Ensemble
+    from palpate.ensemble import Ensemble, gradient
     from palpate.physics.errors import PalpateError, PalpateWarning
     from palpate.records.samples import RecordedStream, Samples
     from palpate.stepping import Tick
@@ -37,12 +38,13 @@ if _os.path.isfile(_os.path.join(__path__[0], "nodes")):
 
 __all__ = [
     "Comparison", "Ensemble", "PalpateError", "PalpateWarning", "RecordedStream", "Run", "Samples", "Study", "Tick",
-    "compare", "open", "run", "steps",
+    "compare", "gradient", "open", "run", "steps",
 ]  # fmt: skip
 
 _HOMES = {
     "Comparison": "palpate.views.run",
     "Ensemble": "palpate.ensemble",
+    "gradient": "palpate.ensemble",
     "PalpateError": "palpate.physics.errors",
     "PalpateWarning": "palpate.physics.errors",
     "Run": "palpate.views.run",

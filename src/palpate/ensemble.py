@@ -15,8 +15,10 @@ from palpate.compiler import kernel_cache
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
+from palpate.gradients.gradient import Gradient
 from palpate.launch.load.arguments import Organ, check_over, check_path, check_texts, describe_run
 from palpate.launch.load.dependencies import digest
+from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.busy import free_memory
 from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneTask, block_size
 from palpate.launch.run.lane_runner import LaneKeep, Memory
@@ -42,6 +44,8 @@ from palpate.physics.errors import ArgumentError, PalpateWarning, RunError
 from palpate.records.lane_store import NOTES, KeptField, LaneStore, as_coordinate
 from palpate.records.samples import Samples
 
+TOLERANCE = 1e-4
+"""[1] Largest error of a derivative over its RMS."""
 SHOWN = 3  # number of failed lanes that a warning lists
 OBJECTS = 200  # [bytes] of a lane next to its results: its error, its note, its place in the Dataset
 OTHER = 1 << 28
@@ -85,12 +89,25 @@ class Ensemble:
         keep = [keep] if isinstance(keep, str) else keep
         check_texts("keep", keep, "contact.force")
         launch = describe_run(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
+        self._prepare(graph, launch, lanes, over or {}, keep, every, threads)
+
+    def _prepare(
+        self,
+        graph: str | Path,
+        launch: LaunchFile,
+        lanes: int,
+        over: Mapping[str, Any],
+        keep: Sequence[str],
+        every: int,
+        threads: int | None,
+    ) -> None:
+        """Check everything and prepare the first block of lanes."""
         if launch.duration is None:
             raise ArgumentError(f"{graph}: the graph has no duration; pass duration=2.0 [s]")
         base = launch.load()
-        self.notes = LaneNotes()
+        self.notes, self._launch, self._base = LaneNotes(), launch, base
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
-        self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
+        self.over = {_path(path, base): _each(path, given, lanes) for path, given in over.items()}
         several = range(lanes) if any(map(depends, self.over)) else range(1)
         points = (self._values(lane) for lane in several)
         build_for_each(lambda values: with_values(launch, values, 0), points, not sys.stderr.isatty())
@@ -169,6 +186,46 @@ class Ensemble:
         import xarray
 
         return xarray.open_zarr(out, consolidated=False, chunks=None)
+
+    def gradient(
+        self,
+        by: Sequence[str],
+        *,
+        reduce: Mapping[str, tuple[str, str | Callable[[np.ndarray], Any]]] | None = None,
+        scale: Mapping[str, float] | None = None,
+        tolerance: float = TOLERANCE,
+        quiet: bool = False,
+        executor: Executor | None = None,
+    ) -> Any:
+        """The derivatives of the kept fields of all lanes, by central differences at three steps, in one run of more
+        lanes: 6 for each parameter, 3 if its value is at a limit, and 1 (docs/backwards.md).
+
+        by         parameters: numeric settings by path, "tissue.stiffness", "scene.finger.thickness", also numbers in
+                   lists, "scene.hand.path[1].to[2]"
+        reduce     numbers whose derivatives are taken instead, by name: a kept field, and "max", "min", "mean", "last",
+                   "rms" or a function of its values (times, ...)
+        scale      of a change of a parameter [its unit]; the default is its value
+        tolerance  largest error of a derivative over its RMS
+        quiet, executor  see `run`
+
+        Returns a Dataset with the kept fields, or the reductions, and for each NAME also `NAME.derivative` and its
+        error `NAME.error` (lane, parameter, time, ...) per unit of the parameter, and `NAME.reason` (lane, parameter).
+        A derivative whose steps do not agree is NaN, and the reason says why; so are all derivatives of a graph whose
+        results jump, such as with the counts of an encoder (`hand: {ideal: true}` removes them).
+
+        ArgumentError: a parameter is no number, or no kept field needs it. RunError: all lanes failed.
+        """
+        work = Gradient(
+            self._base, self._launch, [f"{stream}.{field.name}" for stream, field in self._keep], by, self.over,
+            self.count, self._prepared[0].job, reduce or {}, scale, tolerance,
+        )  # fmt: skip
+        more = Ensemble.__new__(Ensemble)
+        more._prepare(self.name, self._launch, work.lanes, work.over, work.keep, self._every, self._threads)
+        more._check_room(True)
+        columns, errors, _ = more._in_memory(quiet, executor)
+        more._report()
+        time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
+        return work.dataset(columns, errors, time, [field.unit for field in self._fields])
 
     def _in_memory(self, quiet: bool, executor: Executor | None) -> tuple[list[np.ndarray], list[str], list[str]]:
         """The kept fields of all lanes, their errors and their notes."""
@@ -311,6 +368,32 @@ class Ensemble:
         if len(errors) == ran:
             raise RunError(text)
         warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+def gradient(
+    graph: str | Path = "kidney",
+    by: Sequence[str] = ("tissue.stiffness",),
+    keep: Sequence[str] = ("contact.force",),
+    *,
+    scene: str | None = None,
+    duration: float | str | None = None,
+    organ: Organ = None,
+    sets: Sequence[str] = (),
+    every: int = 1,
+    reduce: Mapping[str, tuple[str, str | Callable[[np.ndarray], Any]]] | None = None,
+    scale: Mapping[str, float] | None = None,
+    tolerance: float = TOLERANCE,
+    **nodes: str | Mapping[str, Any],
+) -> Any:
+    """The derivatives of one touch by settings, see `Ensemble.gradient`; the other arguments are those of `Ensemble`.
+
+    found = palpate.gradient("kidney", ["tissue.stiffness"], sets=["scene.hand.ideal=true"], duration=1.2)
+    found["contact.force.derivative"]       # (parameter, time) [N per N/m^n]
+    """
+    given: dict[str, Any] = dict(nodes)
+    touch = Ensemble(graph, 1, {}, keep, scene=scene, duration=duration, organ=organ, sets=sets, every=every, **given)
+    found = touch.gradient(by, reduce=reduce, scale=scale, tolerance=tolerance, quiet=True)
+    return {k: v if k == "time" else v[0] for k, v in found.items()} if isinstance(found, dict) else found.isel(lane=0)
 
 
 def _path(path: str, base: Graph) -> str:
