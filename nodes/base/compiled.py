@@ -227,13 +227,18 @@ def several(kind: type[Message]) -> np.dtype:
     return np.dtype([("count", "<i8"), ("at", "<i8", (ROOM,)), ("like", layout(kind))], align=True)
 
 
+def arguments(kind: type[CompiledNode]) -> list[np.dtype]:
+    """The records that the kernels of a node class take, before dt."""
+    ports = [several(port.type) if port.many else layout(port.type) for port in inputs(kind)]
+    return [record(kind), *ports, *map(layout, outputs(kind))]
+
+
 @once_per_class
 def code(kind: type[CompiledNode], name: str) -> int:
     """Address of the machine code of a kernel of a node class: `compute` or `idle`."""
     from palpate.compiler.records import address  # the compiler is slow to import
 
-    ports = [several(port.type) if port.many else layout(port.type) for port in inputs(kind)]
-    return address(getattr(kind, name), record(kind), *ports, *map(layout, outputs(kind)))
+    return address(getattr(kind, name), *arguments(kind))
 
 
 class Records:

@@ -1,0 +1,213 @@
+"""Links kernels and all functions that they call to one WebAssembly module.
+
+The IR of kernels is that which x86-64 code is made of; only the layout of data and the target differ. Numbers are the
+same bit for bit: kernels contain no function of the C library (`target.REPLACED`), LLVM joins no product and sum, and
+what WebAssembly lacks is exact (`runtime`). Words that hold addresses have 64 bits in the memory of kernels, and are
+cut to 32 bits where they are used.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import llvmlite.binding as llvm
+from numba import types
+
+from palpate.compiler.kernel import CompiledKernel
+from palpate.compiler.target.code_library import COUNTING
+from palpate.compiler.wasm import runtime
+from palpate.compiler.wasm.object_file import Linked, finish
+from palpate.physics.errors import PalpateError
+
+TRIPLE = "wasm32-unknown-unknown"
+FEATURES = "+bulk-memory,+bulk-memory-opt,+mutable-globals,+sign-ext,+nontrapping-fptoint,+simd128"
+"""Instructions that all browsers have had since 2023."""
+INSTRUCTIONS = {"sqrt": "llvm.sqrt.f64", "floor": "llvm.floor.f64", "ceil": "llvm.ceil.f64", "rint": "llvm.rint.f64",
+                "trunc": "llvm.trunc.f64", "llvm.fma.f64": "fma", "fabs": "llvm.fabs.f64"}  # fmt: skip
+"""Functions of C that are instructions of WebAssembly, and the instruction that is not, by their replacement."""
+NUMBERS, WORDS = types.float64, types.int64
+PROVIDED = {
+    "fma": (runtime.fma, (NUMBERS,) * 3),
+    "fmod": (runtime.fmod, (NUMBERS,) * 2),
+    "allocate": (runtime.allocate, (WORDS,) * 3),
+    "release": (runtime.release, (WORDS,) * 2),
+    "multiply": (runtime.multiply, (WORDS,) * 5),
+}
+"""Kernels of the runtime and the types of their arguments."""
+RUNTIME = f"""
+@palpate.heap = internal global [{runtime.CONTROL} x i64] zeroinitializer, align 16
+define double @fma(double %a, double %b, double %c) {{
+  %r = alloca double
+  %e = alloca ptr
+  %s = call i32 @"{{fma}}"(ptr %r, ptr %e, double %a, double %b, double %c)
+  %v = load double, ptr %r
+  ret double %v
+}}
+define double @fmod(double %a, double %b) noinline {{
+  %r = alloca double
+  %e = alloca ptr
+  %s = call i32 @"{{fmod}}"(ptr %r, ptr %e, double %a, double %b)
+  %v = load double, ptr %r
+  ret double %v
+}}
+define ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %alignment) noinline {{
+  %r = alloca i64
+  %e = alloca ptr
+  %a = zext i32 %alignment to i64
+  %h = ptrtoint ptr @palpate.heap to i64
+  %s = call i32 @"{{allocate}}"(ptr %r, ptr %e, i64 %h, i64 %size, i64 %a)
+  %v = load i64, ptr %r
+  %p = inttoptr i64 %v to ptr
+  ret ptr %p
+}}
+define ptr @NRT_MemInfo_new_varsize_dtor(i64 %size, ptr %destructor) noinline {{
+  %p = call ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 16)
+  ret ptr %p
+}}
+define void @__multi3(ptr %to, i64 %a, i64 %b, i64 %c, i64 %d) noinline {{
+  %r = alloca i64
+  %e = alloca ptr
+  %t = ptrtoint ptr %to to i64
+  %s = call i32 @"{{multiply}}"(ptr %r, ptr %e, i64 %t, i64 %a, i64 %b, i64 %c, i64 %d)
+  ret void
+}}
+define void @NRT_MemInfo_call_dtor(ptr %block) noinline {{
+  %r = alloca i64
+  %e = alloca ptr
+  %b = ptrtoint ptr %block to i64
+  %h = ptrtoint ptr @palpate.heap to i64
+  %s = call i32 @"{{release}}"(ptr %r, ptr %e, i64 %h, i64 %b)
+  ret void
+}}
+define void @place_heap(i32 %begin, i32 %end) {{
+  call void @llvm.memset.p0.i32(ptr align 16 @palpate.heap, i8 0, i32 {8 * runtime.CONTROL}, i1 false)
+  %b = zext i32 %begin to i64
+  %e = zext i32 %end to i64
+  store i64 %b, ptr getelementptr (i64, ptr @palpate.heap, i32 {runtime.BEGIN})
+  store i64 %e, ptr getelementptr (i64, ptr @palpate.heap, i32 {runtime.END})
+  ret void
+}}
+define i32 @heap_top() {{
+  %b = load i64, ptr getelementptr (i64, ptr @palpate.heap, i32 {runtime.BEGIN})
+  %t = trunc i64 %b to i32
+  ret i32 %t
+}}
+"""
+"""IR of the functions of C that call the kernels of the runtime, and of those for the host: `place_heap` gives the heap
+its memory, `heap_top` is the end of what was ever used of it. A list of numbers needs no destructor. `__multi3` is the
+name by which LLVM calls the product of two integers of 128 bits."""
+DEFINED = re.findall(r"^define \S+ @(\w+)\(", RUNTIME, re.MULTILINE)
+CALLED_BY_LLVM = ("fma", "fmod", "__multi3")
+
+
+class LinkError(PalpateError):
+    """Kernels that cannot run in WebAssembly."""
+
+
+class Kernel(NamedTuple):
+    """A kernel and the types of its arguments."""
+
+    function: CompiledKernel
+    given: tuple[Any, ...]
+
+    def code(self) -> Any:
+        """Its compiled form, of which `library` has the IR."""
+        bare: Any = self.function.bare
+        if self.given not in bare.overloads:
+            bare.compile(self.given)
+        return bare.overloads[self.given]
+
+
+def link(entries: Sequence[Kernel], exports: Mapping[str, Kernel]) -> tuple[Linked, list[int]]:
+    """One module, and the index in its function table of each entry.
+
+    exports  kernels of integers to export by these names; each argument and the result are i32 outside
+
+    The module imports its memory, its function table and the pointer of its stack, which grows down.
+
+    LinkError: the kernels call a function that is missing.
+    """
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    called = {name: Kernel(*given) for name, given in PROVIDED.items()}
+    kernels = [*entries, *exports.values(), *called.values()]
+    parts: dict[str, Any] = {}
+    for kernel in kernels:
+        parts |= kernel.code().library.parts()
+    symbols = {kernel: kernel.code().fndesc.llvm_func_name for kernel in kernels}
+    whole = _joined(parts.values())
+    text = _for_target(str(whole))
+    text += re.sub(r"\{(\w+)\}", lambda found: symbols[called[found[1]]], RUNTIME)
+    text += "".join(_export(name, symbols[kernel], kernel) for name, kernel in exports.items())
+    places = dict.fromkeys(symbols[entry] for entry in entries)
+    text += "@palpate.entries = global [{} x ptr] [{}]\n".format(
+        len(places), ", ".join(f'ptr @"{name}"' for name in places)
+    )
+    names = {name: name for name in (*exports, "place_heap", "heap_top")}
+    module = llvm.parse_assembly(_with_declarations(text))
+    linked = finish(_generate(module, [*names, *CALLED_BY_LLVM]), names)
+    if linked.imported:
+        raise LinkError(f"kernels call {', '.join(linked.imported)}, which WebAssembly lacks")
+    return linked, [linked.table[symbols[entry]] for entry in entries]
+
+
+def _joined(parts: Any) -> Any:
+    """All functions in one module; what counts references is inlined, as in `Library._optimize`."""
+    whole = llvm.parse_assembly("")
+    for part in parts:
+        counts = any(f.name == COUNTING and not f.is_declaration for f in part.functions)
+        copy = llvm.parse_assembly(str(part).replace("noinline", "alwaysinline")) if counts else part.clone()
+        for function in copy.functions:
+            if not function.is_declaration:
+                function.linkage = "weak_odr"  # several parts may contain it; LLVM would leave one without callers out
+        whole.link_in(copy)
+    return whole
+
+
+def _for_target(text: str) -> str:
+    """The IR for WebAssembly: without the layout of x86-64, and with its instructions."""
+    text = re.sub(r"^target (datalayout|triple) = .*$", "", text, flags=re.MULTILINE)
+    text = text.replace("= common ", "= internal ")
+    for name, other in INSTRUCTIONS.items():
+        text = re.sub(rf'^declare [^\n]*@"?{re.escape(name)}"?\(.*$', "", text, flags=re.MULTILINE)
+        text = re.sub(rf'@"?{re.escape(name)}"?\(', f"@{other}(", text)
+    return re.sub(rf"^declare [^\n]*@({'|'.join(DEFINED)})\(.*$", "", text, flags=re.MULTILINE)
+
+
+def _with_declarations(text: str) -> str:
+    """The IR with declarations of the instructions that it uses."""
+    for name in INSTRUCTIONS.values():
+        if f"@{name}(" in text and not re.search(rf"^(declare|define) [^\n]*@{re.escape(name)}\(", text, re.MULTILINE):
+            text += f"declare double @{name}(double)\n"
+    if "declare void @llvm.memset.p0.i32" not in text:
+        text += "declare void @llvm.memset.p0.i32(ptr, i8, i32, i1)\n"
+    return text
+
+
+def _export(name: str, symbol: str, kernel: Kernel) -> str:
+    """IR of a function of 32-bit integers that calls a kernel of 64-bit ones. A kernel that raises stops the module."""
+    given = range(len(kernel.given))
+    wide = "".join(f"  %w{i} = zext i32 %a{i} to i64\n" for i in given)
+    return (
+        f"define i32 @{name}({', '.join(f'i32 %a{i}' for i in given)}) {{\n  %r = alloca i64\n  %e = alloca ptr\n"
+        f"  store i64 0, ptr %r\n{wide}"
+        f'  %s = call i32 @"{symbol}"(ptr %r, ptr %e{"".join(f", i64 %w{i}" for i in given)})\n'
+        f"  %bad = icmp sgt i32 %s, 0\n  br i1 %bad, label %stop, label %go\n"
+        f"stop:\n  call void @llvm.trap()\n  unreachable\n"
+        f"go:\n  %v = load i64, ptr %r\n  %t = trunc i64 %v to i32\n  ret i32 %t\n}}\n"
+    )
+
+
+def _generate(module: Any, kept: Sequence[str]) -> bytes:
+    """The object of a module, of which only these functions are visible."""
+    machine = llvm.Target.from_triple(TRIPLE).create_target_machine(
+        cpu="generic", features=FEATURES, opt=3, reloc="static", codemodel="default"
+    )
+    module.triple, module.data_layout = TRIPLE, str(machine.target_data)
+    for function in module.functions:
+        if not function.is_declaration:
+            function.linkage = "external" if function.name in kept else "internal"
+    module.verify()
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
+    builder.getModulePassManager().run(module, builder)
+    return machine.emit_object(module)
