@@ -51,11 +51,11 @@ class NodeImage:
         for path, array in held.items():
             if any(f"{path}.".startswith(f"{name}.") for name in node.shared):
                 self.shared.append(same := _pooled(array, pool))
-                record.view(np.int64)[_offset(record.dtype, path) // 8] = address_of(same)
+                record.view(np.int64)[address_offset(record.dtype, path) // 8] = address_of(same)
             else:
                 private[path] = array
         # The image: the record, then the memory of the private arrays without overlaps.
-        spans = _spans([array for array in private.values() if array.nbytes])
+        spans = memory_spans([array for array in private.values() if array.nbytes])
         at, places = _align_size(record.nbytes), list[int]()
         for begin, end in spans:
             places.append(at)
@@ -70,7 +70,7 @@ class NodeImage:
         for path, array in private.items():
             if array.nbytes:
                 span = bisect_right(begins, address_of(array)) - 1
-                links.append((_offset(record.dtype, path), places[span] + address_of(array) - begins[span]))
+                links.append((address_offset(record.dtype, path), places[span] + address_of(array) - begins[span]))
         self.links = np.array(links, np.int64).reshape(-1, 2)
         # New memory is zero and takes no physical memory before it is written, so pages of zeros are not copied.
         used = np.flatnonzero(np.diff(image.reshape(-1, PAGE).any(axis=1), prepend=False, append=False)) * PAGE
@@ -273,7 +273,7 @@ def _read_notes(node: Any, own: np.ndarray) -> list[str]:
     return list(node.notes())
 
 
-def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:
+def memory_spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:
     """Begin and end of the memory of arrays; overlapping ones are merged."""
     joined: list[tuple[int, int]] = []
     for begin, end in sorted((address_of(array), address_of(array) + array.nbytes) for array in arrays):
@@ -284,7 +284,7 @@ def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:
     return joined
 
 
-def _offset(dtype: np.dtype, path: str) -> int:
+def address_offset(dtype: np.dtype, path: str) -> int:
     """Offset of an array's address in a record."""
     at = 0
     for name in path.split("."):

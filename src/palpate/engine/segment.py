@@ -326,9 +326,13 @@ class CompiledSegment:
 
     def entrances(self) -> Iterator[Entrance]:
         """The inputs from other processes."""
+        return (entrance for entrance in self.inlets() if entrance.port.feed is not None)
+
+    def inlets(self) -> Iterator[Entrance]:
+        """The inputs whose messages the host writes."""
         for place, (slot, lines) in enumerate(zip(self.slots, self._lines, strict=True)):
             for n, port in enumerate(slot.inputs):
-                if port.feed is not None and not port.inside:
+                if not (port.dead or port.inside):
                     record, write = self._inlets[place][n][3], self._inlets[place][n][0]  # type: ignore[index]
                     yield Entrance(port, lines[n : n + 1], self.where[0] + place * ROW.itemsize, record, write)
 
@@ -351,6 +355,20 @@ class CompiledSegment:
         others."""
         records = [record_of(output) for slot in self.slots for output in slot.outputs]
         return [self._rows, self._clock, *self._kept, *records]
+
+    def constants(self) -> list[np.ndarray]:
+        """The other arrays that a run reads, and no run writes: records of missing messages, and the plans of the wire
+        form of the outputs."""
+        plans = [wire_plan(output.kind, slot.name) for slot in self.slots for output in slot.outputs]
+        return [*self._absent.values(), *(array for plan in plans for array in (plan.steps, plan.literals))]
+
+    def output_lines(self) -> Iterator[tuple[Slot, np.ndarray]]:
+        """The nodes and the lines of their outputs in the table."""
+        return zip(self.slots, self._out_lines, strict=True)
+
+    def buffers(self) -> list[np.ndarray]:
+        """The journal and its entries, which a run only writes."""
+        return [self._journal, self._entries]
 
     def count(self) -> None:
         """Add the counts since the last call to the health of the nodes."""

@@ -17,7 +17,6 @@ from palpate.compiler.kernel import CompiledKernel
 from palpate.compiler.target.code_library import COUNTING
 from palpate.compiler.wasm import runtime
 from palpate.compiler.wasm.object_file import Linked, finish
-from palpate.physics.errors import PalpateError
 
 TRIPLE = "wasm32-unknown-unknown"
 FEATURES = "+bulk-memory,+bulk-memory-opt,+mutable-globals,+sign-ext,+nontrapping-fptoint,+simd128"
@@ -100,7 +99,7 @@ DEFINED = re.findall(r"^define \S+ @(\w+)\(", RUNTIME, re.MULTILINE)
 CALLED_BY_LLVM = ("fma", "fmod", "__multi3")
 
 
-class LinkError(PalpateError):
+class LinkError(Exception):
     """Kernels that cannot run in WebAssembly."""
 
 
