@@ -21,13 +21,13 @@ from palpate.messages.record import address_of
 BEGIN = 1 << 20  # [bytes] first address of the arrays
 LINE = 64  # [bytes] alignment
 CODE = ("compute", "idle")  # fields of a row that are addresses of machine code
-LARGE = 1 << 14  # [bytes] of an array that no kernel writes, from which on it is a part of its own
+LARGE = 1 << 12  # [bytes] of an array from which on it is a part of its own, which variants with equal arrays share
 
 
 class Part(NamedTuple):
-    """Memory that is set before a run.
+    """Memory that is set before a run; all other memory is zero.
 
-    at    its address;  data  its bytes, the rest of which up to the next part is zero
+    at    its address;  data  its bytes
     """
 
     at: int
@@ -49,13 +49,10 @@ class MemoryImage:
         nodes = [slot.node for slot in segment.slots]
         tables = [array for array in segment.tables() if array.nbytes]
         records = [node._record for node in nodes]  # type: ignore[attr-defined]
-        private, shared = list[np.ndarray](), list[np.ndarray]()
-        for node in nodes:
-            for path, array in node._held.items():  # type: ignore[attr-defined]
-                reads = any(f"{path}.".startswith(f"{name}.") for name in node.shared)  # type: ignore[attr-defined]
-                (shared if reads and array.nbytes >= LARGE else private).append(array)
-        private += [*segment.constants(), *more]
-        self._place(tables + records + private, shared, segment.buffers())
+        held = [array for node in nodes for array in node._held.values()]  # type: ignore[attr-defined]
+        others = [*held, *segment.constants(), *more]
+        small, large = ([a for a in others if (a.nbytes >= LARGE) == big] for big in (False, True))
+        self._place(tables + records + small, large, segment.buffers())
         words = self._image.view(np.int64)
         for array in tables:
             self._move_words(words, array)
@@ -67,7 +64,7 @@ class MemoryImage:
         for place in (row * ROW.itemsize + ROW.fields[name][1] for row in range(len(nodes)) for name in CODE):  # type: ignore[index]
             if rows[place // 8]:
                 rows[place // 8] = functions[int(rows[place // 8])]
-        self.parts = [Part(BEGIN, self._image[: self._end - BEGIN].tobytes()), *self._shared]
+        self.parts = [Part(BEGIN, self._image.tobytes()), *self._large]
 
     def address(self, native: int) -> int:
         """Where an address of this process is. KeyError: in none of the arrays."""
@@ -76,22 +73,22 @@ class MemoryImage:
             raise KeyError(hex(native))
         return self._places[place] + native - self._begins[place]
 
-    def _place(self, own: list[np.ndarray], shared: list[np.ndarray], buffers: list[np.ndarray]) -> None:
-        """Choose the places of all arrays: those of `own` together, each shared one alone, and buffers, which begin as
-        zeros, last."""
-        groups = [_in_order(group) for group in (own, shared, buffers)]
+    def _place(self, own: list[np.ndarray], large: list[np.ndarray], buffers: list[np.ndarray]) -> None:
+        """Choose the places of all arrays: those of `own` together, each large one alone, and last the buffers, which
+        begin as zeros."""
+        groups = [_in_order(group) for group in (own, large, buffers)]
         placed, at, ends = list[tuple[tuple[int, int], int]](), BEGIN, list[int]()
         for spans in groups:
             for span in spans:
                 placed.append((span, at))
                 at += _aligned(span[1] - span[0])
             ends.append(at)
-        self._end, self.size = ends[0], at
+        self.size = at
         self._image = np.zeros(ends[0] - BEGIN, np.uint8)
         for (begin, end), place in placed[: len(groups[0])]:
             self._image[place - BEGIN : place - BEGIN + end - begin] = _bytes(begin, end)
-        large = placed[len(groups[0]) : len(groups[0]) + len(groups[1])]
-        self._shared = [Part(place, _bytes(*span).tobytes()) for span, place in large]
+        alone = ((place, _bytes(*span)) for span, place in placed[len(groups[0]) : len(groups[0]) + len(groups[1])])
+        self._large = [Part(place, data.tobytes()) for place, data in alone if data.any()]
         placed.sort()
         self._spans = [span for span, _ in placed]
         self._begins = [begin for begin, _ in self._spans]

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import msgspec
 
+from palpate.engine.faults import GraphError
+from palpate.engine.graph import Graph
 from palpate.engine.job import Job
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.engine.provenance import about
 from palpate.engine.segment import CompiledSegment, Entrance
 from palpate.engine.slot import Slot
@@ -22,6 +24,7 @@ from palpate.launch.run.assign import jobs
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.device.mouse import Pointer
+from palpate.nodes.logger import Mcap
 from palpate.web.errors import WebError
 
 
@@ -33,12 +36,14 @@ class Started:
     job       the nodes, the logger with its streams, and the provenance of the run
     segment   all compiled nodes
     pointers  the nodes whose messages the host writes, in the order of the fingers
+    left_out  nodes that do not run, with the reason
     """
 
     planned: Plan
     job: Job
     segment: CompiledSegment
     pointers: list[Slot]
+    left_out: dict[str, str]
 
     def entrances(self, pointer: Slot) -> list[Entrance]:
         """The inputs that read the messages of a pointer."""
@@ -51,8 +56,9 @@ def started(launch: LaunchFile) -> Iterator[Started]:
     """Start the nodes of a run on the simulated clock. WebError: one of them is not compiled. GraphError, NodeError."""
     graph = launch.load()
     set_recording(graph, Path(f"{launch.graph.stem}.mcap"))
+    left_out = leave_out_python(graph)
+    _record_sources(graph)
     planned = plan(graph)
-    check_compiled(planned)
     place = fuse_nodes(planned)
     groups = {group.name: group.nodes for group in place.groups}
     provenance = about(planned, clock="simulated", pace=None, ticks=None, groups=groups)
@@ -64,28 +70,45 @@ def started(launch: LaunchFile) -> Iterator[Started]:
         worker.start()
         *pointers, segment = worker.parts
         assert isinstance(segment, CompiledSegment) and all(isinstance(each, Slot) for each in pointers), worker.parts
-        yield Started(planned, job, segment, pointers)  # type: ignore[arg-type]
+        yield Started(planned, job, segment, pointers, left_out)  # type: ignore[arg-type]
     finally:
         worker.stop()
 
 
-def check_compiled(planned: Plan) -> None:
-    """WebError: a node runs in Python, drives a device, or holds an earlier message."""
-    name = planned.graph.path.stem
+def _record_sources(graph: Graph) -> None:
+    """Let the logger record the messages of the pointers, and the others as checks."""
+    pointed = [s for spec in graph.nodes.values() if issubclass(spec.cls, Pointer) for s in spec.streams]
+    (logger,) = (spec for spec in graph.nodes.values() if issubclass(spec.cls, Mcap) and spec.off is None)
+    logger.settings = {**logger.settings, "sources": pointed}
+
+
+def leave_out_python(graph: Graph) -> dict[str, str]:
+    """Switch off the nodes in Python that are not on the path of the force; returns each with the reason. WebError: a
+    node that the others need is not compiled, drives a device, or holds an earlier message."""
+    planned = plan(graph)
+    name, path, left = graph.path.stem, force_path(planned), dict[str, str]()
     for node in planned.order:
-        kind = planned.graph.nodes[node].cls
-        if issubclass(kind, Pointer):
+        spec = graph.nodes[node]
+        if issubclass(spec.cls, Pointer):
             continue
-        if kind.hardware:
-            raise WebError(f"{name}: {node!r} ({kind.__name__}) drives a device; expected a simulated one")
-        if not (issubclass(kind, CompiledNode) and kind.step is CompiledNode.step):
-            raise WebError(
-                f"{name}: {node!r} ({kind.__name__}) runs in Python, and a page runs compiled nodes alone. Leave it out "
-                "of the graph, or give it the compiled form (docs/add_a_node.md)"
-            )
+        if spec.cls.hardware:
+            raise WebError(f"{name}: {node!r} ({spec.cls.__name__}) drives a device; expected a simulated one")
+        if not (issubclass(spec.cls, CompiledNode) and spec.cls.step is CompiledNode.step):
+            if node in path:
+                raise WebError(f"{name}: {node!r} ({spec.cls.__name__}) {_PYTHON} and is part of the loop; {_CURE}")
+            spec.off = left[node] = f"{spec.cls.__name__} {_PYTHON}"
         for edge in planned.edges[node]:
             if edge.loop and planned.order.index(edge.producer) <= planned.order.index(node):
                 raise WebError(
                     f"{name}: input {edge.port!r} of {node!r} holds an earlier message of {edge.producer!r}, which runs "
                     "before it in each tick; a page keeps only the newest. Leave out `loop: true`"
                 )
+    try:
+        if not any(not issubclass(graph.nodes[node].cls, Pointer) for node in plan(graph).order):
+            raise WebError(f"{name}: no node is compiled: {', '.join(left) or 'it has none'} {_PYTHON}; {_CURE}")
+    except GraphError as error:
+        raise WebError(f"{name}: {', '.join(map(repr, left))} {_PYTHON}, and others need it; {_CURE}. {error}") from None
+    return left
+
+
+_PYTHON, _CURE = "runs in Python", "a page runs compiled nodes alone: give it the compiled form (docs/add_a_node.md)"

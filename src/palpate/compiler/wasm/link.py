@@ -30,6 +30,7 @@ PROVIDED = {
     "fmod": (runtime.fmod, (NUMBERS,) * 2),
     "allocate": (runtime.allocate, (WORDS,) * 3),
     "release": (runtime.release, (WORDS,) * 2),
+    "reshape": (runtime.reshape, (WORDS,) * 7),
     "multiply": (runtime.multiply, (WORDS,) * 5),
 }
 """Kernels of the runtime and the types of their arguments."""
@@ -69,6 +70,28 @@ define void @__multi3(ptr %to, i64 %a, i64 %b, i64 %c, i64 %d) noinline {{
   %t = ptrtoint ptr %to to i64
   %s = call i32 @"{{multiply}}"(ptr %r, ptr %e, i64 %t, i64 %a, i64 %b, i64 %c, i64 %d)
   ret void
+}}
+define ptr @NRT_Allocate(i64 %size) noinline {{
+  %p = call ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 16)
+  %d = getelementptr i8, ptr %p, i32 {runtime.HEAD}
+  ret ptr %d
+}}
+define void @NRT_Free(ptr %memory) noinline {{
+  %b = getelementptr i8, ptr %memory, i32 -{runtime.HEAD}
+  call void @NRT_MemInfo_call_dtor(ptr %b)
+  ret void
+}}
+define i32 @numba_attempt_nocopy_reshape(i64 %n, ptr %l, ptr %s, i64 %m, ptr %k, ptr %t, i64 %size, i32 %f) noinline {{
+  %r = alloca i64
+  %e = alloca ptr
+  %l_ = ptrtoint ptr %l to i64
+  %s_ = ptrtoint ptr %s to i64
+  %k_ = ptrtoint ptr %k to i64
+  %t_ = ptrtoint ptr %t to i64
+  %x = call i32 @"{{reshape}}"(ptr %r, ptr %e, i64 %n, i64 %l_, i64 %s_, i64 %m, i64 %k_, i64 %t_, i64 %size)
+  %v = load i64, ptr %r
+  %d = trunc i64 %v to i32
+  ret i32 %d
 }}
 define void @NRT_MemInfo_call_dtor(ptr %block) noinline {{
   %r = alloca i64

@@ -256,3 +256,21 @@ def release(control, block):
     place = control + 8 * (64 - leading_zeros(word(block + 24) + HEAD - 1))
     set_word(block, word(place))
     set_word(place, block)
+
+
+@kernel
+def reshape(axes, lengths, strides, new_axes, new_lengths, new_strides, size):
+    """Write the strides of an array in a new shape, without a copy: 1; 0 if the array is not contiguous.
+
+    lengths, strides, new_lengths, new_strides  addresses of words, one for each axis;  size [bytes] of an element
+    """
+    step = size
+    for axis in range(axes - 1, -1, -1):
+        if word(lengths + 8 * axis) > 1 and word(strides + 8 * axis) != step:
+            return 0
+        step *= word(lengths + 8 * axis)
+    step = size
+    for axis in range(new_axes - 1, -1, -1):
+        set_word(new_strides + 8 * axis, step)
+        step *= word(new_lengths + 8 * axis)
+    return 1

@@ -30,7 +30,7 @@ from palpate.views.page.feed import RATE, FrameSource, binary
 HOST, ANY = "127.0.0.1", "0.0.0.0"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 RENDERERS = "/frames"
-SHARED = ("page.css", "scene.js", "charts.js", "panel.js")  # static files of all pages
+SHARED = ("page.css", "scene.js", "charts.js", "panel.js", "engine.js")  # static files of all pages
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 PATIENCE = 30.0  # [s] timeout of opening and closing the server
 _USER = os.getuid() if hasattr(os, "getuid") else None  # of this process

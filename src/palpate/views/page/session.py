@@ -20,7 +20,7 @@ from palpate.physics.scratch import ScratchFolder
 from palpate.views.errors import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
-from palpate.views.page.steered import Count, Pointers, Sample, steer_launch, touched_part
+from palpate.views.page.steered import Count, Pointers, Sample, Touched, steer_launch, touched_part
 
 
 class PageRequest(msgspec.Struct, forbid_unknown_fields=True):
@@ -32,6 +32,20 @@ class PageRequest(msgspec.Struct, forbid_unknown_fields=True):
     effect: tuple[str, bool] | None = None
     reset: bool = False
     keep: bool | None = None
+
+
+def choose_bodies(graph: Graph, touched: Touched) -> list[str]:
+    """Bodies that can replace the shown one, by their name for `use:`."""
+    several = takers(Load, graph.nodes[touched.body].cls)
+    return [body for body in reversed(bodies()) if len(touched.fingers) == 1 or body in several]
+
+
+def choose_effects(graph: Graph, touched: Touched) -> dict[str, bool]:
+    """Effects that a page can switch, and whether they are on."""
+    shown = touched.fingers[0]
+    can = {effect.name for spec in graph.nodes.values() for effect in effects(spec.cls)}
+    on = {"friction": Friction in shown, "relaxation": True, "band": ForceBand in shown}
+    return {name: is_on for name, is_on in on.items() if name in can}
 
 
 class EndedError(Exception):
@@ -62,10 +76,9 @@ class Session(Live):
         self.launch = self.launch.but(overrides=sets, only=only)
         self._graph: Graph | None = self.launch.load()
         super().__init__(touched_part(plan(self._graph)))
-        several = takers(Load, self._graph.nodes[self.touched.body].cls)
-        self.bodies = [body for body in reversed(bodies()) if len(self.sockets) == 1 or body in several]
+        self.bodies = choose_bodies(self._graph, self.touched)
         self.folder = folder
-        self.effects = self._effects(self._graph)
+        self.effects = choose_effects(self._graph, self.touched)
         """Effects that the page can switch, and whether they are on."""
         self.keep = True
         self.kept: list[Path] = []
@@ -112,12 +125,6 @@ class Session(Live):
             self.effects[effect[0]] = self._switched[effect[0]] = effect[1]
         self._wish = body or self.touched.use
         self.stopping.set()
-
-    def _effects(self, graph: Graph) -> dict[str, bool]:
-        shown = self.touched.fingers[0]
-        can = {effect.name for spec in graph.nodes.values() for effect in effects(spec.cls)}
-        on = {"friction": Friction in shown, "relaxation": True, "band": ForceBand in shown}
-        return {name: is_on for name, is_on in on.items() if name in can}
 
     # -- the thread ----------------------------------------------------------------------------------------------
 

@@ -24,6 +24,7 @@ export class Tick {
 
   // Set the memory to that of the start.
   begin() {
+    this.bytes.fill(0, STACK + 64, this.about.size);
     for (const { at, hash } of this.about.parts) this.bytes.set(this.parts.get(hash), at);
     const heap = Math.ceil(this.about.size / 64) * 64;
     this.code.place_heap(heap, heap + HEAP);
@@ -100,6 +101,12 @@ export class Tick {
   pointed(finger) {
     const { records: [record], steps, count, literals, buffer } = this.about.pointers[finger];
     return this.bytes.subarray(buffer, this.code.encode(steps, count, literals, record, 0, 0, buffer));
+  }
+
+  // Number of the newest sample of a pointer.
+  sample(stream) {
+    const { records: [record], fields } = this.about.pointers.find((pointer) => pointer.stream === stream);
+    return this.integer(record + fields.sample.at);
   }
 
   // Whether a stream has a message.

@@ -3,6 +3,7 @@
 import { Scene, each, figures, fingers, lines, offer, painted, ramp, sends } from "/scene.js";
 import { Strip, bars, shot, spots } from "/charts.js";
 import { panel } from "/panel.js";
+import { connect } from "/engine.js";
 
 const $ = (id) => document.getElementById(id);
 const HOVER = 0.006; // [m] above the surface while nothing is pressed
@@ -10,21 +11,15 @@ const LOST = "Please tell the experimenter. Your answers up to now are stored.";
 const ENOUGH = 27; // [1/s] sufficient frame rate; the server sends at most 30
 const strips = [new Strip($("forces"), "normal force", "N", "#2f7fb8", 0.5), new Strip($("depths"), "indentation", "mm", "#c2506a", 2)];
 const aim = { x: 0, y: 0.1, down: false, turning: false, fingers: new Map() };
-let scene, socket, about, newest, experiment, status = "connecting", paused = false, sample = 0, dirty = true, sent = new Map();
+let scene, engine, about, newest, experiment, status = "connecting", paused = false, sample = 0, dirty = true, sent = new Map();
 
 try { scene = new Scene($("view")); } catch (error) { $("status").textContent = error.message; throw error; }
 const page = { frames: 0, latency: undefined, get newest() { return newest?.head; }, scene };
 window.palpate = page; // for tests and the browser's console
 
-function connect() {
-  const scheme = location.protocol === "https:" ? "wss" : "ws";
-  socket = new WebSocket(`${scheme}://${location.host}/socket${location.search}`);
-  socket.binaryType = "arraybuffer";
-  socket.onmessage = ({ data }) => (typeof data === "string" ? say(JSON.parse(data)) : take(data));
-  socket.onclose = () => {
-    state(experiment ? "closed" : "the run has ended: start palpate touch again");
-    if (experiment && !experiment.over) panel({ shown: -1, title: "The connection is lost", text: LOST }, order);
-  };
+function closed() {
+  state(experiment ? "closed" : "the run has ended: start palpate touch again");
+  if (experiment && !experiment.over) panel({ shown: -1, title: "The connection is lost", text: LOST }, order);
 }
 
 // Show the status of the run. A pause of the page is shown only while the run is active.
@@ -118,7 +113,7 @@ function tell(head) {
 // -- the pointer -----------------------------------------------------------------------------------------------
 
 function point() {
-  if (!about || about.watch || socket.readyState !== WebSocket.OPEN || paused) return;
+  if (!about || about.watch || !engine.ready() || paused) return;
   const hit = scene.pick(aim.x, aim.y);
   if (hit) aim.hit = hit;
   if (!aim.hit) return;
@@ -127,7 +122,7 @@ function point() {
   if (newest) sent.set(sample, performance.now()); // before the first frame, the start of the run would count as latency
   if (sent.size > 500) sent.delete(sent.keys().next().value);
   for (const [finger, { place, normal }] of steered()) {
-    socket.send(JSON.stringify({ point: [sample, place.map((x, i) => x + lift * normal[i]), aim.down ? 1 : 0], finger }));
+    engine.send({ point: [sample, place.map((x, i) => x + lift * normal[i]), aim.down ? 1 : 0], finger });
   }
 }
 
@@ -151,7 +146,7 @@ function choose(finger) {
   if (finger >= -1 && finger < about.fingers.length && about.fingers.length > 1) { $("finger").value = finger; point(); }
 }
 
-function order(what) { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what)); }
+function order(what) { if (engine.ready()) engine.send(what); }
 
 function place(event) {
   const box = $("view").getBoundingClientRect();
@@ -241,4 +236,4 @@ $("shot").addEventListener("click", () => {
 });
 window.addEventListener("resize", () => { scene.sharp = 1; dirty = true; });
 ramp($("scale"));
-connect(); show();
+engine = connect({ told: say, came: take, closed }); show();

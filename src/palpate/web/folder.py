@@ -1,0 +1,145 @@
+"""The files of a page: each file of data is named after the hash of its content, which the page checks."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import json
+import re
+from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.physics.scratch import ScratchFolder
+from palpate.web.bundle import as_text, bundle
+from palpate.web.errors import WebError
+from palpate.web.program import compile_program
+from palpate.web.recording import recording_head
+from palpate.web.started import started
+from palpate.web.variants import Variant, describe_page, each_body, variants
+
+POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval' blob:; worker-src blob:; style-src 'self'; "
+    "img-src data: blob:"
+)
+"""Content security policy: scripts of the folder only, no connection to any server, no text that becomes code."""
+PAGE = ("page.js", "scene.js", "charts.js", "panel.js")  # of views/page/static
+ENGINE = ("engine.js", "worker.js", "tick.js", "frames.js", "recording.js", "sha256.js")
+
+
+@dataclass(frozen=True)
+class Built:
+    """A folder.
+
+    variants  number of them;  left_out  nodes that do not run, with the reason
+    code, first, whole  [bytes] of the compressed code, of what the page loads at first, of the folder
+    """
+
+    variants: int
+    left_out: dict[str, str]
+    code: int
+    first: int
+    whole: int
+
+
+def build(launch: LaunchFile, out: Path, bodies: Sequence[str], begin: Callable[[str], Callable[[float], None]]) -> Built:
+    """Write the page of a run to a new folder.
+
+    bodies  names of the bodies to offer; (): all that fit the graph
+    begin   begins a stage of the progress; returns what takes the finished share
+
+    WebError: the folder has other files, or a node is not compiled. PageError, GraphError, OSError.
+    """
+    check_folder(out)
+    scratch = ScratchFolder("web")
+    try:
+        found = variants(launch, Path(scratch.name), bodies)
+        store, entries, left_out, code = _build_variants(found, launch.graph.stem, begin)
+    finally:
+        scratch.cleanup()
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "data").mkdir()
+    for digest, text in store.files.items():
+        (out / "data" / f"{digest}.js").write_text(text, encoding="ascii")
+    first = next(entry for entry in entries if entry["first"])
+    site = {"name": launch.graph.stem, "code": code, "variants": entries}
+    _write_page(out, site)
+    needed = {first["hash"], code, *store.needs[first["hash"]]}
+    sizes = {digest: len(text) * 3 // 4 for digest, text in store.files.items()}
+    files = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
+    pages = sum((out / name).stat().st_size for name in ("index.html", "page.js", "page.css", "site.js"))
+    return Built(len(entries), left_out, sizes[code], pages + sum(sizes[d] for d in needed), files)
+
+
+class _Store:
+    """Files of data by the hash of their content."""
+
+    def __init__(self) -> None:
+        self.files: dict[str, str] = {}
+        self.needs: dict[str, list[str]] = {}
+
+    def add(self, data: bytes) -> str:
+        digest = hashlib.sha256(data).hexdigest()
+        if digest not in self.files:
+            packed = base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()
+            self.files[digest] = f'palpateData("{digest}", "{packed}");\n'
+        return digest
+
+
+def _build_variants(
+    found: Sequence[Variant], name: str, begin: Callable[[str], Callable[[float], None]]
+) -> tuple[_Store, list[dict[str, Any]], dict[str, str], str]:
+    """The files of all variants, their entries in the list of the page, the nodes that do not run, and the code."""
+    store, entries, bodies = _Store(), list[dict[str, Any]](), list(each_body(found))
+    with ExitStack() as running:
+        done = begin("starting the nodes")
+        runs = []
+        for number, variant in enumerate(found):
+            runs.append(running.enter_context(started(variant.launch)))
+            done((number + 1) / len(found))
+        done = begin("compiling to WebAssembly")
+        program = compile_program(run.segment for run in runs)
+        done(1.0)
+        done = begin("packing the memory")
+        for number, (variant, run) in enumerate(zip(found, runs, strict=True)):
+            page, mesh = describe_page(run, variant, bodies, name)
+            about = program.describe(run) | {
+                "name": f"{name}.mcap", "mesh": store.add(mesh), "page": page, "recording": recording_head(run),
+            }  # fmt: skip
+            for part in about["parts"]:
+                store.add(program.parts[part["hash"]])
+            digest = store.add(json.dumps(about, separators=(",", ":")).encode())
+            store.needs[digest] = [part["hash"] for part in about["parts"]] + [about["mesh"]]
+            entries.append({"body": variant.body, "effects": variant.effects, "hash": digest, "first": variant.first})
+            done((number + 1) / len(found))
+        return store, entries, runs[0].left_out, store.add(program.code.code)
+
+
+def check_folder(out: Path) -> None:
+    """WebError: a folder cannot take the page."""
+    if out.exists() and not out.is_dir():
+        raise WebError(f"--out: {out} is a file, expected a new or empty folder")
+    if out.is_dir() and any(out.iterdir()):
+        raise WebError(f"--out: {out} is not empty, expected a new or empty folder")
+
+
+def _write_page(out: Path, site: dict[str, Any]) -> None:
+    """The page of `palpate touch`, with the engine that runs in the browser."""
+    page, web = resources.files("palpate.views.page") / "static", resources.files("palpate.web") / "static"
+    sources = {name: (page / name).read_text(encoding="utf-8") for name in PAGE}
+    sources |= {name: (web / name).read_text(encoding="utf-8") for name in ENGINE}
+    script = as_text("palpateWorker", bundle(sources, "worker.js")) + bundle(sources, "page.js")
+    (out / "page.js").write_text(script, encoding="utf-8")
+    (out / "page.css").write_text((page / "page.css").read_text(encoding="utf-8"), encoding="utf-8")
+    (out / "site.js").write_text(f"globalThis.palpateSite = {json.dumps(site)};\n", encoding="utf-8")
+    text = (page / "index.html").read_text(encoding="utf-8")
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+    text = text.replace('<meta charset="utf-8">', f'<meta charset="utf-8">{policy}').replace('href="/page.css"', 'href="page.css"')
+    scripts = '<script src="site.js"></script>\n<script src="page.js"></script>'
+    text = re.sub(r'<script type="module" src="/page.js"></script>', scripts, text)
+    (out / "index.html").write_text(text, encoding="utf-8")

@@ -1,0 +1,82 @@
+// The engine behind the page where there is no server: the tick runs in a worker of the page, as WebAssembly.
+//
+// All files are scripts, so that a folder opened without a network works; each is loaded when it is needed, once. The same interface
+// as the file of this name in views/page/static.
+
+const site = globalThis.palpateSite, texts = new Map(), waiting = new Map();
+
+// Called by each file of data.
+globalThis.palpateData = (hash, text) => texts.set(hash, text);
+
+function load(hash) {
+  return new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    script.src = `data/${hash}.js`;
+    script.onload = () => { script.remove(); texts.has(hash) ? resolve(texts.get(hash)) : reject(new Error(`data/${hash}.js is damaged`)); texts.delete(hash); };
+    script.onerror = () => reject(new Error(`data/${hash}.js is missing`));
+    document.head.append(script);
+  });
+}
+
+export function connect({ told, came }) {
+  const text = globalThis.palpateWorker, worker = new Worker(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
+  const say = (what) => told({ kind: "status", text: what, keep: true, panel: null });
+  let chosen = site.variants.find(({ first }) => first), switching = 0, alive = false;
+
+  const ask = (order, key) => new Promise((resolve) => { waiting.set(key, resolve); worker.postMessage(order); });
+  const had = new Set();
+  async function bring(hash) {
+    if (had.has(hash)) return;
+    had.add(hash);
+    try { await ask({ file: { hash, text: await load(hash) } }, `have ${hash}`); } catch (error) { had.delete(hash); throw error; }
+  }
+
+  // Start a variant, after its files have come.
+  async function begin(variant) {
+    const mine = ++switching;
+    alive = false;
+    say("loading");
+    try {
+      await Promise.all([bring(variant.hash), bring(site.code)]);
+      const { hashes } = await ask({ needs: { hash: variant.hash } }, `needs ${variant.hash}`);
+      await Promise.all(hashes.map(bring));
+      if (mine !== switching) return;
+      chosen = variant;
+      worker.postMessage({ begin: { hash: variant.hash, code: site.code } });
+      alive = true;
+    } catch (error) { say(`stopped: ${error.message}`); }
+  }
+
+  // The variant with another body or an effect switched, or why there is none.
+  function change({ body, effect }) {
+    const effects = { ...chosen.effects, ...(effect ? { [effect[0]]: effect[1] } : {}) }, wish = body ?? chosen.body;
+    const same = (one) => one.body === wish && Object.entries(one.effects).every(([name, on]) => effects[name] === on);
+    const found = site.variants.find(same);
+    if (found) begin(found); else { say(`not in this folder: ${wish} with ${Object.entries(effects).map(([name, on]) => `${name} ${on ? "on" : "off"}`).join(", ")}`); }
+  }
+
+  worker.onmessage = ({ data }) => {
+    if (data.told) told(data.told);
+    else if (data.came) { came(data.came); requestAnimationFrame(() => worker.postMessage({ drawn: true })); }
+    else if (data.file) save(data.file);
+    else { const key = data.have ? `have ${data.have}` : `needs ${data.needs}`; waiting.get(key)?.(data); waiting.delete(key); }
+  };
+  worker.onerror = ({ message }) => say(`stopped: ${message}`);
+  document.addEventListener("visibilitychange", () => worker.postMessage({ hidden: document.hidden }));
+  begin(chosen);
+  return {
+    records: true,
+    ready: () => alive,
+    send(order) {
+      if (order.body || order.effect) change(order);
+      else if (order.point || order.reset || order.download) worker.postMessage(order);
+    },
+  };
+}
+
+function save({ name, parts }) {
+  const link = document.createElement("a");
+  link.download = name; link.href = URL.createObjectURL(new Blob(parts, { type: "application/octet-stream" }));
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+}
