@@ -11,6 +11,8 @@ from typing import Any
 from palpate.engine.imports import full_name
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
+from palpate.nodes.base import CompiledNode
+from palpate.nodes.base.effect import effects
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.session import choose_bodies, choose_effects
 from palpate.views.page.steered import Touched, steer_launch, touched_part
@@ -49,11 +51,12 @@ def variants(launch: LaunchFile, folder: Path, wished: Sequence[str] = ()) -> li
     known = choose_bodies(graph, touched)
     names = [_body(name, known) for name in wished] or known
     bodies = dict.fromkeys([touched.use, *names])
-    on = choose_effects(graph, touched)
+    compiled = {e.name for spec in graph.nodes.values() if issubclass(spec.cls, CompiledNode) for e in effects(spec.cls)}
+    on = {name: is_on for name, is_on in choose_effects(graph, touched).items() if name in compiled}
     choices = [dict(zip(on, each, strict=True)) for each in itertools.product((True, False), repeat=len(on))]
     found = [
-        Variant(body, effects, steered.but(overrides=_switches(touched, on, body, effects)), (body, effects) == (touched.use, on))
-        for body in bodies for effects in choices
+        Variant(body, choice, steered.but(overrides=_switches(touched, on, body, choice)), (body, choice) == (touched.use, on))
+        for body in bodies for choice in choices
     ]  # fmt: skip
     return sorted(found, key=lambda variant: not variant.first)
 

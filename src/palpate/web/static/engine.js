@@ -65,7 +65,7 @@ export function connect({ told, came }) {
   document.addEventListener("visibilitychange", () => worker.postMessage({ hidden: document.hidden }));
   begin(chosen);
   return {
-    records: true,
+    downloads: true,
     ready: () => alive,
     send(order) {
       if (order.body || order.effect) change(order);

@@ -222,6 +222,7 @@ $("press").addEventListener("input", () => press(0));
 $("body").addEventListener("change", (event) => order({ body: event.target.value }));
 $("reset").addEventListener("click", () => order({ reset: true }));
 $("keep").addEventListener("click", () => order({ keep: $("keep").getAttribute("aria-pressed") !== "true" }));
+$("download").addEventListener("click", () => order({ download: true }));
 $("colour").addEventListener("change", () => { dirty = true; });
 $("pause").addEventListener("click", () => {
   if (!paused) { aim.down = false; point(); }
@@ -236,4 +237,6 @@ $("shot").addEventListener("click", () => {
 });
 window.addEventListener("resize", () => { scene.sharp = 1; dirty = true; });
 ramp($("scale"));
-engine = connect({ told: say, came: take, closed }); show();
+engine = connect({ told: say, came: take, closed });
+$("download").hidden = !engine.downloads; $("keep").hidden = engine.downloads; // a page without a server writes no files
+show();
