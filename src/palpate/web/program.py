@@ -7,11 +7,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from numba import types
 
 from palpate.compiler.wasm.link import Kernel, LinkError, link
 from palpate.compiler.wasm.object_file import Linked
 from palpate.engine.segment import CompiledSegment, kernels
+from palpate.physics.materials.hyperelastic import known_places
 from palpate.nodes.base.compiled import CompiledNode, arguments
 from palpate.web.describe import Pointers, describe_segment
 from palpate.web.errors import WebError
@@ -35,6 +37,7 @@ class Program:
 
     def describe(self, run: Started) -> dict[str, Any]:
         """The description of a variant, whose memory is added to `parts`. Its nodes have started and not stepped."""
+        _check_laws(run.segment)
         pointers = Pointers(run)
         image = MemoryImage(run.segment, self.functions, pointers.arrays)
         parts = []
@@ -73,6 +76,20 @@ def compile_program(segments: Iterable[CompiledSegment]) -> Program:
     if BEGIN - code.data < LEAST_STACK:
         raise WebError(f"static data of {code.data} bytes: expected at most {BEGIN - LEAST_STACK}")
     return Program(code, dict(zip(found, indices, strict=True)))
+
+
+def _check_laws(segment: CompiledSegment) -> None:
+    """WebError: a node calls a material law by its address, which is not linked."""
+    places = np.array(list(known_places()), np.int64)
+    for slot in segment.slots:
+        node: Any = slot.node
+        for array in (node._record, *node._held.values()):
+            words = array.view(np.uint8).ravel()[: array.nbytes // 8 * 8].view(np.int64)
+            for word in words[np.isin(words, places)].tolist():
+                raise WebError(
+                    f"{slot.name!r} ({type(node).__name__}) calls the law {known_places()[word]!r} by its address, which "
+                    "a page cannot; expected a body without material laws in its steps, such as MassSpring"
+                )
 
 
 def _kernels(kind: type[CompiledNode]) -> tuple[Kernel, Kernel | None]:

@@ -62,11 +62,23 @@ def leading_zeros(m):
 
 @kernel
 def wide_product(a, b):
-    """High and low word of the 128-bit product of two unsigned words."""
-    a_high, a_low, b_high, b_low = shift_right(a, 32), a & LOW, shift_right(b, 32), b & LOW
-    middle = plus(times(a_high, b_low), shift_right(times(a_low, b_low), 32))
-    other = plus(times(a_low, b_high), middle & LOW)
-    return plus(times(a_high, b_high), plus(shift_right(middle, 32), shift_right(other, 32))), times(a, b)
+    """High and low word of the 128-bit product of two unsigned words.
+
+    By pieces of 16 bits: LLVM would recognise the usual four products of halves and call `__multi3`, which is this.
+    """
+    a_high, a_low = shift_right(a, 32), a & LOW
+    high = low = 0
+    for shift in range(0, 64, 16):
+        piece = shift_right(b, shift) & 0xFFFF
+        part = a_high * piece
+        below_part = plus(a_low * piece, part << 32)
+        above = shift_right(part, 32) + below(below_part, a_low * piece)
+        if shift > 0:
+            above = (above << shift) | shift_right(below_part, 64 - shift)
+            below_part = below_part << shift
+        low = plus(low, below_part)
+        high = plus(high, above + below(low, below_part))
+    return high, low
 
 
 @kernel

@@ -25,7 +25,7 @@ A law in the invariants I and II only has to supply its derivatives by these: se
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, cast
@@ -202,6 +202,11 @@ def place_of(law: Law, name: str) -> int:
     place = compile_law(law, LAW).__wrapper_address__()
     _placed[place] = name
     return place
+
+
+def known_places() -> Mapping[int, str]:
+    """The names of laws by the addresses that `place_of` has returned."""
+    return _placed
 
 
 def name_at(place: int) -> str:
