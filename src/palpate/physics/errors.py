@@ -15,6 +15,7 @@
       RecordingError    a recording that cannot be read, or lacks requested data
       PictureError      a picture that cannot be drawn
       PageError         a page that cannot be shown in a browser
+      WebError          a page that cannot run without a server
       ArchiveError      a stored basis or table
       FingertipError    the surfaces of a fingertip
       MaterialError     the constants of a material

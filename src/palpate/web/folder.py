@@ -29,7 +29,7 @@ POLICY = (
 )
 """Content security policy: scripts of the folder only, no connection to any server, no text that becomes code."""
 PAGE = ("page.js", "scene.js", "charts.js", "panel.js")  # of views/page/static
-ENGINE = ("engine.js", "worker.js", "tick.js", "frames.js", "recording.js", "sha256.js")
+ENGINE = ("engine.js", "worker.js", "tick.js", "frames.js", "recording.js", "files.js", "sha256.js", "palpate.js")
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,9 @@ def _write_page(out: Path, site: dict[str, Any]) -> None:
     sources |= {name: (web / name).read_text(encoding="utf-8") for name in ENGINE}
     script = as_text("palpateWorker", bundle(sources, "worker.js")) + bundle(sources, "page.js")
     (out / "page.js").write_text(script, encoding="utf-8")
+    library = bundle(sources, "palpate.js") + "export const { load, Touch } = module_palpate_js;\n"
+    (out / "palpate.mjs").write_text(library, encoding="utf-8")
+    (out / "palpate.d.mts").write_text((web / "palpate.d.ts").read_text(encoding="utf-8"), encoding="utf-8")
     (out / "page.css").write_text((page / "page.css").read_text(encoding="utf-8"), encoding="utf-8")
     (out / "site.js").write_text(f"globalThis.palpateSite = {json.dumps(site)};\n", encoding="utf-8")
     text = (page / "index.html").read_text(encoding="utf-8")

@@ -1,8 +1,8 @@
 // The worker of the page: runs the tick with a fixed step at the pace of real time, and makes frames at the pace of the page.
 
+import { unpacked } from "/files.js";
 import { frame } from "/frames.js";
 import { Samples, record } from "/recording.js";
-import { sha256 } from "/sha256.js";
 import { Tick } from "/tick.js";
 
 const TURN = 4; // [ms] between two turns
@@ -15,15 +15,6 @@ let tick = null, about = null, module = null, samples = null, curves = [], late 
 let origin = 0, ran = 0, framed = 0, drawn = true, hidden = null;
 
 const say = (text) => postMessage({ told: { kind: "status", text, keep: true, panel: null } });
-
-// Bytes of a file of the folder, which must have the hash in its name.
-async function unpacked(hash, text) {
-  const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  if (sha256(bytes) !== hash) throw new Error("it does not have the hash in its name");
-  return bytes;
-}
 
 const orders = {
   async file({ hash, text }) {

@@ -1,0 +1,87 @@
+// palpate in a program of yours: load a folder of `palpate build web`, move fingers, read forces and the surface. Types: palpate.d.ts.
+
+import { quoted, unpacked } from "/files.js";
+import { Samples, record } from "/recording.js";
+import { Tick } from "/tick.js";
+
+const fetched = (folder) => async (name) => {
+  const answer = await fetch(`${folder}/${name}`);
+  if (!answer.ok) throw new Error(`${folder}/${name}: ${answer.status} ${answer.statusText}`);
+  return answer.text();
+};
+
+// Load a variant of a folder. folder: its address, or a function that returns the text of a file; body, effects: as in the page.
+export async function load(folder, { body, effects = {} } = {}) {
+  const read = typeof folder === "function" ? folder : fetched(folder);
+  const site = JSON.parse(/= (.*);\s*$/s.exec(await read("site.js"))[1]);
+  const first = site.variants.find((one) => one.first), wish = { ...first.effects, ...effects }, last = (name) => name.split(".").pop();
+  const variant = site.variants.find((one) => last(one.body) === last(body ?? first.body) && Object.entries(wish).every(([name, on]) => one.effects[name] === on));
+  if (!variant) throw new Error(`no such variant; this folder has ${site.variants.map((one) => `${one.body} ${JSON.stringify(one.effects)}`).join(", ")}`);
+  const file = async (hash) => {
+    const name = `data/${hash}.js`;
+    try { return await unpacked(hash, quoted(await read(name))); } catch (error) { throw new Error(`${name}: ${error.message}`); }
+  };
+  const about = JSON.parse(new TextDecoder().decode(await file(variant.hash)));
+  const parts = new Map(await Promise.all(about.parts.map(async ({ hash }) => [hash, await file(hash)])));
+  return new Touch(about, await WebAssembly.compile(await file(site.code)), parts, await file(about.mesh), variant);
+}
+
+export class Touch {
+  constructor(about, module, parts, mesh, { body, effects }) {
+    Object.assign(this, { about, module, parts, body, effects });
+    this.tick = new Tick(about, module, parts);
+    this.samples = new Samples();
+    this.number = 0;
+    const at = 4 + new DataView(mesh.buffer).getUint32(0, true), [triangles, vertices, normals] = JSON.parse(new TextDecoder().decode(mesh.subarray(4, at))).sizes;
+    this.mesh = {
+      triangles: new Uint32Array(mesh.buffer, at, triangles),
+      vertices: new Float32Array(mesh.buffer, at + 4 * triangles, vertices),
+      normals: new Float32Array(mesh.buffer, at + 4 * (triangles + vertices), normals),
+    };
+  }
+
+  get time() { return this.tick.tick / this.about.rate; }
+  get rate() { return this.about.rate; }
+  get fingers() { return this.about.pointers.length; }
+  get thickness() { return this.about.page.thickness; }
+  get failed() { return this.tick.failed; }
+
+  // Begin again from the start.
+  begin() { this.tick.begin(); this.samples = new Samples(); this.number = 0; }
+
+  // Set the target [m, world] that a finger follows.
+  point(place, { finger = 0, buttons = 0 } = {}) {
+    if (!(finger >= 0 && finger < this.fingers)) throw new RangeError(`finger: found ${finger}, expected 0 to ${this.fingers - 1}`);
+    if (place.length !== 3 || !place.every(Number.isFinite)) throw new TypeError(`place: found ${place}, expected three numbers in metres`);
+    this.tick.point(finger, place, buttons, ++this.number);
+    this.samples.add(this.tick.tick, finger, place, buttons, this.number);
+  }
+
+  // Run `seconds` of simulated time, by default one tick. Returns whether no node failed.
+  step(seconds = 1 / this.rate) {
+    const ticks = Math.max(1, Math.round(seconds * this.rate));
+    return this.tick.step(ticks) === ticks;
+  }
+
+  // The contact of a finger: force on the hand [N], normal force [N], indentation [m], foot point [m], normal, whether it sticks.
+  contact(finger = 0) {
+    const { Contact, Friction, Force } = this.about.page.fingers[finger], { tick } = this, has = (name) => name && tick.has(name);
+    if (!has(Contact)) return null;
+    return {
+      force: has(Force) ? tick.read(Force, "force") : [0, 0, 0], load: tick.read(Contact, "force"), indentation: tick.read(Contact, "indentation"),
+      foot: tick.read(Contact, "foot"), normal: tick.read(Contact, "normal"), sticks: has(Friction) ? tick.read(Friction, "stick") : null,
+    };
+  }
+
+  // The displaced vertices of a body, of the mesh, and their displacements [m]: arrays that show the memory of the tick, not copies.
+  surface(body = 0) {
+    const name = this.about.page.bodies[body];
+    return this.tick.has(name) ? { nodes: this.tick.read(name, "nodes"), displacement: this.tick.read(name, "displacement"), first: this.about.page.first[body] } : null;
+  }
+
+  // A field of the newest message of any stream.
+  read(stream, field) { return this.tick.read(stream, field); }
+
+  // The recording of everything since the start, as a Blob of an MCAP file for `palpate replay`.
+  recording() { return new Blob(record(this.about, this.module, this.parts, this.samples, this.tick.tick)); }
+}
