@@ -29,7 +29,7 @@ POLICY = (
 )
 """Content security policy: scripts of the folder only, no connection to any server, no text that becomes code."""
 PAGE = ("page.js", "scene.js", "charts.js", "panel.js")  # of views/page/static
-ENGINE = ("engine.js", "worker.js", "tick.js", "frames.js", "recording.js", "files.js", "sha256.js", "palpate.js")
+ENGINE = ("engine.js", "worker.js", "tick.js", "frames.js", "fill.js", "recording.js", "files.js", "sha256.js", "palpate.js")
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ from typing import Any
 from palpate.engine.imports import full_name
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
+from palpate.nodes import deformation
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.base.effect import effects
+from palpate.physics.geometry.graded import landmarks
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.session import choose_bodies, choose_effects
 from palpate.views.page.steered import Touched, steer_launch, touched_part
@@ -62,11 +64,15 @@ def variants(launch: LaunchFile, folder: Path, wished: Sequence[str] = ()) -> li
 
 
 def _body(name: str, known: Sequence[str]) -> str:
-    """The name for `use:` of a body. WebError: it does not fit the graph."""
-    for each in known:
+    """The name for `use:` of a body. WebError: it is no body."""
+    shipped = [*known, *(f"deformation.{each}" for each in deformation.__all__)]
+    for each in shipped:
         if name in (each, each.rpartition(".")[2]):
             return each
-    raise WebError(f"--body: found {name!r}, expected one of {', '.join(each.rpartition('.')[2] for each in known)}")
+    if "." in name:  # of another distribution
+        return name
+    names = dict.fromkeys(each.rpartition(".")[2] for each in shipped)
+    raise WebError(f"--body: found {name!r}, expected one of {', '.join(names)}, or a full name as in `use:`")
 
 
 def _switches(touched: Touched, on: dict[str, bool], body: str, effects: dict[str, bool]) -> list[str]:
@@ -88,6 +94,7 @@ def describe_page(run: Started, variant: Variant, bodies: Sequence[str], name: s
         "thickness": touched.thickness,
         "bodies": list(shown.streams),
         "first": first,
+        "landmarks": [landmarks(mesh.vertices).tolist() for mesh in shown.meshes],
         "loads": dict(shown.loads),
     }
     about = {"recording": name, "bodies": list(bodies), "effects": variant.effects, "left_out": run.left_out}

@@ -1,13 +1,28 @@
 // Frames of a tick for the page: the same message as `feed.frame` makes from a run in other processes.
 
-const ZERO = [0, 0, 0];
+import { Filled } from "/fill.js";
+
+// The arrays of a message to the page with a mesh: triangles, vertices, normals.
+export function meshOf(bytes) {
+  const at = 4 + new DataView(bytes.buffer, bytes.byteOffset).getUint32(0, true), from = bytes.byteOffset + at;
+  const [triangles, vertices, normals] = JSON.parse(new TextDecoder().decode(bytes.subarray(4, at))).sizes;
+  return {
+    triangles: new Uint32Array(bytes.buffer, from, triangles), vertices: new Float32Array(bytes.buffer, from + 4 * triangles, vertices),
+    normals: new Float32Array(bytes.buffer, from + 4 * (triangles + vertices), normals),
+  };
+}
+
+// What fills the surface of each body that sends a sample of its vertices.
+export function fillers({ first, landmarks }, { vertices }) {
+  return first.map((begin, k) => new Filled(vertices.slice(3 * begin, first[k + 1] === undefined ? undefined : 3 * first[k + 1]), landmarks[k]));
+}
 
 // The newest messages as a frame; null before the first contact. shown: `page` of a variant; curves: of each finger times, forces
-// and indentations since the last frame; late: ticks that were left out.
-export function frame(tick, shown, curves, late) {
+// and indentations since the last frame; late: ticks that were left out; filled: `fillers` of the mesh.
+export function frame(tick, shown, curves, late, filled) {
   if (shown.fingers.some(({ Contact }) => !tick.has(Contact))) return null;
   const [first, ...others] = shown.fingers.map((finger, k) => ({ ...now(tick, finger, shown.near[k], shown.thickness), ...curves[k] }));
-  const { nodes, displacement, pressure, slipped } = surface(tick, shown);
+  const { nodes, displacement, pressure, slipped } = surface(tick, shown, filled);
   const head = { kind: "frame", late, ...first, others, ...pressed(tick, shown) };
   if (slipped) head.slipped = slipped;
   return packed(head, nodes, displacement, pressure);
@@ -41,18 +56,37 @@ function now(tick, finger, near, thickness) {
 }
 
 // The displaced vertices of all bodies on the joint mesh, with pressure and slip if all bodies send them.
-function surface(tick, { bodies, first }) {
-  const sent = bodies.map((name, k) => [name, first[k]]).filter(([name]) => tick.has(name));
-  const each = sent.map(([name, begin]) => ({ name, begin, nodes: tick.read(name, "nodes") }));
-  const nodes = Uint32Array.from(each.flatMap(({ nodes, begin }) => Array.from(nodes, (node) => node + begin)));
-  const joined = (field) => each.map(({ name }) => tick.read(name, field));
-  const whole = (field) => each.every(({ name, nodes }) => tick.read(name, field).length === nodes.length);
-  const displacement = Float32Array.from(joined("displacement").flatMap((values) => [...values]));
-  return {
-    nodes, displacement: displacement.length === 3 * nodes.length ? displacement : new Float32Array(3 * nodes.length),
-    pressure: Float32Array.from(whole("pressure") ? joined("pressure").flatMap((values) => [...values]) : []),
-    slipped: nodes.length && whole("slipped") ? joined("slipped").flatMap((values) => [...values]) : null,
+function surface(tick, { bodies, first }, filled) {
+  const sent = bodies.map((name, k) => ({ name, begin: first[k], fill: filled[k] })).filter(({ name }) => tick.has(name));
+  for (const one of sent) {
+    const read = (field) => tick.read(one.name, field), nodes = read("nodes"), moved = read("displacement"), all = one.fill.fill(nodes, moved);
+    one.nodes = all ? Int32Array.from({ length: all.length / 3 }, (_, v) => v) : nodes;
+    one.displacement = all ?? moved;
+    for (const field of ["pressure", "slipped"]) {
+      const values = read(field);
+      one[field] = all && values.length === nodes.length ? spread(nodes, values, all.length / 3) : values;
+    }
+  }
+  const count = sent.reduce((sum, { nodes }) => sum + nodes.length, 0), nodes = new Uint32Array(count);
+  let at = 0;
+  for (const one of sent) { one.nodes.forEach((node, k) => { nodes[at + k] = node + one.begin; }); at += one.nodes.length; }
+  const joined = (field, each) => {
+    const whole = sent.every((one) => one[field].length === each * one.nodes.length), values = new Float32Array(whole ? each * count : 0);
+    let to = 0;
+    for (const one of whole ? sent : []) { values.set(one[field], to); to += one[field].length; }
+    return values;
   };
+  const displacement = joined("displacement", 3), slipped = joined("slipped", 1);
+  return {
+    nodes, displacement: displacement.length ? displacement : new Float32Array(3 * count),
+    pressure: joined("pressure", 1), slipped: slipped.length ? [...slipped] : null,
+  };
+}
+
+function spread(nodes, values, count) {
+  const all = new Float64Array(count);
+  nodes.forEach((node, k) => { all[node] = values[k]; });
+  return all;
 }
 
 // Vertices that loads press, and the size of each force [N].
@@ -62,7 +96,7 @@ function pressed(tick, { loads, first }) {
     const forces = tick.read(name, "forces");
     tick.read(name, "nodes").forEach((node, k) => {
       patch.push(node + first[body]);
-      sizes.push(Number(Math.hypot(...(forces.subarray(3 * k, 3 * k + 3) ?? ZERO)).toFixed(6)));
+      sizes.push(Number(Math.hypot(...(forces.subarray(3 * k, 3 * k + 3))).toFixed(6)));
     });
   }
   return found.length ? { patch, loads: sizes } : {};

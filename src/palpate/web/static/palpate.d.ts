@@ -48,6 +48,8 @@ export class Touch {
   contact(finger?: number): Contact | null;
   /** arrays that show the memory of the tick; they change with the next step */
   surface(body?: number): Surface | null;
+  /** the state as a message to the page: JSON with its length, then arrays; null before the first contact message */
+  frame(): ArrayBuffer | null;
   read(stream: string, field: string): unknown;
   /** an MCAP file for `palpate replay` */
   recording(): Blob;

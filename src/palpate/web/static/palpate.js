@@ -1,6 +1,7 @@
 // palpate in a program of yours: load a folder of `palpate build web`, move fingers, read forces and the surface. Types: palpate.d.ts.
 
 import { quoted, unpacked } from "/files.js";
+import { fillers, frame, meshOf } from "/frames.js";
 import { Samples, record } from "/recording.js";
 import { Tick } from "/tick.js";
 
@@ -32,12 +33,7 @@ export class Touch {
     this.tick = new Tick(about, module, parts);
     this.samples = new Samples();
     this.number = 0;
-    const at = 4 + new DataView(mesh.buffer).getUint32(0, true), [triangles, vertices, normals] = JSON.parse(new TextDecoder().decode(mesh.subarray(4, at))).sizes;
-    this.mesh = {
-      triangles: new Uint32Array(mesh.buffer, at, triangles),
-      vertices: new Float32Array(mesh.buffer, at + 4 * triangles, vertices),
-      normals: new Float32Array(mesh.buffer, at + 4 * (triangles + vertices), normals),
-    };
+    this.mesh = meshOf(mesh);
   }
 
   get time() { return this.tick.tick / this.about.rate; }
@@ -77,6 +73,12 @@ export class Touch {
   surface(body = 0) {
     const name = this.about.page.bodies[body];
     return this.tick.has(name) ? { nodes: this.tick.read(name, "nodes"), displacement: this.tick.read(name, "displacement"), first: this.about.page.first[body] } : null;
+  }
+
+  // The state as a message to the page, for programs that draw as the page does: `feed.pack_message` describes it.
+  frame() {
+    this.filled ??= fillers(this.about.page, this.mesh);
+    return frame(this.tick, this.about.page, this.about.page.fingers.map(() => ({ t: [], f: [], s: [] })), 0, this.filled);
   }
 
   // A field of the newest message of any stream.

@@ -1,7 +1,7 @@
 // The worker of the page: runs the tick with a fixed step at the pace of real time, and makes frames at the pace of the page.
 
 import { unpacked } from "/files.js";
-import { frame } from "/frames.js";
+import { fillers, frame, meshOf } from "/frames.js";
 import { Samples, record } from "/recording.js";
 import { Tick } from "/tick.js";
 
@@ -11,7 +11,7 @@ const FRAME = 1000 / 30; // [ms] between frames, at least
 const FADING = 500; // [ms] that a hidden page goes on, while the finger that it has lifted leaves the organ
 const known = new Map(); // parts and modules by their hash
 
-let tick = null, about = null, module = null, samples = null, curves = [], late = 0;
+let tick = null, about = null, module = null, samples = null, filled = [], curves = [], late = 0;
 let origin = 0, ran = 0, framed = 0, drawn = true, hidden = null;
 
 const say = (text) => postMessage({ told: { kind: "status", text, keep: true, panel: null } });
@@ -30,6 +30,7 @@ const orders = {
     if (known.get(code) instanceof Uint8Array) known.set(code, await WebAssembly.compile(known.get(code)));
     module = known.get(code);
     tick = new Tick(about, module, known);
+    filled = fillers(about.page, meshOf(known.get(about.mesh)));
     restart();
   },
   reset() { tick.begin(); restart(); },
@@ -82,7 +83,7 @@ function turn() {
     for (let k = 0; k < due; k++) if (!advance()) { say(failure()); break; }
     ran += due;
     if (drawn && moment - framed >= FRAME) {
-      const made = frame(tick, about.page, curves, late);
+      const made = frame(tick, about.page, curves, late, filled);
       if (made) { postMessage({ came: made }, [made]); empty(); drawn = false; framed = moment; }
     }
   }
