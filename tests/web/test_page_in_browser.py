@@ -1,0 +1,121 @@
+"""The page of `palpate build web` in a real Chromium, opened as a file: touch, switches, recording, damage, security."""
+
+import functools
+import http.server
+import json
+import shutil
+import threading
+
+import pytest
+from browser import NEEDED, opened
+from test_folder import build
+from typer.testing import CliRunner
+
+from palpate.cli.__main__ import app
+
+pytest.importorskip("playwright.sync_api")
+pytestmark = NEEDED
+READY = "() => window.palpate && window.palpate.newest"
+MIDDLE = (500, 330)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    out = tmp_path_factory.mktemp("web") / "site"
+    done = build(out, "kidney", "--body", "MassSpring", "--body", "Rigid")
+    assert done.exit_code == 0, done.output
+    return out
+
+
+@pytest.fixture
+def page(site):
+    with opened((site / "index.html").as_uri(), READY) as page:
+        yield page
+
+
+def press(page):
+    page.mouse.move(*MIDDLE)
+    page.mouse.down()
+    page.wait_for_function("palpate.newest.load > 0.3 && palpate.scene.moved.length > 0")
+
+
+def test_the_mouse_presses_and_the_recording_is_replayed_bit_for_bit(page, tmp_path):
+    press(page)
+    assert page.inner_text("#stick") in ("sticks", "slips")
+    page.mouse.up()
+    page.wait_for_function("palpate.newest.load == 0")
+    with page.expect_download() as download:
+        page.click("#download")
+    download.value.save_as(tmp_path / "page.mcap")
+    assert download.value.suggested_filename == "kidney.mcap"
+    page.wait_for_function("document.getElementById('status').textContent == 'running'")
+    done = CliRunner().invoke(app, ["replay", str(tmp_path / "page.mcap"), "--check", "--json"])
+    assert done.exit_code == 0 and json.loads(done.stdout)["ok"], done.output
+    assert page.problems == []
+
+
+def test_switches_change_body_and_effects_and_start_again(page):
+    press(page)
+    page.mouse.up()
+    page.select_option("#body", "deformation.Rigid")
+    page.wait_for_function("palpate.newest && palpate.newest.time < 0.5 && document.getElementById('body').value == 'deformation.Rigid'")
+    press_rigid = "palpate.newest.load > 0.3 && palpate.newest.squeeze > 0"
+    page.mouse.move(*MIDDLE)
+    page.mouse.down()
+    page.wait_for_function(press_rigid)
+    page.mouse.up()
+    page.click("#effects input[data-effect=friction]")
+    page.wait_for_function("palpate.newest && palpate.newest.stick === undefined")
+    page.click("#reset")
+    page.wait_for_function("palpate.newest && palpate.newest.time < 0.5")
+    assert page.problems == []
+
+
+def test_a_hidden_page_lifts_the_finger_and_stops_its_clock(page):
+    press(page)
+    hide = """(hidden) => {
+        Object.defineProperty(document, "hidden", { value: hidden, configurable: true });
+        document.dispatchEvent(new Event("visibilitychange"));
+    }"""
+    page.evaluate(hide, True)
+    page.wait_for_function("palpate.newest.load == 0")
+    at = "() => { const t = palpate.newest.time; return new Promise((done) => setTimeout(() => done([t, palpate.newest.time]), 700)); }"
+    page.wait_for_function(f"({at})().then(([before, after]) => before === after)")
+    before = page.evaluate("palpate.newest.time")
+    page.evaluate(hide, False)
+    page.wait_for_function(f"palpate.newest.time > {before} + 0.2")
+    assert page.evaluate("palpate.newest.late") < 100  # the time in which it was hidden does not count
+
+
+def test_a_server_and_a_program_in_a_page_work_without_other_addresses(site):
+    handler = functools.partial(Quiet, directory=str(site.parent))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        (site.parent / "program.html").write_text(
+            '<script type="module">import { load } from "./site/palpate.mjs"; const touch = await load("site"); '
+            "const [x, y, z] = touch.about.pointers[0].begin; touch.point([x, y, z - 0.03]); touch.step(0.8); "
+            "window.palpate = { newest: touch.contact() };</script>"
+        )
+        with opened(f"{address}/program.html", READY) as page:
+            assert page.evaluate("palpate.newest.load") > 0.2 and page.problems == ["Failed to load resource: the server responded with a status of 404 (File not found)"]
+        with opened(f"{address}/site/index.html", READY) as page:
+            asked = page.evaluate("performance.getEntriesByType('resource').map(({ name }) => name)")
+            assert all(one.startswith((address, "blob:", "data:")) for one in asked) and page.problems == []
+        server.shutdown()
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *given):
+        pass
+
+
+def test_a_damaged_folder_is_refused(site, tmp_path):
+    shutil.copytree(site, tmp_path / "site")
+    file = max((tmp_path / "site" / "data").iterdir(), key=lambda file: file.stat().st_size)
+    text = file.read_text()
+    file.write_text(text[:-400] + ("A" if text[-400] != "A" else "B") + text[-399:])
+    stopped = "() => document.getElementById('status').textContent.startsWith('stopped')"
+    with opened((tmp_path / "site" / "index.html").as_uri(), stopped) as page:
+        assert file.stem in page.inner_text("#status") and "damaged" in page.inner_text("#status")
+        assert not page.evaluate("Boolean(palpate.newest)")
