@@ -65,3 +65,13 @@ def test_each_path_has_a_table_and_the_page_is_short():
 )
 def test_a_wrong_row_is_found(line):
     assert faults(line)
+
+
+def test_the_rules_in_two_forms_name_what_exists():
+    page = (ROOT / "docs" / "decisions" / "0021-two-forms.md").read_text(encoding="utf-8")
+    files = {ROOT / name for name in re.findall(r"`([\w./-]+\.py)`", page)}
+    assert len(files) >= 12 and all(file.is_file() for file in files), [f for f in files if not f.is_file()]
+    text = "".join(file.read_text(encoding="utf-8") for file in files)
+    names = {name.rpartition(".")[2] for name in re.findall(r"`([A-Za-z_][\w.]*)`", page) if not name.endswith(".py")}
+    assert len(names) >= 20
+    assert not [name for name in names if not re.search(rf"\b(def|class) {name}\b|^{name}\b", text, re.MULTILINE)]

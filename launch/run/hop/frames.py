@@ -10,7 +10,7 @@ from numba import types
 
 from palpate.compiler.kernel import kernel
 from palpate.compiler.memory import big, copy, pointer, set_big, set_word
-from palpate.engine.compiled_tick import ENTRY_SIZE, entry_at, head_at, input_at, row_at
+from palpate.engine.compiled_tick import ENTRY_SIZE, entry_at, head_at, input_at, needed, row_at
 from palpate.engine.encode import byte
 from palpate.launch.run.hop.decode import decode, memcmp
 from palpate.launch.run.hop.table import DONE, OUTPUT, PORT, READER, SEGMENT, WIRE
@@ -164,10 +164,8 @@ def exactly(port, need):
 def message_arrived(port, tick):
     """Whether the message that a node needs at a tick of the simulated clock has arrived, or none is needed."""
     row, line = row_at(port.row), input_at(port.line)
-    need = tick - line.loop
-    if tick < row.due or row.blocked or line.dead or need < 0:
-        return True
-    return exactly(port, need - need % line.every)
+    need = needed(tick, line.every, line.loop != 0)
+    return tick < row.due or row.blocked or line.dead or need < 0 or exactly(port, need)
 
 
 @kernel

@@ -52,6 +52,7 @@ DEVIATIONS = 6  # a sleep ends early by its usual delay and this many mean devia
 LATEST = 16  # the last delay has the weight 1 / LATEST in the running means
 SETTLED = 0.5  # share of the period after which the force path of a tick has usually ended
 left_out, unread, stopped = kernel(schedule.left_out), kernel(schedule.unread), kernel(schedule.sender_stopped)
+begin_of = kernel(schedule.begin_of)
 
 
 @kernel
@@ -67,7 +68,7 @@ def await_tick(hop):
     """Wait for the next tick of the clock: whether it is soon, its number and its time [ns]. Ticks whose whole period
     has passed are left out, except the last one of the run."""
     now = hop.last + 1
-    due = hop.origin + np.int64(np.rint(now * hop.exact))
+    due = hop.origin + begin_of(now, hop.exact)
     left = due - moment(hop)
     if left > LONGEST_WAIT:
         return False, now, np.int64(0)

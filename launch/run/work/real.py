@@ -25,6 +25,7 @@ from palpate.engine.schedule import (
     FRESH,
     MISSED,
     OLD,
+    begin_of,
     lacks,
     left_out,
     needed_tick,
@@ -108,7 +109,7 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
     """Wait for the next tick of the clock; returns tick and time. Ticks whose whole period has passed are left out,
     except the last one of the run."""
     tick = worker.tick + 1
-    late = sleep_until(origin + round(tick * period))
+    late = sleep_until(origin + begin_of(tick, period))
     skipped = left_out(late, period, tick, FAR if worker.last is None else worker.last)
     if worker.tick >= 0:  # a restarted worker begins at the current tick
         lead.health.late += skipped

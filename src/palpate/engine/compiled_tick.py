@@ -25,6 +25,7 @@ LANE_SIZE, TAP_SIZE = LANE.itemsize, TAP.itemsize
 
 needed, slept = kernel(schedule.needed_tick), kernel(schedule.slept)
 standing, lacks = kernel(schedule.standing), kernel(schedule.lacks)
+next_run, nanoseconds = kernel(schedule.next_run), kernel(schedule.nanoseconds)
 
 
 @kernel
@@ -129,7 +130,7 @@ def run_table(rows, clock_address, tick, ticks):
     clock = clock_at(clock_address)
     clock.failed = -1
     for now in range(tick, tick + ticks):
-        at = clock.at if clock.real else int(np.rint(now * 1e9 / clock.rate))
+        at = clock.at if clock.real else nanoseconds(now, clock.rate)
         begin = clock.first if clock.resume < 0 else clock.resume
         for i in range(begin, clock.last):
             row = row_at(rows + i * ROW_SIZE)
@@ -149,7 +150,7 @@ def run_table(rows, clock_address, tick, ticks):
                 for j in range(row.outputs):
                     head = head_at(word(row.records + 8 * (row.count - row.outputs + j)))
                     head.there, head.tick, head.time, head.present = True, now, time, present
-                row.begun, row.stepped, row.last, row.due = True, True, now, now - now % row.every + row.every
+                row.begun, row.stepped, row.last, row.due = True, True, now, next_run(now, row.every)
             clock.resume = -1
             if row.stepped and not journal_outputs(row, now, clock):
                 clock.resume, clock.tick = i, now

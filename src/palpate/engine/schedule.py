@@ -74,3 +74,8 @@ def next_run(tick: int, every: int) -> int:
 def nanoseconds(tick: int, rate: float) -> int:
     """Time [ns] of a tick on the simulated clock at `rate` [Hz]."""
     return round(tick * 1e9 / rate)
+
+
+def begin_of(tick: int, period: float) -> int:
+    """Time [ns] at which a tick of the real clock begins, after that of tick 0; `period` [ns]."""
+    return round(tick * period)
