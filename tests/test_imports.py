@@ -30,6 +30,7 @@ import palpate.records
 import palpate.studies
 import palpate.units
 import palpate.views
+import palpate.web
 
 PACKAGES = (
     palpate.units,
@@ -49,6 +50,7 @@ PACKAGES = (
     palpate.records,
     palpate.views,
     palpate.studies,
+    palpate.web,
 )
 FOLDERS = {package.__name__.removeprefix("palpate."): Path(next(iter(package.__path__))) for package in PACKAGES}
 GOLDEN = Path(__file__).parent / "golden" / "plane.mcap"
@@ -81,6 +83,7 @@ MAY = {
     "launch.run": MIDDLE,
     "records": MIDDLE,
     "views": HIGH,
+    "web": (*MIDDLE, "launch.run", "records", "views"),
     "bases": HIGH,
     "studies": (*HIGH, "bases"),
     "launch": MIDDLE,
@@ -89,7 +92,7 @@ MAY = {
     "gradients": (*MIDDLE, "launch.run", "bases"),
     "ensemble": (*MIDDLE, "launch.run", "records", "bases", "gradients"),
     "gym": (*MIDDLE, "launch.run", "records", "stepping"),
-    "cli": (*HIGH, "launch", "cli.machine", "studies", "bases"),
+    "cli": (*HIGH, "launch", "cli.machine", "studies", "bases", "web"),
     "__init__": (*HIGH, "studies", "calling", "ensemble", "stepping"),
 }
 """The rooms that each room may import, imports inside functions included. A room contains its folders except those

@@ -1,4 +1,4 @@
-"""What WebAssembly lacks is exact in the kernels that replace it, here and in Node; the object of LLVM becomes a module."""
+"""What WebAssembly lacks is exact in the kernels that replace it, here and in Node; the object becomes a module."""
 
 import struct
 
@@ -32,7 +32,7 @@ def fill_fmod(count, a, b, found):
 
 
 def factors(kind, rng):
-    """Three arrays of numbers: any bits; sums that cancel; near the smallest; of few bits; extremes; near the largest."""
+    """Three arrays: any bits, sums that cancel, near the smallest number, few bits, extremes, near the largest."""
     signs = rng.choice([-1.0, 1.0], (3, COUNT))
     if kind == "bits":
         return [rng.integers(-(2**63), 2**63, COUNT, dtype=np.int64).view(float) for _ in range(3)]
@@ -41,7 +41,10 @@ def factors(kind, rng):
         return [a, b, -a * b * (1 + rng.integers(-3, 4, COUNT) * 2.0**-52)]
     if kind == "small":
         a, b = (np.ldexp(1 + rng.random(COUNT), rng.integers(-560, -480, COUNT)) for _ in range(2))
-        return [*(signs[:2] * [a, b]), rng.integers(-(2**53), 2**53, COUNT) * 5e-324 * 2.0 ** rng.integers(0, 30, COUNT)]
+        return [
+            *(signs[:2] * [a, b]),
+            rng.integers(-(2**53), 2**53, COUNT) * 5e-324 * 2.0 ** rng.integers(0, 30, COUNT),
+        ]
     if kind == "few":
         return [s * (rng.integers(0, 2**53, COUNT) >> rng.integers(0, 52, COUNT)) * 2.0 ** rng.integers(-60, 60, COUNT)
                 for s in signs]  # fmt: skip
@@ -93,27 +96,17 @@ def calculate(at, count, to):
 
 
 def test_a_module_computes_the_same_bits_in_node_and_gives_memory_back(tmp_path):
-    """This covers the calls that LLVM makes: of `fma`, of `fmod`, of `__multi3` for the size of an array."""
-    linked, indices = link([Kernel(calculate, (types.int64,) * 3)], {"calculate": Kernel(calculate, (types.int64,) * 3)})
+    """With the calls that LLVM makes: of `fma`, of `fmod`, of `__multi3` for the size of an array."""
+    linked, indices = link(
+        [Kernel(calculate, (types.int64,) * 3)], {"calculate": Kernel(calculate, (types.int64,) * 3)}
+    )
     assert indices == [linked.table[next(iter(linked.table))]] and linked.imported == ()
     rng = np.random.default_rng(8)
     given = np.array([factors(kind, rng) for kind in ("bits", "cancel", "small", "few")]).transpose(0, 2, 1)[:, :2000]
     given = given.reshape(-1, 3).copy()
     (tmp_path / "code.wasm").write_bytes(linked.code)
     (tmp_path / "given").write_bytes(given.tobytes())
-    script = """
-        import fs from "fs";
-        const memory = new WebAssembly.Memory({ initial: 256 }), given = fs.readFileSync("given"), AT = 1 << 20, TO = 1 << 22;
-        const env = { __linear_memory: memory, __stack_pointer: new WebAssembly.Global({ value: "i32", mutable: true }, AT - 64),
-          __indirect_function_table: new WebAssembly.Table({ initial: 16, element: "anyfunc" }) };
-        const { exports } = new WebAssembly.Instance(new WebAssembly.Module(fs.readFileSync("code.wasm")), { env });
-        new Uint8Array(memory.buffer).set(given, AT);
-        exports.place_heap(1 << 23, 1 << 24);
-        exports.calculate(AT, given.length / 24, TO);
-        fs.writeFileSync("found", new Uint8Array(memory.buffer, TO, given.length));
-        console.log(JSON.stringify(exports.heap_top() - (1 << 23)));
-    """
-    used = run_script(tmp_path, script)
+    used = run_script(tmp_path, "calculate_in_node.mjs")
     found = np.frombuffer((tmp_path / "found").read_bytes(), np.int64).reshape(-1, 3)
     expected = np.zeros_like(found)
     with np.errstate(all="ignore"):
@@ -130,7 +123,7 @@ def digits(at):
 
 
 def test_a_function_that_is_missing_is_named():
-    with pytest.raises(LinkError, match="kernels call .*log10.*, which WebAssembly lacks"):
+    with pytest.raises(LinkError, match=r"kernels call .*log10.*, which WebAssembly lacks"):
         link([Kernel(digits, (types.int64,))], {})
 
 

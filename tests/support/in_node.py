@@ -11,22 +11,6 @@ import pytest
 
 STATIC = Path(__file__).parents[2] / "src" / "palpate" / "web" / "static"
 PATIENCE = 300.0  # [s]
-HASHES = """
-import fs from "fs"; import crypto from "crypto"; import { Tick } from "./tick.mjs";
-const about = JSON.parse(fs.readFileSync("about.json")), parts = new Map(about.parts.map(({ hash }) => [hash, new Uint8Array(fs.readFileSync(hash))]));
-const tick = new Tick(about, new WebAssembly.Module(fs.readFileSync("tick.wasm")), parts), sums = new Map(), ticks = Number(process.argv[2]);
-const take = () => {
-  for (const { stream, bytes } of tick.messages()) {
-    if (!sums.has(stream)) sums.set(stream, crypto.createHash("sha256"));
-    sums.get(stream).update(bytes);
-  }
-  tick.clear();
-};
-tick.listen(() => 1);
-for (let k = 0; k < ticks && !tick.failed; k += 100) { tick.step(Math.min(100, ticks - k), take); take(); }
-const digests = Object.fromEntries([...sums].map(([name, sum]) => [name, sum.digest("hex").slice(0, 16)]));
-console.log(JSON.stringify({ failed: tick.failed, heap: tick.code.heap_top() - about.size, digests }));
-"""
 
 
 @functools.cache
@@ -40,8 +24,10 @@ def node():
     return found
 
 
-def run_script(folder, text, *given):
-    """What a script prints, as JSON. It runs in a folder."""
+def run_script(folder, script, *given):
+    """What a script prints, as JSON: the name of a file next to this one, or a text. It runs in a folder."""
+    file = Path(__file__).with_name(script) if script.endswith(".mjs") else None
+    text = file.read_text(encoding="utf-8") if file else script
     (Path(folder) / "script.mjs").write_text(text, encoding="utf-8")
     done = subprocess.run(
         [node(), "script.mjs", *map(str, given)], cwd=folder, capture_output=True, text=True, timeout=PATIENCE
@@ -56,10 +42,6 @@ def digests(folder, run, ticks):
 
     folder = Path(folder)
     program = compile_program([run.segment])
-    about = program.describe(run)
-    (folder / "about.json").write_text(json.dumps(about), encoding="utf-8")
-    (folder / "tick.wasm").write_bytes(program.code.code)
-    for name, data in program.parts.items():
-        (folder / name).write_bytes(data)
+    program.save(folder, program.describe(run))
     (folder / "tick.mjs").write_text((STATIC / "tick.js").read_text(encoding="utf-8"), encoding="utf-8")
-    return run_script(folder, HASHES, ticks)
+    return run_script(folder, "hash_ticks.mjs", ticks)

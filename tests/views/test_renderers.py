@@ -1,13 +1,10 @@
 """Frames for external renderers: a client decodes them with docs/renderers.md alone; the sample clients run."""
 
-import functools
-import http.server
 import os
 import shutil
 import socket
 import struct
 import subprocess
-import threading
 import time
 from pathlib import Path
 
@@ -15,6 +12,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, opened
 from strangers import Listening, answer
+from three_js import served, unpack_three
 
 pytest.importorskip("websockets")
 
@@ -25,7 +23,6 @@ from websockets.sync.client import connect
 from palpate.views.page.feed import binary, pack_message
 
 SAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "renderers"
-THREE = "three@0.170.0"
 
 
 @pytest.fixture(scope="module")
@@ -192,21 +189,9 @@ def samples(tmp_path_factory):
     """The address of the three.js client, served as its header describes."""
     folder = tmp_path_factory.mktemp("samples")
     shutil.copy(SAMPLES / "three.html", folder)
-    npm = shutil.which("npm")
-    if npm is None or subprocess.run([npm, "pack", "--silent", THREE], cwd=folder, capture_output=True).returncode:
-        pytest.skip(f"no {THREE}: npm and its registry are needed")
-    (archive,) = folder.glob("three-*.tgz")
-    member = "package/build/three.module.min.js"
-    subprocess.run(["tar", "xzf", archive.name, "--strip-components=2", member], cwd=folder, check=True)
-
-    class Quiet(http.server.SimpleHTTPRequestHandler):
-        def log_message(self, *_):
-            pass
-
-    serving = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=folder))
-    threading.Thread(target=serving.serve_forever, daemon=True).start()
-    yield f"http://localhost:{serving.server_port}/three.html"
-    serving.shutdown()
+    unpack_three(folder)
+    with served(folder) as address:
+        yield f"{address}/three.html"
 
 
 @pytest.mark.long

@@ -1,20 +1,20 @@
-"""The page of `palpate build web` in a real Chromium, opened as a file: touch, switches, recording, damage, security."""
+"""The page of `palpate build web` in a real Chromium, opened as a file: touch, switches, recording, damage."""
 
-import functools
-import http.server
 import json
 import shutil
-import threading
+from pathlib import Path
 
 import pytest
 from browser import NEEDED, opened
 from test_folder import build
+from three_js import served, unpack_three
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 
 pytest.importorskip("playwright.sync_api")
 pytestmark = NEEDED
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "web" / "three.html"
 READY = "() => window.palpate && window.palpate.newest"
 MIDDLE = (500, 330)
 
@@ -58,7 +58,9 @@ def test_switches_change_body_and_effects_and_start_again(page):
     press(page)
     page.mouse.up()
     page.select_option("#body", "deformation.Rigid")
-    page.wait_for_function("palpate.newest && palpate.newest.time < 0.5 && document.getElementById('body').value == 'deformation.Rigid'")
+    page.wait_for_function(
+        "palpate.newest && palpate.newest.time < 0.5 && document.getElementById('body').value == 'deformation.Rigid'"
+    )
     press_rigid = "palpate.newest.load > 0.3 && palpate.newest.squeeze > 0"
     page.mouse.move(*MIDDLE)
     page.mouse.down()
@@ -79,8 +81,9 @@ def test_a_hidden_page_lifts_the_finger_and_stops_its_clock(page):
     }"""
     page.evaluate(hide, True)
     page.wait_for_function("palpate.newest.load == 0")
-    at = "() => { const t = palpate.newest.time; return new Promise((done) => setTimeout(() => done([t, palpate.newest.time]), 700)); }"
-    page.wait_for_function(f"({at})().then(([before, after]) => before === after)")
+    wait = "new Promise((done) => setTimeout(done, 700))"
+    stands = f"() => {{ const t = palpate.newest.time; return {wait}.then(() => palpate.newest.time === t); }}"
+    page.wait_for_function(stands)
     before = page.evaluate("palpate.newest.time")
     page.evaluate(hide, False)
     page.wait_for_function(f"palpate.newest.time > {before} + 0.2")
@@ -88,26 +91,33 @@ def test_a_hidden_page_lifts_the_finger_and_stops_its_clock(page):
 
 
 def test_a_server_and_a_program_in_a_page_work_without_other_addresses(site):
-    handler = functools.partial(Quiet, directory=str(site.parent))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        address = f"http://127.0.0.1:{server.server_port}"
+    with served(site.parent) as address:
         (site.parent / "program.html").write_text(
             '<script type="module">import { load } from "./site/palpate.mjs"; const touch = await load("site"); '
             "const [x, y, z] = touch.about.pointers[0].begin; touch.point([x, y, z - 0.03]); touch.step(0.8); "
             "window.palpate = { newest: touch.contact() };</script>"
         )
         with opened(f"{address}/program.html", READY) as page:
-            assert page.evaluate("palpate.newest.load") > 0.2 and page.problems == ["Failed to load resource: the server responded with a status of 404 (File not found)"]
+            assert page.evaluate("palpate.newest.load") > 0.2 and page.problems == [
+                "Failed to load resource: the server responded with a status of 404 (File not found)"
+            ]
         with opened(f"{address}/site/index.html", READY) as page:
             asked = page.evaluate("performance.getEntriesByType('resource').map(({ name }) => name)")
             assert all(one.startswith((address, "blob:", "data:")) for one in asked) and page.problems == []
-        server.shutdown()
 
 
-class Quiet(http.server.SimpleHTTPRequestHandler):
-    def log_message(self, *given):
-        pass
+def test_the_example_in_three_js_is_touched_with_the_mouse(site):
+    text = EXAMPLE.read_text()
+    assert len(text.splitlines()) <= 100
+    shutil.copy(EXAMPLE, site.parent)
+    unpack_three(site.parent)
+    with served(site.parent) as address, opened(f"{address}/three.html", READY) as page:
+        page.mouse.move(*MIDDLE)
+        page.mouse.down()
+        page.mouse.move(MIDDLE[0] + 1, MIDDLE[1])
+        page.wait_for_function("palpate.newest.load > 0.3 && palpate.touch.surface().nodes.length > 3")
+        assert page.locator("button").is_hidden()  # no headset here
+        assert page.problems == []
 
 
 def test_a_damaged_folder_is_refused(site, tmp_path):

@@ -6,7 +6,6 @@ from same_bytes import digests
 
 import palpate
 from palpate.launch.load.arguments import describe_run
-from palpate.physics.errors import PalpateError
 from palpate.web.errors import WebError
 from palpate.web.started import started
 
@@ -57,6 +56,6 @@ def test_a_graph_with_a_node_that_is_not_compiled_is_refused_with_its_name(graph
 
 def test_a_law_that_is_called_by_its_address_is_refused(tmp_path):
     launch = describe_run("fingertip", scene=None, duration=None, sets=[], nodes={})
-    with pytest.raises(PalpateError, match="'tissue' .ReducedFE. calls the law 'neo_hooke' by its address"), \
+    with pytest.raises(WebError, match=r"'tissue' .ReducedFE. calls the law 'neo_hooke' by its address"), \
             started(launch) as run:  # fmt: skip
         in_node.digests(tmp_path, run, 1)

@@ -7,8 +7,8 @@ import gzip
 import hashlib
 import json
 import re
-from contextlib import ExitStack
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -29,7 +29,17 @@ POLICY = (
 )
 """Content security policy: scripts of the folder only, no connection to any server, no text that becomes code."""
 PAGE = ("page.js", "scene.js", "charts.js", "panel.js")  # of views/page/static
-ENGINE = ("engine.js", "worker.js", "tick.js", "frames.js", "fill.js", "recording.js", "files.js", "sha256.js", "palpate.js")
+ENGINE = (
+    "engine.js",
+    "worker.js",
+    "tick.js",
+    "frames.js",
+    "fill.js",
+    "recording.js",
+    "files.js",
+    "sha256.js",
+    "palpate.js",
+)
 
 
 @dataclass(frozen=True)
@@ -47,7 +57,9 @@ class Built:
     whole: int
 
 
-def build(launch: LaunchFile, out: Path, bodies: Sequence[str], begin: Callable[[str], Callable[[float], None]]) -> Built:
+def build(
+    launch: LaunchFile, out: Path, bodies: Sequence[str], begin: Callable[[str], Callable[[float], None]]
+) -> Built:
     """Write the page of a run to a new folder.
 
     bodies  names of the bodies to offer; (): all that fit the graph
@@ -142,7 +154,9 @@ def _write_page(out: Path, site: dict[str, Any]) -> None:
     (out / "site.js").write_text(f"globalThis.palpateSite = {json.dumps(site)};\n", encoding="utf-8")
     text = (page / "index.html").read_text(encoding="utf-8")
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-    text = text.replace('<meta charset="utf-8">', f'<meta charset="utf-8">{policy}').replace('href="/page.css"', 'href="page.css"')
+    text = text.replace('<meta charset="utf-8">', f'<meta charset="utf-8">{policy}').replace(
+        'href="/page.css"', 'href="page.css"'
+    )
     scripts = '<script src="site.js"></script>\n<script src="page.js"></script>'
     text = re.sub(r'<script type="module" src="/page.js"></script>', scripts, text)
     (out / "index.html").write_text(text, encoding="utf-8")

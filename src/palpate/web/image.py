@@ -43,9 +43,7 @@ class MemoryImage:
     parts      what is set;  size  first address after all arrays
     """
 
-    def __init__(
-        self, segment: CompiledSegment, functions: Mapping[int, int], more: Sequence[np.ndarray] = ()
-    ) -> None:
+    def __init__(self, segment: CompiledSegment, functions: Mapping[int, int], more: Sequence[np.ndarray] = ()) -> None:
         nodes = [slot.node for slot in segment.slots]
         tables = [array for array in segment.tables() if array.nbytes]
         records = [node._record for node in nodes]  # type: ignore[attr-defined]

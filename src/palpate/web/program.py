@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +15,8 @@ from numba import types
 from palpate.compiler.wasm.link import Kernel, LinkError, link
 from palpate.compiler.wasm.object_file import Linked
 from palpate.engine.segment import CompiledSegment, kernels
-from palpate.physics.materials.hyperelastic import known_places
 from palpate.nodes.base.compiled import CompiledNode, arguments
+from palpate.physics.materials.hyperelastic import known_places
 from palpate.web.describe import Pointers, describe_segment
 from palpate.web.errors import WebError
 from palpate.web.image import BEGIN, MemoryImage
@@ -54,6 +56,14 @@ class Program:
             **describe_segment(run.segment, image.address),
         }
 
+    def save(self, folder: Path, about: dict[str, Any]) -> None:
+        """Write the code, the parts and the description of a variant as they are, for programs that measure or compare
+        ticks."""
+        (folder / "about.json").write_text(json.dumps(about), encoding="utf-8")
+        (folder / "tick.wasm").write_bytes(self.code.code)
+        for digest, data in self.parts.items():
+            (folder / digest).write_bytes(data)
+
 
 def compile_program(segments: Iterable[CompiledSegment]) -> Program:
     """The code of all kernels of these segments. WebError: a kernel cannot run in WebAssembly."""
@@ -87,8 +97,8 @@ def _check_laws(segment: CompiledSegment) -> None:
             words = array.view(np.uint8).ravel()[: array.nbytes // 8 * 8].view(np.int64)
             for word in words[np.isin(words, places)].tolist():
                 raise WebError(
-                    f"{slot.name!r} ({type(node).__name__}) calls the law {known_places()[word]!r} by its address, which "
-                    "a page cannot; expected a body without material laws in its steps, such as MassSpring"
+                    f"{slot.name!r} ({type(node).__name__}) calls the law {known_places()[word]!r} by its address, "
+                    "which a page cannot; expected a body without material laws in its steps, such as MassSpring"
                 )
 
 

@@ -42,8 +42,8 @@ def recording_head(run: Started) -> dict[str, Any]:
         "metadata": [{"name": one.name, "metadata": one.metadata} for one in first],
         "schemas": [{"id": s.id, "name": s.name, "encoding": s.encoding, "data": s.data.decode()} for s in schemas],
         "channels": [
-            {"id": c.id, "schema": c.schema_id, "topic": c.topic, "encoding": c.message_encoding, "metadata": c.metadata,
-             "keep": keep[c.topic]}
+            {"id": c.id, "schema": c.schema_id, "topic": c.topic, "encoding": c.message_encoding,
+             "metadata": c.metadata, "keep": keep[c.topic]}
             for c in channels
         ],
     }  # fmt: skip

@@ -100,14 +100,16 @@ def leave_out_python(graph: Graph) -> dict[str, str]:
         for edge in planned.edges[node]:
             if edge.loop and planned.order.index(edge.producer) <= planned.order.index(node):
                 raise WebError(
-                    f"{name}: input {edge.port!r} of {node!r} holds an earlier message of {edge.producer!r}, which runs "
-                    "before it in each tick; a page keeps only the newest. Leave out `loop: true`"
+                    f"{name}: input {edge.port!r} of {node!r} holds an earlier message of {edge.producer!r}, which "
+                    "runs before it in each tick; a page keeps only the newest. Leave out `loop: true`"
                 )
     try:
         if not any(not issubclass(graph.nodes[node].cls, Pointer) for node in plan(graph).order):
             raise WebError(f"{name}: no node is compiled: {', '.join(left) or 'it has none'} {_PYTHON}; {_CURE}")
     except GraphError as error:
-        raise WebError(f"{name}: {', '.join(map(repr, left))} {_PYTHON}, and others need it; {_CURE}. {error}") from None
+        raise WebError(
+            f"{name}: {', '.join(map(repr, left))} {_PYTHON}, and others need it; {_CURE}. {error}"
+        ) from None
     return left
 
 

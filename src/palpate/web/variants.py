@@ -53,11 +53,14 @@ def variants(launch: LaunchFile, folder: Path, wished: Sequence[str] = ()) -> li
     known = choose_bodies(graph, touched)
     names = [_body(name, known) for name in wished] or known
     bodies = dict.fromkeys([touched.use, *names])
-    compiled = {e.name for spec in graph.nodes.values() if issubclass(spec.cls, CompiledNode) for e in effects(spec.cls)}
+    compiled = {
+        e.name for spec in graph.nodes.values() if issubclass(spec.cls, CompiledNode) for e in effects(spec.cls)
+    }
     on = {name: is_on for name, is_on in choose_effects(graph, touched).items() if name in compiled}
     choices = [dict(zip(on, each, strict=True)) for each in itertools.product((True, False), repeat=len(on))]
     found = [
-        Variant(body, choice, steered.but(overrides=_switches(touched, on, body, choice)), (body, choice) == (touched.use, on))
+        Variant(body, choice, steered.but(overrides=_switches(touched, on, body, choice)),
+                (body, choice) == (touched.use, on))
         for body in bodies for choice in choices
     ]  # fmt: skip
     return sorted(found, key=lambda variant: not variant.first)
@@ -89,7 +92,9 @@ def describe_page(run: Started, variant: Variant, bodies: Sequence[str], name: s
     for mesh in shown.meshes[:-1]:
         first.append(first[-1] + len(mesh.vertices))
     page = {
-        "fingers": [{full_name(kind).rpartition(".")[2]: stream for kind, stream in f.items()} for f in touched.fingers],
+        "fingers": [
+            {full_name(kind).rpartition(".")[2]: stream for kind, stream in f.items()} for f in touched.fingers
+        ],
         "near": touched.near,
         "thickness": touched.thickness,
         "bodies": list(shown.streams),

@@ -28,8 +28,8 @@ INSTRUCTIONS = {"sqrt": "llvm.sqrt.f64", "floor": "llvm.floor.f64", "ceil": "llv
                 "trunc": "llvm.trunc.f64", "llvm.fma.f64": "fma", "fabs": "llvm.fabs.f64"}  # fmt: skip
 """Functions of C that are instructions of WebAssembly, and the instruction that is not, by their replacement."""
 RAISES = "ol_raise_with_shape_context"
-"""Part of the name of numba's function that raises after it has made a text of numbers, which needs Python: here it only
-returns the status of an exception."""
+"""Part of the name of numba's function that raises after it has made a text of numbers, which needs Python: here it
+only returns the status of an exception."""
 NUMBERS, WORDS = types.float64, types.int64
 PROVIDED = {
     "fma": (runtime.fma, (NUMBERS,) * 3),

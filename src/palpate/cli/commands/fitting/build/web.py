@@ -44,7 +44,5 @@ def web(
         return
     for node, why in built.left_out.items():
         say(f"left out: {node}, {why}", "yellow")
-    say(
-        f"{page}: {built.variants} variants; the page loads {built.first / 1e6:.2f} MB at first, {built.code / 1e3:.0f} kB "
-        f"of it code; {built.whole / 1e6:.1f} MB in all"
-    )
+    say(f"{page}: {built.variants} variants, {built.whole / 1e6:.1f} MB in all")
+    say(f"the page loads {built.first / 1e6:.2f} MB at first, with {built.code / 1e3:.0f} kB of code")

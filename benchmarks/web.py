@@ -1,0 +1,216 @@
+"""The tick as WebAssembly: its rate against native code in one run, sizes, memory, and the start of the page.
+
+    python benchmarks/web.py            needs node or playwright, and chromium for the last lines
+    python benchmarks/web.py --hour     an hour of simulated time, whose memory must stay the same
+    python benchmarks/web.py --bytes    a table of all shipped graphs: streams with equal bytes in 6.3 s
+
+Rates are ticks per second of processor time of a shipped run, native and in Node one after the other, so that other
+programs disturb both alike; the best of three. In Chromium the rate is that of a page that steps without drawing.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import http.server
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import palpate
+from palpate.launch.load.arguments import describe_run
+from palpate.launch.load.launchfile import LaunchFile, find, names
+from palpate.launch.run.progress import StageBars
+from palpate.physics.errors import PalpateError, PalpateWarning
+from palpate.web.folder import build
+from palpate.web.program import compile_program
+from palpate.web.started import Started, started
+
+TICKS = 6300
+BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
+SOFTWARE = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+SLOWER = 4  # factor by which Chromium slows the page down
+SCRIPT = Path(__file__).with_suffix(".mjs")
+
+
+def node() -> str:
+    """The program: that of the system, or of the wheel of playwright."""
+    found = shutil.which("node")
+    if found is None:
+        import playwright
+
+        found = str(Path(playwright.__file__).parent / "driver" / "node")
+    return found
+
+
+def run_in_node(run: Started, ticks: int, turns: int = 1, hashes: bool = False) -> dict[str, Any]:
+    """What the script prints about ticks of a started run."""
+    program = compile_program([run.segment])
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        program.save(folder, program.describe(run))
+        text = (resources.files("palpate.web") / "static" / "tick.js").read_text(encoding="utf-8")
+        (folder / "tick.mjs").write_text(text, encoding="utf-8")
+        shutil.copy(SCRIPT, folder)
+        command = [node(), SCRIPT.name, str(ticks), str(turns), str(int(hashes))]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout) | {"code": len(program.code.code)}
+
+
+def launched(graph: str, body: str | None = None) -> LaunchFile:
+    sets = [f"tissue.use=deformation.{body}"] if body else []
+    return describe_run(graph, scene=None, duration=None, sets=sets, nodes={})
+
+
+def native_rate(run: Started) -> float:
+    """Ticks per second of processor time of native code."""
+    begun = time.thread_time()
+    run.segment.run_many(0, TICKS)
+    return TICKS / (time.thread_time() - begun)
+
+
+def print_rates() -> None:
+    print(f"{'kidney with':12} {'native':>9} {'wasm':>9} {'ratio':>6} {'code':>8} {'arrays':>8} {'heap':>7}")
+    for body in BODIES:
+        with started(launched("kidney", body)) as run:
+            found = run_in_node(run, TICKS, turns=3)
+            native = native_rate(run)
+        rate = TICKS / min(found["seconds"])
+        rates = f"{native / 1e3:5.1f} kHz {rate / 1e3:5.1f} kHz {native / rate:6.1f}"
+        print(f"{body:12} {rates} {found['code'] / 1e3:5.0f} kB "
+              f"{(found['memory'] - (1 << 24)) / 1e6:5.1f} MB {found['heap'] / 1e3:4.1f} kB")  # fmt: skip
+
+
+def print_hour() -> None:
+    """Two runs of the same nodes, of a minute and of an hour."""
+    for seconds in (60, 3600):
+        with started(launched("kidney")) as run:
+            found = run_in_node(run, seconds * 1000)
+        print(f"{seconds:5} s simulated: heap {found['heap']} bytes, process {found['resident'] / 1e6:.0f} MB, "
+              f"{seconds / found['seconds'][0]:.0f} kHz, failed: {found['failed']}")  # fmt: skip
+
+
+def print_bytes() -> None:
+    """For each graph the streams that are equal, those that differ, and why it cannot run."""
+    warnings.simplefilter("ignore", PalpateWarning)  # of the native runs, about their laws
+    graphs = {find(name).graph: name for name in reversed(names())}  # several launch files may run one graph
+    cases = [("kidney", body) for body in BODIES] + [(name, None) for name in graphs.values() if name != "kidney"]
+    for graph, body in cases:
+        title = f"{graph} {body or ''}"
+        try:
+            with started(launched(graph, body)) as run:
+                found = run_in_node(run, TICKS, hashes=True)
+                left = ", ".join(run.left_out)
+                rate = run.planned.graph.rate
+        except PalpateError as error:
+            print(f"{title:24} cannot run: {str(error)[:110]}")
+            continue
+        native = recorded(graph, body, TICKS / rate)
+        equal = [name for name, digest in found["sums"].items() if native.get(name) == digest]
+        other = [name for name in found["sums"] if name not in equal]
+        differ = f"; differ: {', '.join(other)}" if other else ""
+        print(f"{title:24} {len(equal):2} of {len(found['sums']):2} streams equal{differ}"
+              f"{f'; left out: {left}' if left else ''}")  # fmt: skip
+
+
+def recorded(graph: str, body: str | None, seconds: float) -> dict[str, str]:
+    """Digests of all streams of a native run."""
+    from palpate.records.reader import Recording
+
+    sums: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        given: Any = {"tissue": f"deformation.{body}"} if body else {}
+        palpate.run(graph, record=Path(folder) / "native.mcap", duration=seconds, **given)
+        for stream, _, payload in Recording(Path(folder) / "native.mcap").payloads():
+            sums.setdefault(stream, hashlib.sha256()).update(payload)
+    return {name: one.hexdigest() for name, one in sums.items()}
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """The address of a server of static files."""
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *given: Any) -> None:
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=str(folder))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+def print_page() -> None:
+    """Sizes of the folder, and in Chromium the start of the page and the rate of a page that only steps."""
+    with tempfile.TemporaryDirectory() as name:
+        begun = time.process_time()
+        with StageBars(True) as bars:
+            built = build(launched("kidney"), Path(name) / "site", [], lambda stage: bars.begin(stage))
+        seconds = time.process_time() - begun
+        print(
+            f"\nfolder of kidney: {built.variants} variants, {built.whole / 1e6:.1f} MB, in {seconds:.0f} s of processor time"
+        )
+        print(f"the page loads {built.first / 1e6:.2f} MB at first, with {built.code / 1e3:.0f} kB of code")
+        chromium = shutil.which("chromium") or shutil.which("google-chrome")
+        if chromium is None:
+            print("no Chromium: apt install chromium")
+            return
+        from playwright.sync_api import sync_playwright
+
+        with served(Path(name)) as address, sync_playwright() as play:
+            browser = play.chromium.launch(
+                executable_path=chromium, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
+            )
+            for slower in (1, SLOWER):
+                page = browser.new_page(bypass_csp=True)
+                session = page.context.new_cdp_session(page)
+                session.send("Emulation.setCPUThrottlingRate", {"rate": slower})
+                session.send("Performance.enable")
+                page.goto(f"{address}/site/index.html")
+                page.wait_for_function("window.palpate && palpate.newest")
+                spent = {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
+                wall, own = page.evaluate("performance.now()") * 1e-3, spent["ScriptDuration"]
+                print(f"page {slower} x slower: first frame after {wall:.2f} s")
+                print(f"    processor time {spent['ProcessTime']:.2f} s, of its scripts {own:.2f} s")
+                page.close()
+            for body in ("MassSpring", "ReducedFE"):
+                page = browser.new_page()
+                page.goto(f"{address}/site/page.css")
+                rate = page.evaluate(STEPS.replace("BODY", body).replace("ADDRESS", address))
+                print(f"Chromium, {body}: {rate / 1e3:.1f} kHz of a page that presses and only steps")
+                page.close()
+            browser.close()
+
+
+STEPS = """async () => {
+    const { load } = await import("ADDRESS/site/palpate.mjs"), touch = await load("ADDRESS/site", { body: "BODY" });
+    const [x, y, z] = touch.about.pointers[0].begin;
+    touch.point([x, y, z - 0.03]); touch.step(1);
+    let best = 0;
+    for (let turn = 0; turn < 5; turn++) {
+        const begun = performance.now();
+        touch.step(1);
+        best = Math.max(best, 1e6 / (performance.now() - begun));
+    }
+    return best;
+}"""
+
+
+if __name__ == "__main__":
+    if "--bytes" in sys.argv:
+        print_bytes()
+    elif "--hour" in sys.argv:
+        print_hour()
+    else:
+        print_rates()
+        print_page()
