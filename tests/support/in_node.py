@@ -15,7 +15,7 @@ PATIENCE = 300.0  # [s]
 
 @functools.cache
 def node():
-    """The program; skips the test where there is none."""
+    """The program; skips the test where it is missing."""
     spec = find_spec("playwright")
     wheel = Path(spec.origin).parent / "driver" / "node" if spec and spec.origin else None
     found = str(wheel) if wheel and wheel.exists() else shutil.which("node")

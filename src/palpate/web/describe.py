@@ -1,4 +1,4 @@
-"""What a program outside of Python knows of a tick: where the messages and their fields are, in JSON."""
+"""The description of a tick for programs outside of Python: where the messages and their fields are, in JSON."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from palpate.messages.record import address_of
 BEGIN = 1 << 20  # [bytes] first address of the arrays
 LINE = 64  # [bytes] alignment
 CODE = ("compute", "idle")  # fields of a row that are addresses of machine code
-LARGE = 1 << 12  # [bytes] of an array from which on it is a part of its own, which variants with equal arrays share
+LARGE = 1 << 12  # [bytes] of an array from which on it is a separate part, which variants with equal arrays share
 
 
 class Part(NamedTuple):

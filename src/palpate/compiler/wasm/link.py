@@ -15,7 +15,6 @@ import llvmlite
 import llvmlite.binding as llvm
 from numba import types
 
-from palpate.compiler.kernel import CompiledKernel
 from palpate.compiler.target.code_library import COUNTING
 from palpate.compiler.wasm import runtime
 from palpate.compiler.wasm.object_file import Linked, finish
@@ -135,12 +134,12 @@ class LinkError(Exception):
 class Kernel(NamedTuple):
     """A kernel and the types of its arguments."""
 
-    function: CompiledKernel
+    function: Any  # a CompiledKernel, which a type checker would take for a method
     given: tuple[Any, ...]
 
     def code(self) -> Any:
         """Its compiled form, of which `library` has the IR."""
-        bare: Any = self.function.bare
+        bare = self.function.bare
         if self.given not in bare.overloads:
             bare.compile(self.given)
         return bare.overloads[self.given]

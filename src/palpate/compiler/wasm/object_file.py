@@ -1,6 +1,6 @@
 """The WebAssembly object that LLVM emits as a module that can be loaded.
 
-An object of one module needs no linker: its code refers to its own functions, data and table at their final places.
+An object of one module needs no linker: its code refers to functions, data and table at their final places.
 What is missing are the exports, which this adds. Formats: WebAssembly Core Specification, binary format; and
 https://github.com/WebAssembly/tool-conventions/blob/main/Linking.md for the names of functions.
 """
@@ -69,7 +69,7 @@ def finish(data: bytes, exports: Mapping[str, str]) -> Linked:
     exports  the name outside of each function to export, by its name inside
     """
     sections = list(_sections(data))
-    content = dict(sections)
+    by_kind = dict(sections)
     names = dict(_function_names(sections))
     numbers = {name: number for number, name in names.items()}
     exported = b"".join(_text(outer) + b"\0" + _encoded(numbers[inner]) for inner, outer in exports.items())
@@ -78,8 +78,8 @@ def finish(data: bytes, exports: Mapping[str, str]) -> Linked:
     after = next(n for n, (kind, _) in enumerate(kept) if kind in (START, ELEMENT, DATA_COUNT, CODE, DATA))
     kept.insert(after, addition)
     code = MAGIC + b"".join(bytes([kind]) + _encoded(len(content)) + content for kind, content in kept)
-    table = {names[number]: place for place, number in _elements(content.get(ELEMENT, b"\0")) if number in names}
-    return Linked(code, table, _data_end(content.get(DATA, b"\0")), tuple(_imported(content[IMPORT])))
+    table = {names[number]: place for place, number in _elements(by_kind.get(ELEMENT, b"\0")) if number in names}
+    return Linked(code, table, _data_end(by_kind.get(DATA, b"\0")), tuple(_imported(by_kind.get(IMPORT, b"\0"))))
 
 
 def _sections(data: bytes) -> Iterator[tuple[int, bytes]]:

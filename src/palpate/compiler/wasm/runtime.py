@@ -89,15 +89,21 @@ def multiply(to, a_low, a_high, b_low, b_high):
     set_word(to + 8, plus(high, plus(times(a_low, b_high), times(a_high, b_low))))
 
 
+@kernel(inline=True)
+def exponent_of(x):
+    """The exponent in the bits of a number, from 0 for subnormal ones to 0x7FF for infinity and NaN."""
+    return (bits(x) >> 52) & 0x7FF
+
+
 @kernel
 def unpacked(x):
     """Mantissa of 54 bits with a zero at the end, exponent and sign of a finite number that is not 0: its size is
     mantissa 2^exponent."""
     word = bits(x)
-    exponent = shift_right(word, 52) & 0x7FF
+    exponent = exponent_of(x)
     if exponent == 0:  # subnormal
         word = bits(x * 2.0**63)
-        exponent = (shift_right(word, 52) & 0x7FF) - 63
+        exponent = exponent_of(x * 2.0**63) - 63
     return ((word & ((1 << 52) - 1)) | (1 << 52)) << 1, exponent - 0x3FF - 53, word < 0
 
 
@@ -113,7 +119,7 @@ def sticky_shift(m, count):
 
 @kernel
 def rounded(m, exponent, negative):
-    """The double nearest to +-m 2^exponent, for 2^62 <= m < 2^63 whose last bit stands for all that follow."""
+    """The double nearest to +-m 2^exponent, for 2^62 <= m < 2^63 whose last bit represents all that follow."""
     if exponent < -1022 - 62:  # subnormal: it has fewer bits, to which the only rounding goes
         lost = -1074 - exponent
         if lost > 63:
@@ -132,7 +138,7 @@ def fma_by_integers(a, b, c):
     """a b + c rounded once, of numbers that are finite and not 0, by integers of 128 bits.
 
     As in musl, src/math/fma.c (MIT licence): the product of the mantissas is exact; what is shifted out when the terms
-    are aligned only decides about a rounding, so one bit stands for it.
+    are aligned only decides about a rounding, so one bit represents it.
     """
     m_a, e_a, s_a = unpacked(a)
     m_b, e_b, s_b = unpacked(b)
@@ -184,12 +190,12 @@ def fma(a, b, c):
     extreme, and a part could be lost, integers do it.
     """
     product = a * b
-    sizes = ((bits(product) >> 52) & 0x7FF, (bits(a) >> 52) & 0x7FF, (bits(b) >> 52) & 0x7FF, (bits(c) >> 52) & 0x7FF)
-    extreme = sizes[0] < 0x3FF - EXACT or max(sizes) > 0x3FF + EXACT
-    if extreme:
-        if a == 0.0 or b == 0.0 or max(sizes[1], sizes[2]) == 0x7FF:
+    size_a, size_b, size_c = exponent_of(a), exponent_of(b), exponent_of(c)
+    size = exponent_of(product)
+    if size < 0x3FF - EXACT or max(size, size_a, size_b, size_c) > 0x3FF + EXACT:
+        if a == 0.0 or b == 0.0 or max(size_a, size_b) == 0x7FF:
             return product + c
-        if sizes[3] == 0x7FF:
+        if size_c == 0x7FF:
             return c
         return product if c == 0.0 else fma_by_integers(a, b, c)
     # The product and its error (Dekker).
