@@ -147,14 +147,14 @@ def _yields(pair: Pair, rub: Rubbing, total: float, dt: float):
 
 
 @ieee_kernel
-def _solve_force(rub: Rubbing, free: Array, own: float, limit: float):
-    """Fill the first column of the first workspace with F [N] (3). own [m/N] 1/k, limit [N] mu N."""
+def _solve_force(rub: Rubbing, free: Array, soft: float, limit: float):
+    """Fill the first column of the first workspace with F [N] (3). soft [m/N] 1/k, limit [N] mu N."""
     given, scaled, slip = rub.given[:1, :, :2], rub.matrix[2], 0.0
     for _ in range(MOST_STEPS):
         for column in range(2):  # F, then (M + l I)^-1 F
             for x in range(3):
                 for y in range(3):
-                    scaled[x, y] = rub.matrix[0, x, y] + (own + slip if x == y else 0.0)
+                    scaled[x, y] = rub.matrix[0, x, y] + (soft + slip if x == y else 0.0)
                 given[0, x, column] = rub.bristle[x] + free[x] if column == 0 else given[0, x, 0]
             solve_in_place(rub.matrix[2:3], given[:, :, column : column + 1])
         square = given[0, 0, 0] ** 2 + given[0, 1, 0] ** 2 + given[0, 2, 0] ** 2
@@ -170,6 +170,34 @@ def _solve_force(rub: Rubbing, free: Array, own: float, limit: float):
         given[0, x, 0] *= share
 
 
+@kernel
+def _through_film(rub: Rubbing, free: Array, film: float):
+    """Replace e and C by A e and A C, A = (I + C c N/T)^-1. film [N/m] c N/T > 0."""
+    scaled, given = rub.matrix[1], rub.given[0]
+    last = given.shape[1] - 1
+    for x in range(3):
+        for y in range(3):
+            scaled[x, y] = film * rub.matrix[0, x, y] + (1.0 if x == y else 0.0)
+            given[x, y] = rub.matrix[0, x, y]
+        given[x, last] = free[x]
+    solve_in_place(rub.matrix[1:2], rub.given[:1])
+    for x in range(3):
+        for y in range(3):
+            rub.matrix[0, x, y] = given[x, y]
+        free[x] = given[x, last]
+
+
+@kernel
+def _part(rub: Rubbing):
+    """Forget the bristles of bodies that do not touch: their energy is lost."""
+    balance = rub.balance[0]
+    balance.dissipated += balance.stored
+    balance.stored = 0.0
+    for x in range(3):
+        rub.bristle[x] = rub.total[x] = rub.speed[x] = rub.carried[x] = 0.0
+    rub.touched[:] = 0
+
+
 @ieee_kernel
 def step_rubbing(pair: Pair, rub: Rubbing, dt: float):
     """A step after the normal contact (`between.step_pair`), dt > 0 [s]: fills `rub.force`, `total`, and `speed`."""
@@ -181,46 +209,25 @@ def step_rubbing(pair: Pair, rub: Rubbing, dt: float):
         normal += active.force[active.order[k]]
     rub.force[:] = 0.0
     if not normal > 0.0:
-        rub.carried[:] = 0.0
-        balance.dissipated += balance.stored
-        balance.stored = 0.0
-        for x in range(3):
-            rub.bristle[x] = rub.total[x] = rub.speed[x] = 0.0
-        rub.touched[:] = 0
+        _part(rub)
         return
-    free = rub.given[1, 0, :3]
+    free, film = rub.given[1, 0, :3], law.viscous * normal / dt
     _mean(pair, rub, normal, free)
     rub.carried[:] = 0.0
     _yields(pair, rub, normal, dt)
-    film = law.viscous * normal / dt  # [N/m]
-    if film > 0.0:  # e and C behind the film
-        scaled, both = rub.matrix[1], rub.given[0]
-        for x in range(3):
-            for y in range(3):
-                scaled[x, y] = film * rub.matrix[0, x, y] + (1.0 if x == y else 0.0)
-                both[x, y] = rub.matrix[0, x, y]
-            both[x, 3] = free[x]
-        solve_in_place(rub.matrix[1:2], rub.given[:1])
-        for x in range(3):
-            for y in range(3):
-                rub.matrix[0, x, y] = both[x, y]
-            free[x] = both[x, 3]
-    right, limit = rub.given[0, :, 0], law.mu * normal
-    _solve_force(rub, free, 1.0 / law.stiffness, limit)
-    work = slip = square = 0.0
+    if film > 0.0:
+        _through_film(rub, free, film)
+    _solve_force(rub, free, 1.0 / law.stiffness, law.mu * normal)
+    right, work, slip, square = rub.given[0, :, 0], 0.0, 0.0, 0.0
     for x in range(3):
         force, way = right[x], free[x]
         for y in range(3):
             way -= rub.matrix[0, x, y] * right[y]
-        held = force / law.stiffness
-        lost = way - (held - rub.bristle[x])
-        work += force * lost + film * way * way
-        slip += lost * lost
+        before, held = rub.bristle[x], force / law.stiffness
+        work += force * way + film * way * way - 0.5 * (force * held - law.stiffness * before * before)
+        slip += (way - (held - before)) ** 2
         square += force * force
-        stored_before = 0.5 * law.stiffness * rub.bristle[x] * rub.bristle[x]
-        work += force * (held - rub.bristle[x]) - (0.5 * force * held - stored_before)
-        rub.bristle[x], rub.speed[x] = held, way / dt
-        rub.total[x] = force + film * way
+        rub.bristle[x], rub.speed[x], rub.total[x] = held, way / dt, force + film * way
     balance.dissipated += work
     balance.stored = 0.5 * square / law.stiffness
     balance.slipped += np.sqrt(slip)
