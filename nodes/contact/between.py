@@ -73,14 +73,16 @@ def take_loads(load, fingers, side, others, opened, pressing, aside, moved):
     bodies rub, `aside` [m] (2m), the displacement of the candidates along the surface by all loads. Returns whether a
     load is on an unknown vertex.
 
-    moved (2,2m)  workspace
+    moved (2m)  workspace
     """
     others[:] = 0.0
     aside[:] = 0.0
     pressing.count = fingers
     for i in range(load.count):
         each, row, part = nth(load, i), opened[0, min(i, fingers)], opened[1, min(i, fingers)]
-        if i < fingers:
+        if i >= fingers:
+            part = part[:0]
+        else:
             pressing.values[i] = 0.0
         if not each.there or each.nodes.shape[0] == 0:
             continue
@@ -96,19 +98,10 @@ def take_loads(load, fingers, side, others, opened, pressing, aside, moved):
             others[k] += row[k]
         if len(aside) > 0:
             contact.open_by(
-                nodes,
-                forces,
-                n,
-                side.corners,
-                side.weights,
-                side.aside,
-                side.gathered,
-                side.touched,
-                moved[0],
-                moved[1],
+                nodes, forces, n, side.corners, side.weights, side.aside, side.gathered, side.touched, moved, part[:0]
             )
             for k in range(len(aside)):
-                aside[k] += moved[0, k]
+                aside[k] += moved[k]
         if i < fingers:
             pressing.values[i] = normal_force(forces, n)
     return False
@@ -208,7 +201,7 @@ class Between(CompiledNode):
     State = {
         "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide), "rub": form(Rubbing),
         "normals": TABLE, "areas": ARRAY, "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
-        "yields": TABLE, "returns": TABLE, "slid": TABLE,
+        "yields": TABLE, "returns": TABLE, "slid": ARRAY,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
     }  # fmt: skip
@@ -237,7 +230,7 @@ class Between(CompiledNode):
         self.hold("rub", rubbing(
             tangents, one.drags, signs * two.drags, self.friction, self.bristle_stiffness, self.viscous
         ))  # fmt: skip
-        self.hold("slid", np.zeros((2, 2 * tangents.shape[1])))
+        self.hold("slid", np.zeros(2 * tangents.shape[1]))
         self.hold("pair", contact.pair(found.gap, one.matrix, two.matrix, (one.retardation, two.retardation)))
         # opening by a displacement of the second body along n is negative
         self.hold("one", _side(one, found.first, count))

@@ -17,13 +17,14 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, DeviceState, Force, Friction, Pose, Proximity, Surface, pack
 from palpate.messages.base import HEADER
+from palpate.messages.contact import OrganContact
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.physics.geometry.mesh import plane
 from palpate.records import stored
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-from palpate.views.pictures import PictureError, compression, deformation, draw_pictures, force
+from palpate.views.pictures import PictureError, compression, deformation, draw_pictures, force, pictures
 from palpate.views.pictures.device import absorbed_energy
 from palpate.views.pictures.friction import _stretches, regions
 from palpate.views.pictures.style import COLUMNS, decimate, figure, mean
@@ -498,6 +499,22 @@ def test_missing_streams_only_remove_their_pictures(tmp_path, streams, expected,
         hide(monkeypatch, "pyvista")
     made, printed = drawn(record(tmp_path / "r.mcap", streams), tmp_path)
     assert made == expected and len(printed) <= 1
+
+
+def organs(force, friction=0.0):
+    rest = OrganContact.example(False)
+    return structs.replace(rest, force=force, friction=(friction, 0.0, 0.0), area=1e-6, gap=0.0)
+
+
+def test_organs_that_touch_have_a_picture_with_the_force_of_each_contact(tmp_path):
+    found = []
+    for contacts in ({"a": [organs(0.0)] * 3}, {"a": [organs(1.0), organs(2.0, 0.5)], "b": [organs(0.0)] * 2}):
+        touch = TouchStreams(Recording(record(tmp_path / f"{len(found)}.mcap", contacts)))
+        found.append(pictures()["organs"].draw_picture(touch))
+    assert found[0] is None
+    force, friction = found[1].axes[0].lines
+    assert force.get_ydata().tolist() == [1.0, 2.0] and friction.get_ydata().tolist() == [0.0, 0.5]
+    assert found[1].axes[1].lines[0].get_ydata().tolist() == [1.0, 1.0]  # mm²
 
 
 def test_the_command_draws_a_recording(touch_file, tmp_path, without_3d):

@@ -195,7 +195,7 @@ class Run:
     def plot(self, *names: str, over: str | None = None) -> Figure:
         """Plot fields over time, or over another field: `plot("contact.force", over="contact.indentation")`, one axis
         each. PictureError: a field cannot be drawn."""
-        from palpate.views.pictures.plot import plot
+        from palpate.views.plot import plot
 
         return plot(self, names, over)
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.studies.psychophysics.analysis import ALL, Outcome
-from palpate.views.pictures.plot import PREFIXES
 from palpate.views.pictures.style import FINGER, INK, TISSUE, figure, log_ticks, look, save
+from palpate.views.plot import PREFIXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,8 @@ from palpate.engine.faults import choices
 from palpate.physics.extras import missing
 from palpate.studies.sweeps.keep import Kept
 from palpate.views.errors import PictureError
-from palpate.views.pictures.plot import PREFIXES
 from palpate.views.pictures.style import FRICTION, INK, NORMAL, figure, look, save
+from palpate.views.plot import PREFIXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -169,7 +169,8 @@ def open_by(
     out: Array,
     pressed: Array,
 ):
-    """Fill `out` [m] (m): opening of the candidates by a load at rest, and `pressed` [m] (m): by its part along n.
+    """Fill `out` [m] (m): opening of the candidates by a load at rest, and `pressed` [m] (m): by its part along n; that
+    is left out if it is empty.
 
     nodes (k), forces [N] (k,3), normal [1] (3)  the load on vertices of the body's surface
     corners (V,3), weights [1] (V,3)    terminals that carry the load of each vertex
@@ -200,4 +201,5 @@ def open_by(
             given[x] = 0.0
             for i in range(len(out)):
                 out[i] += force * row[i]
+            for i in range(len(pressed)):
                 pressed[i] += part * row[i]
