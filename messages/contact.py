@@ -1,4 +1,4 @@
-"""Messages of the contact between fingertip and tissue, and between organs, world frame."""
+"""Messages of the contact between fingertip and tissue, and between organs, in the world frame; of a wrench sensor."""
 
 from typing import Annotated, Self
 
@@ -181,3 +181,16 @@ class Neighbour(Message):
     force: Annotated[float, "N"]
     yields: Annotated[Floats, "m/N", ("f", "f"), COMPLIANCE]
     pressing: Annotated[Vector, "N", ("f",)]
+
+
+class Wrench(Message):
+    """What a six-axis force-torque sensor reports of the load on its tool side, in the frame of the sensor.
+
+    force      [N]   (3)  force
+    torque     [N m] (3)  torque about the sensor's origin
+    saturated  [1]   ()   true if an axis is at the end of its range
+    """
+
+    force: Annotated[Vector3, "N"]
+    torque: Annotated[Vector3, "N m"]
+    saturated: Annotated[bool, "1"] = False

@@ -1,4 +1,4 @@
-"""Messages of tactile quantities other than force: contact area, strain volumes, subsurface stress, spikes."""
+"""Messages of tactile quantities other than force: contact area, strain volumes, subsurface stress, spikes; taxels."""
 
 from typing import Annotated
 
@@ -64,3 +64,14 @@ class Spikes(Message):
     moment: Annotated[Floats, "s", ("s",)] = NO_FLOATS
     mean: Annotated[Vector3, "1/s"] = (0.0, 0.0, 0.0)
     rate: Annotated[Floats, "1/s", ("n",)] = NO_FLOATS
+
+
+class TaxelForces(Message):
+    """What the taxels of a fingertip report.
+
+    positions  [m] (n,2)  of the taxels in the plane of the fingerpad, from its centre
+    forces     [N] (n,3)  of each: two shear forces along the axes of the plane, and the normal force
+    """
+
+    positions: Annotated[Floats, "m", ("n", 2)] = NO_VECTORS[:, :2]
+    forces: Annotated[Floats, "N", ("n", 3)] = NO_VECTORS

@@ -16,6 +16,7 @@ KERNELS = {"kernel", "ieee_kernel", "compiled"}
 AXES = 3  # 0, 1 and 2 are x, y and z
 LAW = "terminal law K, n, c, s_free, s_prev: a row of `Surface.laws`, whose form the message defines"
 SLOPES = "a row of `Surface.slopes`: gradient (3) and shape operator (9), whose form the message defines"
+WRENCH = "force and torque of a sensor, three axes each"
 TENSOR = "components of a tensor or of derivatives, in the order of the docstring"
 SERIES = "coefficients of a formula, by their order"
 FIELDS = "packed: work fields of the solver over the vertices or modes, named where they are unpacked; to be converted"
@@ -31,6 +32,7 @@ TABLES: dict[str, dict[str, str]] = {
     "nodes/deformation/mass_spring.py": {"laws": LAW, "slopes": SLOPES},
     "nodes/deformation/reduced_answer.py": {"row": ROW, "slopes": SLOPES},
     "nodes/deformation/rigid.py": {"laws": LAW},
+    "nodes/sensor/force_torque.py": {"reported": WRENCH, "true": WRENCH},
     "nodes/tactile/relief.py": {"answer": TENSOR},
     "src/palpate/compiler/angles.py": {"a": SERIES},
     "src/palpate/compiler/exact.py": {"x": "eight equal partial sums"},

@@ -1,4 +1,5 @@
-"""Force sensors, instead of a simulated contact. A class is found by its name in any file of this folder."""
+"""Force and tactile sensors: in place of a simulated contact, or on it. A class is found by its name in any file of this
+folder."""
 
 from palpate.nodes.base.room import room
 from palpate.nodes.sensor.force_sensor import ForceSensor

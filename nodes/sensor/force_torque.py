@@ -7,11 +7,11 @@ import numpy as np
 
 from palpate.compiler.records import floats, put, vector
 from palpate.messages import Contact, Friction, Pose, Vector3
-from palpate.messages.sensed import Wrench
+from palpate.messages.contact import Wrench
 from palpate.nodes.base import TABLE, Out, Wants
 from palpate.nodes.base.kernels import ieee_kernel
-from palpate.nodes.base.sensing import Sensing, measure
 from palpate.nodes.base.surface import rotation_matrix
+from palpate.nodes.sensor.sensing import Sensing, measure
 
 Positive = msgspec.Meta(gt=0)
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from palpate.compiler.records import floats, lend, put, vector
 from palpate.messages import Load
-from palpate.messages.sensed import TaxelForces
+from palpate.messages.tactile import TaxelForces
 from palpate.nodes.base import ARRAY, TABLE, Agrees, Out, SettingError, Switch, Wants
 from palpate.nodes.base.kernels import ieee_kernel
-from palpate.nodes.base.sensing import Sensing, Share, measure
+from palpate.nodes.sensor.sensing import Sensing, Share, measure
 from palpate.physics.contact.subsurface import along_patch, next_axis
 from palpate.physics.sensor.taxels import grid, neighbours, shares
 

@@ -54,7 +54,7 @@ def cycles(count, deeper=0.0, held=0, seed=5):
 @pytest.mark.parametrize("held", [0, 200])
 def test_of_equal_cycles_the_first_loading_is_fitted_with_all_its_rows(count, held):
     """Noise of the depth chose the cycle; the first peak counted as the begin of a hold at a constant force; and rows
-    were averaged over all cycles, so that few were left of the loading: 88 % of such presses were right."""
+    were averaged over all cycles, so that few were left of the loading: 88 % of these presses were right."""
     path, force = cycles(count, held=held)
     press = prepare_press("press.csv", 0.01 * np.arange(len(path)), path, force)
     fit = fit_tissue([press], Rig("ball", 8e-3), "hertz")

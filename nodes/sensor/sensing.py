@@ -23,7 +23,7 @@ Share = msgspec.Meta(ge=0, le=1)
 
 
 class Sensing(CompiledNode):
-    """Imperfections of a sensor. All are off by default; each is an effect of its name. Shares are of the full scale
+    """Imperfections of a sensor. By default none is on; each is an effect. Shares are of the full scale
     of a channel, as data sheets list them. In the order of the signal:
 
     crosstalk     largest share of one channel that another one shows, both over their full scale (`mix`)
