@@ -1,5 +1,4 @@
-"""Force and tactile sensors: in place of a simulated contact, or on it. A class is found by its name in any file of this
-folder."""
+"""Force and tactile sensors, in place of a simulated contact or on it; a class is found by its name in any file."""
 
 from palpate.nodes.base.room import room
 from palpate.nodes.sensor.force_sensor import ForceSensor
