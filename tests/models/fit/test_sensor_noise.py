@@ -50,7 +50,7 @@ def test_intervals_contain_the_true_value_with_each_noise(rig, what):
     held, law = 0, closed_form(rig, "hertz")
     for seed in range(20):
         problem = Problem([spoilt(rig, what, seed)], law, "none", True, False)
-        found = estimate(problem, profiles=False, begin=problem.start()).intervals["young"]
+        found = estimate(problem, profiles=False, begin=[problem.start()]).intervals["young"]
         held += found.low <= YOUNG <= found.high
         assert found.high / found.low < 1.5
     assert held >= 16

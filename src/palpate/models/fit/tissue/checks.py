@@ -171,8 +171,7 @@ def allow_for_drift(
             f"contact. If you know that the zero does not drift, --drift none gives {known}"
         ]
     other = enough[-1]
-    begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
-    free = estimate(other, begin=np.array([begin[name] for name in other.names]))
+    free = estimate(other, begin=_begins(other, best))
     if free.is_open(problem.parameters[0]):
         best.withhold()
         option = "linear" if bends and all(press.drifts for press in problem.presses) else "none"
@@ -204,8 +203,7 @@ def include_rise(problem: Problem, best: Estimate, chances: dict[str, float]) ->
     risen = problem.with_changes(_with_rise(problem, best))
     if risen.count < LEAST_PER_UNKNOWN * len(risen.names):
         return problem, best, []
-    begin = dict(zip(risen.names, risen.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
-    better = estimate(risen, begin=np.array([begin[name] for name in risen.names]))
+    better = estimate(risen, begin=_begins(risen, best))
     sizes = [better.number(f"rise, {press.name}")[0] for press in risen.presses]
     if max(map(abs, sizes)) > 100.0 * MOST_RISE:  # the begin of a law of this shape
         return problem, best, []
@@ -257,8 +255,7 @@ def widen(problem: Problem, best: Estimate, chances: dict[str, float]) -> tuple[
         other = problem.with_changes(**change)
         if other.count < LEAST_PER_UNKNOWN * len(other.names):
             continue
-        begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
-        free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
+        free = estimate(other, profiles=False, begin=_begins(other, best))
         moved = []
         for p in problem.parameters:
             now, its = best.intervals[p.name], free.intervals[p.name]
@@ -366,6 +363,13 @@ def _with_rise(problem: Problem, best: Estimate) -> list[MeasuredPress]:
             gains.append((float(rest @ (residual * w)) ** 2 / max(float(rest @ rest), 1e-300), length))
         out.append(replace(press, rise=(max(gains)[1], touch)) if gains else press)
     return out
+
+
+def _begins(other: Problem, best: Estimate) -> list[np.ndarray]:
+    """Starts of a problem with more unknowns: the minima of a fit."""
+    first = dict(zip(other.names, other.start(), strict=True))
+    known = [first | dict(zip(best.names, x, strict=True)) for x in best.minima]
+    return [np.array([each[name] for name in other.names]) for each in known]
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:

@@ -33,6 +33,10 @@ LEVEL = 0.95
 LEAST_PER_UNKNOWN = 3  # Rows per unknown that a fit needs
 STEEPEST = 1e12  # [1] Limit of a derivative of a residual
 ENDS = 1e-3  # [1] Accuracy of the ends of a profile, over half the width of the linear interval
+APART, LIKELY = (
+    1e-2,
+    3.0,
+)  # Least distance of two minima in search coordinates; limit of their squares, over the least [1]
 STEP = 1e-6  # finite-difference step of a Jacobian, in search coordinates
 LEAST_EFFECTIVE = 3.0
 """Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
@@ -63,6 +67,7 @@ class Estimate:
     squares      mean square of the weighted residuals;  runs  see `residuals.runs`
     at, errors   all unknowns in search coordinates, in the order of `names`, and their standard errors
     withheld     whether no interval is given because of misfit: the intervals are then the whole range of the search
+    minima       unknowns at the minimum, and at others that are nearly as good
     """
 
     parameters: tuple[Parameter, ...]
@@ -80,6 +85,7 @@ class Estimate:
     at: np.ndarray
     errors: np.ndarray
     withheld: bool = False
+    minima: list[np.ndarray] = field(default_factory=list)
 
     def number(self, name: str) -> tuple[float, float]:
         """An unknown in search coordinates and its standard error; (0, 0) if it was not fitted."""
@@ -281,8 +287,11 @@ class Problem:
         return np.clip(np.nan_to_num(whole, posinf=0.0, neginf=0.0), -STEEPEST, STEEPEST)
 
 
-def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None = None) -> Estimate:
-    """Fit from several starts, or from `begin` alone, with intervals.
+def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray] = ()) -> Estimate:
+    """Fit from several starts, or from those in `begin` alone, with intervals.
+
+    A likelihood may have several minima, as that of Prony terms in a short record. The interval includes the profiles
+    from all those that the interval's level does not exclude.
 
     SessionError: fewer than `LEAST_PER_UNKNOWN` rows per unknown.
     """
@@ -293,8 +302,12 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
             "than --depth-limit are excluded and, without --relaxation, rows after the deepest one"
         )
     # multistart least squares
-    found = [problem.solve(each) for each in (_starts(problem) if begin is None else [begin])]
-    x, least = min(found, key=lambda pair: pair[1])
+    found = [problem.solve(each) for each in begin or _starts(problem)]
+    best, _ = min(found, key=lambda pair: pair[1])
+    orders = relaxing.other_orders(problem.kind, len(problem.law.parameters), best)
+    found += [problem.solve(np.clip(each, *problem.bounds)) for each in orders]
+    minima = _distinct(found, len(problem.parameters))
+    x, least = minima[0]
     # effective sample size n_eff = n/tau and residual variance s²
     forces = problem.forces(x)
     residuals = [(f - p.force) for f, p in zip(forces, problem.presses, strict=True)]
@@ -322,7 +335,13 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
         intervals[p.name] = Interval(p.value(value), p.value(ends[0]), p.value(ends[1]))
         if profiles:
             level = least * (1.0 + (quantile * ratio[i]) ** 2 / (count / tau - size))
-            profile, points = _profile(problem, x, i, cov[:, i] / max(cov[i, i], 1e-300), reach, least, level)
+            along = cov[:, i] / max(cov[i, i], 1e-300)
+            profile, points = _profile(problem, (x, least), i, along, reach, least, level)
+            for y, squares in minima[1:]:  # farther minima that this level does not exclude
+                if squares < level and (y[i] < profile[0] or y[i] > profile[1]):
+                    more, at = _profile(problem, (y, squares), i, np.eye(size)[i], reach, least, level)
+                    profile = (float(np.minimum(profile[0], more[0])), float(np.maximum(profile[1], more[1])))
+                    points += at
             ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
             interval = intervals[p.name]
             interval.profile = (ends[0], ends[1])
@@ -333,8 +352,17 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
     return Estimate(
         problem.parameters, intervals, problem.touches(x), problem.names, cov / np.outer(errors, errors),
         float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), converged, least / count,
-        runs(weighted), x, errors,
+        runs(weighted), x, errors, minima=[y for y, squares in minima if squares <= LIKELY * least],
     )  # fmt: skip
+
+
+def _distinct(found: Sequence[tuple[np.ndarray, float]], parameters: int) -> list[tuple[np.ndarray, float]]:
+    """The minima (unknowns, squares) whose first `parameters` unknowns differ, in the order of their squares."""
+    out: list[tuple[np.ndarray, float]] = []
+    for x, squares in sorted(found, key=lambda pair: pair[1]):
+        if all(np.abs(x - y)[:parameters].max() > APART for y, _ in out):
+            out.append((x, squares))
+    return out
 
 
 def _starts(problem: Problem) -> list[np.ndarray]:
@@ -384,17 +412,26 @@ def _coloured_covariance(
 
 
 def _profile(
-    problem: Problem, x: np.ndarray, i: int, along: np.ndarray, step: float, least: float, level: float
+    problem: Problem,
+    minimum: tuple[np.ndarray, float],
+    i: int,
+    along: np.ndarray,
+    step: float,
+    least: float,
+    level: float,
 ) -> tuple[tuple[float, float], list[tuple[float, float]]]:
     """Ends of the profile likelihood interval of unknown i, and the points (value, sum of squares) of the profile.
 
-    along  [1] change of all unknowns with unknown i along the profile, near the minimum
+    minimum  unknowns and sum of squares where the profile begins
+    least    sum of squares of the best minimum
+    along    [1] change of all unknowns with unknown i along the profile, near the minimum
 
     The profile is the least sum of squares with x_i fixed. An end is where it reaches `level`; nan if it does not
     within the bounds.
     """
+    x, squares = minimum
     low, high = problem.bounds
-    ends, points = [], [(float(x[i]), least)]
+    ends, points = [], [(float(x[i]), squares)]
     for side in (-1.0, 1.0):
         bound = low[i] if side < 0 else high[i]
         inner, outer, at, reach = float(x[i]), math.nan, x.copy(), max(step, 1e-6)
@@ -409,7 +446,7 @@ def _profile(
                 points.append((value, known[value]))
             return math.sqrt(max(known[value] - least, 0.0)) - math.sqrt(level - least)
 
-        known = {inner: least}
+        known = {inner: squares}
         for _ in range(14):  # bracket the end
             trial = bound if side * (inner + side * reach - bound) >= 0 else inner + side * reach
             if above(trial, known) >= 0.0:

@@ -17,6 +17,7 @@ KINDS = ("none", "kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3
 
 
 NEAR = 1e-6  # [1] Relative step of the indentation for the derivative of a law
+SMALL, APART = 0.05, 1.4  # Share of a new term [1], and its distance in the logarithm of the time
 JUMP = 0.15  # [1] Change of the rate in a row, over the largest rate, from which differences do not measure it
 
 
@@ -50,6 +51,25 @@ def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
         found += [Parameter(f"share_{i}", "1", 0.5 / count, 1e-4, 0.999, False),
                   Parameter(f"time_{i}", "s", float(time), 1e-4, 1e5)]  # fmt: skip
     return tuple(found)
+
+
+def other_orders(kind: str, first: int, x: np.ndarray) -> list[np.ndarray]:
+    """Starts for other minima of a Prony series, whose shares and times (as logarithms) are unknowns from `first` on.
+
+    A short record hardly shows which terms it contains: they count as slower or faster by one place, and a small term
+    takes the free place.
+    """
+    count = int(kind.partition(":")[2] or 0)
+    if count < 2:
+        return []
+    out, last = [], first + 2 * count
+    terms = x[first:last].reshape(count, 2)
+    for moved, new in ((1, (SMALL, terms[0, 1] + APART)), (-1, (SMALL, terms[-1, 1] - APART))):
+        y, rolled = x.copy(), np.roll(terms, moved, axis=0)
+        rolled[0 if moved > 0 else -1] = new
+        y[first:last] = rolled.ravel()
+        out.append(y)
+    return out
 
 
 def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: float) -> np.ndarray:
