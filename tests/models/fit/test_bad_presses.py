@@ -263,7 +263,7 @@ def test_the_picture_shows_the_rows_that_were_left_out(tmp_path, monkeypatch):
 def test_a_law_that_exceeds_the_range_of_numbers_during_the_search_is_fitted(seed):
     """Demiray's exponential on presses without rows before contact: "array must not contain infs or NaNs".
 
-    Whether intervals contain true values is tested over many presses: in this one, noise looks like a drift (p < 0.001).
+    Whether intervals contain true values is tested over many presses: in this one noise looks like a drift.
     """
     rig, law, truth, kind, _ = fit_coverage.CASES["demiray"]
     intervals = fit_tissue(
