@@ -88,6 +88,8 @@ def find_parameter(graph: Graph, path: str, running: Container[str], scale: floa
         raise ArgumentError(f"parameter {path!r}: expected a setting, such as tissue.stiffness, or scene.<path>")
     if head in graph.nodes:
         known = settings(graph.nodes[head].cls)
+        if keys[1] == "use":
+            raise ArgumentError(f"{path!r}: found {graph.nodes[head].use!r}, a choice; expected a number")
         if keys[1] not in known:
             raise ArgumentError(
                 f"{path!r}: {head} has no setting {keys[1]!r}. {choices('Settings', str(keys[1]), known)}"

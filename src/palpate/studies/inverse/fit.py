@@ -1,0 +1,230 @@
+"""Fits parameters of a graph to recordings, with intervals, and says which of them the motion does not determine."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from palpate.gradients.parameters import Parameter, find_parameter
+from palpate.launch.load.checks.ideal import describe_jumps
+from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, LEVEL, Estimate, estimate
+from palpate.models.fit.tissue.residuals import inflation
+from palpate.physics.errors import ArgumentError
+from palpate.studies.inverse.measured import Measured
+from palpate.studies.inverse.problem import RunProblem
+
+STARTS = 3
+WIDEST = math.log(3.0)
+"""[1] Half of a 95 % interval, as a logarithm or in scales, above which a parameter is not determined."""
+ROUNDS = 3  # corrections of the end of a profile
+NO_EFFECT = 1e-9  # [1] Derivative over the peak of the fields, per scale of a parameter, below which it has none
+
+
+@dataclass
+class RunFit:
+    """Result of a fit.
+
+    parameters  numbers of the graph;  estimate  their values with intervals, see `models.fit.tissue.estimate`
+    open_       by name, why a parameter is not determined
+    couples     names of two parameters that cannot be distinguished, and their correlation
+    measured    the recordings;  rms  [unit of the field] of the residuals of each field
+    runs        number of runs that the fit has computed
+    notes       lines for the user
+    """
+
+    parameters: list[Parameter]
+    estimate: Estimate
+    open_: dict[str, str]
+    couples: list[tuple[str, str, float]]
+    measured: list[Measured]
+    rms: dict[str, float]
+    held_out: dict[str, float]
+    runs: int
+    notes: list[str]
+    jacobian: np.ndarray
+
+
+def fit_run(
+    measured: Sequence[Measured], free: Sequence[str], separate: Sequence[str] = (), held_out: Sequence[Measured] = (),
+    starts: int = STARTS, scale: dict[str, float] | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> RunFit:  # fmt: skip
+    """Fit parameters to recordings by bounded least squares from several starts.
+
+    free    paths of the parameters;  separate  those with a value for each recording
+    report  called with shares of the work that are done
+
+    ArgumentError, GraphError: a parameter or a recording does not fit.
+    """
+    parameters = find_parameters(measured[0], free, scale or {})
+    if unknown := [path for path in separate if path not in free]:
+        raise ArgumentError(f"--each {unknown[0]}: expected one of the free parameters: {', '.join(free)}")
+    problem = RunProblem(measured, parameters, separate)
+    try:
+        begins = problem.begins(starts)
+        found = []
+        for begin in begins:
+            found.append(problem.search(begin, loose=True))
+            report(0.6 / len(begins))
+        x, rough = min(found, key=lambda pair: pair[1])
+        agreeing = float(np.mean([cost <= 1.05 * rough + 1e-12 for _, cost in found]))
+        problem.weigh(x)
+        x, _ = problem.search(x, loose=False)
+        report(0.2)
+        fitted = estimate(problem, profiles=False, begin=x)  # type: ignore[arg-type]
+        fitted.starts = agreeing
+        slopes = problem.jacobian(x)
+        _widen_to_profiles(problem, fitted, slopes)
+        report(0.15)
+        open_ = _open(problem, fitted, slopes)
+        rms = _rms(problem, fitted)
+        others = _held_out(problem, held_out, fitted)
+        return RunFit(
+            parameters, fitted, open_, _couples(fitted, open_), list(measured), rms, others,
+            sum(each.count for each in problem.forward), _notes(problem, fitted), slopes,
+        )  # fmt: skip
+    finally:
+        problem.close()
+
+
+def find_parameters(measured: Measured, free: Sequence[str], scale: dict[str, float]) -> list[Parameter]:
+    """The free parameters. ArgumentError: one cannot be fitted."""
+    if not free or len(set(free)) < len(free):
+        raise ArgumentError(
+            f"--free: found {', '.join(free) or 'nothing'}, expected different settings: tissue.stiffness"
+        )
+    graph = measured.launch.load()
+    before = measured.base.load().nodes
+    for path in free:
+        head = path.partition(".")[0]
+        if head in before and head not in graph.nodes:
+            raise ArgumentError(
+                f"--free {path}: {head!r} does not run in this fit: no field of --to needs it, or the recorded motion "
+                f"takes its place. Nodes with settings to fit: {', '.join(graph.nodes)}"
+            )
+    running = {name for name, spec in graph.nodes.items() if spec.off is None and not spec.observer}
+    if jumps := describe_jumps(graph, running):
+        raise ArgumentError(f"a fit needs results that do not jump: {jumps}")
+    return [find_parameter(graph, path, running, scale.get(path)) for path in free]
+
+
+def _widen_to_profiles(problem: RunProblem, fitted: Estimate, slopes: np.ndarray) -> None:
+    """Widen the intervals to those of the profile likelihood, whose points are computed together.
+
+    The end of parameter i is where the least sum of squares over all others has risen as much as the linear model says
+    of its end. All ends move together: each round minimizes the others with the Jacobian at the minimum, and scales
+    the distance by the square root of the rise.
+    """
+    x, size = fitted.at, len(fitted.at)
+    low, high = problem.bounds
+    least = float(np.sum(problem.residuals(x) ** 2))
+    reach = float(student.ppf(0.5 + LEVEL / 2, fitted.effective[0] - size)) * fitted.errors
+    gram = np.linalg.pinv(slopes.T @ slopes, rcond=1e-18)
+    rows = [(i, side) for i in range(size) for side in (-1.0, 1.0) if 0.0 < reach[i] < WIDEST * 2.0]
+    if not rows:
+        return
+    far = np.array([reach[i] for i, _ in rows])
+    at = np.array([x + side * reach[i] * gram[:, i] / gram[i, i] for i, side in rows])
+    for _ in range(ROUNDS):
+        at = np.clip(at, low, high)
+        r = problem.all_residuals(at)
+        rise = np.zeros(len(rows))
+        for k, (i, _) in enumerate(rows):
+            others = np.arange(size) != i
+            part = slopes[:, others]
+            step = -np.linalg.lstsq(part, r[k], rcond=None)[0] if size > 1 else np.zeros(0)
+            rise[k] = max(float(r[k] @ r[k]) + float((part.T @ r[k]) @ step) - least, 0.0)
+            at[k, others] += step
+            share = math.sqrt(rise[k] * gram[i, i]) / reach[i]  # 1 for a linear model
+            factor = min(max(1.0 / share if share > 0.0 else 2.0, 0.5), 2.0)
+            move = at[k] - x
+            far[k] = abs(at[k, i] - x[i]) * factor
+            at[k] = x + move * factor
+    for k, (i, side) in enumerate(rows):
+        p = problem.parameters[i]
+        end = p.value(min(max(x[i] + side * far[k], low[i]), high[i]))
+        interval = fitted.intervals[p.name]
+        ends = list(interval.profile)
+        ends[side > 0.0] = end
+        interval.profile = (ends[0], ends[1])
+        interval.low, interval.high = min(interval.low, end), max(interval.high, end)
+
+
+def _open(problem: RunProblem, fitted: Estimate, slopes: np.ndarray) -> dict[str, str]:
+    """Why parameters are not determined, by name."""
+    found = {}
+    quantile = float(student.ppf(0.5 + LEVEL / 2, fitted.effective[0] - len(fitted.at)))
+    for i, p in enumerate(problem.parameters):
+        scale = problem._scales()[i]
+        size = float(np.abs(slopes[:, i]).max()) * scale
+        wide = quantile * float(fitted.errors[i]) / scale
+        low, high = problem.bounds
+        at_limit = min(fitted.at[i] - low[i], high[i] - fitted.at[i]) < 1e-4 * (high[i] - low[i])
+        if size < NO_EFFECT:
+            found[p.name] = "the motion has no effect of it"
+        elif at_limit and not _is_limit(problem, i, fitted.at[i]):
+            found[p.name] = f"the search ends at its bound, {p.value(fitted.at[i]):.4g} {p.unit}"
+        elif wide > WIDEST or (fitted.is_open(p) and not at_limit):
+            found[p.name] = f"its interval is as wide as {fitted.intervals[p.name].low:.3g} to " \
+                            f"{fitted.intervals[p.name].high:.3g} {p.unit}"  # fmt: skip
+    return found
+
+
+def _is_limit(problem: RunProblem, i: int, at: float) -> bool:
+    """Whether an unknown lies at a limit of its setting, not only of the search."""
+    p = problem.parameters[i]
+    number = next(
+        n for places in problem.places for n, place in zip(problem.numbers, places, strict=True) if place == i
+    )
+    value = p.value(at)
+    near = 1e-3 * number.scale
+    return abs(value - number.low) < near or abs(value - number.high) < near
+
+
+def _couples(fitted: Estimate, open_: dict[str, str]) -> list[tuple[str, str, float]]:
+    names, found = fitted.names, []
+    for i in range(len(names)):
+        for j in range(i):
+            if abs(fitted.correlation[i, j]) > INDISTINGUISHABLE and not {names[i], names[j]} & open_.keys():
+                found.append((names[j], names[i], float(fitted.correlation[i, j])))
+    return found
+
+
+def _rms(problem: RunProblem, fitted: Estimate) -> dict[str, float]:
+    """RMS of the residuals by recording and field."""
+    return {
+        press.name: float(np.sqrt(np.mean(r**2))) for press, r in zip(problem.presses, fitted.residuals, strict=True)
+    }
+
+
+def _held_out(problem: RunProblem, others: Sequence[Measured], fitted: Estimate) -> dict[str, float]:
+    """RMS errors of the prediction of recordings that the fit has not seen, over their peaks."""
+    found = {}
+    for other in others:
+        alone = RunProblem([other], problem.numbers)
+        try:
+            x = np.array([fitted.at[problem.places[0][k]] for k in range(len(problem.numbers))])
+            for press, force in zip(alone.presses, alone.law_forces(x), strict=True):
+                peak = float(np.abs(press.force).max()) or 1.0
+                found[press.name] = float(np.sqrt(np.mean((force - press.force) ** 2))) / peak
+        finally:
+            alone.close()
+    return found
+
+
+def _notes(problem: RunProblem, fitted: Estimate) -> list[str]:
+    """Lines about the residuals."""
+    notes = []
+    for press, r in zip(problem.presses, fitted.residuals, strict=True):
+        peak = float(np.abs(press.force).max())
+        tau = inflation([r], len(fitted.at))
+        if tau > 20.0 and float(np.sqrt(np.mean(r**2))) > 1e-3 * peak:
+            notes.append(
+                f"{press.name}: the residuals stay on one side for {tau:.0f} rows: the graph does not describe all of "
+                "this recording, and the intervals allow for it"
+            )
+        if press.step:
+            notes.append(f"{press.name}: the field has steps of {press.step:.3g}, which the intervals allow for")
+    return notes

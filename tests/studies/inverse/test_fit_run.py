@@ -1,0 +1,171 @@
+"""`palpate fit run`: the recorded motion drives the graph, and settings are found again, or not determined."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+import palpate
+from palpate.cli.__main__ import app
+from palpate.engine.faults import GraphError
+from palpate.physics.errors import ArgumentError
+from palpate.records.stored import RecordingError
+from palpate.studies.inverse.fit import fit_run
+from palpate.studies.inverse.measured import read_recording
+from palpate.studies.inverse.motions import RECORDED, family, plan_touches
+
+TRUE = {"tissue.stiffness": 180.0, "tissue.retardation": 0.035, "friction.mu_slide": 0.6}
+STROKE = [
+    {"hold": 0.05}, {"to": [0, 0, 0.0975], "time": 0.3}, {"to": [0.015, 0, 0.0975], "time": 0.3, "shape": "linear"},
+    {"to": [0.015, 0, 0.112], "time": 0.2},
+]  # fmt: skip
+KNOWN = [f"{key}={value}" for key, value in TRUE.items()]
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """A press and a stroke of 0.85 s, recorded with the usual encoder, on a tissue that is not that of the scene."""
+    path = tmp_path_factory.mktemp("fit") / "stroke.mcap"
+    sets = [*KNOWN, "scene.hand.begin=[0, 0, 0.112]", f"scene.hand.path={json.dumps(STROKE)}"]
+    palpate.run("kidney", record=path, duration=0.85, sets=sets)
+    return path
+
+
+def read(file, fields=("contact.force", "friction.force"), graph="kidney", **named):
+    given = {"scene": None, "sets": (), "until": None} | named
+    return read_recording(file, fields, graph, given["scene"], given["sets"], given["until"])
+
+
+def noisy(measured, size, seed=0):
+    rng = np.random.default_rng(seed)
+    measured.values = [values + size * rng.standard_normal(values.shape) for values in measured.values]
+    return measured
+
+
+def test_the_recorded_motion_gives_the_recorded_force_bit_for_bit(file):
+    measured = read(file, graph=None)
+    sets, length = [*measured.launch.overrides, *KNOWN], measured.ticks / measured.rate
+    data = palpate.Ensemble("kidney", 1, {}, measured.fields, sets=sets, duration=length).run(quiet=True)
+    for field, values in zip(measured.fields, measured.values, strict=True):
+        assert (data[field].values[0].reshape(values.shape) == values).all()
+
+
+def test_settings_are_found_again_with_intervals_that_contain_them(file):
+    fit = fit_run([noisy(read(file), 5e-3)], list(TRUE))
+    assert not fit.open_ and not fit.couples
+    for name, value in TRUE.items():
+        at = fit.estimate.intervals[name]
+        assert at.low < value < at.high
+        assert 0.0 < at.high - at.low < 0.1 * value
+        assert at.profile[0] == pytest.approx(at.low, rel=0.02)
+    assert all(rms == pytest.approx(5e-3, rel=0.1) for rms in fit.rms.values())
+    assert fit.estimate.starts > 0.5
+
+
+def test_without_noise_the_settings_are_exact(file):
+    fit = fit_run([read(file)], list(TRUE), held_out=[read(file)])
+    for name, value in TRUE.items():
+        assert fit.estimate.values[name] == pytest.approx(value, rel=1e-5)
+    assert max(fit.held_out.values()) < 1e-7
+
+
+def test_correlated_noise_widens_the_interval(file):
+    plain = fit_run([noisy(read(file, sets=KNOWN), 5e-3)], ["tissue.stiffness"], starts=1)
+    measured, rng = read(file, sets=KNOWN), np.random.default_rng(1)
+    for k, values in enumerate(measured.values):
+        white = rng.standard_normal((len(values), values.shape[1]))
+        for i in range(1, len(white)):
+            white[i] = 0.95 * white[i - 1] + np.sqrt(1 - 0.95**2) * white[i]
+        measured.values[k] = values + 5e-3 * white
+    wide = fit_run([measured], ["tissue.stiffness"], starts=1)
+    widths = [
+        np.subtract(*(lambda at: (at.high, at.low))(f.estimate.intervals["tissue.stiffness"])) for f in (plain, wide)
+    ]
+    assert widths[1] > 3.0 * widths[0]
+
+
+def test_a_setting_that_the_motion_does_not_excite_is_not_determined(file):
+    fit = fit_run([noisy(read(file, ["contact.force"]), 5e-3)], ["tissue.stiffness", "friction.mu_slide"], starts=1)
+    assert list(fit.open_) == ["friction.mu_slide"]
+    fit = fit_run(
+        [noisy(read(file, until=0.3, sets=KNOWN), 5e-3)], ["tissue.stiffness", "friction.mu_static"], starts=1
+    )
+    assert "friction.mu_static" in fit.open_
+    at = fit.estimate.intervals["tissue.stiffness"]
+    assert at.low < TRUE["tissue.stiffness"] < at.high
+
+
+def test_a_planned_stroke_determines_friction_better(file):
+    measured = noisy(read(file, until=0.4, sets=KNOWN), 5e-3)
+    fit = fit_run([measured], ["tissue.stiffness", "friction.mu_slide"], starts=1)
+    planned = {each.name: each for each in plan_touches(fit, measured)}
+    assert set(planned) == set(family(measured.motion["finger"], 1000.0))
+    now, stroke = planned[RECORDED], planned["with a stroke of 10 mm"]
+    assert stroke.relative[1] < 0.5 * now.relative[1]
+    assert list(planned.values()) == sorted(planned.values(), key=lambda each: -each.d)
+    at = fit.estimate.intervals["tissue.stiffness"]
+    assert now.relative[0] == pytest.approx(0.5 * (at.high - at.low) / at.value, rel=0.5)
+
+
+def test_recordings_with_a_value_for_each(file, tmp_path):
+    softer = tmp_path / "softer.mcap"
+    sets = ["tissue.stiffness=140", "tissue.retardation=0.035", "scene.hand.begin=[0, 0, 0.112]",
+            f"scene.hand.path={json.dumps(STROKE)}"]  # fmt: skip
+    palpate.run("kidney", record=softer, duration=0.4, sets=sets)
+    both = [read(each, ["contact.force"], until=0.4) for each in (file, softer)]
+    fit = fit_run(both, ["tissue.stiffness", "tissue.retardation"], separate=["tissue.stiffness"], starts=1)
+    values = fit.estimate.values
+    assert values["tissue.stiffness, stroke.mcap"] == pytest.approx(180.0, rel=1e-4)
+    assert values["tissue.stiffness, softer.mcap"] == pytest.approx(140.0, rel=1e-4)
+    assert values["tissue.retardation"] == pytest.approx(0.035, rel=1e-4)
+
+
+def test_the_command_writes_a_launch_file_that_runs(file, tmp_path):
+    out = tmp_path / "fit"
+    command = ["fit", "run", str(file), "--free", "tissue.stiffness", "tissue.retardation", "-o", str(out), "--json",
+               "--graph", "kidney"]  # fmt: skip
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["parameters"]["tissue.stiffness"]["value"] == pytest.approx(180.0, rel=1e-4)
+    assert found["parameters"]["tissue.retardation"]["determined"] is True
+    assert (out / "report.json").exists()
+    written = yaml.safe_load((out / "fit.yaml").read_text())
+    assert written["set"]["tissue.stiffness"] == pytest.approx(180.0, rel=1e-4)
+    run = palpate.run(out / "fit.yaml", record=None, duration=0.01)
+    assert run._recording.about["plan"]["source"]["nodes"]["tissue"]["stiffness"] == pytest.approx(180.0, rel=1e-4)
+
+
+def test_bad_input_is_refused_by_name(file, tmp_path):
+    for free, error, text in (
+        ("tissue.use", ArgumentError, "a choice"),
+        ("tissue.vertices", ArgumentError, "a whole number"),
+        ("controller.mass", ArgumentError, "does not run in this fit"),
+        ("tissue.stifness", ArgumentError, "Did you mean 'stiffness'"),
+        ("scene.hand.path[1].to[2]", GraphError, "reaches no node"),
+    ):
+        with pytest.raises(error, match=text):
+            fit_run([read(file)], [free])
+    for named, text in (
+        ({"fields": ["contact.forc"]}, "Did you mean 'force'"),
+        ({"fields": ["contacts.force"]}, "no stream 'contacts'"),
+        ({"graph": "pinch"}, "no stream of this name; it is of another graph"),
+        ({"sets": ["rate=500"]}, "recorded at 1000 Hz"),
+    ):
+        with pytest.raises((RecordingError, ArgumentError), match=text):
+            read(file, **named)
+    with pytest.raises(ArgumentError, match="a longer recording"):
+        fit_run([read(file, ["contact.force"], until=0.002)], ["tissue.stiffness"])
+
+
+def test_a_gap_is_refused_with_what_precedes_it(file, tmp_path, monkeypatch):
+    from palpate.studies.inverse import measured
+
+    present = measured.Recording(file).ticks()
+    lost = {name: np.delete(ticks, 400) for name, ticks in present.items()}
+    monkeypatch.setattr(measured.Recording, "ticks", lambda self: lost)
+    with pytest.raises(RecordingError, match=r"has a gap: tick 400 is missing, and 401 follows.*--until '0.4 s'"):
+        read(file)
+    assert read(file, until=0.4).ticks == 400
