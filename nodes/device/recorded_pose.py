@@ -6,7 +6,7 @@ import numpy as np
 from mcap.records import Channel
 
 from palpate.compiler.records import floats, put
-from palpate.messages import MessageError, Pose, unpack
+from palpate.messages import MessageError, Pose, Vector3, unpack
 from palpate.nodes.base import TABLE, CompiledNode, Out, SettingError
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.device.motion import read_motion
@@ -22,6 +22,7 @@ class RecordedPose(CompiledNode):
     path    of the recording, or of a CSV with the columns `t` [s] and `x`, `y`, `z` [m] of the bone edge, world frame;
             linear interpolation between its rows. Other units are named in the header: `t [ms]`, `x [mm]`
     stream  name of the stream of `Pose` in a recording
+    offset  added to all positions, such as the unknown zero of an indentation
 
     Unlike device.Replayed it is compiled, so that it runs in lanes.
     """
@@ -30,6 +31,7 @@ class RecordedPose(CompiledNode):
 
     path: Annotated[str, "1"]
     stream: Annotated[str, "1"] = "finger"
+    offset: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
 
     State = {"rows": TABLE, "table": bool, "count": int, "clock": (), "last": (3,)}
     """Recorded rows; whether they are those of a table; number of steps and their time [s]; the last position [m]."""
@@ -80,7 +82,7 @@ class RecordedPose(CompiledNode):
         if not own.table:
             i = min(n, last)
             row, moves = rows[i], n <= last
-            put(out.position, (row[1], row[2], row[3]))
+            put(out.position, (row[1] + own.offset[0], row[2] + own.offset[1], row[3] + own.offset[2]))
             put(out.velocity, (row[4], row[5], row[6]) if moves else (0.0, 0.0, 0.0))
             out.dt, out.delayed = row[7] if moves else dt, int(row[8]) if moves else 0
             return
@@ -104,5 +106,5 @@ class RecordedPose(CompiledNode):
         before = own.last
         put(out.velocity, ((here[0] - before[0]) / dt, (here[1] - before[1]) / dt, (here[2] - before[2]) / dt))
         put(own.last, here)
-        put(out.position, here)
+        put(out.position, (here[0] + own.offset[0], here[1] + own.offset[1], here[2] + own.offset[2]))
         out.dt = dt

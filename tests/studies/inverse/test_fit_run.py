@@ -10,11 +10,13 @@ from typer.testing import CliRunner
 import palpate
 from palpate.cli.__main__ import app
 from palpate.engine.faults import GraphError
+from palpate.models.fit.sessions import SessionError
 from palpate.physics.errors import ArgumentError
 from palpate.records.stored import RecordingError
 from palpate.studies.inverse.fit import fit_run
 from palpate.studies.inverse.measured import read_recording
 from palpate.studies.inverse.motions import RECORDED, family, plan_touches
+from palpate.studies.inverse.opening import read_run
 
 TRUE = {"tissue.stiffness": 180.0, "tissue.retardation": 0.035, "friction.mu_slide": 0.6}
 STROKE = [
@@ -169,3 +171,53 @@ def test_a_gap_is_refused_with_what_precedes_it(file, tmp_path, monkeypatch):
     with pytest.raises(RecordingError, match=r"has a gap: tick 400 is missing, and 401 follows.*--until '0.4 s'"):
         read(file)
     assert read(file, until=0.4).ticks == 400
+
+
+@pytest.fixture(scope="module")
+def table(file, tmp_path_factory):
+    """The press of the recording as tables: with the place of the bone edge, and with the indentation alone."""
+    run, rows = palpate.open(file), slice(0, 400)
+    time, place, force = (
+        np.asarray(each)[rows] for each in (run.contact.force.time, run.finger.position, run.contact.force)
+    )
+    folder = tmp_path_factory.mktemp("tables")
+    for name, columns, head in (
+        ("place", [1e3 * place], "x [mm],y [mm],z [mm]"),
+        ("press", [1e3 * (0.1088 - place[:, 2:])], "indentation [mm]"),
+    ):  # fmt: skip
+        rows_of = np.column_stack([1e3 * time, *columns, force])
+        np.savetxt(folder / f"{name}.csv", rows_of, delimiter=",", header=f"t [ms],{head},force [N]", comments="")
+    return folder
+
+
+@pytest.mark.parametrize(("name", "near"), [("place", 1e-4), ("press", 0.02)])
+def test_a_table_of_motion_and_force_is_a_recording(table, name, near):
+    measured = read_run(table / f"{name}.csv", ["contact.force"], "kidney", None, KNOWN[1:], None)
+    fit = fit_run([measured], ["tissue.stiffness"], starts=1)
+    assert fit.estimate.values["tissue.stiffness"] == pytest.approx(180.0, rel=near)
+    assert ("finger.offset[2]" in fit.estimate.values) == (
+        name == "press"
+    )  # its zero is another than that of the kidney
+
+
+def test_a_table_without_what_it_needs_is_refused(table, tmp_path):
+    with pytest.raises(ArgumentError, match="a table has no graph; expected --graph"):
+        read_run(table / "press.csv", ["contact.force"], None, None, (), None)
+    with pytest.raises(ArgumentError, match="a table has one force"):
+        read_run(table / "press.csv", ["contact.force", "friction.force"], "kidney", None, (), None)
+    untimed = tmp_path / "untimed.csv"
+    untimed.write_text("indentation [mm],force [N]\n0,0\n1,1\n2,2\n")
+    with pytest.raises(SessionError, match="no column of time"):
+        read_run(untimed, ["contact.force"], "kidney", None, (), None)
+
+
+def test_random_touches_have_their_true_settings_in_the_intervals(tmp_path):
+    """`palpate bench fits --runs` with one touch of MassSpring; docs/backwards.md has the table of 54."""
+    command = ["bench", "fits", "--runs", "1", "-o", str(tmp_path), "--json"]
+    found = json.loads(CliRunner().invoke(app, command).stdout)
+    assert found["ok"]
+    assert found["rows"][0]["inside"] + found["rows"][0]["missed"] + found["rows"][0]["open"] == 4
+    assert found["rows"][0]["apart"] < 3.0
+    again = CliRunner().invoke(app, command)  # it is not fitted again
+    assert json.loads(again.stdout) == found
+    assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 1

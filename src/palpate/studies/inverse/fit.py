@@ -16,6 +16,7 @@ from palpate.studies.inverse.measured import Measured
 from palpate.studies.inverse.problem import RunProblem
 
 STARTS = 3
+LOOSE = 1e-3  # [m] Scale of the uncertain zero of a motion
 WIDEST = math.log(3.0)
 """[1] Half of a 95 % interval, as a logarithm or in scales, above which a parameter is not determined."""
 ROUNDS = 3  # corrections of the end of a profile
@@ -58,8 +59,10 @@ def fit_run(
 
     ArgumentError, GraphError: a parameter or a recording does not fit.
     """
-    parameters = find_parameters(measured[0], free, scale or {})
-    if unknown := [path for path in separate if path not in free]:
+    loose = list(dict.fromkeys(path for each in measured for path in each.loose if path not in free))
+    parameters = find_parameters(measured[0], [*free, *loose], dict.fromkeys(loose, LOOSE) | (scale or {}))
+    separate = [*separate, *loose]
+    if unknown := [path for path in separate if path not in (*free, *loose)]:
         raise ArgumentError(f"--each {unknown[0]}: expected one of the free parameters: {', '.join(free)}")
     problem = RunProblem(measured, parameters, separate)
     try:
@@ -73,7 +76,7 @@ def fit_run(
         problem.weigh(x)
         x, _ = problem.search(x, loose=False)
         report(0.2)
-        fitted = estimate(problem, profiles=False, begin=x)  # type: ignore[arg-type]
+        fitted = estimate(problem, profiles=False, begin=[x])  # type: ignore[arg-type]
         fitted.starts = agreeing
         slopes = problem.jacobian(x)
         _widen_to_profiles(problem, fitted, slopes)
@@ -222,8 +225,8 @@ def _notes(problem: RunProblem, fitted: Estimate) -> list[str]:
         tau = inflation([r], len(fitted.at))
         if tau > 20.0 and float(np.sqrt(np.mean(r**2))) > 1e-3 * peak:
             notes.append(
-                f"{press.name}: the residuals stay on one side for {tau:.0f} rows: the graph does not describe all of "
-                "this recording, and the intervals allow for it"
+                f"{press.name}: residuals are correlated over {tau:.0f} rows: the noise is filtered, or the graph does "
+                "not describe all of this recording; the intervals allow for it"
             )
         if press.step:
             notes.append(f"{press.name}: the field has steps of {press.step:.3g}, which the intervals allow for")

@@ -35,6 +35,7 @@ class Measured:
     base     the run without the recorded motion
     graph    content of the recorded graph with its scene; None: the run names another one
     folder   of temporary files, as long as this exists
+    loose    settings of its motion that a fit also searches
     """
 
     name: str
@@ -48,6 +49,7 @@ class Measured:
     base: LaunchFile
     graph: dict[str, Any] | None
     folder: ScratchFolder = field(repr=False)
+    loose: tuple[str, ...] = ()
 
     @property
     def time(self) -> np.ndarray:
@@ -74,22 +76,22 @@ def read_recording(
     if recorded != loaded.rate:
         raise RecordingError(f"{path}: recorded at {recorded:g} Hz, but the graph has {loaded.rate:g} Hz; expected the "
                              f"same: --set rate={recorded:g}")  # fmt: skip
-    fingers = _fingers(loaded)
-    for name in fingers:
+    moved = fingers(loaded)
+    for name in moved:
         if name not in recording.streams:
             raise RecordingError(
                 f"{path}: the graph moves {name!r}, but the recording has no stream of this name; it is of another "
                 f"graph. {choices('Recorded', name, recording.streams)}"
             )
     file, present = recording.file(), recording.ticks()
-    ticks = min(len(present[name]) for name in fingers)
+    ticks = min(len(present[name]) for name in moved)
     if until is not None:
         ticks = min(ticks, max(1, round(until * loaded.rate)))
-    for name in fingers:
+    for name in moved:
         _check_gaps(path, name, present[name][:ticks], loaded.rate)
     values, rows = _recorded_fields(recording, fields, ticks)
-    places = {name: np.asarray(recording.columns(name)["position"])[:ticks] for name in fingers}
-    launch = driven(base, {name: (file, name) for name in fingers}, fields).but(duration=ticks / loaded.rate)
+    places = {name: np.asarray(recording.columns(name)["position"])[:ticks] for name in moved}
+    launch = driven(base, {name: (file, name) for name in moved}, fields).but(duration=ticks / loaded.rate)
     return Measured(path.name, launch, list(fields), values, rows, ticks, loaded.rate, places, base, content, folder)
 
 
@@ -131,7 +133,7 @@ def _recorded_launch(
     return describe_run(file, scene=scene, duration=None, sets=sets, nodes={})
 
 
-def _fingers(graph: Graph) -> list[str]:
+def fingers(graph: Graph) -> list[str]:
     """The nodes that compute a pose from a device. ArgumentError: the graph has none."""
     poses = (name for name, spec in graph.nodes.items() if tuple(spec.streams.values()) == (Pose,) and not spec.off)
     found = [name for name in poses if any(port.type is DeviceState for port in inputs(graph.nodes[name].cls))]

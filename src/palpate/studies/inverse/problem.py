@@ -120,6 +120,10 @@ class RunProblem(Problem):
     def start(self) -> np.ndarray:
         return np.clip([p.to_search(p.guess) for p in self.parameters], *self.bounds)
 
+    def other_minima(self, x: np.ndarray) -> list[np.ndarray]:
+        """None: the starts of the search are spread over the range of each parameter."""
+        return []
+
     def points(self, k: int, several: np.ndarray) -> np.ndarray:
         """The values of the parameters of a recording at these unknowns (n, unknowns)."""
         return np.array([

@@ -8,6 +8,7 @@ import numpy as np
 import yaml
 
 from palpate.gradients.parameters import put_all
+from palpate.launch.load.files import GRAPHS
 from palpate.messages import fields
 from palpate.studies.inverse.fit import RunFit
 from palpate.studies.inverse.measured import Measured
@@ -48,12 +49,14 @@ def launches(fit: RunFit, out: Path) -> dict[Path, str]:
     separate = any(name not in [p.path for p in fit.parameters] for name in fit.estimate.values)
     found: dict[Path, str] = {}
     for measured in fit.measured if separate else fit.measured[:1]:
-        values = [
-            fit.estimate.values.get(p.path, fit.estimate.values.get(f"{p.path}, {measured.name}"))
-            for p in fit.parameters
-        ]
+        known = fit.estimate.values
+        kept = [
+            (p, known.get(p.path, known.get(f"{p.path}, {measured.name}", p.value))) for p in fit.parameters
+            if p.path not in measured.loose
+        ]  # fmt: skip
         name = f"fit-{Path(measured.name).stem}" if separate else "fit"
-        keys: dict[str, Any] = {"graph": str(measured.base.graph)}
+        file = measured.base.graph
+        keys: dict[str, Any] = {"graph": file.stem if file.parent == GRAPHS else str(file)}
         if measured.graph is not None:
             keys["graph"] = f"{measured.base.graph.stem}.yaml"
             found[out / keys["graph"]] = yaml.safe_dump(measured.graph, sort_keys=False)
@@ -62,7 +65,7 @@ def launches(fit: RunFit, out: Path) -> dict[Path, str]:
         keys["duration"] = measured.ticks / measured.rate
         given = {text.partition("=")[0]: yaml.safe_load(text.partition("=")[2])
                  for text in measured.base.overrides if isinstance(text, str)}  # fmt: skip
-        keys["set"] = given | put_all(fit.parameters, [float(v or 0.0) for v in values])
+        keys["set"] = given | put_all([p for p, _ in kept], [v for _, v in kept])
         found[out / f"{name}.yaml"] = yaml.safe_dump(keys, sort_keys=False)
     return found
 

@@ -236,6 +236,10 @@ class Problem:
             x[0] += math.log(measured / guessed)
         return np.clip(x, *self.bounds)
 
+    def other_minima(self, x: np.ndarray) -> list[np.ndarray]:
+        """Starts from which the search may find other minima than x."""
+        return relaxing.other_orders(self.kind, len(self.law.parameters), x)
+
     def solve(self, x: np.ndarray, fixed: int = -1) -> tuple[np.ndarray, float]:
         """The minimum that the search reaches from x, and its sum of squares; `fixed` is an unknown that stays."""
         if (found := separable.solve(self, x, fixed)) is not None:
@@ -304,8 +308,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
     # multistart least squares
     found = [problem.solve(each) for each in begin or _starts(problem)]
     best, _ = min(found, key=lambda pair: pair[1])
-    orders = relaxing.other_orders(problem.kind, len(problem.law.parameters), best)
-    found += [problem.solve(np.clip(each, *problem.bounds)) for each in orders]
+    found += [problem.solve(np.clip(each, *problem.bounds)) for each in problem.other_minima(best)]
     minima = _distinct(found, len(problem.parameters))
     x, least = minima[0]
     # effective sample size n_eff = n/tau and residual variance s²

@@ -41,8 +41,8 @@ def run(
     from palpate.cli.terminal.options import seconds
     from palpate.launch.run.progress import steps
     from palpate.studies.inverse.fit import fit_run
-    from palpate.studies.inverse.measured import read_recording
     from palpate.studies.inverse.motions import plan_touches
+    from palpate.studies.inverse.opening import read_run
     from palpate.studies.inverse.report import WRITTEN, cures
 
     # `--free a b c`: words that name no file continue the list
@@ -53,8 +53,8 @@ def run(
         raise typer.BadParameter("expected a recording before --free")
     check_new([out / name for name in WRITTEN], force)
     fields, length = to or ["contact.force"], seconds(until) if until else None
-    read = [read_recording(path, fields, graph, scene, sets or (), length) for path in paths]
-    others = [read_recording(path, fields, graph, scene, sets or (), length) for path in holdout or []]
+    read = [read_run(path, fields, graph, scene, sets or (), length) for path in paths]
+    others = [read_run(path, fields, graph, scene, sets or (), length) for path in holdout or []]
     with steps(f"fit run: {len(names)} settings, {len(read)} recordings", 1, silent=as_json, timed=False) as done:
         fit = fit_run(read, names, each or (), others, starts, report=lambda share: done("runs", share))
         planned = plan_touches(fit, read[0]) if plan or fit.open_ else []
