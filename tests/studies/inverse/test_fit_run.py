@@ -1,6 +1,7 @@
 """`palpate fit run`: the recorded motion drives the graph, and settings are found again, or not determined."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from palpate.studies.inverse.fit import fit_run
 from palpate.studies.inverse.measured import read_recording
 from palpate.studies.inverse.motions import RECORDED, family, plan_touches
 from palpate.studies.inverse.opening import read_run
+from palpate.studies.inverse.report import launches
 
 TRUE = {"tissue.stiffness": 180.0, "tissue.retardation": 0.035, "friction.mu_slide": 0.6}
 STROKE = [
@@ -91,6 +93,8 @@ def test_correlated_noise_widens_the_interval(file):
 def test_a_setting_that_the_motion_does_not_excite_is_not_determined(file):
     fit = fit_run([noisy(read(file, ["contact.force"]), 5e-3)], ["tissue.stiffness", "friction.mu_slide"], starts=1)
     assert list(fit.open_) == ["friction.mu_slide"]
+    written = yaml.safe_load(launches(fit, Path("out"))[Path("out/fit.yaml")])["set"]
+    assert written["friction.mu_slide"] == fit.parameters[1].value != fit.estimate.values["friction.mu_slide"]
     fit = fit_run(
         [noisy(read(file, until=0.3, sets=KNOWN), 5e-3)], ["tissue.stiffness", "friction.mu_static"], starts=1
     )

@@ -49,7 +49,8 @@ def launches(fit: RunFit, out: Path) -> dict[Path, str]:
     separate = any(name not in [p.path for p in fit.parameters] for name in fit.estimate.values)
     found: dict[Path, str] = {}
     for measured in fit.measured if separate else fit.measured[:1]:
-        known = fit.estimate.values
+        # one that is not determined stays as recorded
+        known = {name: value for name, value in fit.estimate.values.items() if name not in fit.open_}
         kept = [
             (p, known.get(p.path, known.get(f"{p.path}, {measured.name}", p.value))) for p in fit.parameters
             if p.path not in measured.loose
