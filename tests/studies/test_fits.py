@@ -17,7 +17,7 @@ from palpate.studies.fits import report
 from palpate.studies.fits import search as searching
 from palpate.studies.fits.cases import CASES
 from palpate.studies.fits.presses import NOISES, draw_press
-from palpate.studies.fits.search import ENOUGH, FLAWS, Outcome, judge, search, strata
+from palpate.studies.fits.search import ENOUGH, FLAWS, Outcome, intervals_of, judge, search, strata
 from palpate.studies.fits.tables import laws_of
 from palpate.studies.fits.truth import elastic_force, true_force
 
@@ -205,6 +205,19 @@ def test_strata_by_law_and_by_disturbance_are_two_tables(tmp_path):
     assert "1 of 2 strata have 1000 presses, 1 of them 92 to 98 % right" in shown
     law, disturbance = shown.split("by disturbance,")
     assert "ball hertz" in law and "flaw: rise" not in law and "1000*" in law and "flaw: rise" in disturbance
+
+
+def test_two_intervals_of_95_percent_contain_both_values_less_often():
+    """Hunt-Crossley's given intervals were right in 91.7 %, of both parameters together: 95 % of each."""
+    outside = [["young"]] * 4 + [["damping"]] * 5 + [["young", "damping"]] + [[]] * 90
+    found = [
+        Outcome("ball layer hunt-crossley", n, 1, {"noise": "white"}, "missed" if out else "inside", 1.0, 1.0, [], out)
+        for n, out in enumerate(outside)
+    ]
+    row = report.rows(found)[0]
+    assert row["coverage"] == pytest.approx(0.90) and row["each"] == pytest.approx(1.0 - 11 / 200)
+    assert intervals_of("ball hertz") == 1 and intervals_of("ball layer prony:3") == 7
+    assert intervals_of("cylinder ogden2") == 4 and intervals_of("bonded ogden") == 2 == intervals_of("fingertip power")
 
 
 def test_results_go_to_the_file_that_is_named_and_are_not_fitted_again(tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.models.fit.tissue.rigs import Rig
 from palpate.studies.fits.presses import NAMES, draw_press
-from palpate.studies.fits.search import ENOUGH, GOAL, WRONG, Outcome, strata
+from palpate.studies.fits.search import ENOUGH, GOAL, WRONG, Outcome, intervals_of, strata
 
 RESULTS = ("inside", "withheld", "refused", "missed")
 
@@ -28,12 +28,18 @@ def rows(found: Sequence[Outcome]) -> list[dict[str, Any]]:
             "stratum": name, "by": "law" if name in NAMES else "disturbance", "enough": len(each) >= ENOUGH,
             "presses": len(each), **{result: count[result] for result in RESULTS},
             "right": 1.0 - count["missed"] / len(each),
-            "coverage": count["inside"] / max(count["inside"] + count["missed"], 1),
+            "coverage": count["inside"] / max(count["inside"] + count["missed"], 1), "each": _share_of_each(each),
             "without": (count["withheld"] + count["refused"]) / len(each),
             "wrong": sum(o.wrong for o in each),
             "silent": sum(o.silent for o in each), "apart": max(o.apart for o in each),
         })  # fmt: skip
     return out
+
+
+def _share_of_each(outcomes: Sequence[Outcome]) -> float:
+    """Share of the single intervals given that contain their true value, one per parameter."""
+    given = [outcome for outcome in outcomes if outcome.result in ("inside", "missed")]
+    return 1.0 - sum(len(o.outside) for o in given) / max(sum(intervals_of(o.case) for o in given), 1)
 
 
 def worst_of(found: Sequence[Outcome], count: int) -> list[Outcome]:
@@ -47,7 +53,8 @@ def text(found: Sequence[Outcome], listed: Sequence[Outcome], commands: Sequence
     low, high = (100 * share for share in GOAL)
     lines = [
         f"{len(found)} presses. right: all true values in their intervals, or no interval with a reason",
-        f"(goal {low:g} to {high:g} %); coverage: right among the intervals given; without: withheld or refused;",
+        f"(goal {low:g} to {high:g} %); coverage: right among the presses with intervals; each: share of the single",
+        "intervals that contain their value, one per parameter, of 95 % stated; without: withheld or refused;",
         f"apart: the nearest end of an interval over the true value, at worst; wrong: apart by more than {WRONG:g};",
         "silent: these without a note that warns; *: at least 1000 presses.",
     ]  # fmt: skip
@@ -60,12 +67,13 @@ def text(found: Sequence[Outcome], listed: Sequence[Outcome], commands: Sequence
         lines += [
             "", f"{title}:",
             f"{len(many)} of {len(part)} strata have {ENOUGH} presses, {good} of them {low:g} to {high:g} % right",
-            f"{'stratum':26}{'presses':>9}{'right':>8}{'coverage':>9}{'without':>8}{'missed':>7}{'wrong':>6}{'silent':>7}"
+            f"{'stratum':26}{'presses':>9}{'right':>8}{'coverage':>9}{'each':>7}{'without':>8}{'missed':>7}{'wrong':>6}{'silent':>7}"
             f"{'apart':>7}",
         ]  # fmt: skip
         lines += [
             f"{r['stratum']:26}{r['presses']:>8}{'*' if r['enough'] else ' '}{100 * r['right']:>7.1f}%"
-            f"{100 * r['coverage']:>8.1f}%{100 * r['without']:>7.1f}%{r['missed']:>7}{r['wrong']:>6}{r['silent']:>7}"
+            f"{100 * r['coverage']:>8.1f}%{100 * r['each']:>6.1f}%"
+            f"{100 * r['without']:>7.1f}%{r['missed']:>7}{r['wrong']:>6}{r['silent']:>7}"
             f"{r['apart']:>7.3g}"
             for r in part
         ]

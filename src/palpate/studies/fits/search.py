@@ -5,13 +5,20 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import prepare_press
+from palpate.models.fit.tissue.relaxing import parameters
+from palpate.models.fit.tissue.rigs import SHAPES, closed_form
+from palpate.studies.fits.cases import CASES
 from palpate.studies.fits.presses import NAMES, NOISES, draw_press
+from palpate.studies.fits.tables import TABULATED
 
 WRONG = 1.5  # [1] Factor by which no value may be wrong without a word
 GOAL, ENOUGH = (0.92, 0.98), 1000  # [1] Share of right presses in a stratum of this many presses
@@ -53,6 +60,15 @@ class Outcome:
     def silent(self) -> bool:
         """Whether it is wrong and no note warns; notes on excluded rows do not."""
         return self.wrong and all("excluded" in note for note in self.notes)
+
+
+@cache
+def intervals_of(name: str) -> int:
+    """Number of parameters of a case, each of which has an interval."""
+    if name in TABULATED:
+        return 1 + len(SHAPES[name.partition(" ")[2]])
+    case = CASES[name](np.random.default_rng(0))
+    return len(closed_form(case.rig, case.law).parameters) + len(parameters(case.relaxation, 1.0))
 
 
 def judge(name: str, seed: int, number: int, folder: Path | None = None) -> Outcome:
