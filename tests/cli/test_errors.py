@@ -18,8 +18,9 @@ from palpate.physics.errors import PalpateError
 
 FOLDERS = ("src/palpate", "messages", "nodes", "launch")
 INSIDE = {
-    "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive",
-    "RefusedError", "UncheckedError", "UnheldError", "UnnamedError", "UntrustedError", "ZmtpError", "_NoEquilibrium",
+    "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "LinkError", "MissingInput",
+    "NotPositive", "RefusedError", "UncheckedError", "UnheldError", "UnnamedError", "UntrustedError", "ZmtpError",
+    "_NoEquilibrium",
 }  # fmt: skip
 """Internal errors, which their callers always catch."""
 APART = {"MessageError"}

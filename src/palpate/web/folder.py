@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import gzip
 import hashlib
 import json
 import re
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import resources
@@ -16,6 +18,7 @@ from typing import Any
 
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.scratch import ScratchFolder
+from palpate.physics.writable import check_folder
 from palpate.web.bundle import as_text, bundle
 from palpate.web.errors import WebError
 from palpate.web.program import compile_program
@@ -67,25 +70,37 @@ def build(
 
     WebError: the folder has other files, or a node is not compiled. PageError, GraphError, OSError.
     """
-    check_folder(out)
+    check_empty(out)
     scratch = ScratchFolder("web")
     try:
         found = variants(launch, Path(scratch.name), bodies)
         store, entries, left_out, code = _build_variants(found, launch.graph.stem, begin)
     finally:
         scratch.cleanup()
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "data").mkdir()
-    for digest, text in store.files.items():
-        (out / "data" / f"{digest}.js").write_text(text, encoding="ascii")
     first = next(entry for entry in entries if entry["first"])
-    site = {"name": launch.graph.stem, "code": code, "variants": entries}
-    _write_page(out, site)
-    needed = {first["hash"], code, *store.needs[first["hash"]]}
-    sizes = {digest: len(text) * 3 // 4 for digest, text in store.files.items()}
-    files = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
-    pages = sum((out / name).stat().st_size for name in ("index.html", "page.js", "page.css", "site.js"))
-    return Built(len(entries), left_out, sizes[code], pages + sum(sizes[d] for d in needed), files)
+    with _new_folder(out) as folder:
+        (folder / "data").mkdir()
+        for digest, text in store.files.items():
+            (folder / "data" / f"{digest}.js").write_text(text, encoding="ascii")
+        _write_page(folder, {"name": launch.graph.stem, "code": code, "variants": entries})
+    sizes = {digest: len(text) * 3 // 4 for digest, text in store.files.items()}  # without the form as text
+    page = sum((out / name).stat().st_size for name in ("index.html", "page.js", "page.css", "site.js"))
+    loaded = sum(sizes[digest] for digest in {first["hash"], code, *store.needs[first["hash"]]})
+    whole = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
+    return Built(len(entries), left_out, sizes[code], page + loaded, whole)
+
+
+@contextlib.contextmanager
+def _new_folder(out: Path) -> Iterator[Path]:
+    """A folder under a temporary name next to this one, which it becomes when it is complete."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as temporary:
+        folder = Path(temporary) / out.name
+        folder.mkdir()
+        yield folder
+        if out.is_dir():
+            out.rmdir()  # it is empty
+        folder.rename(out)
 
 
 class _Store:
@@ -132,12 +147,14 @@ def _build_variants(
         return store, entries, runs[0].left_out, store.add(program.code.code)
 
 
-def check_folder(out: Path) -> None:
-    """WebError: a folder cannot take the page."""
+def check_empty(out: Path) -> None:
+    """WebError: a folder cannot take the page. OSError: it cannot be written."""
+    out = out.absolute()
     if out.exists() and not out.is_dir():
         raise WebError(f"--out: {out} is a file, expected a new or empty folder")
     if out.is_dir() and any(out.iterdir()):
         raise WebError(f"--out: {out} is not empty, expected a new or empty folder")
+    check_folder(out)
 
 
 def _write_page(out: Path, site: dict[str, Any]) -> None:

@@ -29,9 +29,9 @@ def web(
     """
     from palpate.bases import build_missing
     from palpate.launch.run.progress import StageBars
-    from palpate.web.folder import build, check_folder
+    from palpate.web.folder import build, check_empty
 
-    check_folder(out)
+    check_empty(out)
     sets = chosen.sets or []
     launch = (replace(chosen, sets=None) if chosen.organ is None else chosen).launch(silent=as_json)
     launch = launch if chosen.organ else launch.but(overrides=sets)
