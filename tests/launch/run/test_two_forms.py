@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from frame_stream import TOPIC, Stream
 from guarded import Form
-from test_frames import TOPIC, Stream
 
 from palpate.compiler.entry_point import entry_point
 from palpate.compiler.kernel import kernel
