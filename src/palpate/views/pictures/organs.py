@@ -11,7 +11,6 @@ from palpate.views.pictures.touch import TouchStreams
 ORDER, OF_A_FINGER = 45, False
 
 COLOURS = (NORMAL, TISSUE, FINGER, SPEED, FRICTION)
-FORCE, AREA, GAP = range(3)
 
 
 def draw_picture(touch: TouchStreams) -> Figure | None:
@@ -23,22 +22,22 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
     if not found:
         return None
     out = figure(11.5, 8.4, "How the organs touch each other: force, patch and gap")
-    panels = out.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
+    upper, middle, lower = out.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
     for i, (name, table) in enumerate(found):
         time, colour = table["time"], COLOURS[i % len(COLOURS)]
         label = name.removeprefix("between-") if len(found) > 1 else "normal force"
-        panels[FORCE].plot(time, table["force"], color=colour, label=label)
+        upper.plot(time, table["force"], color=colour, label=label)
         rubs = np.sqrt(np.sum(np.square(table["friction"]), axis=1))
         if rubs.any():
             dashed = {"color": colour, "linewidth": 1.0, "linestyle": (0, (4, 2))}
-            panels[FORCE].plot(time, rubs, label=f"{label}: friction" if len(found) > 1 else "friction", **dashed)
-        panels[AREA].plot(time, table["area"] * 1e6, color=colour)
-        panels[GAP].plot(time, table["gap"] * 1e3, color=colour)
-    legend_above(panels[FORCE])
+            upper.plot(time, rubs, label=f"{label}: friction" if len(found) > 1 else "friction", **dashed)
+        middle.plot(time, table["area"] * 1e6, color=colour)
+        lower.plot(time, table["gap"] * 1e3, color=colour)
+    legend_above(upper)
     peak = max(float(table["force"].max()) for _, table in found)
-    panels[FORCE].set(title=f"at most {peak:.2f} N", ylabel="force [N]", ylim=(0.0, None))
-    panels[AREA].set(ylabel="area of the patch [mm²]", ylim=(0.0, None))
-    panels[GAP].axhline(0.0, color="#77777f", linewidth=0.8)
-    panels[GAP].set_ylabel("smallest gap [mm]")
-    touch.over_time(panels[GAP], found[0][1]["time"])
+    upper.set(title=f"at most {peak:.2f} N", ylabel="force [N]", ylim=(0.0, None))
+    middle.set(ylabel="area of the patch [mm²]", ylim=(0.0, None))
+    lower.axhline(0.0, color="#77777f", linewidth=0.8)
+    lower.set_ylabel("smallest gap [mm]")
+    touch.over_time(lower, found[0][1]["time"])
     return out
