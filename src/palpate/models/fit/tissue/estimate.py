@@ -305,11 +305,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
             f"{count} rows remain for {size} unknowns; expected at least {LEAST_PER_UNKNOWN * size}. Rows deeper "
             "than --depth-limit are excluded and, without --relaxation, rows after the deepest one"
         )
-    # multistart least squares
-    found = [problem.solve(each) for each in begin or _starts(problem)]
-    best, _ = min(found, key=lambda pair: pair[1])
-    found += [problem.solve(np.clip(each, *problem.bounds)) for each in problem.other_minima(best)]
-    minima = _distinct(found, len(problem.parameters))
+    minima, converged = _search_minima(problem, begin)
     x, least = minima[0]
     # effective sample size n_eff = n/tau and residual variance s²
     forces = problem.forces(x)
@@ -329,34 +325,57 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
     cov, effective = _coloured_covariance(problem, forces, weighted, J, bread, plain, effective)
     errors, ratio = np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov) / np.maximum(np.diag(plain), 1e-300))
     quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
-    low, high = problem.bounds
-    # linear interval of each parameter, widened to its profile likelihood interval
-    intervals = {}
-    for i, p in enumerate(problem.parameters):
-        value, reach = float(x[i]), quantile * float(errors[i])
-        ends = [min(max(value + s * reach, low[i]), high[i]) for s in (-1, 1)]
-        intervals[p.name] = Interval(p.value(value), p.value(ends[0]), p.value(ends[1]))
-        if profiles:
-            level = least * (1.0 + (quantile * ratio[i]) ** 2 / (count / tau - size))
-            along = cov[:, i] / max(cov[i, i], 1e-300)
-            profile, points = _profile(problem, (x, least), i, along, reach, least, level)
-            for y, squares in minima[1:]:  # farther minima that this level does not exclude
-                if squares < level and (y[i] < profile[0] or y[i] > profile[1]):
-                    more, at = _profile(problem, (y, squares), i, np.eye(size)[i], reach, least, level)
-                    profile = (float(np.minimum(profile[0], more[0])), float(np.maximum(profile[1], more[1])))
-                    points += at
-            ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
-            interval = intervals[p.name]
-            interval.profile = (ends[0], ends[1])
-            interval.low = min(interval.low, p.low if math.isnan(ends[0]) else ends[0])
-            interval.high = max(interval.high, p.high if math.isnan(ends[1]) else ends[1])
-            interval.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
-    converged = sum(c <= least * 1.01 + 1e-12 for _, c in found) / len(found)
+    # sum of squares of the profile at the ends of each interval
+    levels = least * (1.0 + (quantile * ratio) ** 2 / (count / tau - size)) if profiles else None
+    intervals = {
+        p.name: _interval(problem, minima, i, quantile * cov[:, i] / max(float(errors[i]), 1e-300), levels)
+        for i, p in enumerate(problem.parameters)
+    }
     return Estimate(
         problem.parameters, intervals, problem.touches(x), problem.names, cov / np.outer(errors, errors),
         float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), converged, least / count,
         runs(weighted), x, errors, minima=[y for y, squares in minima if squares <= LIKELY * least],
     )  # fmt: skip
+
+
+def _search_minima(problem: Problem, begin: Sequence[np.ndarray]) -> tuple[list[tuple[np.ndarray, float]], float]:
+    """The distinct minima (unknowns, squares) that least squares reach from several starts, the best one first, and the
+    share of the starts that converged to it."""
+    found = [problem.solve(each) for each in begin or _starts(problem)]
+    best, least = min(found, key=lambda pair: pair[1])
+    converged = sum(squares <= least * 1.01 + 1e-12 for _, squares in found) / len(found)
+    found += [problem.solve(np.clip(each, *problem.bounds)) for each in problem.other_minima(best)]
+    return _distinct(found, len(problem.parameters)), converged
+
+
+def _interval(
+    problem: Problem, minima: Sequence[tuple[np.ndarray, float]], i: int, toward: np.ndarray, levels: np.ndarray | None
+) -> Interval:
+    """Linear interval of parameter i, widened to the profile likelihood intervals from all minima that its level of the
+    squares does not exclude.
+
+    toward  change of all unknowns from the minimum to the end of the linear interval
+    levels  of all unknowns; None: only the linear interval
+    """
+    (x, least), p = minima[0], problem.parameters[i]
+    reach, (low, high) = float(toward[i]), problem.bounds
+    ends = [min(max(float(x[i]) + side * reach, low[i]), high[i]) for side in (-1, 1)]
+    out = Interval(p.value(float(x[i])), p.value(ends[0]), p.value(ends[1]))
+    if levels is None:
+        return out
+    level, along = float(levels[i]), toward / max(reach, 1e-300)
+    profile, points = _profile(problem, minima[0], i, along, reach, least, level)
+    for y, squares in minima[1:]:
+        if squares < level and (y[i] < profile[0] or y[i] > profile[1]):
+            more, at = _profile(problem, (y, squares), i, np.eye(len(y))[i], reach, least, level)
+            profile = (float(np.minimum(profile[0], more[0])), float(np.maximum(profile[1], more[1])))
+            points += at
+    ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
+    out.profile = (ends[0], ends[1])
+    out.low = min(out.low, p.low if math.isnan(ends[0]) else ends[0])
+    out.high = max(out.high, p.high if math.isnan(ends[1]) else ends[1])
+    out.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
+    return out
 
 
 def _distinct(found: Sequence[tuple[np.ndarray, float]], parameters: int) -> list[tuple[np.ndarray, float]]:
