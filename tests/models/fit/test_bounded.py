@@ -49,6 +49,16 @@ def test_residuals_that_are_no_numbers_end_the_search_at_the_last_good_point(val
     assert 0.0 <= found[0] < 2.0
 
 
+@pytest.mark.parametrize("size", [np.nan, np.inf, 1e200])
+def test_slopes_beyond_the_range_of_numbers_end_the_search(size):
+    """They gave unknowns that are no numbers: a crash of `cylinder demiray` in the search for fits."""
+    with np.errstate(all="ignore"):
+        found = minimize_squares(
+            lambda z: z - 1.0, lambda z: np.full((2, 2), size), np.zeros(2), np.full(2, -9.0), np.full(2, 9.0)
+        )
+    assert np.isfinite(found).all()
+
+
 def test_an_unknown_without_effect_stays():
     found = minimize_squares(
         lambda z: z[:1] - 1.0, lambda z: np.array([[1.0, 0.0]]), np.array([0.0, 0.3]), np.full(2, -2.0), np.full(2, 2.0)

@@ -40,6 +40,8 @@ def minimize_squares(
     for _ in range(MOST):
         J = jacobian(z)
         slopes, normal = J.T @ r, J.T @ J
+        if not (np.isfinite(normal).all() and np.isfinite(slopes).all()):  # beyond the range of numbers
+            break
         largest = np.maximum(largest, normal.diagonal())
         free = np.flatnonzero(~((z <= low) & (slopes > 0.0) | (z >= high) & (slopes < 0.0)) & (largest > 0.0))
         if not len(free):
