@@ -85,7 +85,7 @@ MAY = {
     "views": HIGH,
     "web": (*MIDDLE, "launch.run", "records", "views"),
     "bases": HIGH,
-    "studies": (*HIGH, "bases", "gradients"),
+    "studies": (*HIGH, "bases", "gradients", "ensemble"),
     "launch": MIDDLE,
     "calling": (*MIDDLE, "launch.run", "records", "views", "bases"),
     "stepping": (*MIDDLE, "launch.run", "records", "bases"),

@@ -370,6 +370,13 @@ class Ensemble:
         warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
+def ensemble_of(launch: LaunchFile, keep: Sequence[str], lanes: int = 1) -> Ensemble:
+    """The lanes of a run that is described already. GraphError, ArgumentError: it is refused."""
+    made = Ensemble.__new__(Ensemble)
+    made._prepare(launch.graph.stem, launch, lanes, {}, keep, 1, None)
+    return made
+
+
 def gradient(
     graph: str | Path = "kidney",
     by: Sequence[str] = ("tissue.stiffness",),

@@ -93,7 +93,7 @@ def _columns(
 
 
 def _touch(base: LaunchFile, finger: str, begin: np.ndarray, field: str, folder: ScratchFolder) -> np.ndarray:
-    """The place [m] (3) straight below `begin` where contact begins. ArgumentError: there is none within `REACH`."""
+    """The place [m] (3) straight below `begin` where contact begins. ArgumentError: no contact within `REACH`."""
     from palpate.launch.run.lane_runner import LaneKeep, LaneRunner
     from palpate.launch.run.lanes import columns_of as arrays_of
     from palpate.launch.run.lanes import prepare

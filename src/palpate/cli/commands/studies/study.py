@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.cli.terminal import options
-from palpate.cli.terminal.output import console, print_json, say, table
+from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.launch.run.notes import lines
 from palpate.launch.run.progress import steps
 from palpate.physics.errors import TROUBLE, PalpateWarning
@@ -31,6 +31,9 @@ def study(
         str | None, typer.Option(help="Compute on a Dask cluster: address of its scheduler.", metavar="tls://HOST:PORT")
     ] = None,
     sensitivity: Annotated[str | None, typer.Option(help="sobol or morris: which parameter matters.")] = None,
+    local: Annotated[
+        bool, typer.Option("--local", help="Only derivatives by the parameters, at the settings of the scene.")
+    ] = False,
     samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
     organ: options.OrganOption = None,
     unit: options.UnitOption = None,
@@ -52,6 +55,9 @@ def study(
     path = find(file)
     replaced = options.say_organ_file(organ, unit, piece, repair, silent=as_json, label=label)
     folder = out or Path("runs", "studies", path.stem)
+    if local:
+        _local(load(path, None, samples, replaced), folder, as_json)
+        return
     opened = cluster_or_local(scheduler, workers, folder / "workers.log", lambda text: say(text, "yellow", err=True))
     with opened as executor:  # its processes start while the study is loaded
         found = load(path, sensitivity, samples, replaced)
@@ -59,6 +65,34 @@ def study(
     _print(found, folder, as_json)
     if any(row["error"] for row in found.rows()):
         raise typer.Exit(TROUBLE)
+
+
+def _local(found: Study, folder: Path, as_json: bool) -> None:
+    """Compute, print and draw the derivatives of the kept results."""
+    from palpate.studies.sweeps.local import draw_local, local_sensitivity
+
+    with warnings.catch_warnings(action="ignore", category=PalpateWarning):
+        result = local_sensitivity(found)
+    if as_json:
+        print_json({"ok": True, "rows": result.rows, "notes": result.notes})
+        return
+    heads = ("of", "parameter", ">value", "unit", ">derivative", ">by + 1 %")
+    units = {one.text: one.unit for one in found.numbers}
+    rows = [
+        (r["of"], r["parameter"], f"{r['value']:.4g}", r["unit"], f"{r['derivative']:.5g}",
+         f"{r['per_cent']:+.3g} {units[r['of']]}")
+        for r in result.rows
+    ]  # fmt: skip
+    if rows:
+        console(soft_wrap=True).print(table(heads, rows))
+    for r in result.rows:
+        if r["reason"]:
+            say(f"{r['of']}, {r['parameter']}: {r['reason']}", "yellow")
+    for line in result.notes:
+        say(line)
+    folder.mkdir(parents=True, exist_ok=True)
+    for picture in draw_if_possible(draw_local, result, folder):
+        say(picture)
 
 
 def _run(found: Study, name: str, folder: Path, executor: Executor, as_json: bool, **given: bool) -> None:
