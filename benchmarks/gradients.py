@@ -2,8 +2,8 @@
 
     python benchmarks/gradients.py [--duration 1.8]
 
-Prints for the kidney the cost of the derivatives by 1, 4 and 12 settings over that of one lane, and the processor time of
-a fit of four settings to a press and a stroke, the figures of docs/backwards.md. Takes a minute.
+Prints for the kidney the cost of the derivatives by 1, 4 and 12 settings over that of one lane, and the processor time
+of a fit of four settings to a press and a stroke, the figures of docs/backwards.md. Takes a minute.
 """
 
 import argparse
@@ -19,8 +19,8 @@ from palpate.studies.inverse.measured import read_recording
 IDEAL = ["scene.hand.ideal=true"]
 SETTINGS = [
     "tissue.stiffness", "tissue.retardation", "contact.finger_stiffness", "contact.finger_hardening",
-    "friction.mu_slide", "friction.mu_static", "friction.stribeck", "friction.viscous", "device.mass", "device.hand_stiffness",
-    "scene.hand.path[1].to[2]", "scene.hand.path[1].time",
+    "friction.mu_slide", "friction.mu_static", "friction.stribeck", "friction.viscous", "device.mass",
+    "device.hand_stiffness", "scene.hand.path[1].to[2]", "scene.hand.path[1].time",
 ]  # fmt: skip
 FREE = SETTINGS[:3] + ["friction.mu_slide"]
 STROKE = (
