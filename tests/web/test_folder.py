@@ -137,6 +137,16 @@ def test_what_cannot_be_built_is_an_error_of_one_line(options, why, tmp_path):
     assert not (tmp_path / "site").exists()
 
 
+@pytest.mark.long
+def test_an_effect_that_the_graph_needs_is_not_offered(tmp_path):
+    """The texture is drawn by friction, so that the graph without friction is refused."""
+    assert build(tmp_path / "site", "texture", "--body", "MassSpring").exit_code == 0
+    found = press(tmp_path)
+    assert found["effects"] == {"friction": True, "relaxation": True} and max(found["forces"]) > 0.2
+    assert "no such variant" in refused(tmp_path, effects={"friction": False})
+    assert refused(tmp_path, effects={"relaxation": False}) is None
+
+
 def test_a_folder_with_other_files_is_left_alone(tmp_path):
     (tmp_path / "letter.txt").write_text("dear")
     done = runner.invoke(app, ["build", "web", "kidney", "-o", str(tmp_path)])

@@ -16,6 +16,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.scratch import ScratchFolder
 from palpate.physics.writable import check_folder
@@ -23,8 +24,8 @@ from palpate.web.bundle import as_text, bundle
 from palpate.web.errors import WebError
 from palpate.web.program import compile_program
 from palpate.web.recording import recording_head
-from palpate.web.started import started
-from palpate.web.variants import Variant, describe_page, each_body, variants
+from palpate.web.started import Started, started
+from palpate.web.variants import Variant, describe_page, variants
 
 POLICY = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval' blob:; worker-src blob:; style-src 'self'; "
@@ -122,19 +123,21 @@ def _build_variants(
     found: Sequence[Variant], name: str, begin: Callable[[str], Callable[[float], None]]
 ) -> tuple[_Store, list[dict[str, Any]], dict[str, str], str]:
     """The files of all variants, their entries in the list of the page, the nodes that do not run, and the code."""
-    store, entries, bodies = _Store(), list[dict[str, Any]](), list(each_body(found))
+    store, entries = _Store(), list[dict[str, Any]]()
     with ExitStack() as running:
         done = begin("starting the nodes")
-        runs = []
+        runs: list[tuple[Variant, Started]] = []
         for number, variant in enumerate(found):
-            runs.append(running.enter_context(started(variant.launch)))
+            with contextlib.nullcontext() if variant.first else contextlib.suppress(GraphError):  # it is not offered
+                runs.append((variant, running.enter_context(started(variant.launch))))
             done((number + 1) / len(found))
         done = begin("compiling to WebAssembly")
-        program = compile_program(run.segment for run in runs)
+        program = compile_program(run.segment for _, run in runs)
         done(1.0)
         done = begin("packing the memory")
-        for number, (variant, run) in enumerate(zip(found, runs, strict=True)):
-            page, mesh = describe_page(run, variant, bodies, name)
+        offered = [variant for variant, _ in runs]
+        for number, (variant, run) in enumerate(runs):
+            page, mesh = describe_page(run, variant, offered, name)
             about = program.describe(run) | {
                 "name": f"{name}.mcap", "mesh": store.add(mesh), "page": page, "recording": recording_head(run),
             }  # fmt: skip
@@ -143,8 +146,8 @@ def _build_variants(
             digest = store.add(json.dumps(about, separators=(",", ":")).encode())
             store.needs[digest] = [part["hash"] for part in about["parts"]] + [about["mesh"]]
             entries.append({"body": variant.body, "effects": variant.effects, "hash": digest, "first": variant.first})
-            done((number + 1) / len(found))
-        return store, entries, runs[0].left_out, store.add(program.code.code)
+            done((number + 1) / len(runs))
+        return store, entries, runs[0][1].left_out, store.add(program.code.code)
 
 
 def check_empty(out: Path) -> None:

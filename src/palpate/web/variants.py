@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,8 +84,13 @@ def _switches(touched: Touched, on: dict[str, bool], body: str, effects: dict[st
     return switched + ([f"{touched.body}.use={body}"] if body != touched.use else [])
 
 
-def describe_page(run: Started, variant: Variant, bodies: Sequence[str], name: str) -> tuple[dict[str, Any], bytes]:
-    """What the page needs to show a run: the streams of each finger, and the message with the mesh."""
+def describe_page(
+    run: Started, variant: Variant, offered: Sequence[Variant], name: str
+) -> tuple[dict[str, Any], bytes]:
+    """What the page needs to show a run: the streams of each finger, and the message with the mesh.
+
+    offered  all variants of the folder, to which the switches of the page lead
+    """
     touched = touched_part(run.planned)
     shown = touched.bodies
     first = [0]
@@ -102,10 +107,8 @@ def describe_page(run: Started, variant: Variant, bodies: Sequence[str], name: s
         "landmarks": [landmarks(mesh.vertices).tolist() for mesh in shown.meshes],
         "loads": dict(shown.loads),
     }
-    about = {"recording": name, "bodies": list(bodies), "effects": variant.effects, "left_out": run.left_out}
+    near = [one.effects for one in offered if one.body == variant.body]
+    switched = {effect: on for effect, on in variant.effects.items() if variant.effects | {effect: not on} in near}
+    bodies = list(dict.fromkeys(one.body for one in offered if one.effects == variant.effects))
+    about = {"recording": name, "bodies": bodies, "effects": switched, "left_out": run.left_out}
     return page, mesh_frame(touched, about)
-
-
-def each_body(found: Sequence[Variant]) -> Iterator[str]:
-    """The bodies of variants, each once."""
-    return iter(dict.fromkeys(variant.body for variant in found))
