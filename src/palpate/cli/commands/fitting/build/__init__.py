@@ -1,1 +1,1 @@
-"""Build a basis, or a fingertip from scans; run full FE models."""
+"""Build a basis, a fingertip from scans, or a web page; run full FE models."""

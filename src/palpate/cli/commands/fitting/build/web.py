@@ -1,6 +1,5 @@
 """`palpate build web`: a graph as a page that runs in a browser, without a server."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -24,17 +23,15 @@ def web(
 ) -> None:
     """Build a page that runs a graph in a browser.
 
-    The page is that of `palpate touch`; the compiled tick runs in it as WebAssembly, with the bytes of a run. Open
-    index.html in the folder, or put the folder on any static server.
+    The page is that of `palpate touch`; the nodes run in it as WebAssembly, with the bytes of a run. Open index.html,
+    or put the folder on any static server.
     """
     from palpate.bases import build_missing
     from palpate.launch.run.progress import StageBars
     from palpate.web.folder import build, check_empty
 
     check_empty(out)
-    sets = chosen.sets or []
-    launch = (replace(chosen, sets=None) if chosen.organ is None else chosen).launch(silent=as_json)
-    launch = launch if chosen.organ else launch.but(overrides=sets)
+    launch = chosen.launch(silent=as_json)
     build_missing(launch.load(), quiet=as_json)
     with StageBars(as_json) as stages:
         built = build(launch, out, bodies or [], lambda name: stages.begin(name, ""))
