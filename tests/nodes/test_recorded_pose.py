@@ -45,7 +45,7 @@ def test_a_file_without_the_stream_is_refused(tmp_path):
     node = RecordedPose(path=str(file), stream="thumb")
     with pytest.raises(SettingError, match="has no messages of a stream 'thumb'"):
         node.start()
-    with pytest.raises(SettingError, match="touch.mcap"):
+    with pytest.raises(SettingError, match=r"touch\.mcap"):
         RecordedPose(path=str(file), stream="contact").start()
     joints = tmp_path / "joints.csv"
     joints.write_text("t,joint1,joint2,joint3\n0,0,0,0\n1,0,0,0\n")
