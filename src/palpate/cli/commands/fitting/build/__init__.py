@@ -1,1 +1,1 @@
-"""Build a basis, a fingertip from scans, or a web page; run full FE models."""
+"""Build a basis, a fingertip or a page; run full FE models."""
