@@ -10,9 +10,9 @@ from numba import types
 from palpate.compiler.doubles import fused
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.memory import number, set_word, word
-from palpate.compiler.wasm import runtime
+from palpate.compiler.wasm import runtime, store
 from palpate.compiler.wasm.link import Kernel, LinkError, link
-from palpate.compiler.wasm.object_file import finish
+from palpate.compiler.wasm.object_file import Linked, finish
 
 COUNT = 100_000
 EXTREMES = [0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -5e-324, 1.7976931348623157e308, 2.2250738585072014e-308, 1.0,
@@ -134,3 +134,23 @@ def test_an_object_without_data_has_none():
 
 def section(kind, content):
     return struct.pack("<BB", kind, len(content)) + content
+
+
+@pytest.mark.parametrize("damage", [None, "cut", "untrusted"])
+def test_a_stored_module_is_used_unless_it_is_damaged_or_of_another_user(damage, tmp_path, monkeypatch):
+    monkeypatch.setattr(store.kernel_cache, "folder", lambda _: tmp_path)
+    made = []
+
+    def make():
+        made.append(1)
+        return Linked(b"code", {"one": 1}, 16, ("lacking",))
+
+    first = store.stored("palpate.wasm-1.bin", make)
+    file = tmp_path / "palpate.wasm-1.bin"
+    if damage == "cut":
+        file.write_bytes(file.read_bytes()[:-1])
+    elif damage == "untrusted":
+        file.chmod(0o666)
+    again = store.stored("palpate.wasm-1.bin", make)
+    assert first == again == Linked(b"code", {"one": 1}, 16, ("lacking",))
+    assert len(made) == (1 if damage is None else 2)

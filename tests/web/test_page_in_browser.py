@@ -73,6 +73,16 @@ def test_switches_change_body_and_effects_and_start_again(page):
     assert page.problems == []
 
 
+def test_nodes_that_do_not_run_are_listed_with_the_reason(tmp_path):
+    assert build(tmp_path / "site", "nodule", "--body", "MassSpring").exit_code == 0
+    with opened((tmp_path / "site" / "index.html").as_uri(), READY) as page:
+        assert page.inner_text("#left") == (
+            "left out: band (Probabilistic runs in Python), display (PinArray runs in Python)"
+        )
+        press(page)
+        assert page.problems == []
+
+
 def test_a_hidden_page_lifts_the_finger_and_stops_its_clock(page):
     press(page)
     hide = """(hidden) => {

@@ -72,10 +72,11 @@ def build(
     WebError: the folder has other files, or a node is not compiled. PageError, GraphError, OSError.
     """
     check_empty(out)
+    name = (launch.record or launch.graph).stem  # that of the organ, if it is from a file
     scratch = ScratchFolder("web")
     try:
         found = variants(launch, Path(scratch.name), bodies)
-        store, entries, left_out, code = _build_variants(found, launch.graph.stem, begin)
+        store, entries, left_out, code = _build_variants(found, name, begin)
     finally:
         scratch.cleanup()
     first = next(entry for entry in entries if entry["first"])
@@ -83,7 +84,7 @@ def build(
         (folder / "data").mkdir()
         for digest, text in store.files.items():
             (folder / "data" / f"{digest}.js").write_text(text, encoding="ascii")
-        _write_page(folder, {"name": launch.graph.stem, "code": code, "variants": entries})
+        _write_page(folder, {"name": name, "code": code, "variants": entries})
     sizes = {digest: len(text) * 3 // 4 for digest, text in store.files.items()}  # without the form as text
     page = sum((out / name).stat().st_size for name in ("index.html", "page.js", "page.css", "site.js"))
     loaded = sum(sizes[digest] for digest in {first["hash"], code, *store.needs[first["hash"]]})

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numba
 
 from palpate.compiler import kernel_cache, kernel_files
+from palpate.compiler.trust import UntrustedError
 from palpate.compiler.wasm.object_file import Linked
 
 _LENGTH = struct.Struct("<Q")  # of the table of a module, before its code
@@ -17,9 +18,10 @@ def stored(name: str, make: Callable[[], Linked]) -> Linked:
     """The module of this name in the cache, made and stored if it is missing."""
     folder = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
     with kernel_files.hold_lock(folder, "palpate.wasm.lock"):
-        content = kernel_files.read(folder, name)
-        if content is not None:
-            return _unpacked(content)
+        with contextlib.suppress(UntrustedError):  # another user can have written it
+            content = kernel_files.read(folder, name)
+            if content is not None:
+                return _unpacked(content)
         linked = make()
         with contextlib.suppress(OSError):  # no room: it is made again
             kernel_files.write(folder, name, _packed(linked))

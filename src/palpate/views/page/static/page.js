@@ -72,6 +72,8 @@ function begin(head, triangles, places, normals) {
     label.append(box, name);
     return label;
   }));
+  const left = Object.entries(head.left_out ?? {}); // nodes that do not run, with the reason
+  $("left").hidden = !left.length; $("left").textContent = `left out: ${left.map(([node, why]) => `${node} (${why})`).join(", ")}`;
   dirty = true; point();
 }
 
