@@ -99,6 +99,15 @@ def test_a_touch_with_another_pointer_has_other_forces(pressed):
     assert first[0] == second[0] and first[5] != second[5]
 
 
+def test_a_node_that_fails_is_named_and_the_others_wait(site):
+    out, _ = site
+    found = in_node.run_script(out.parent, "fail_in_node.mjs")
+    failed = found["failed"]
+    assert not found["went"] and not found["again"] and found["stands"] and found["time"] == failed["tick"] / 1000
+    assert failed["why"] == "its kernel failed" and failed["node"] in ("collision", "contact", "spread", "tissue")
+    assert found["afresh"] is None and found["steps"]
+
+
 @pytest.mark.parametrize("damage", ["flip", "cut", "swap"])
 def test_a_damaged_folder_is_refused(site, tmp_path, damage):
     out, _ = site

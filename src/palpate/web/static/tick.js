@@ -46,7 +46,8 @@ export class Tick {
   // Run ticks. Returns how many ran: fewer if a node failed (`failed`). `taken` is called where the journal is full, and must empty it.
   step(count, taken = () => this.clear()) {
     const { run: [rows, clock], clock: at, pointers } = this.about, block = pointers.length ? 1 : count;
-    let left = this.failed ? 0 : count;
+    if (this.failed) return 0;
+    let left = count;
     while (left > 0) {
       const ticks = Math.min(block, left);
       for (const { records } of pointers) for (const record of records) this.stamp(record);
