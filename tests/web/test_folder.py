@@ -104,7 +104,7 @@ def test_a_node_that_fails_is_named_and_the_others_wait(site):
     found = in_node.run_script(out.parent, "fail_in_node.mjs")
     failed = found["failed"]
     assert not found["went"] and not found["again"] and found["stands"] and found["time"] == failed["tick"] / 1000
-    assert failed["why"] == "its kernel failed" and failed["node"] in ("collision", "contact", "spread", "tissue")
+    assert failed["why"] == "its kernel failed" and failed["node"] == "device"
     assert found["afresh"] is None and found["steps"]
 
 
