@@ -19,7 +19,8 @@ STARTS = 3
 LOOSE = 1e-3  # [m] Scale of the uncertain zero of a motion
 WIDEST = math.log(3.0)
 """[1] Half of a 95 % interval, as a logarithm or in scales, above which a parameter is not determined."""
-ROUNDS = 3  # corrections of the end of a profile
+ROUNDS = 6  # corrections of the end of a profile
+BENT, CLOSE = 0.1, 0.02  # [1] Errors of the distance: the linear model does not hold; the end is found
 NO_EFFECT = 1e-9  # [1] Derivative over the peak of the fields, per scale of a parameter, below which it has none
 
 
@@ -117,8 +118,8 @@ def _widen_to_profiles(problem: RunProblem, fitted: Estimate, slopes: np.ndarray
     """Widen the intervals to those of the profile likelihood, whose points are computed together.
 
     The end of parameter i is where the least sum of squares over all others has risen as much as the linear model says
-    of its end. All ends move together: each round minimizes the others with the Jacobian at the minimum, and scales
-    the distance by the square root of the rise.
+    of its end. All ends move together: each round minimizes the others with the Jacobian at the minimum, or at the end
+    itself where the rise is not that of the linear model, and scales the distance by the square root of the rise.
     """
     x, size = fitted.at, len(fitted.at)
     low, high = problem.bounds
@@ -130,21 +131,24 @@ def _widen_to_profiles(problem: RunProblem, fitted: Estimate, slopes: np.ndarray
         return
     far = np.array([reach[i] for i, _ in rows])
     at = np.array([x + side * reach[i] * gram[:, i] / gram[i, i] for i, side in rows])
+    bent = np.zeros(len(rows), bool)
     for _ in range(ROUNDS):
         at = np.clip(at, low, high)
-        r = problem.all_residuals(at)
-        rise = np.zeros(len(rows))
+        r, shares = problem.all_residuals(at), np.ones(len(rows))
         for k, (i, _) in enumerate(rows):
             others = np.arange(size) != i
-            part = slopes[:, others]
+            part = (problem.slopes_at(at[k]) if bent[k] else slopes)[:, others]
             step = -np.linalg.lstsq(part, r[k], rcond=None)[0] if size > 1 else np.zeros(0)
-            rise[k] = max(float(r[k] @ r[k]) + float((part.T @ r[k]) @ step) - least, 0.0)
+            rise = max(float(r[k] @ r[k]) + float((part.T @ r[k]) @ step) - least, 0.0)
             at[k, others] += step
-            share = math.sqrt(rise[k] * gram[i, i]) / reach[i]  # 1 for a linear model
-            factor = min(max(1.0 / share if share > 0.0 else 2.0, 0.5), 2.0)
+            shares[k] = math.sqrt(rise * gram[i, i]) / reach[i]  # 1 for a linear model
+            factor = min(max(1.0 / shares[k] if shares[k] > 0.0 else 2.0, 0.5), 2.0)
             move = at[k] - x
             far[k] = abs(at[k, i] - x[i]) * factor
             at[k] = x + move * factor
+        bent |= np.abs(shares - 1.0) > BENT
+        if (np.abs(shares - 1.0) < CLOSE).all():
+            break
     for k, (i, side) in enumerate(rows):
         p = problem.parameters[i]
         end = p.value(min(max(x[i] + side * far[k], low[i]), high[i]))

@@ -190,12 +190,13 @@ class RunProblem(Problem):
         inside = np.clip(x, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
         limit = 1e-3 if loose else 1e-10
         found = least_squares(
-            self.residuals, inside, jac=lambda at: self._weighted(at), bounds=(low, high), x_scale=self._scales(),
+            self.residuals, inside, jac=self.slopes_at, bounds=(low, high), x_scale=self._scales(),
             method="trf", ftol=limit, xtol=limit, gtol=1e-12, max_nfev=12 if loose else 40,
         )  # fmt: skip
         return found.x, 2.0 * float(found.cost)
 
-    def _weighted(self, x: np.ndarray) -> np.ndarray:
+    def slopes_at(self, x: np.ndarray) -> np.ndarray:
+        """(values, unknowns) Derivatives of the weighted fields by forward differences."""
         return self._slopes(x, self.law_forces(x), STEP, both=False)
 
     def solve(self, x: np.ndarray, fixed: int = -1) -> tuple[np.ndarray, float]:
@@ -208,7 +209,9 @@ class RunProblem(Problem):
 
 
 def _is_log(number: Parameter) -> bool:
-    return number.value > 0.0 and number.low >= 0.0 and not number.inside
+    """Whether a parameter is positive, so that its logarithm is searched: by its limit, or in a list, whose limits are
+    those of the list, if its scale is its value."""
+    return number.value > 0.0 and (number.scale == number.value if number.inside else number.low >= 0.0)
 
 
 def _unknown(number: Parameter, owner: str) -> Unknown:
