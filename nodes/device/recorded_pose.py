@@ -5,15 +5,12 @@ from typing import Annotated
 import numpy as np
 from mcap.records import Channel
 
-from palpate.compiler.records import floats, put
+from palpate.compiler.records import floats, put, vector
 from palpate.messages import MessageError, Pose, Vector3, unpack
-from palpate.nodes.base import TABLE, CompiledNode, Out, SettingError
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.device.motion import read_motion
 from palpate.records.format.mcap_file import Broken, messages, read_declarations, read_records
-
-TIME, PLACE, VELOCITY, STEP, DELAYED = 0, 1, 4, 7, 8
-"""Columns of a row: time [s], position [m] (3), velocity [m/s] (3), `dt` [s], `delayed` [ns] of a pose."""
 
 
 class RecordedPose(CompiledNode):
@@ -33,28 +30,32 @@ class RecordedPose(CompiledNode):
     stream: Annotated[str, "1"] = "finger"
     offset: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
 
-    State = {"rows": TABLE, "table": bool, "count": int, "clock": (), "last": (3,)}
-    """Recorded rows; whether they are those of a table; number of steps and their time [s]; the last position [m]."""
-    shared = ("rows",)
+    State = {
+        "times": ARRAY, "places": TABLE, "speeds": TABLE, "steps": ARRAY, "delays": ARRAY,
+        "table": bool, "count": int, "clock": (), "last": (3,),
+    }  # fmt: skip
+    """Recorded times [s], positions [m], velocities [m/s], `dt` [s] and `delayed` [ns]; whether they are those of a
+    table; number of steps and their time [s]; the last position [m]."""
+    shared = ("times", "places", "speeds", "steps", "delays")
 
     def start(self) -> None:
         super().start()
         table = self.path.lower().endswith(".csv")
-        rows = self._of_table() if table else self._of_recording()
-        self.hold("rows", rows)
-        self.own["table"], self.own["last"] = table, rows[0, PLACE:VELOCITY]
+        times, places, speeds, steps, delays = self._of_table() if table else self._of_recording()
+        for name, array in zip(self.shared, (times, places, speeds, steps, delays), strict=True):
+            self.hold(name, np.ascontiguousarray(array, float))
+        self.own["table"], self.own["last"] = table, places[0]
 
-    def _of_table(self) -> np.ndarray:
+    def _of_table(self) -> tuple[np.ndarray, ...]:
         motion = read_motion(self.path)
         if motion.joints:
             raise SettingError(f"setting 'path': {self.path}: found joint angles, expected x, y, z [m]")
-        rows = np.zeros((len(motion.times), DELAYED + 1))
-        rows[:, TIME], rows[:, PLACE:VELOCITY] = motion.times - motion.times[0], motion.values
-        return rows
+        nothing = np.zeros(len(motion.times))
+        return motion.times - motion.times[0], motion.values, np.zeros((len(nothing), 3)), nothing, nothing.copy()
 
-    def _of_recording(self) -> np.ndarray:
+    def _of_recording(self) -> tuple[np.ndarray, ...]:
         """SettingError: the file is damaged, or has no such stream."""
-        channel, rows = None, []
+        channel, poses = None, list[Pose]()
         try:
             for chunk in read_records(self.path):
                 if not isinstance(chunk, bytes):
@@ -62,49 +63,47 @@ class RecordedPose(CompiledNode):
                 for each in read_declarations(chunk):
                     if isinstance(each, Channel) and each.topic == self.stream:
                         channel = each.id
-                for which, _, _, payload in messages(chunk):
-                    if which == channel:
-                        pose = unpack(payload, Pose)
-                        rows.append(
-                            (pose.tick, (0.0, *pose.position, *pose.velocity, pose.dt, float(pose.delayed or 0)))
-                        )
+                poses += [unpack(payload, Pose) for which, _, _, payload in messages(chunk) if which == channel]
         except (Broken, MessageError, OSError) as error:
             raise SettingError(f"setting 'path': {self.path}, stream {self.stream!r}: {error}") from None
-        if not rows:
+        if not poses:
             raise SettingError(f"setting 'stream': {self.path} has no messages of a stream {self.stream!r}")
-        return np.array([row for _, row in sorted(rows)], dtype=float)
+        poses.sort(key=lambda pose: pose.tick)
+        return (
+            np.zeros(len(poses)), np.array([pose.position for pose in poses]),
+            np.array([pose.velocity for pose in poses]), np.array([pose.dt for pose in poses]),
+            np.array([float(pose.delayed or 0) for pose in poses]),
+        )  # fmt: skip
 
     @kernel
     def compute(own, out: Out[Pose], dt):
-        rows, n = floats(own.rows), own.count
-        last = len(rows) - 1
+        times, places, n = floats(own.times), floats(own.places), own.count
+        last, offset = len(times) - 1, own.offset
         own.count += 1
         if not own.table:
-            i = min(n, last)
-            row, moves = rows[i], n <= last
-            put(out.position, (row[1] + own.offset[0], row[2] + own.offset[1], row[3] + own.offset[2]))
-            put(out.velocity, (row[4], row[5], row[6]) if moves else (0.0, 0.0, 0.0))
-            out.dt, out.delayed = row[7] if moves else dt, int(row[8]) if moves else 0
+            i, moves = min(n, last), n <= last
+            x, y, z = vector(places[i])
+            put(out.position, (x + offset[0], y + offset[1], z + offset[2]))
+            put(out.velocity, vector(floats(own.speeds)[i]) if moves else (0.0, 0.0, 0.0))
+            out.dt = floats(own.steps)[i] if moves else dt
+            out.delayed = int(floats(own.delays)[i]) if moves else 0
             return
         if n > 0:
             own.clock += dt
-        i = 0
         low, high = 0, last
         while high - low > 1:
             i = (low + high) // 2
-            if rows[i, 0] <= own.clock:
+            if times[i] <= own.clock:
                 low = i
             else:
                 high = i
-        span = rows[high, 0] - rows[low, 0]
-        share = min(max((own.clock - rows[low, 0]) / span, 0.0), 1.0) if span > 0.0 else 0.0
-        here = (
-            rows[low, 1] + share * (rows[high, 1] - rows[low, 1]),
-            rows[low, 2] + share * (rows[high, 2] - rows[low, 2]),
-            rows[low, 3] + share * (rows[high, 3] - rows[low, 3]),
-        )
-        before = own.last
-        put(out.velocity, ((here[0] - before[0]) / dt, (here[1] - before[1]) / dt, (here[2] - before[2]) / dt))
-        put(own.last, here)
-        put(out.position, (here[0] + own.offset[0], here[1] + own.offset[1], here[2] + own.offset[2]))
+        span = times[high] - times[low]
+        share = min(max((own.clock - times[low]) / span, 0.0), 1.0) if span > 0.0 else 0.0
+        x, y, z = vector(places[low])
+        u, v, w = vector(places[high])
+        x, y, z = x + share * (u - x), y + share * (v - y), z + share * (w - z)
+        a, b, c = vector(own.last)
+        put(out.velocity, ((x - a) / dt, (y - b) / dt, (z - c) / dt))
+        put(own.last, (x, y, z))
+        put(out.position, (x + offset[0], y + offset[1], z + offset[2]))
         out.dt = dt

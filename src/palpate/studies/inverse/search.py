@@ -67,7 +67,7 @@ def judge(seed: int, number: int) -> RunOutcome:
     """Draw, fit and judge a touch."""
     rng = np.random.default_rng([seed, number])
     body, noise = list(BODIES)[number % len(BODIES)], NOISES[number // len(BODIES) % len(NOISES)]
-    measured, truth, size = _draw(rng, body, noise)
+    measured, truth, size = _draw_touch(rng, body, noise)
     begun = time.process_time()
     fit = fit_run([measured], list(truth))
     took = time.process_time() - begun
@@ -80,7 +80,7 @@ def judge(seed: int, number: int) -> RunOutcome:
     return RunOutcome(number, seed, body, noise, size, results, apart, took, fit.runs, fit.notes)
 
 
-def _draw(rng: np.random.Generator, body: str, noise: str) -> tuple[Measured, dict[str, float], float]:
+def _draw_touch(rng: np.random.Generator, body: str, noise: str) -> tuple[Measured, dict[str, float], float]:
     """A touch with its noisy fields, the true settings, and the size of the noise over the peak."""
     launch = describe_run("kidney", scene=None, duration=None, sets=[f"tissue.use=deformation.{body}"], nodes={})
     motion, folder = _motion(rng), ScratchFolder("bench-fits")
