@@ -17,7 +17,7 @@ IDEAL = ["scene.hand.ideal=true"]
 FIELDS = {
     "kidney": "contact.force", "nodule": "contact.force", "fingertip": "contact.force", "texture": "contact.force",
     "neighbours": "contact.force", "organs": "both.Contact.force", "palpate-two": "contact-1.force",
-    "pinch": "contact-thumb.force", "fingertip-slide": "finger.Contact.force",
+    "pinch": "contact-thumb.force",
 }  # fmt: skip
 """A force of every shipped graph whose nodes are all compiled; the others have hardware, a network or no such force."""
 LONG_STEPS = np.array([6e-4, 3e-4, 1.5e-4])
