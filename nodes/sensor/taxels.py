@@ -51,7 +51,8 @@ class Taxels(Sensing):
         return np.full(3 * self.rows * self.columns, self.force_range)
 
     def mixing(self, random: np.random.Generator) -> np.ndarray:
-        return np.kron(neighbours(self.rows, self.columns), np.eye(3))
+        near, axes = neighbours(self.rows, self.columns), np.eye(3)
+        return (near[:, None, :, None] * axes[:, None, :]).reshape(3 * len(near), -1)
 
     def start(self) -> None:
         count = self.rows * self.columns

@@ -30,6 +30,7 @@ ORGAN = {"organ", "unit", "piece", "repair"}
 NO_ORGAN = {
     "palpate bench organs": "its surfaces are drawn at random",
     "palpate replay": "computes the recorded graph; palpate compare takes another organ",
+    "palpate fit run": "fits settings of the recorded graph, with its organ",
     "palpate fit record": "a device presses a real sample",
 }
 """Commands with --set that run no graph with an organ, and why."""
