@@ -20,6 +20,7 @@ from palpate.physics.geometry.pieces import parents, pieces
 
 FACING = -0.5  # [1] cosine of the angle between the normals of two walls, at most: two sides of a corner are no walls
 THINNEST = 0.01  # [1] gap over the length of a face's side, at least: that of a spring, which is stiff but not rigid
+BALLS = (0.125, 0.25, 0.5, 1.0)  # [1] radii of the balls that look for the opposite wall, over the largest
 
 
 class NearWalls(NamedTuple):
@@ -92,7 +93,8 @@ def facing(mesh: TetMesh, near: NearWalls, reach: float, tolerance: float) -> Fa
     face, point = at.T
     normal = _unit(boundary.face_vectors)
     radius = 0.5 * reach + tolerance
-    feet, other, gap = _opposite(MeshClosestPoint(boundary), boundary, points[face, point], normal[face], radius)
+    place = points[face, point]
+    feet, other, gap = _opposite(MeshClosestPoint(boundary), boundary, place, normal[face], radius, 2.0 * tolerance)
     seen = (other >= 0) & (other != face)
     face, point, feet, other, gap = face[seen], point[seen], feet[seen], other[seen], gap[seen]
     sides = np.linalg.norm(np.diff(mesh.points[faces[face][:, [0, 1, 2, 0]]], axis=1), axis=2).mean(axis=1)
@@ -105,17 +107,34 @@ def facing(mesh: TetMesh, near: NearWalls, reach: float, tolerance: float) -> Fa
 
 
 def _opposite(
-    closest: MeshClosestPoint, surface: Mesh, points: np.ndarray, normals: np.ndarray, radius: float
+    closest: MeshClosestPoint,
+    surface: Mesh,
+    points: np.ndarray,
+    normals: np.ndarray,
+    radius: float,
+    overlap: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The nearest point [m] (n,3) of a surface to the centre of the ball of this radius [m] that touches each of its
-    points from outside, its triangle (n), -1: it does not face the point, and its distance from the tangent plane of
-    the point [m] (n)."""
-    centres = points + radius * normals
-    feet, _, triangles, _ = closest.find_along(centres)
-    gap = np.einsum("ni,ni->n", feet - points, normals)
-    turned = np.einsum("ni,ni->n", _unit(surface.face_vectors[triangles]), normals)
-    inside = np.linalg.norm(feet - centres, axis=1) < radius * (1.0 - 1e-3)
-    return feet, np.where(inside & (turned < FACING) & (gap > 0.0), triangles, -1), gap
+    """The nearest point [m] (n,3) of a surface to the centre of a ball that touches each of its points from outside,
+    its triangle (n), -1: it does not face the point, and its distance from the tangent plane of the point [m] (n).
+
+    radius   [m] of the largest ball; smaller ones are tried first, since near a rim the centre of a large one is nearer
+             to the other side of the rim than to the wall
+    overlap  [m] by which walls may cross: a mesher moves each of them
+    """
+    feet, other, gap = points.copy(), np.full(len(points), -1), np.zeros(len(points))
+    left = np.arange(len(points))
+    for share in BALLS:
+        r, n = share * radius, normals[left]
+        centres = points[left] + r * n
+        found, _, triangles, _ = closest.find_along(centres)
+        away = np.einsum("ni,ni->n", found - points[left], n)
+        turned = np.einsum("ni,ni->n", _unit(surface.face_vectors[triangles]), n)
+        inside = np.linalg.norm(found - centres, axis=1) < r * (1.0 - 1e-3)
+        faces = inside & (turned < FACING) & (away > -overlap)
+        some = left[faces]
+        feet[some], other[some], gap[some] = found[faces], triangles[faces], away[faces]
+        left = left[~faces]
+    return feet, other, gap
 
 
 def _weights(surface: Mesh, triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
