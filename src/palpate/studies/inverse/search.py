@@ -8,6 +8,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -145,10 +146,11 @@ def search(
     out.mkdir(parents=True, exist_ok=True)
     kept, known = out / KEPT, {}
     if kept.exists():
-        for line in kept.read_text(encoding="utf-8").splitlines():
-            outcome = RunOutcome(**json.loads(line))
-            if outcome.seed == seed:
-                known[outcome.number] = outcome
+        for line in kept.read_text(encoding="utf-8", errors="replace").splitlines():
+            with suppress(ValueError, TypeError):  # of a search that was killed while it wrote: fitted again
+                outcome = RunOutcome(**json.loads(line))
+                if outcome.seed == seed:
+                    known[outcome.number] = outcome
     missed = 0
     with kept.open("a", encoding="utf-8") as file:
         for number in range(first, first + count):
