@@ -49,6 +49,7 @@ IN_PLACE = {
 NOT_RUN = {
     "actuator.SoundCard": "an observer that needs a sound card",
     "device.Mouse": "needs a program that sends the mouse; tests/views",
+    "device.RecordedPose": "needs a recording; tests/nodes/test_recorded_pose.py",
     "device.Replayed": "needs a recording; tests/records",
     "friction.Components": "in no shipped graph; tests/physics/friction/test_components.py",
     "kinematics.Cartesian": "follows a device; tests/drivers",
