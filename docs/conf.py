@@ -18,3 +18,4 @@ html_show_sphinx = False
 html_copy_source = False
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath", "amsmath"]
+suppress_warnings = ["misc.highlighting_failure"]  # signatures of generated pages with numpy's dtypes are no Python
