@@ -19,7 +19,7 @@ from palpate.units.symbols import spellings
 PAGE = (Path(__file__).parents[3] / "docs" / "fit_tissue.md").read_text(encoding="utf-8")
 ROWS = {
     cells[0]: cells[1]
-    for line in PAGE[PAGE.index("### Tables that are read") : PAGE.index("## Many sparse probes")].splitlines()
+    for line in PAGE[PAGE.index("## Tables that are read") : PAGE.index("## Many sparse probes")].splitlines()
     if len(cells := [cell.strip() for cell in line.strip("|").split(" | ")]) == 2
 }
 
