@@ -3,14 +3,13 @@
 from typing import Annotated
 
 import numpy as np
-from mcap.records import Channel
 
 from palpate.compiler.records import floats, put, vector
-from palpate.messages import MessageError, Pose, Vector3, unpack
+from palpate.messages import Pose, Vector3
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.device.motion import read_motion
-from palpate.records.format.mcap_file import Broken, messages, read_declarations, read_records
+from palpate.nodes.device.recorded import recorded
 
 
 class RecordedPose(CompiledNode):
@@ -55,19 +54,7 @@ class RecordedPose(CompiledNode):
 
     def _of_recording(self) -> tuple[np.ndarray, ...]:
         """SettingError: the file is damaged, or has no such stream."""
-        channel, poses = None, list[Pose]()
-        try:
-            for chunk in read_records(self.path):
-                if not isinstance(chunk, bytes):
-                    continue
-                for each in read_declarations(chunk):
-                    if isinstance(each, Channel) and each.topic == self.stream:
-                        channel = each.id
-                poses += [unpack(payload, Pose) for which, _, _, payload in messages(chunk) if which == channel]
-        except (Broken, MessageError, OSError) as error:
-            raise SettingError(f"setting 'path': {self.path}, stream {self.stream!r}: {error}") from None
-        if not poses:
-            raise SettingError(f"setting 'stream': {self.path} has no messages of a stream {self.stream!r}")
+        poses = list(recorded(self.path, self.stream, Pose))
         poses.sort(key=lambda pose: pose.tick)
         return (
             np.zeros(len(poses)), np.array([pose.position for pose in poses]),

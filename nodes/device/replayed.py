@@ -1,15 +1,13 @@
 """A device that repeats a recorded motion."""
 
-from collections.abc import Iterator
 from typing import Annotated
 
 import msgspec
-from mcap.records import Channel
 
-from palpate.messages import DeviceState, Force, MessageError, Torque, unpack
-from palpate.nodes.base import Node, SettingError
+from palpate.messages import DeviceState, Force, Torque
+from palpate.nodes.base import Node
 from palpate.nodes.device.motion import read_motion
-from palpate.records.format.mcap_file import Broken, messages, read_declarations, read_records
+from palpate.nodes.device.recorded import recorded
 
 
 class Replayed(Node):
@@ -22,7 +20,8 @@ class Replayed(Node):
     repeat  start again at the end
     dialect  of the numbers of a CSV, decimal-comma or decimal-point, if the file leaves it open (1,234)
 
-    The clock is that of the graph. `palpate replay` uses the time stamps of the recording.
+    In the truncated file of a killed run it stays at the last state. The clock is that of the graph. `palpate replay`
+    uses the time stamps of the recording.
     """
 
     paced = True
@@ -38,35 +37,9 @@ class Replayed(Node):
         self.clock = 0.0
         if self.motion is not None:
             return
-        self.states = self._read()
-        self.last = next(self.states, None)
-        if self.last is None:
-            raise SettingError(f"setting 'stream': {self.path} has no messages of a stream {self.stream!r}")
+        self.states = recorded(self.path, self.stream, DeviceState)
+        self.last = next(self.states)
         self.first = True
-
-    def _read(self) -> Iterator[DeviceState]:
-        """The states of the recording. SettingError: the file is damaged, or the stream has another type.
-
-        In the truncated file of a killed run the device stays at its last state.
-        """
-        # read chunk by chunk, because a recording of hours may exceed the memory
-        channel = None
-        try:
-            for chunk in read_records(self.path):
-                if not isinstance(chunk, bytes):
-                    continue
-                for each in read_declarations(chunk):
-                    if isinstance(each, Channel) and each.topic == self.stream:
-                        channel = each.id
-                for which, _, _, payload in messages(chunk):
-                    if which == channel:
-                        yield unpack(payload, DeviceState)
-        except Broken as broken:
-            if not broken.cut:
-                cure = "`palpate export --to mcap` saves the rest"
-                raise SettingError(f"setting 'path': {self.path}: {broken}; {cure}") from None
-        except MessageError as error:
-            raise SettingError(f"setting 'stream': {self.path}, stream {self.stream!r}: {error}") from None
 
     def step(self, torque: Torque | None, force: Force | None, *, dt: float) -> DeviceState:
         if self.motion is not None:
@@ -75,9 +48,8 @@ class Replayed(Node):
         if not self.first:
             state = next(self.states, None)
             if state is None and self.repeat:
-                self.states = self._read()
+                self.states = recorded(self.path, self.stream, DeviceState)
                 state = next(self.states, None)
             self.last = state or self.last
         self.first = False
-        assert self.last is not None
         return msgspec.structs.replace(self.last)
