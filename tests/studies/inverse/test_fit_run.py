@@ -144,6 +144,17 @@ def test_the_command_writes_a_launch_file_that_runs(file, tmp_path):
     assert run._recording.about["plan"]["source"]["nodes"]["tissue"]["stiffness"] == pytest.approx(180.0, rel=1e-4)
 
 
+def test_a_recording_may_have_any_name(file, tmp_path):
+    """Spaces, commas and `#` separate neither settings nor comments."""
+    odd = tmp_path / "a #1, b: c.mcap"
+    odd.write_bytes(file.read_bytes())
+    command = ["fit", "run", str(odd), "--free", "tissue.stiffness", "--starts", "1", "--until", "0.3 s", "--json",
+               "-o", str(tmp_path / "f it")]  # fmt: skip
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["parameters"]["tissue.stiffness"]["value"] == pytest.approx(180.0, rel=1e-3)
+
+
 def test_bad_input_is_refused_by_name(file, tmp_path):
     for free, error, text in (
         ("tissue.use", ArgumentError, "a choice"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,4 +58,4 @@ def print_run_fit(fit: RunFit, planned: Sequence[Planned], cured: Mapping[str, s
         ]
         console().print(table(heads, shown))
     launch = list(launches(fit, out))[-1]
-    say(f"{fit.runs} runs; written {out}/report.json, {launch.name}; next: palpate run {launch}")
+    say(f"{fit.runs} runs; written {out}/report.json, {launch.name}; next: palpate run {shlex.quote(str(launch))}")

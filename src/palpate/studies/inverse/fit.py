@@ -77,7 +77,7 @@ def fit_run(
         problem.weigh(x)
         x, _ = problem.search(x, loose=False)
         report(0.2)
-        fitted = estimate(problem, profiles=False, begin=[x])  # type: ignore[arg-type]
+        fitted = estimate(problem, profiles=False, begin=[x])
         fitted.starts = agreeing
         slopes = problem.jacobian(x)
         _widen_to_profiles(problem, fitted, slopes)

@@ -1,5 +1,6 @@
 """Recordings whose motion drives a graph again: its launch file, and the recorded fields that it should explain."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -102,7 +103,7 @@ def driven(launch: LaunchFile, motions: Mapping[str, tuple[Path, str]], fields: 
     """
     before, sources = launch.load(), []
     for name, (file, stream) in motions.items():
-        sources += [f"{name}.use={SOURCE}", f"{name}.path={file}", f"{name}.stream={stream}"]
+        sources += [f"{name}.use={SOURCE}", f"{name}.path={json.dumps(str(file))}", f"{name}.stream={stream}"]
         sources += [f"{name}.in.{edge.port}=null" for edge in before.nodes[name].edges]
     changed = launch.but(overrides=sources)
     graph = changed.load()

@@ -72,8 +72,7 @@ def _columns(
     except (OSError, ValueError) as error:
         raise SessionError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     placed = set(PLACE) <= {name.lower() for name in table.names}
-    chosen = {"time": "", "indentation": ""} if placed else {}
-    found = columns_of(path, table, {key: text for key, text in chosen.items() if key == "indentation"})
+    found = columns_of(path, table, {"indentation": ""} if placed else {})
     if "time" not in found:
         raise SessionError(f"{path}: no column of time; a fit of a run needs the time of each row")
     values, _, _ = numbers_of(path, table, found, {}, {})

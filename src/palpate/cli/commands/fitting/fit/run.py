@@ -47,8 +47,8 @@ def run(
 
     # `--free a b c`: words that name no file continue the list
     paths = [path for path in recordings if path.exists() or not _is_setting(path)]
-    names = [name for text in [*free, *map(str, recordings)] for name in text.replace(",", " ").split()]
-    names = [name for name in names if Path(name) not in paths]
+    more = [str(path) for path in recordings if path not in paths]
+    names = [name for text in [*free, *more] for name in text.replace(",", " ").split()]
     if not paths:
         raise typer.BadParameter("expected a recording before --free")
     check_new([out / name for name in WRITTEN], force)
