@@ -13,21 +13,21 @@ from palpate.messages import Vector3
 from palpate.physics.errors import PalpateError
 from palpate.units.quantity import UnitError, convert
 
-REACH = 6e-3  # [m] as the default of contact.Between
-LEVEL, PLACED = (0.0, 0.0, 0.0), (("position", "m"), ("rotation", "rad"))
-DEEPEST = 1e-5  # [m] overlap at the start above which organs are refused
+PLACED = (("position", "m"), ("rotation", "rad"))
 
 
 def pairs_in_reach(organs: list[str], scene: YamlSource, faults: Faults) -> tuple[list[Pair], dict[Pair, str]]:
     """The pairs in the order of the list, and the others with the reason. A fault for each pair that overlaps, with its
     depth. Organs that cannot be read count as in reach: their nodes report why."""
+    from palpate.nodes.contact.between import OVERLAP, Between  # numba and scipy, which few graphs need
+
     found: list[Pair] = []
     apart: dict[Pair, str] = {}
-    reach = _number(scene.data.get("between"), "reach", REACH)
+    reach = _number(scene.data.get("between"), "reach", Between.reach)
     for first, second in combinations(organs, 2):
         one, other = (_surface(scene.data[name].get("surface")) for name in (first, second))
         away = None if one is None or other is None else _distance(one, other, reach)
-        if away is not None and away < -DEEPEST:
+        if away is not None and away < -OVERLAP:
             faults.add(
                 f"organs: {first} and {second} overlap by {-1e3 * away:.3g} mm at the start, expected a gap",
                 f"Move one of them: `position` of {second} in the scene's list.", scene.place(second, "surface"),
@@ -54,16 +54,16 @@ Surface = tuple[str, int, Vector3, Vector3, str, int, float, bytes]
 def _surface(given: Any) -> Surface | None:
     """Name, vertices, position [m], rotation [rad], unit, piece, refinement [m] and digest of the file of a surface;
     None: it is not complete, or has a wrong value."""
-    from palpate.nodes.base.surface import content_of  # numba and scipy, which few graphs need
+    from palpate.nodes.base.surface import LEVEL, OnSurface, content_of
 
     if not isinstance(given, dict):
         return None
     try:
         position, rotation = (_vector(given.get(key, LEVEL), unit) for key, unit in PLACED)
-        count, piece = int(given.get("vertices", 3000)), int(given.get("piece", 0))
+        count, piece = int(given.get("vertices", OnSurface.vertices)), int(given.get("piece", OnSurface.piece))
     except (UnitError, TypeError, ValueError):
         return None
-    unit, refine = str(given.get("file_unit", "m")), _number(given, "refine", 1.6e-3)
+    unit, refine = str(given.get("file_unit", OnSurface.file_unit)), _number(given, "refine", OnSurface.refine)
     name = str(given.get("surface"))
     return name, count, position, rotation, unit, piece, refine, content_of(name)
 
