@@ -216,7 +216,7 @@ class Ensemble:
         ArgumentError: a parameter is no number, or no kept field needs it. RunError: all lanes failed.
         """
         work = Gradient(
-            self._base, self._launch, [f"{stream}.{field.name}" for stream, field in self._keep], by, self.over,
+            self._base, [f"{stream}.{field.name}" for stream, field in self._keep], by, self.over,
             self.count, self._prepared[0].job, reduce or {}, scale, tolerance,
         )  # fmt: skip
         more = Ensemble.__new__(Ensemble)

@@ -11,7 +11,6 @@ from palpate.engine.job import Job
 from palpate.gradients.lanes import Differences, events_of, reduce, reduction_of
 from palpate.gradients.parameters import Parameter, find_parameter, scales_of
 from palpate.launch.load.checks.ideal import describe_jumps
-from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.lane_values import Values, value_of
 from palpate.messages.record import layout
 from palpate.physics.errors import ArgumentError
@@ -22,7 +21,7 @@ Function = Callable[[np.ndarray], Any] | None
 class Gradient:
     """The lanes that the derivatives of the lanes of an ensemble need.
 
-    graph, launch  of the ensemble; `keep`: its fields, "stream.field"; `over`: its settings, `count` values each
+    graph      of the ensemble; `keep`: its fields, "stream.field"; `over`: its settings, `count` values each
     by         paths of the parameters
     job        what its first lane runs
     reductions, scale, tolerance  see `Ensemble.gradient`
@@ -31,7 +30,7 @@ class Gradient:
     """
 
     def __init__(
-        self, graph: Graph, launch: LaunchFile, keep: Sequence[str], by: Sequence[str], over: Mapping[str, Values],
+        self, graph: Graph, keep: Sequence[str], by: Sequence[str], over: Mapping[str, Values],
         count: int, job: Job, reductions: Mapping[str, Any], scale: Mapping[str, float] | None, tolerance: float,
     ) -> None:  # fmt: skip
         by = [by] if isinstance(by, str) else list(by)
