@@ -16,11 +16,13 @@ import numpy as np
 
 from palpate.compiler.exact import arcsin, arctan2, cos, einsum, product, sin
 from palpate.physics.contact.spread import kernel_values
+from palpate.physics.kept import keep_results
 from palpate.physics.special import gauss_legendre
 
 ANGLES, ALONG = 128, 24  # quadrature points of theta (trapezoidal rule) and of s (Gauss)
 
 
+@keep_results
 def surface_under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) -> np.ndarray:
     """E* u [N/m per N = 1/m] (p,3,3) at points [m] (p,2) of the surface, relative to the centre of the patch: component
     of u, and of the force on the patch. kernel: shape of the load (`spread.KERNELS`), of this radius [m]."""

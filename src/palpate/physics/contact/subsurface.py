@@ -25,6 +25,7 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Vector3
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.friction.bristle import turn
+from palpate.physics.kept import keep_results
 from palpate.physics.special import gauss_legendre
 
 SHALLOWEST = 0.01  # [1] Minimum depth over the patch's radius; at shallower points the stress is the surface load
@@ -53,6 +54,7 @@ def point_stress(points: np.ndarray, poisson: float) -> np.ndarray:
     return out / (2.0 * math.pi)
 
 
+@keep_results
 def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) -> np.ndarray:
     """Stress [1/m²] (p,3,3,3) at points [m] (p,3) per newton of load on the patch along x, y and z.
 
