@@ -1,5 +1,7 @@
 """The felt surface: bridges over gaps and grooves against the closed form of a rolling ball."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from pytest import approx
@@ -51,6 +53,16 @@ def cut(gap, half=0.02):
     )
 
 
+@cache
+def felt_groove(width):
+    return close_surface(groove(width), R)
+
+
+@cache
+def felt_cut(gap):
+    return close_surface(cut(gap), R)
+
+
 def dips(felt, y, x=0.3e-3):
     """Depth [m] of the felt surface below the top at places y."""
     return TOP - heights(felt.mesh, np.stack([np.full(len(y), x), y], axis=1))
@@ -63,7 +75,7 @@ def rolls(width, y):
 
 @pytest.mark.parametrize("width", [0.5e-3, 4e-3, 12e-3, 15.8e-3])
 def test_a_ball_sinks_into_a_groove_as_far_as_its_rims_allow(width):
-    felt = close_surface(groove(width), R)
+    felt = felt_groove(width)
     y = np.linspace(-0.49, 0.49, 15) * width
     steep = 0.5 * width / np.sqrt(R * R - 0.25 * width * width)  # change of the depth over that of the width
     np.testing.assert_allclose(dips(felt, y), rolls(width, y), atol=NEAR + steep * RIM)
@@ -75,7 +87,7 @@ def test_a_ball_sinks_into_a_groove_as_far_as_its_rims_allow(width):
 
 def test_a_gap_that_closes_converges_to_the_uncut_body():
     for gap in (2e-3, 0.2e-3, 0.05e-3):
-        felt = close_surface(cut(gap), R)
+        felt = felt_cut(gap)
         y = np.array([-3e-3, -1e-3, -0.4 * gap, 0.0, 0.4 * gap, 1e-3, 3e-3])
         over = np.abs(y) < 0.5 * gap
         np.testing.assert_allclose(dips(felt, y), np.where(over, rolls(gap, np.where(over, y, 0)), 0.0), atol=NEAR)
@@ -98,20 +110,19 @@ def test_a_finger_touches_every_point_of_the_built_in_surfaces(surface):
 
 
 def test_the_walls_and_the_floor_of_a_groove_bear_no_load():
-    body = groove(6e-3)
-    felt = close_surface(body, R)
+    body, felt = groove(4e-3), felt_groove(4e-3)
     middle = body.vertices[body.triangles].mean(axis=1)
-    inside = (np.abs(middle[:, 1]) < 3e-3 + 1e-9) & (middle[:, 2] > TOP - 9e-3 - 1e-9) & (middle[:, 2] < TOP - 1e-9)
+    inside = (np.abs(middle[:, 1]) < 2e-3 + 1e-9) & (middle[:, 2] > TOP - 9e-3 - 1e-9) & (middle[:, 2] < TOP - 1e-9)
     inside &= np.abs(middle[:, 0]) < 0.006  # at its ends the ball touches the floor from the side
-    on_top = (middle[:, 2] > TOP - 1e-9) & (np.abs(middle[:, 1]) > 3e-3)
+    on_top = (middle[:, 2] > TOP - 1e-9) & (np.abs(middle[:, 1]) > 2e-3)
     assert inside.any() and not felt.touchable[inside].any() and felt.touchable[on_top].all()
     assert felt.touchable[felt.origin].all()
 
 
 def test_the_bridge_is_the_same_for_another_grid_and_a_turned_body():
-    body, width = groove(7e-3), 7e-3
+    body, width = groove(4e-3), 4e-3
     y = np.linspace(-0.45, 0.45, 7) * width
-    usual = dips(close_surface(body, R), y)
+    usual = dips(felt_groove(width), y)
     np.testing.assert_allclose(dips(close_surface(body, R, (0.31e-3, 0.57e-3, 0.13e-3)), y), usual, atol=NEAR)
     a, b = 0.6, -0.4
     turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]) @ np.array(
@@ -123,7 +134,7 @@ def test_the_bridge_is_the_same_for_another_grid_and_a_turned_body():
 
 
 def test_closing_twice_is_closing_once():
-    once = close_surface(cut(1e-3), R)
+    once = felt_cut(2e-3)
     twice = close_surface(once.mesh, R)
     y = np.linspace(-2e-3, 2e-3, 9)
     after = dips(twice, y) if twice is not None else dips(once, y)
@@ -131,9 +142,8 @@ def test_closing_twice_is_closing_once():
 
 
 def test_a_wider_ball_never_feels_a_lower_surface():
-    body = groove(5e-3)
-    y = np.linspace(-2.4e-3, 2.4e-3, 9)
-    narrow, wide = (dips(close_surface(body, r), y) for r in (5e-3, 9e-3))
+    y = np.linspace(-1.9e-3, 1.9e-3, 9)
+    narrow, wide = dips(close_surface(groove(4e-3), 5e-3), y), dips(felt_groove(4e-3), y)
     assert (wide <= narrow + NEAR).all() and wide[4] < narrow[4] - 1e-4
 
 
@@ -168,7 +178,18 @@ def check_folds(mesh):
     assert 0.5 * size[folded].sum() < 0.1e-6, folded.sum()  # [m²] slivers at edges; it was 30e-6
 
 
-@pytest.mark.parametrize("name", [name for name in GAPPED if name not in ("block", "union", "overlap")])
+MORE = ("cut-0.2", "cut-0.5", "cut-2", "groove-1", "groove-2", "groove-8")
+"""Other widths of the gap of `cut-0.05` and of the grooves `groove-4` and `groove-16`."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.long] * (name in MORE))
+        for name in GAPPED
+        if name not in ("block", "union", "overlap")
+    ],
+)
 def test_a_felt_surface_has_no_fold_and_no_inner_piece(name):
     felt = close_surface(GAPPED[name].make(COARSE), R)
     if felt is None:
@@ -183,7 +204,7 @@ def test_triangles_that_share_no_vertex_are_bridged_as_those_that_do():
     apart = Mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
     y = np.linspace(-1.5e-3, 1.5e-3, 7)
     assert apart.closed
-    np.testing.assert_allclose(dips(close_surface(apart, R), y), dips(close_surface(body, R), y), atol=1e-9)
+    np.testing.assert_allclose(dips(close_surface(apart, R), y), dips(felt_groove(4e-3), y), atol=1e-9)
 
 
 def test_bodies_that_overlap_feel_like_their_union():
