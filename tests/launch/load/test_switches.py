@@ -23,14 +23,10 @@ WRONG = (
 RIGHT = {"true": True, "yes": True, "on": True, "True": True, "ON": True, "false": False, "no": False, "Off": False}
 
 
-def switches():
-    """(graph, path) of each switch of each shipped graph."""
-    found = set()
-    for file in sorted(GRAPHS.glob("*.yaml")):
-        for spec in load(file).nodes.values():
-            if spec.when is not None and spec.when not in ("True", "False"):
-                found.add((file.stem, spec.when.removeprefix("not ").lstrip("$")))
-    return sorted(found)
+def switches(graph):
+    """Path of each switch of a loaded graph."""
+    when = {spec.when for spec in graph.nodes.values()} - {None, "True", "False"}
+    return sorted({text.removeprefix("not ").lstrip("$") for text in when})
 
 
 def scene_of(graph):
@@ -39,11 +35,7 @@ def scene_of(graph):
     return Path(given["scene"]).stem if "scene" in given else scene_of(given["extends"])
 
 
-SWITCHES = switches()
-
-
-def test_the_shipped_graphs_have_switches():
-    assert {path for _, path in SWITCHES} >= {"tissue.friction", "energy.ledger", "finger.band", "skin.afferents"}
+NAMES = [file.stem for file in sorted(GRAPHS.glob("*.yaml"))]
 
 
 @pytest.mark.parametrize("form", ["tissue.friction", "not tissue.friction", "$tissue.friction"])
@@ -63,12 +55,9 @@ def test_a_switch_takes_booleans_alone(form):
             assert "friction: true" in fault.cure or "friction: false" in fault.cure, text
 
 
-@pytest.mark.parametrize(("graph", "path"), SWITCHES)
-def test_each_switch_of_each_shipped_graph_refuses_other_values(graph, path, write):
-    """Three values from each of shell, file and mapping; 9 for each switch."""
+def refuse(graph, named, path, write):
     chosen = random.Random(f"{graph} {path}").sample(WRONG, 9)
     part, _, key = path.rpartition(".")
-    named = load(graph)
     for text in chosen[:3]:
         with pytest.raises(GraphError, match=f"{path}: found .*expected true or false"):
             load(graph, overrides=[f"scene.{path}={text}"])
@@ -81,6 +70,19 @@ def test_each_switch_of_each_shipped_graph_refuses_other_values(graph, path, wri
         scene = {**named.scene, part: {**named.scene[part], key: parse(text, "a mapping").data}}
         with pytest.raises(GraphError, match=f"{path}: found .*expected true or false"):
             load(graph, scene=scene)
+
+
+@pytest.mark.parametrize("graph", NAMES)
+def test_each_switch_of_each_shipped_graph_refuses_other_values(graph, write):
+    """Three values from each of shell, file and mapping; 9 for each switch."""
+    named = load(graph)
+    for path in switches(named):
+        refuse(graph, named, path, write)
+
+
+def test_the_shipped_graphs_have_switches():
+    found = {path for graph in ("kidney", "nodule", "softness") for path in switches(load(graph))}
+    assert found >= {"tissue.friction", "energy.ledger", "finger.band", "skin.afferents"}
 
 
 def test_python_refuses_them_too(tmp_path):
