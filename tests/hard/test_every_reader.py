@@ -31,6 +31,7 @@ OPENING = {
 LIBRARIES = {
     "np.load", "numpy.load", "nibabel.load", "meshio.read", "trimesh.load", "pickle.load", "pyarrow.parquet.read_table",
 }  # fmt: skip
+LAST = {name.rpartition(".")[2] for name in LIBRARIES}
 WRITING = {"w", "wb", "ab", "a", "x", "xb"}
 
 NO_READERS = {
@@ -89,11 +90,12 @@ def opens(path: Path) -> bool:
         if not isinstance(node, ast.Call):
             continue
         name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
-        whole = ast.unparse(node.func)
+        if name not in OPENING and (name not in LAST or ast.unparse(node.func) not in LIBRARIES):
+            continue
         modes = {
             each.value for each in [*node.args, *(k.value for k in node.keywords)] if isinstance(each, ast.Constant)
         }
-        if (name in OPENING or whole in LIBRARIES) and not modes & WRITING and whole != "os.fdopen":
+        if not modes & WRITING:
             return True
     return False
 
@@ -479,7 +481,7 @@ def nodes_that_a_msh_file_lacks(path):
 def blocks_that_unpack_to_much(path):
     import base64
 
-    block, count = zlib.compress(bytes(1 << 20)), 1500
+    block, count = zlib.compress(bytes(1 << 20)), 800
     head = np.array([count, 1 << 20, 0] + [len(block)] * count, np.uint32).tobytes()
     data = base64.b64encode(head).decode() + base64.b64encode(block * count).decode()
     path.write_text(
@@ -536,7 +538,7 @@ def a_curve_in_another_file(path):
 def a_zip_archive_that_unpacks_to_much(path):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         for k in range(3):
-            file.writestr(f"segments/{k}/channels/height.dat", bytes(300_000_000))
+            file.writestr(f"segments/{k}/channels/height.dat", bytes(100_000_000))
 
 
 @bomb("AFM", "a.ibw")
@@ -622,7 +624,7 @@ def frames_that_a_dicom_file_lacks(path):
 @bomb("sessions", "a.xlsx")
 def a_workbook_that_unpacks_to_much(path):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("xl/worksheets/sheet1.xml", bytes(900_000_000))
+        file.writestr("xl/worksheets/sheet1.xml", bytes(300_000_000))
 
 
 @bomb("sessions", "a.xlsx")
@@ -643,7 +645,7 @@ def a_workbook_of_many_cells(path):
 @bomb("sessions", "a.mat")
 def variables_that_unpack_to_much(path):
     savemat = pytest.importorskip("scipy.io").savemat
-    savemat(path, {"force": np.zeros(100_000_000)}, do_compression=True)
+    savemat(path, {"force": np.zeros(40_000_000)}, do_compression=True)
 
 
 @bomb("archive", "a.npz")
@@ -722,7 +724,7 @@ def shipped(name: str, array: str):
         arrays = read_arrays(SHIPPED / name)
         changed = arrays[array].copy()
         count = {"triangles": len(arrays["vertices"]), "kept": 3 * len(arrays["vertices"]), "kinds": 3}[array]
-        changed.flat[5] = {3: 1 if array == "kinds" else 3, 4: count, 99: count + 95}.get(value, value)
+        changed.flat[5] = {3: 1 if array == "kinds" else 3, 4: count}.get(value, value)
         stream = io.BytesIO()
         np.savez(stream, **(arrays | {array: changed}))
         return stream.getvalue()
@@ -754,7 +756,7 @@ def test_an_index_that_its_table_does_not_have_is_refused(tmp_path, name):
     path = tmp_path / name
     path.write_bytes(write(3))
     assert confined(READERS[reader], path) == "read"
-    for value in (-1, 4, 99, 2**31 - 1):
+    for value in (-1, 4, 2**31 - 1):
         path.write_bytes(write(value))
         assert confined(READERS[reader], path).startswith("refused"), value
 
