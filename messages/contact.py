@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.messages.base import Floats, Ints, Message, Vector, Vector2, Vector3
 from palpate.messages.fields import Bound
+from palpate.messages.tissue import NO_FLOATS, Sparse
 
 UNIT_VECTOR = Bound(1.001, "a unit vector")
 COMPLIANCE = Bound(1e3, "a body of 1 mN/m")
@@ -118,7 +119,7 @@ class Load(Message):
         return msgspec.structs.replace(made, forces=-np.abs(made.forces))
 
 
-class OrganContact(Message):
+class OrganContact(Sparse):
     """The contact of two bodies: its force, patch and gap, and the nodal forces on both.
 
     force          [N]   ()    sum of the normal forces of all candidates, never negative
@@ -144,6 +145,8 @@ class OrganContact(Message):
     first_forces   [N]   (k,3) force on each
     second_nodes   [1]   (l)   the same of the second body
     second_forces  [N]   (l,3) force on each
+    carried        [J]   (c)   work of moving foundations on the bodies through this contact since the start; c = 1, 0 if
+                               none moves, and then omitted on the wire
     """
 
     force: Annotated[float, "N"]
@@ -167,6 +170,7 @@ class OrganContact(Message):
     first_forces: Annotated[Floats, "N", ("k", 3)]
     second_nodes: Annotated[Ints, "1", ("l",)]
     second_forces: Annotated[Floats, "N", ("l", 3)]
+    carried: Annotated[Floats, "J", ("c",)] = NO_FLOATS
 
 
 class Neighbour(Message):

@@ -2,8 +2,9 @@
 
 from typing import Annotated
 
-from palpate.messages.base import Message
+from palpate.messages.base import Floats
 from palpate.messages.fields import OneOf
+from palpate.messages.tissue import NO_FLOATS, Sparse, always_sent
 
 PARTS = (
     "fingertip", "tissue", "friction", "display",
@@ -12,7 +13,7 @@ PARTS = (
 """Parts with an energy account; those of the first finger have no number."""
 
 
-class Ledger(Message):
+class Ledger(Sparse):
     """Energy balance of the display: the work of the hand, stored, dissipated and generated energy, summed from the
     start of the run.
 
@@ -32,6 +33,8 @@ class Ledger(Message):
     generated             [J] () largest energy that a part, or the whole display, has released beyond what it received
     generated_by          [1] () that part
     tripped               [1] () true once the generated energy has exceeded the bound
+    carried               [J] (c) work of the moving foundations of organs on the display; c = 1, 0 if none moves, and
+                                 then omitted on the wire
     """
 
     hand: Annotated[float, "J"]
@@ -47,5 +50,6 @@ class Ledger(Message):
     balance: Annotated[float, "J"]
     unexplained: Annotated[float, "J"]
     generated: Annotated[float, "J"]
-    generated_by: Annotated[str, "1", OneOf("", *PARTS)] = ""
-    tripped: Annotated[bool, "1"] = False
+    generated_by: Annotated[str, "1", OneOf("", *PARTS)] = always_sent("")
+    tripped: Annotated[bool, "1"] = always_sent(False)
+    carried: Annotated[Floats, "J", ("c",)] = NO_FLOATS

@@ -19,7 +19,7 @@ def always_sent(value: Any) -> Any:
     return msgspec.field(default_factory=lambda: value)
 
 
-class _Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
+class Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
     """A message whose plain default values are omitted on the wire; the header is always sent."""
 
     tick: Annotated[int, "1"] = always_sent(-1)
@@ -28,7 +28,7 @@ class _Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
     used: Annotated[tuple[int, ...], "1", ("u",)] = always_sent(())
 
 
-class Surface(_Sparse):
+class Surface(Sparse):
     """The deformed surface, and the terminal law: the body's response at the contact for the next step,
 
         F(s) = stiffness <s - rest_indentation>^exponent <1 + damping (s - previous_indentation)/T>

@@ -6,11 +6,12 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import array_of, nth, vector
+from palpate.compiler.records import array_of, floats, lend, nth, put, vector
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
 from palpate.messages.contact import OrganContact
 from palpate.messages.ledger import PARTS
-from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
+from palpate.messages.support import Support
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import kernel
 from palpate.physics.contact import ledger
 
@@ -27,9 +28,10 @@ def stored_energy(stored):
 
 @kernel
 def of_organs(others, between):
-    """Energy [J] stored in the other organs, NaN if one does not report it, work on all contacts of organs, and energy
-    stored there."""
-    stored = given = held = 0.0
+    """Energy [J] stored in the other organs, NaN if one does not report it, work on all contacts of organs, energy stored
+    there, and work of moving foundations through them; whether one moves."""
+    stored = given = held = carried = 0.0
+    moves = False
     for i in range(others.count):
         each = nth(others, i)
         stored += stored_energy(each.stored) if each.there else nan
@@ -38,7 +40,20 @@ def of_organs(others, between):
         if touch.there:
             held += touch.stored
             given += touch.stored + touch.dissipated - touch.generated
-    return stored, given, held
+            if touch.carried.shape[0] > 0:
+                carried += floats(touch.carried)[0]
+                moves = True
+    return stored, given, held, carried, moves
+
+
+@kernel
+def step_of(own, support):
+    """Motion [m] (3) of a foundation since the last message."""
+    if not support.there:
+        return ZERO
+    x, y, z = vector(own.at)
+    put(own.at, vector(support.displacement))
+    return own.at[0] - x, own.at[1] - y, own.at[2] - z
 
 
 class Energy(CompiledNode):
@@ -46,7 +61,8 @@ class Energy(CompiledNode):
 
     For several fingers on one body, the inputs force, contact, pose and friction have the same order, and the message
     contains sums; each fingertip and each friction has a separate account. Organs that touch the body, `others`, count
-    with it as one, and their contacts, `between`, as a part.
+    with it as one, and their contacts, `between`, as a part. If the body moves with its foundation, `support`, the poses
+    are those in its frame (support.Relative), and the work of the foundation is counted apart from that of the hand.
 
     bound  energy that a part, or the whole display, may generate. Above it the ledger trips for the rest of the run,
            and the controller reduces the force to zero. 0: the ledger never trips
@@ -61,6 +77,7 @@ class Energy(CompiledNode):
 
     State = {
         "account": ledger.LEDGER, "past": TABLE,
+        "at": (3,), "lent": (), "carried": ARRAY,  # [m] the foundation; [J] its work on the fingers, and all of it
         "tripped": bool, "by": int, "most": (), "time": int,  # row of the part that tripped it, its energy, time [ns]
     }  # fmt: skip
     conditions = {"tripped": "tripped"}
@@ -68,6 +85,7 @@ class Energy(CompiledNode):
     def start(self) -> None:
         super().start()
         self.hold("past", np.zeros((self.delay + 2, ledger.FINGERS), ledger.MOMENT_TYPE))
+        self.hold("carried", np.zeros(1))
 
     def generated_energy(self, part: str) -> float:
         """Energy [J] that one part has generated."""
@@ -90,11 +108,13 @@ class Energy(CompiledNode):
         friction: Annotated[list[Friction | None], Wants("force", "stored")],
         body: Annotated[Surface | None, Wants("stored")],
         others: Annotated[list[Surface | None], Wants("stored")],
-        between: Annotated[list[OrganContact | None], Wants("stored", "dissipated", "generated")],
+        between: Annotated[list[OrganContact | None], Wants("stored", "dissipated", "generated", "carried")],
+        support: Annotated[Support | None, Wants("displacement")],
         out: Out[Ledger],
         dt,
     ):
         account, past, count = own.account, _moments_of(own.past), force.count
+        moved, lent, moves = step_of(own, support), 0.0, support.there
         whole = body.there and contact.count >= count and pose.count >= count
         for i in range(count):
             whole = whole and nth(contact, i).there and nth(pose, i).there
@@ -112,18 +132,25 @@ class Energy(CompiledNode):
                 if stepped:
                     stored = (stored_energy(touch.stored), stored_energy(body.stored), bristles)
                     ledger.add_finger(account, past, i, along, rubbed, stored)
-            elsewhere, given, held = of_organs(others, between)
-            ledger.end(account, past, stepped, stored_energy(body.stored), elsewhere, given, held)
+            elsewhere, given, held, carried, push = of_organs(others, between)
+            moves = moves or push
+            if stepped:
+                lent = ledger.carry(account, past, moved)
+                own.lent += lent
+            ledger.end(account, past, stepped, stored_energy(body.stored), elsewhere, given, held, carried)
         else:
             account.moments = 0
         row, most = ledger.worst(account)
         if most > own.bound > 0.0 and not own.tripped:
             own.tripped, own.by, own.most, own.time = True, row, most, nth(force, 0).time
-        out.hand, out.controller, out.sampling = account.hand, account.controller, account.sampling
+        out.hand, out.controller, out.sampling = account.hand - own.lent, account.controller, account.sampling
         out.fingertip_stored, out.fingertip_dissipated = ledger.totals(account, ledger.FINGERTIP)
         out.tissue_stored, out.tissue_dissipated = ledger.totals(account, ledger.TISSUE)
         out.tissue_dissipated += account.accounts[ledger.ORGANS].work - account.accounts[ledger.ORGANS].stored
         out.friction_stored, out.friction_dissipated = ledger.totals(account, ledger.FRICTION)
-        out.work, out.balance, out.unexplained = account.work, account.left, account.balance
+        out.work, out.balance, out.unexplained = account.work - lent, account.left, account.balance
         out.generated, out.generated_by = most, row + 1 if most != 0.0 else 0
         out.tripped = own.tripped
+        if moves:
+            floats(own.carried)[0] = own.lent + account.carried
+            lend(out.carried, own.carried)

@@ -14,6 +14,7 @@ import msgspec
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
+from palpate.launch.load.carried import add_motions
 from palpate.launch.load.checks.agreeing import agree
 from palpate.launch.load.checks.ideal import remove_imperfections
 from palpate.launch.load.checks.overlapping import overlaps
@@ -152,14 +153,15 @@ def load(
 def _repeat_for_organs(
     changes: list[Override], source: YamlSource, scene: YamlSource, faults: Faults
 ) -> tuple[list[str], dict[str, str]]:
-    """Apply the overrides, those of the scene first: on it depends which lines are repeated for which organs. Notes,
-    and why nodes of pairs out of reach do not run."""
+    """Apply the overrides, those of the scene first: on it depends which lines are repeated for which organs, and which
+    organs move. Notes, and why nodes of pairs out of reach do not run."""
     organs, notes = take_organs(scene, faults)
     of_scene = [change for change in changes if change.keys[0] == "scene" and len(change.keys) > 1]
     apply(of_scene, source, scene, faults)
     several = has_marks(source)
     pairs, apart = pairs_in_reach(organs or [], scene, faults) if several else ([], {})
     off = repeat_lines(source, organs, pairs, apart, faults)
+    notes = (*notes, *add_motions(source, scene, faults))
     apply([change for change in changes if change not in of_scene], source, scene, faults)
     if organs and not several:
         notes = (*notes, "the scene's list `organs` reaches no node: the graph has no line such as contact-<organ>")

@@ -6,11 +6,11 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from palpate.compiler.exact import product
 from palpate.compiler.records import floats, form, integers, lend, lend_first, nth, put, unpacking, vector
-from palpate.messages import Load, Vector3
+from palpate.messages import Load
 from palpate.messages.contact import SIDES, OrganContact
 from palpate.messages.record import ROOM, array_handle
+from palpate.messages.support import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out, SettingError
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel
@@ -134,6 +134,26 @@ def spread_forces(pair, side, normal, rubs, sign):
 
 
 @ieee_kernel
+def carry(own, pair, rub, normal, first, second):
+    """Move both bodies with their foundations: fills the gaps without deformation and the motion that rubs. Returns the
+    motion [m] (3) of the first body against the second in this step. A support that is missing stays."""
+    if first.there:
+        put(own.supports[0], vector(first.displacement))
+    if second.there:
+        put(own.supports[1], vector(second.displacement))
+    x, y, z = vector(own.apart)
+    for k in range(3):
+        own.apart[k] = own.supports[0][k] - own.supports[1][k]
+    moved = own.apart[0] - x, own.apart[1] - y, own.apart[2] - z
+    rest, (x, y, z) = floats(own.rest), vector(own.apart)
+    for i in range(len(rest)):
+        pair.gap[i] = rest[i] + (normal[i, 0] * x + normal[i, 1] * y + normal[i, 2] * z)
+    for k in range(3):
+        rub.carried[k] += moved[k]
+    return moved
+
+
+@ieee_kernel
 def summarise(own, pair, first, second, normal, area, out):
     """Fill force, patch and gap of the message."""
     active, force, out.area, out.gap = pair.active, 0.0, 0.0, own.reach
@@ -177,7 +197,7 @@ class Between(CompiledNode):
 
     `first` and `second` are the loads of the fingers on each body, then of other organs, in the order of the body's
     loads. The fingers feel the other body through `contact.Backed` or `contact.Joint`. A `contact.Side` sends the load
-    on each body. The bodies are linear here: their large displacement is left out, and candidates stay where they were
+    on each body. `first_support` and `second_support` are the motions of their foundations (support.Moving). The bodies are linear here: their large displacement is left out, and candidates stay where they were
     at the start.
 
     reach   distance of the undeformed surfaces up to which they have candidates
@@ -202,14 +222,16 @@ class Between(CompiledNode):
         "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide), "rub": form(Rubbing),
         "normals": TABLE, "areas": ARRAY, "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
         "yields": TABLE, "returns": TABLE, "slid": ARRAY,
+        "rest": ARRAY, "supports": (2, 3), "apart": (3,), "carried": ARRAY,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates; openings by all loads
-    on each body, and by each finger on the first and on the second; workspace; responses [m/N] of both; last feet and
-    normal."""
+    on each body, and by each finger on the first and on the second; workspace; responses [m/N] of both; gaps [m] of the
+    bodies at their places at the start, displacements [m] of both foundations and their difference, work [J] of the
+    foundations; last feet and normal."""
     shared = (
-        "pair.gap", "pair.first", "pair.second", "pair.retardation", "normals", "areas", "rub.tangents", "rub.first",
+        "rest", "pair.first", "pair.second", "pair.retardation", "normals", "areas", "rub.tangents", "rub.first",
         "rub.second",
         *(f"{side}.{name}" for side in ("one", "two")
           for name in ("corners", "weights", "response", "aside", "begins", "vertices", "shares", "place")),
@@ -235,7 +257,8 @@ class Between(CompiledNode):
         # opening by a displacement of the second body along n is negative
         self.hold("one", _side(one, found.first, count))
         self.hold("two", _side(two._replace(response=-two.response), found.second, count))
-        self._gap, self._moved = found.gap.copy(), np.zeros(3)
+        self.hold("rest", found.gap.copy())
+        self.hold("carried", np.zeros(1))
         self.hold("normals", normal)
         self.hold("areas", area)
         self.hold("others", np.zeros((2, count)))
@@ -268,7 +291,7 @@ class Between(CompiledNode):
     def resize(self, counts: list[int]) -> None:
         """Room for the fingers on each body."""
         one, two = max(counts[0] - self.first_organs, 0), max(counts[1] - self.second_organs, 0)
-        size = len(self._gap)
+        size = len(self._held["rest"])
         self.hold("opened", np.zeros((2, one + 1, size)))
         self.hold("again", np.zeros((2, two + 1, size)))
         self.hold("along", np.zeros((2, max(one, two), size)))
@@ -302,17 +325,16 @@ class Between(CompiledNode):
             )
         return found, bodies
 
-    def move(self, side: str, displacement: Vector3) -> None:
-        """Move a body, "first" or "second", with its elastic foundation by a displacement [m] (3) from its place at the
-        start, for scripts that call the node step by step. Its surface for fingers stays."""
-        sign = 1.0 if side == SIDES[0] else -1.0
-        to = sign * np.asarray(displacement, float)
-        self._held["rub.carried"][:] += to - self._moved
-        self._held["pair.gap"][:] = self._gap + product(self._held["normals"], to)
-        self._moved = to
-
     @ieee_kernel
-    def compute(own, first: list[Load | None], second: list[Load | None], out: Out[OrganContact], dt):
+    def compute(
+        own,
+        first: list[Load | None],
+        second: list[Load | None],
+        first_support: Support | None,
+        second_support: Support | None,
+        out: Out[OrganContact],
+        dt,
+    ):
         pair, one, two = _pair_of(own.pair), _side_of(own.one), _side_of(own.two)
         others, opened, again = floats(own.others), floats(own.opened), floats(own.again)
         normal, area, along = floats(own.normals), floats(own.areas), floats(own.along)
@@ -322,6 +344,9 @@ class Between(CompiledNode):
         if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests, rub.others[1], slid):
             own.fault, own.fault_side = NO_VERTEX, 0 if unknown else 1
             return
+        carries, moved = first_support.there or second_support.there, (0.0, 0.0, 0.0)
+        if carries:
+            moved = carry(own, pair, rub, normal, first_support, second_support)
         rubs = rub.tangents.shape[1] > 0
         if rubs:
             open_by_friction(rub, others)
@@ -342,6 +367,11 @@ class Between(CompiledNode):
             for i in range(len(rub.force)):
                 out.friction[x] += rub.force[i, x]
             out.resultant[x] += out.friction[x]
+        if carries:
+            work = floats(own.carried)
+            for x in range(3):
+                work[0] -= out.resultant[x] * moved[x]
+            lend(out.carried, own.carried)
         own.penetrates[0] = max(own.penetrates[0], -out.gap)
         count = spread_forces(pair, one, normal, rub.force, 1.0)
         lend_first(out.first_nodes, own.one.nodes, count)

@@ -1,7 +1,6 @@
 """The hand that holds a simulated or emulated device: script, arm and grip."""
 
-import math
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -10,8 +9,9 @@ from palpate.compiler.records import floats, form, integers, unpacking
 from palpate.messages import DeviceState, Pose, Vector3
 from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Ideal, Node, SettingError
 from palpate.nodes.base.kernels import kernel
+from palpate.nodes.device.path import Segment, ends_of, points_of, shapes_of
 from palpate.physics.device.falcon import FALCON, HOME, Geometry, directions
-from palpate.physics.device.grip import GRIP, LINEAR, MINIMUM_JERK, MOTION, grip_kernel
+from palpate.physics.device.grip import GRIP, MOTION, grip_kernel
 
 geometry_of = unpacking(Geometry)
 COUNTS = Ideal("counts of the encoder")
@@ -20,40 +20,6 @@ HELD_GRIP = {
     "geometry": form(Geometry), "grip": GRIP, "motion": MOTION, "ends": ARRAY, "points": TABLE, "shapes": ARRAY,
 }  # fmt: skip
 """State of a simulated grip, for `physics.device.grip.grip_kernel`."""
-
-
-class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One segment of the path of a scripted hand: a motion or a rest.
-
-        {to: [0, 0, 0.10], time: 0.5}                    to a point [m, world], starting and ending at rest
-        {to: [0, 0, 0.10], time: 0.5, shape: linear}     at constant speed
-        {hold: 0.2}                                      stay [s]
-
-    `buttons` is the mask of the buttons that are pressed during the segment.
-    """
-
-    to: Vector3 | None = None
-    time: float | None = None
-    shape: Literal["minimum-jerk", "linear"] | None = None
-    hold: float | None = None
-    buttons: Annotated[int, msgspec.Meta(ge=0, lt=2**31)] = 0
-
-    def __post_init__(self) -> None:
-        if (self.to is None) == (self.hold is None):
-            raise ValueError("expected either 'to' with 'time', or 'hold'")
-        if self.hold is not None and (self.time is not None or self.shape is not None):
-            raise ValueError("'hold' takes neither 'time' nor 'shape'")
-        if self.to is not None and self.time is None:
-            raise ValueError("'to' needs 'time' [s]")
-        if not (0.0 < self.duration < math.inf):
-            raise ValueError(f"a duration of {self.duration} s, expected more than 0")
-        if self.to is not None and not all(map(math.isfinite, self.to)):
-            raise ValueError(f"'to' is {self.to}, expected finite numbers [m]")
-
-    @property
-    def duration(self) -> float:
-        """Duration [s]."""
-        return self.hold if self.hold is not None else self.time or 0.0
 
 
 class HeldGrip(Node):
@@ -118,15 +84,11 @@ class SimulatedOperator(HeldGrip):
 
     def points(self) -> np.ndarray:
         """Start and end points of the segments [m] (n + 1,3), in the device's frame."""
-        points, here = [self.begin], self.begin
-        for segment in self.path:
-            here = segment.to or here
-            points.append(here)
-        return np.array(points) - np.array(self.origin)
+        return points_of(self.begin, self.path) - np.array(self.origin)
 
     def ends(self) -> np.ndarray:
         """End times of the segments [s] (n)."""
-        return np.cumsum([segment.duration for segment in self.path], dtype=float) / self.speed_factor
+        return ends_of(self.path) / self.speed_factor
 
     def shapes(self) -> np.ndarray:
-        return np.array([LINEAR if s.shape == "linear" else MINIMUM_JERK for s in self.path], dtype=np.int32)
+        return shapes_of(self.path)

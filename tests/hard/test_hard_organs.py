@@ -146,8 +146,8 @@ def test_jumps_of_an_organ_leave_no_force_that_pulls_and_no_overlap_that_is_not_
         contact = organ_pairs.nodes_of(case, False)[2]
         for _ in range(40):
             x, y, z = rng.uniform(-3e-3, 3e-3, 3).tolist()
-            contact.move("second", (0.3 * x, 0.3 * y, case.gap + z))
-            organs = contact.step([], [], dt=1e-3)
+            way = np.array([0.3 * x, 0.3 * y, case.gap + z])
+            organs = contact.step([], [], second_support=organ_pairs.support_at(way), dt=1e-3)
             pull = np.linalg.norm(organs.friction)
             assert np.isfinite([organs.force, pull, organs.generated, organs.dissipated]).all() and organs.force >= 0.0
             assert organs.left > 0 or organs.gap > -1e-9

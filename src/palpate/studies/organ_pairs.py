@@ -14,6 +14,7 @@ import numpy as np
 
 from palpate.messages import Contact, Proximity
 from palpate.messages.contact import OrganContact
+from palpate.messages.support import Support
 from palpate.nodes import deformation
 from palpate.nodes.base.contacts import press_body
 from palpate.nodes.base.surface import surface_mesh
@@ -155,6 +156,12 @@ def nodes_of(case: Case, exchanged: bool) -> tuple[Any, Any, Between, Side, Side
     return made
 
 
+def support_at(way: np.ndarray) -> Support:
+    """A foundation displaced by `way` [m] (3)."""
+    x, y, z = map(float, way)
+    return Support(displacement=(x, y, z), velocity=(0.0, 0.0, 0.0))
+
+
 def run(case: Case, exchanged: bool = False, rigid: bool = False) -> Course:
     """Step the nodes in the order of a graph. `rigid`: the finger presses a rigid body alone."""
     upper, lower, between, above, below, spread, contact = nodes_of(case, exchanged)
@@ -166,7 +173,7 @@ def run(case: Case, exchanged: bool = False, rigid: bool = False) -> Course:
     for tick, share in enumerate(motion(case)):
         approach = case.depth * share - 1e-4 + (case.closing * share * max(nz, 0.0) if rigid else 0.0)
         way = float(share) * np.array([*case.slide, case.closing])
-        between.move("first" if exchanged else "second", (float(way[0]), float(way[1]), float(way[2])))
+        carried = {("first" if exchanged else "second") + "_support": support_at(way)}
         near = Proximity(
             foot=(x, y, z), normal=(nx, ny, nz), coordinates=(0.0, 0.0), element=0,
             gap=-float(approach), approach=max(float(approach), 0.0), slip=(0.0, 0.0, 0.0),
@@ -178,7 +185,8 @@ def run(case: Case, exchanged: bool = False, rigid: bool = False) -> Course:
         if rigid:
             surface = press_body(upper, load, dt=DT)
             continue
-        organs = between.step([], [load], dt=DT) if exchanged else between.step([load], [], dt=DT)
+        loads = ([], [load]) if exchanged else ([load], [])
+        organs = between.step(*loads, dt=DT, **carried)
         (push, felt), (counter, _) = above.step(organs, dt=DT), below.step(organs, dt=DT)
         surface = upper.step([load, push], dt=DT)
         lower.step([counter], dt=DT)

@@ -6,31 +6,36 @@ import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
 
 from palpate.engine.imports import full_name
-from palpate.engine.parts import Link, parts
+from palpate.engine.parts import SUPPORT, Link, parts
 from palpate.engine.plan import Plan
-from palpate.messages import Contact, Friction, Load, Proximity, Surface
+from palpate.messages import Contact, Friction, Load, Message, Proximity, Surface, Vector3
 from palpate.messages.contact import Neighbour, OrganContact
+from palpate.messages.support import Support
 from palpate.nodes.base.surface import complete
 from palpate.physics.geometry.mesh import Mesh
 from palpate.records.stored import Stored
 from palpate.views.errors import PageError, PictureError
 
+NO_MOVES: Mapping[str, str] = MappingProxyType({})
 Streams = Mapping[str, tuple[str, str]]  # sender and full type name of each stream
 
 
 class Finger(dict[str, str]):
     """A finger's stream of each message type, by the type's full name.
 
-    near  its streams of Proximity, one for each organ
+    near      its streams of Proximity, one for each organ
+    supports  of each of them, the stream of the motion in whose frame it is; "": of an organ that does not move
     """
 
     def __init__(self) -> None:
         self.near: list[str] = []
+        self.supports: list[str] = []
 
 
 def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
@@ -67,8 +72,15 @@ def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
             senders.setdefault(kind, set()).add(producer)
             if kind == near:
                 finger.near.append(stream)
+                finger.supports.append(_support_of(producer, links))
         each.append(finger)
     return each
+
+
+def _support_of(collision: str, links: Sequence[Link]) -> str:
+    """The motion in whose frame a collision gets the pose; "" if there is none."""
+    poses = {sender for reader, port, sender in links if reader == collision and port == "pose"}
+    return next((sender for reader, port, sender in links if reader in poses and port == SUPPORT), "")
 
 
 _ADDED = {full_name(Contact), full_name(Friction)}
@@ -97,6 +109,23 @@ def links_of(recording: Stored) -> tuple[list[Link], Streams]:
     return links, streams
 
 
+def moves_of_plan(planned: Plan) -> dict[str, str]:
+    """The stream of the motion of each body that moves (support.Moving)."""
+    nodes = planned.graph.nodes
+    return {
+        body: name for name in planned.order if Support in nodes[name].streams.values()
+        for body in nodes[name].settings.get("moves", ())
+    }  # fmt: skip
+
+
+def moves_of(recording: Stored) -> dict[str, str]:
+    """The same of a recording."""
+    kind, nodes = full_name(Support), recording.about.get("plan", {}).get("nodes", ())
+    settings = {node.get("name"): node.get("settings", {}) for node in nodes}
+    motions = [stream for stream, held in recording.streams.items() if str(held.schema["class"]) == kind]
+    return {body: stream for stream in motions for body in settings.get(stream, {}).get("moves", ())}
+
+
 def _nearest_mesh(body: str, links: Sequence[Link], mesh: Callable[[str], Mesh]) -> Mesh:
     """The mesh of a body, or of the nearest node upstream. PictureError, PageError: no such node."""
     try:
@@ -120,18 +149,25 @@ class Bodies:
     meshes   undeformed mesh of each body
     loads    streams of loads, with the index of the body that each presses
     others   streams of bodies without a mesh
+    supports stream of the motion of each body, "" if it does not move
     """
 
     streams: Sequence[str]
     meshes: Sequence[Mesh]
     loads: Mapping[str, int]
     others: Sequence[str] = ()
+    supports: Sequence[str] = ()
 
     @classmethod
-    def of(cls, links: Iterable[Link], streams: Streams, mesh: Callable[[str], Mesh]) -> Bodies:
+    def of(
+        cls, links: Iterable[Link], streams: Streams, mesh: Callable[[str], Mesh], moves: Mapping[str, str] = NO_MOVES
+    ) -> Bodies:
         """The bodies of all surfaces; `mesh` makes that of a node. A body without a mesh has that of the nearest node
         upstream which has one: the node that spreads the load, or the collision. PictureError, PageError: the first
-        body has none."""
+        body has none.
+
+        moves  stream of the motion of each body that moves
+        """
         links = list(links)
         surfaces = {producer: stream for stream, (producer, kind) in streams.items() if kind == full_name(Surface)}
         meshes: dict[str, Mesh] = {}
@@ -145,7 +181,9 @@ class Bodies:
         pressed = {sender: surfaces[reader] for reader, _, sender in links if surfaces.get(reader) in meshes}
         senders = {s: producer for s, (producer, kind) in streams.items() if kind == full_name(Load)}
         loads = {s: shown.index(pressed[producer]) for s, producer in senders.items() if producer in pressed}
-        return cls(shown, list(meshes.values()), loads, [s for s in surfaces.values() if s not in meshes])
+        others = [s for s in surfaces.values() if s not in meshes]
+        supports = [moves.get(body, "") for body, stream in surfaces.items() if stream in meshes]
+        return cls(shown, list(meshes.values()), loads, others, supports)
 
     @property
     def left_out(self) -> str:
@@ -182,6 +220,14 @@ class Bodies:
             every[0], nodes=np.concatenate([s.nodes + first for first, s in shapes]),
             displacement=np.concatenate([s.displacement for s in every]), **more,
         )  # fmt: skip
+
+    def carried(self, newest: Mapping[str, Message]) -> list[tuple[int, int, Vector3]]:
+        """First vertex, end, and displacement [m] (3) of each body that has moved with its foundation."""
+        moved = []
+        for first, mesh, stream in zip(self._first, self.meshes, self.supports, strict=False):
+            if isinstance(support := newest.get(stream), Support):
+                moved.append((first, first + len(mesh.vertices), support.displacement))
+        return moved
 
     def pressed_area(self, newest: Mapping[str, Load]) -> dict[str, list]:
         """Vertices of the joint mesh that these loads press, `patch`, and the size of each force [N], `loads`."""

@@ -20,6 +20,11 @@ Organs that touch each other are one body, whose V is the sum of theirs. Their c
 W_c = -sum p.dw + F.dx, is dissipated or stored in the bristles (`physics.contact.organs`), and the organs receive the
 rest of the work of the fingers.
 
+An organ may move with its foundation by d (`physics.bodies.carried`). Positions are then those in its frame, x - d, in
+which all works but that of the hand are the same; -F.d(x - d) is the work of hand and foundation together, of which
+the foundation does F.dd. Through contacts with other organs, the foundations do the work W_d, which organs and contacts
+receive.
+
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.
 Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 """
@@ -51,7 +56,7 @@ LEDGER = {
     "accounts": (ORGANS + 1, ACCOUNT), "rows": int,  # rows in use, without `ORGANS`
     "fingers": int, "moments": int, "newest": int,  # fingers, moments in the ring `past`, index of the newest
     "sums": SUMS, "hand": (), "controller": (), "sampling": (), "balance": (), "work": (), "left": (),
-    "between": (),  # work on the contacts of organs since their start
+    "between": (), "carried": (),  # work on the contacts of organs, and of foundations through them, since their start
 }  # fmt: skip
 """State of an energy account [J]; `work` and `left` are the hand's work and the balance of the last step. The kernels
 also take `past` (d + 2, FINGERS) of `MOMENT`, a ring buffer of the last moments."""
@@ -112,21 +117,36 @@ def add_finger(ledger: Record, past: Record, finger: int, along: Vector3, fricti
 
 
 @kernel
-def end(ledger: Record, past: Record, stepped: bool, tissue: float, others: float, between: float, held: float):
+def carry(ledger: Record, past: Record, moved: Vector3):
+    """Work [J] of a foundation that moved by `moved` [m] (3) in the step that ends, with the forces that acted on the
+    hands. Before `end`."""
+    work = 0.0
+    for finger in range(ledger.fingers):
+        work += dot(past[(ledger.newest - ledger.moments) % len(past), finger].force, moved)
+    return work
+
+
+@kernel
+def end(
+    ledger: Record, past: Record, stepped: bool, tissue: float, others: float, between: float, held: float,
+    carried: float,
+):  # fmt: skip
     """End the moment; if it ends a step, after `add_finger` for each finger.
 
     tissue, others [J]  energy stored in the body, and in the organs that touch it; NaN if it is not reported
     between, held [J]   work on their contacts since the start, and energy stored in the bristles there
+    carried [J]         work of moving foundations through these contacts since the start
     """
     given, ledger.between = between - ledger.between, between
+    lent, ledger.carried = carried - ledger.carried, carried
     if not stepped:
         ledger.moments = 1
         return
     sums = ledger.sums
     hand, asked, rendered = sums.hand, sums.asked, sums.rendered
-    _add_step(ledger.accounts[TISSUE], sums.tissue - given, tissue + others)
+    _add_step(ledger.accounts[TISSUE], sums.tissue - given + lent, tissue + others)
     _add_step(ledger.accounts[ORGANS], given, held)
-    _add_step(ledger.accounts[DISPLAY], hand, sums.stored + others + held)
+    _add_step(ledger.accounts[DISPLAY], hand + lent, sums.stored + others + held)
     ledger.controller += hand - asked
     ledger.sampling += asked - rendered
     ledger.hand += hand

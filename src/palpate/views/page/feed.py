@@ -33,6 +33,7 @@ from palpate.messages import (
     Surface,
     unpack,
 )
+from palpate.messages.support import Support
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page.steered import Touched
 
@@ -166,10 +167,14 @@ def picture(
     finger is that with the smallest gap. The head has the last messages of the first finger, with its curve; those of
     the other fingers are in `others`."""
     every: list[Last] = []
-    for finger, organs in zip(touched.fingers, touched.near, strict=True):
+    for finger, organs, motions in zip(touched.fingers, touched.near, touched.supports, strict=True):
         last: Last = {kind: newest[stream] for kind, stream in finger.items() if stream in newest}
-        close = [one for stream in organs if isinstance(one := newest.get(stream), Proximity)]
-        every.append(last | ({Proximity: min(close, key=lambda one: one.gap)} if close else {}))
+        pairs = zip(organs, motions, strict=True)
+        close = [(one, motion) for stream, motion in pairs if isinstance(one := newest.get(stream), Proximity)]
+        if close:
+            last[Proximity], motion = min(close, key=lambda pair: pair[0].gap)
+            last |= {Support: newest[motion]} if motion in newest else {}
+        every.append(last)
     if any(Contact not in last for last in every):
         return None
     shapes = {stream: one for stream, one in newest.items() if isinstance(one, Surface)}
@@ -178,13 +183,16 @@ def picture(
     first, *others = (
         now(last, touched.thickness) | curve for last, curve in zip(every, curves or [{}] * len(every), strict=True)
     )
-    return frame(head | first | {"others": others} | bodies.pressed_area(loads), bodies.surface(shapes))
+    moved = bodies.carried(newest)
+    head = head | first | {"others": others} | bodies.pressed_area(loads) | ({"carried": moved} if moved else {})
+    return frame(head, bodies.surface(shapes))
 
 
 def kinds_of(touched: Touched) -> dict[str, type[Message]]:
     """The message type of each stream that the page shows."""
     kinds = {stream: kind for finger in touched.fingers for kind, stream in finger.items()}
     kinds |= {stream: Proximity for organs in touched.near for stream in organs}
+    kinds |= {stream: Support for stream in touched.bodies.supports if stream}
     return kinds | dict.fromkeys(touched.bodies.streams, Surface) | dict.fromkeys(touched.bodies.loads, Load)
 
 
@@ -204,7 +212,10 @@ def now(last: Last, thickness: float) -> dict[str, Any]:
     """The last message of each type as plain data for the page; thickness [m] of the fingertip."""
     contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
     assert isinstance(contact, Contact)
-    head: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
+    foot = contact.foot
+    if isinstance(support := last.get(Support), Support):
+        foot = tuple(x + d for x, d in zip(foot, support.displacement, strict=True))
+    head: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": foot}
     head |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
     if isinstance(near, Proximity) and isinstance(pose, Pose):
         distance = thickness - contact.compression
@@ -263,9 +274,23 @@ def binary(data: bytes) -> bytes:
     if head["kind"] == "mesh":
         counts = len(head.get("fingers", (0,))), len(values) // 12, len(indices) // 12
         return MESH.pack(b"PLPM", VERSION, *counts, head.get("thickness", 0.0), 0) + values + indices
+    indices, values = _with_motion(head, indices, values)
     fingers = [head, *head["others"]]
     begin = FRAME.pack(b"PLPF", VERSION, len(fingers), len(indices) // 4, head["late"], head["time"])
     return b"".join((begin, *map(_finger, fingers), indices, values))
+
+
+def _with_motion(head: dict[str, Any], indices: bytes, values: bytes) -> tuple[bytes, bytes]:
+    """Vertices and displacements with all vertices of the bodies that moved with their foundation."""
+    if not head.get("carried"):
+        return indices, values
+    nodes, moved = np.frombuffer(indices, "<u4"), np.frombuffer(values, "<f4").reshape(-1, 3)
+    every = np.unique(np.concatenate([nodes, *(np.arange(first, end) for first, end, _ in head["carried"])]))
+    field = np.zeros((len(every), 3))
+    field[np.searchsorted(every, nodes)] = moved
+    for first, end, way in head["carried"]:
+        field[(every >= first) & (every < end)] += way
+    return every.astype("<u4").tobytes(), field.astype("<f4").tobytes()
 
 
 def _finger(head: dict[str, Any]) -> bytes:

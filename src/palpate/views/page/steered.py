@@ -35,7 +35,7 @@ from palpate.nodes.device.mailbox import Outbox
 from palpate.nodes.device.mouse import FARTHEST
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.errors import PageError
-from palpate.views.shown import Bodies, Finger, fingers, links_of_plan
+from palpate.views.shown import Bodies, Finger, fingers, links_of_plan, moves_of_plan
 
 Receptors = dict[str, list[float]]
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Spikes, Pointed, Load, Surface)
@@ -56,6 +56,7 @@ class Touched:
     place      placement; the first group has the nodes that run at every tick
     fingers    stream of each shown message type, for each finger
     near       streams of Proximity, one for each organ, for each finger
+    supports   of each of them, the stream of the motion in whose frame it is, or ""
     thickness  [m] of the fingertip, from skin to bone edge
     begins     [m] (3) initial position of each finger's bone edge
     receptors  `x` and `y` [mm] and type of each afferent whose spikes are sent
@@ -67,6 +68,7 @@ class Touched:
     place: Placement
     fingers: list[Shown]
     near: list[list[str]]
+    supports: list[list[str]]
     thickness: float
     begins: list[Vector3]
     receptors: Receptors
@@ -149,6 +151,7 @@ def _part_shown(
         place=place,
         fingers=shown,
         near=[finger.near for finger in found],
+        supports=[finger.supports for finger in found],
         thickness=float(thickness),
         begins=[nodes[senders[f[Pointed]]].settings["begin"] for f in shown if Pointed in f],
         receptors=_receptors(planned, senders[streams[Spikes]]) if Spikes in streams else {},
@@ -165,7 +168,7 @@ def shapes(planned: Plan) -> Bodies:
             use = planned.graph.nodes[node].use
             raise PageError(f"node {node!r} ({use}) has no mesh to show: {error}") from None
 
-    return Bodies.of(*links_of_plan(planned), mesh)
+    return Bodies.of(*links_of_plan(planned), mesh, moves_of_plan(planned))
 
 
 def _receptors(planned: Plan, node: str) -> Receptors:

@@ -7,11 +7,12 @@ import numpy as np
 
 from palpate.engine.imports import UntrustedError, recorded_class
 from palpate.messages import Force, Surface
+from palpate.messages.support import Support
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.errors import PictureError
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
-from palpate.views.shown import Bodies, links_of
+from palpate.views.shown import Bodies, links_of, moves_of
 from palpate.views.surface.render import RIGHT
 
 SHALLOWEST = 0.35  # smallest indentation of an instant, as a fraction of the deepest
@@ -26,7 +27,7 @@ class Instant:
 
     time          [s]
     surface       message of the body
-    displacement  [m] (V,3)  of every vertex of the mesh
+    displacement  [m] (V,3)  of every vertex of the mesh, with the motion of its foundation
     tips          [m] (f,3)  lowest point of each fingertip; not finite if not recorded
     normals       [1] (f,3)  outward normal at each foot point
     forces        [N] (f,3)  on the hand
@@ -62,7 +63,7 @@ def bodies_of(touch: TouchStreams) -> Bodies:
 
     PictureError: no stream of surfaces, or no mesh of the first body.
     """
-    found = Bodies.of(*links_of(touch.recording), lambda name: _mesh(touch, name))
+    found = Bodies.of(*links_of(touch.recording), lambda name: _mesh(touch, name), moves_of(touch.recording))
     if not found.streams:
         raise PictureError("the recording has no stream of surfaces")
     return found
@@ -131,7 +132,7 @@ def instants(touch: TouchStreams, shown: Bodies, count: int = 6) -> list[Instant
     chosen = instants_at(touch, shown, choose(_all_contacts(touch), count))
     if not chosen:
         raise PictureError("nothing was touched")
-    if not any(instant.displacement.any() for instant in chosen):
+    if not any(instant.surface.displacement.any() for instant in chosen):
         raise PictureError("no displacement was recorded")
     return chosen
 
@@ -146,6 +147,7 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
     by_body = {stream: touch.at(Surface, ticks, stream) for stream in shown.streams}
     at = np.intersect1d(list(by_body[shown.streams[0]]), touch.contact["tick"])
     time = _at(at, touch.contact, "time", 0.0)
+    motions = {stream: touch.at(Support, ticks, stream) for stream in dict.fromkeys(shown.supports) if stream}
     by_finger = [_finger(each, at) for each in touch.fingers]
     feet, tips, normals, forces, loads, depths = (np.stack(columns, 1) for columns in zip(*by_finger, strict=True))
     moments = []
@@ -154,6 +156,8 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
         assert surface is not None  # contains the first body
         field = displace_vertices(surface, len(shown.mesh.vertices))
         along = mean_drag(shown.mesh.vertices, field, feet[k], normals[k]) * (loads[k] > 0.0)[:, None]
+        for first, end, moved in shown.carried({s: found[tick] for s, found in motions.items() if tick in found}):
+            field[first:end] += moved
         moments.append(
             Instant(float(time[k]), surface, field, tips[k] + along, normals[k], forces[k], loads[k], depths[k])
         )
@@ -211,15 +215,18 @@ def _all_contacts(touch: TouchStreams) -> Columns:
 
 
 def _tips(touch: TouchStreams) -> Columns | None:
-    """End of the compressed fingertip: gap - h0 + s1 (in contact -s2) above the foot point on the nearest organ."""
+    """End of the compressed fingertip: gap - h0 + s1 (in contact -s2) above the foot point on the nearest organ, which
+    moves with its foundation."""
     if touch.contact is None or not touch.near:
         return None
     contact, *organs = together(touch.contact, *touch.near)
     nearest = np.argmin([near["gap"] for near in organs], axis=0)
+    rows = np.arange(len(nearest))
     gap, approach, foot, normal = (
-        np.array([near[name] for near in organs])[nearest, np.arange(len(nearest))]
-        for name in ("gap", "approach", "foot", "normal")
+        np.array([near[name] for near in organs])[nearest, rows] for name in ("gap", "approach", "foot", "normal")
     )
+    moved = [_at(contact["tick"], motion, "displacement", (0.0, 0.0, 0.0)) for motion in touch.motions]
+    foot = foot + np.array(moved)[nearest, rows]
     if not (approach > 0.0).any():
         return None
     thickness = float(np.median((gap + approach)[approach > 0.0]))

@@ -116,6 +116,7 @@ export class Scene {
     this.rest = places; this.restNormals = normals; this.triangles = triangles;
     this.places = places.slice(); this.normals = normals.slice(); this.values = new Float32Array(places.length / 3);
     this.moved = new Uint32Array(0);
+    this.still = places; this.carried = "";
     this.weights = null;
     const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
     places.forEach((x, i) => { low[i % 3] = Math.min(low[i % 3], x); high[i % 3] = Math.max(high[i % 3], x); });
@@ -125,14 +126,22 @@ export class Scene {
     this.shape(this.organ, this.places, this.normals, triangles);
   }
 
+  // Move bodies with their foundations: [first vertex, end, displacement] of each. `still` are the vertices without deformation.
+  carry(bodies) {
+    if (this.carried === (this.carried = JSON.stringify(bodies))) return;
+    this.still = this.rest.slice();
+    for (const [first, end, way] of bodies) for (let k = 3 * first; k < 3 * end; k++) this.still[k] += way[k % 3];
+    this.places.set(this.still);
+  }
+
   // Displace some vertices; all others are at rest. Normals are recomputed at the displaced vertices.
   deform(nodes, displacement, values) {
     for (const i of this.moved) {
-      for (let c = 3 * i; c < 3 * i + 3; c++) { this.places[c] = this.rest[c]; this.normals[c] = this.restNormals[c]; }
+      for (let c = 3 * i; c < 3 * i + 3; c++) { this.places[c] = this.still[c]; this.normals[c] = this.restNormals[c]; }
     }
     this.values.fill(0);
     nodes.forEach((i, k) => {
-      for (let c = 0; c < 3; c++) this.places[3 * i + c] = this.rest[3 * i + c] + displacement[3 * k + c];
+      for (let c = 0; c < 3; c++) this.places[3 * i + c] = this.still[3 * i + c] + displacement[3 * k + c];
       this.values[i] = values[k];
     });
     this.moved = nodes;
@@ -220,7 +229,7 @@ export class Scene {
 
   // Where a ray first meets a side of the organ's surface. side: 1 outer, -1 inner.
   cast(from, ray, side) {
-    const t = this.triangles, p = this.rest;
+    const t = this.triangles, p = this.still;
     let best = Infinity, hit = null;
     for (let k = 0; k < t.length; k += 3) {
       const [i, j, l] = [3 * t[k], 3 * t[k + 1], 3 * t[k + 2]];
@@ -251,10 +260,10 @@ export class Scene {
   // Mean displacement along the surface around a point of the undeformed surface, as in views/surface/moments.py: the fingertip is
   // drawn in its indentation, which friction drags along the surface.
   dragged(point, up) {
-    const { rest, places } = this, away = (i) => Math.hypot(rest[3 * i] - point[0], rest[3 * i + 1] - point[1], rest[3 * i + 2] - point[2]);
+    const { still, places } = this, away = (i) => Math.hypot(still[3 * i] - point[0], still[3 * i + 1] - point[1], still[3 * i + 2] - point[2]);
     const reach = this.moved.reduce((least, i) => Math.min(least, away(i)), Infinity) + PATCH;
     const around = this.moved.filter((i) => away(i) <= reach), mean = [0, 0, 0];
-    for (const i of around) for (let c = 0; c < 3; c++) mean[c] += (places[3 * i + c] - rest[3 * i + c]) / around.length;
+    for (const i of around) for (let c = 0; c < 3; c++) mean[c] += (places[3 * i + c] - still[3 * i + c]) / around.length;
     return along(mean, up, -dot(mean, up));
   }
 
@@ -328,6 +337,7 @@ export function painted(pairs, wish) {
   for (const [scene, newest] of pairs) {
     const { head, nodes, displacement, pressure } = newest;
     let values = { pressure, slip: head.slipped ?? [] }[of] ?? length(displacement);
+    scene.carry(head.carried ?? []);
     scene.deform(nodes, displacement, values);
     if (of === "load") scene.colour(head.patch, values = head.loads);
     if (of === "strain") values = scene.strain();
