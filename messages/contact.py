@@ -145,8 +145,8 @@ class OrganContact(Sparse):
     first_forces   [N]   (k,3) force on each
     second_nodes   [1]   (l)   the same of the second body
     second_forces  [N]   (l,3) force on each
-    carried        [J]   (c)   work of moving foundations on the bodies through this contact since the start; c = 1, 0 if
-                               none moves, and then omitted on the wire
+    carried        [J]   (c)   work of moving foundations on the bodies through this contact since the start; c = 1,
+                               0 if none moves, and then omitted on the wire
     """
 
     force: Annotated[float, "N"]

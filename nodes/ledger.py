@@ -28,8 +28,8 @@ def stored_energy(stored):
 
 @kernel
 def of_organs(others, between):
-    """Energy [J] stored in the other organs, NaN if one does not report it, work on all contacts of organs, energy stored
-    there, and work of moving foundations through them; whether one moves."""
+    """Energy [J] stored in the other organs, NaN if one does not report it, work on all contacts of organs, energy
+    stored there, and work of moving foundations through them; whether one moves."""
     stored = given = held = carried = 0.0
     moves = False
     for i in range(others.count):
@@ -49,10 +49,10 @@ def of_organs(others, between):
 @kernel
 def step_of(own, support):
     """Motion [m] (3) of a foundation since the last message."""
-    if not support.there:
+    if support.count == 0 or not nth(support, 0).there:
         return ZERO
     x, y, z = vector(own.at)
-    put(own.at, vector(support.displacement))
+    put(own.at, vector(nth(support, 0).displacement))
     return own.at[0] - x, own.at[1] - y, own.at[2] - z
 
 
@@ -61,8 +61,8 @@ class Energy(CompiledNode):
 
     For several fingers on one body, the inputs force, contact, pose and friction have the same order, and the message
     contains sums; each fingertip and each friction has a separate account. Organs that touch the body, `others`, count
-    with it as one, and their contacts, `between`, as a part. If the body moves with its foundation, `support`, the poses
-    are those in its frame (support.Relative), and the work of the foundation is counted apart from that of the hand.
+    with it as one, and their contacts, `between`, as a part. If the body moves with its foundation, `support`, the
+    poses are those in its frame (support.Relative), and its work is counted apart from that of the hand.
 
     bound  energy that a part, or the whole display, may generate. Above it the ledger trips for the rest of the run,
            and the controller reduces the force to zero. 0: the ledger never trips
@@ -109,12 +109,12 @@ class Energy(CompiledNode):
         body: Annotated[Surface | None, Wants("stored")],
         others: Annotated[list[Surface | None], Wants("stored")],
         between: Annotated[list[OrganContact | None], Wants("stored", "dissipated", "generated", "carried")],
-        support: Annotated[Support | None, Wants("displacement")],
+        support: Annotated[list[Support | None], Wants("displacement")],
         out: Out[Ledger],
         dt,
     ):
         account, past, count = own.account, _moments_of(own.past), force.count
-        moved, lent, moves = step_of(own, support), 0.0, support.there
+        moved, lent, moves = step_of(own, support), 0.0, support.count > 0
         whole = body.there and contact.count >= count and pose.count >= count
         for i in range(count):
             whole = whole and nth(contact, i).there and nth(pose, i).there

@@ -1,4 +1,4 @@
-"""The prescribed motion of organs, and the finger as seen from an organ that moves (docs/equations/support.md)."""
+"""The prescribed motion of organs, and the finger in their frame (docs/equations/moving-organs.md)."""
 
 from typing import Annotated, Literal
 
@@ -70,8 +70,8 @@ class Moving(CompiledNode):
 class Relative(CompiledNode):
     """The finger in the frame of organs that move: its pose less the displacement of their foundation.
 
-    Collision, contact, friction, controller and energy balance then work in this frame, in which the organs are at rest.
-    The forces are the same in both.
+    Collision, contact, friction, controller and energy balance then work in this frame, in which the organs are at
+    rest. The forces are the same in both.
     """
 
     State = {"at": (3,)}  # [m] displacement of the last support, which stays while there is none

@@ -4,9 +4,9 @@
       breathing: {moves: [liver, kidney], amplitude: [0, 11 mm, 0], period: 4 s, waveform: breathing}
 
 A motion is a node of its name, a support.Moving. Each finger that touches a moved body gets a support.Relative: its
-pose in the frame of the body, which replaces the pose for the collision and for all nodes that read the contact. Contacts
-of organs get the supports of their bodies, and an energy balance that of its body. The graph without the key is
-unchanged.
+pose in the frame of the body, which replaces the pose for the collision and for all nodes that read the contact.
+Contacts of organs get the supports of their bodies, and an energy balance that of its body. The graph without the key
+is unchanged.
 """
 
 from __future__ import annotations
@@ -84,9 +84,7 @@ def _is_motion(line: Any) -> bool:
     return isinstance(line, dict) and line.get("use") == "support.Moving"
 
 
-def _bodies(
-    name: str, motion: Any, lines: Mapping[str, _Line], place: Location, faults: Faults
-) -> Iterator[str]:
+def _bodies(name: str, motion: Any, lines: Mapping[str, _Line], place: Location, faults: Faults) -> Iterator[str]:
     """The bodies that a motion moves. A fault for each that the graph lacks."""
     moves = motion.get("moves") if isinstance(motion, dict) else None
     if not (isinstance(moves, list) and moves):

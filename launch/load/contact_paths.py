@@ -13,6 +13,7 @@ from palpate.engine.parts import parts
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, DeviceState, Force, Ledger, Load, Message, Pose, Proximity, Surface
 from palpate.messages.contact import Neighbour, OrganContact
+from palpate.messages.support import Support
 from palpate.nodes.base import Node, inputs, outputs
 from palpate.nodes.base.carrier import Carrier
 
@@ -186,7 +187,7 @@ class ContactPaths:
         for name in self.classes:
             ports: dict[str, list[Wire]] = {}
             for wire in self.incoming.get(name, ()):
-                if wire.port.many and not issubclass(wire.port.type, Surface | OrganContact | Neighbour):
+                if wire.port.many and not issubclass(wire.port.type, Surface | OrganContact | Neighbour | Support):
                     ports.setdefault(wire.port.name, []).append(wire)
             if OrganContact in outputs(self.classes[name]):
                 continue

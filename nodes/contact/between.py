@@ -137,10 +137,10 @@ def spread_forces(pair, side, normal, rubs, sign):
 def carry(own, pair, rub, normal, first, second):
     """Move both bodies with their foundations: fills the gaps without deformation and the motion that rubs. Returns the
     motion [m] (3) of the first body against the second in this step. A support that is missing stays."""
-    if first.there:
-        put(own.supports[0], vector(first.displacement))
-    if second.there:
-        put(own.supports[1], vector(second.displacement))
+    if first.count > 0 and nth(first, 0).there:
+        put(own.supports[0], vector(nth(first, 0).displacement))
+    if second.count > 0 and nth(second, 0).there:
+        put(own.supports[1], vector(nth(second, 0).displacement))
     x, y, z = vector(own.apart)
     for k in range(3):
         own.apart[k] = own.supports[0][k] - own.supports[1][k]
@@ -148,6 +148,9 @@ def carry(own, pair, rub, normal, first, second):
     rest, (x, y, z) = floats(own.rest), vector(own.apart)
     for i in range(len(rest)):
         pair.gap[i] = rest[i] + (normal[i, 0] * x + normal[i, 1] * y + normal[i, 2] * z)
+    along = own.normal[0] * x + own.normal[1] * y + own.normal[2] * z
+    aside = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+    own.strays[0], own.strays[1] = max(own.strays[0], aside), max(own.strays[1], -along)
     for k in range(3):
         rub.carried[k] += moved[k]
     return moved
@@ -197,8 +200,8 @@ class Between(CompiledNode):
 
     `first` and `second` are the loads of the fingers on each body, then of other organs, in the order of the body's
     loads. The fingers feel the other body through `contact.Backed` or `contact.Joint`. A `contact.Side` sends the load
-    on each body. `first_support` and `second_support` are the motions of their foundations (support.Moving). The bodies are linear here: their large displacement is left out, and candidates stay where they were
-    at the start.
+    on each body. `first_support` and `second_support` are the motions of their foundations (support.Moving). The bodies
+    are linear here: their large displacement is left out, and candidates stay where they were at the start.
 
     reach   distance of the undeformed surfaces up to which they have candidates
     cells   most candidates; where the meshes have more vertices, neighbours are joined
@@ -224,6 +227,7 @@ class Between(CompiledNode):
         "yields": TABLE, "returns": TABLE, "slid": ARRAY,
         "rest": ARRAY, "supports": (2, 3), "apart": (3,), "carried": ARRAY,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
+        "strays": (2,), "allowed": (2,),  # greatest slide and approach by the foundations [m], and those of the cells
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates; openings by all loads
@@ -264,6 +268,7 @@ class Between(CompiledNode):
         self.hold("others", np.zeros((2, count)))
         self.resize([self.first_organs, self.second_organs])
         self.own["normal"] = (0.0, 0.0, 1.0)
+        self.own["allowed"] = found.spacing, self.reach
         if count:
             nearest = int(np.argmin(found.gap))
             self.own["foot"], self.own["across"] = found.first.place[nearest], found.second.place[nearest]
@@ -330,8 +335,8 @@ class Between(CompiledNode):
         own,
         first: list[Load | None],
         second: list[Load | None],
-        first_support: Support | None,
-        second_support: Support | None,
+        first_support: list[Support | None],
+        second_support: list[Support | None],
         out: Out[OrganContact],
         dt,
     ):
@@ -344,7 +349,7 @@ class Between(CompiledNode):
         if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests, rub.others[1], slid):
             own.fault, own.fault_side = NO_VERTEX, 0 if unknown else 1
             return
-        carries, moved = first_support.there or second_support.there, (0.0, 0.0, 0.0)
+        carries, moved = first_support.count + second_support.count > 0, (0.0, 0.0, 0.0)
         if carries:
             moved = carry(own, pair, rub, normal, first_support, second_support)
         rubs = rub.tangents.shape[1] > 0
@@ -393,5 +398,17 @@ class Between(CompiledNode):
             self._note_once(
                 f"Between: the bodies overlapped by up to {1e3 * deepest:.2g} mm for some steps, because they met "
                 f"faster than {contact.MOST} candidates in a step"
+            )
+        (aside, nearer), (cell, reach) = self.known["strays"], self.known["allowed"]
+        if aside > cell > 0.0:
+            self._note_once(
+                f"Between: the foundations slid by up to {1e3 * aside:.3g} mm against each other, more than the "
+                f"{1e3 * cell:.2g} mm between the candidates, which stay where they were at the start: places and "
+                "directions of the forces, and the gaps of curved organs, are approximate"
+            )
+        if nearer > reach > 0.0:
+            self._note_once(
+                f"Between: the foundations came nearer by up to {1e3 * nearer:.3g} mm, more than the candidates reach: "
+                f"set scene.between.reach to more than that"
             )
         return super().notes()

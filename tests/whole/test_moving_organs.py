@@ -58,8 +58,8 @@ def table(path, places):
 @pytest.mark.parametrize("body", ["MassSpring", "BeamBundle", "ReducedFE", "Rigid"])
 @pytest.mark.notes
 def test_an_organ_that_moves_under_the_finger_feels_as_one_at_rest_under_the_opposite_motion(body, tmp_path):
-    """G. Galilei: forces depend on the relative motion only. In one run the organ moves by d, and the finger by its path
-    and d; in the other the finger moves by its path."""
+    """G. Galilei: forces depend on the relative motion only. In one run the organ moves by d, and the finger by its
+    path and d; in the other the finger moves by its path."""
     time = np.arange(400) / 1000.0
     path = np.array([0.0, 0.0, 0.1075]) + np.stack([20e-3 * time, 0.0 * time, -6e-3 * np.sin(8.0 * time)], axis=1)
     both = []

@@ -156,10 +156,10 @@ def nodes_of(case: Case, exchanged: bool) -> tuple[Any, Any, Between, Side, Side
     return made
 
 
-def support_at(way: np.ndarray) -> Support:
-    """A foundation displaced by `way` [m] (3)."""
+def support_at(way: np.ndarray) -> list[Support]:
+    """The input for a foundation displaced by `way` [m] (3)."""
     x, y, z = map(float, way)
-    return Support(displacement=(x, y, z), velocity=(0.0, 0.0, 0.0))
+    return [Support(displacement=(x, y, z), velocity=(0.0, 0.0, 0.0))]
 
 
 def run(case: Case, exchanged: bool = False, rigid: bool = False) -> Course:

@@ -212,10 +212,9 @@ def now(last: Last, thickness: float) -> dict[str, Any]:
     """The last message of each type as plain data for the page; thickness [m] of the fingertip."""
     contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
     assert isinstance(contact, Contact)
-    foot = contact.foot
+    head: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
     if isinstance(support := last.get(Support), Support):
-        foot = tuple(x + d for x, d in zip(foot, support.displacement, strict=True))
-    head: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": foot}
+        head["foot"] = [x + d for x, d in zip(contact.foot, support.displacement, strict=True)]
     head |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
     if isinstance(near, Proximity) and isinstance(pose, Pose):
         distance = thickness - contact.compression
