@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -193,7 +194,15 @@ def test_a_table_that_was_cut_off_is_computed_again(bonded, tmp_path):
 def test_strata_by_law_and_by_disturbance_are_two_tables(tmp_path):
     found = [
         Outcome(
-            "ball hertz", n, 1, {"noise": "white", "rise": 0.01}, "missed" if n % 20 == 0 else "inside", 1.0, 1.0, []
+            "ball hertz",
+            n,
+            1,
+            {"noise": "white", "rise": 0.01},
+            "inside" if n % 20 else "missed",
+            1.0,
+            1.0,
+            [],
+            [] if n % 20 else ["young"],
         )
         for n in range(ENOUGH)
     ]
@@ -202,7 +211,7 @@ def test_strata_by_law_and_by_disturbance_are_two_tables(tmp_path):
     assert by["ball hertz"] == ("law", True, 1000) and by["punch hertz"] == ("law", False, 5)
     assert by["noise: white"] == ("disturbance", True, 1000) and by["flaw: rise"] == ("disturbance", True, 1000)
     shown = report.text(found, [], [])
-    assert "1 of 2 strata have 1000 presses, 1 of them 92 to 98 % right" in shown
+    assert "1 of 2 strata have 1000 presses; each: 1 within, 1 open, 0 low, 0 high" in shown
     law, disturbance = shown.split("by disturbance,")
     assert "ball hertz" in law and "flaw: rise" not in law and "1000*" in law and "flaw: rise" in disturbance
 
@@ -218,6 +227,24 @@ def test_two_intervals_of_95_percent_contain_both_values_less_often():
     assert row["coverage"] == pytest.approx(0.90) and row["each"] == pytest.approx(1.0 - 11 / 200)
     assert intervals_of("ball hertz") == 1 and intervals_of("ball layer prony:3") == 7
     assert intervals_of("cylinder ogden2") == 4 and intervals_of("bonded ogden") == 2 == intervals_of("fingertip power")
+
+
+def test_a_stratum_is_broken_only_if_chance_does_not_explain_its_share():
+    """The range of a share is that of the exact binomial test: 83 % of 30 presses may be 95 %, 85 % of 1000 not."""
+    for inside, presses in ((24, 28), (950, 1000), (28, 28), (0, 5)):
+        expected = binomtest(inside, presses).proportion_ci(0.95, "exact")
+        assert report.chance(inside / presses, presses) == pytest.approx(tuple(expected), abs=1e-9)
+    assert report.chance(0.0, 0) == (0.0, 1.0)
+
+    def row(missed, presses):
+        results = ["missed"] * missed + ["inside"] * (presses - missed)
+        return report.rows([
+            Outcome("ball hertz", n, 1, {"noise": "white"}, result, 1.0, 1.0, [], ["young"] * (result == "missed"))
+            for n, result in enumerate(results)
+        ])[0]  # fmt: skip
+
+    cases = {(5, 30): "open", (150, 1000): "low", (50, 1000): "within", (0, 100): "open", (5, 1000): "high"}
+    assert {(missed, n): row(missed, n)["verdict"] for missed, n in cases} == cases
 
 
 def test_results_go_to_the_file_that_is_named_and_are_not_fitted_again(tmp_path, monkeypatch):
