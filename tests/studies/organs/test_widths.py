@@ -5,10 +5,13 @@ import pytest
 from pytest import approx
 
 from palpate.physics.geometry.topology import edge_counts
+from palpate.studies.organs import width_tasks
 from palpate.studies.organs.gaps import MM, cut_mesh, plane_of
 from palpate.studies.organs.report import line, plain, text
-from palpate.studies.organs.search import Results
-from palpate.studies.organs.widths import block_relations, merged, same
+from palpate.studies.organs.search import Found, Results
+from palpate.studies.organs.touches import Setting
+from palpate.studies.organs.width_tasks import compare_widths, tasks_of
+from palpate.studies.organs.widths import block_relations, merged, press_touch, same, within
 from palpate.studies.organs.zoo import COARSE, GAPPED, USUAL, ZOO, mesh_of, specimen_of
 
 POINT = ("scene.finger.width=0",)
@@ -70,3 +73,28 @@ def test_the_search_sees_a_force_that_a_gap_has_swallowed(folder):
     assert worst.score.value < worst.score.least < worst.score.bound and "bounds" in line(worst)
     report = plain(results, folder)
     assert not report["ok"] and {"least", "bound"} <= set(report["unlike"][0])
+
+
+def test_tasks_of_a_search_are_kept_and_not_run_again(folder, monkeypatch):
+    kept, calls = folder / "kept.jsonl", []
+    touch = press_touch(Setting("block", USUAL, width=16 * MM), np.zeros(3), np.array([0.0, 0.0, -1.0]), MM)
+
+    def task(rng):
+        calls.append(rng.integers(1000))
+        return [Found(touch, "gap", within(0.5, 0.9, 1.1, 0.3))]
+
+    monkeypatch.setattr(width_tasks, "tasks_of", lambda *given: {"one": task, "two": task})
+    run = lambda seed: list(compare_widths([], [], 3, seed, folder, results=kept))  # noqa: E731
+    first = run(1)
+    kept.write_text(kept.read_text() + '{"seed": 1, "cou')  # interrupted
+    assert run(1) == first and len(calls) == 2 and calls[0] != calls[1]
+    assert first[0][1][0].score.broken
+    run(2)
+    assert len(calls) == 4
+
+
+def test_all_relations_are_tasks_of_each_body(folder):
+    names = tasks_of([ZOO["box"]], ("MassSpring", "ReducedFE"), 1, folder)
+    kinds = {name.split()[0] for name in names}
+    assert kinds == {"block", "slides", "fissure", "overlaps", "merged", "same", "spun", "again"}
+    assert not any("ReducedFE" in name for name in names)  # needs a basis of each body

@@ -17,6 +17,8 @@ MM = 1e-3
 GAPS = (0.05, 0.2, 0.5, 2.0)  # [mm]
 GROOVES = (1.0, 2.0, 4.0, 8.0, 16.0)  # [mm]
 LONG, WIDE, HIGH, DEEP = 40 * MM, 60 * MM, 24 * MM, 10 * MM  # [m] of a block, and the depth of a groove
+FISSURE = 3 * MM  # [m] wide at the surface
+LOBED = 45 * MM, 35 * MM, 25 * MM  # [m] half axes of an ellipsoid like a liver
 APART = "@"
 
 
@@ -94,13 +96,18 @@ def _near(count: int) -> Mesh:
     return together(*_two_balls(40.2 * MM, count))
 
 
+def _unfissured(count: int) -> Mesh:
+    body = star(lambda unit: np.ones(len(unit)), count)
+    return Mesh(body.vertices * LOBED, body.triangles)
+
+
 def _fissured(count: int) -> Mesh:
     """A liver's lobes: an ellipsoid with a wedge-like fissure, 3 mm wide at the surface and 15 mm deep."""
     from manifold3d import Manifold  # its package is an extra
 
-    body = star(lambda unit: np.ones(len(unit)), count)
-    solid = solid_of(body.vertices * (45 * MM, 35 * MM, 25 * MM), body.triangles)
-    corners = [(a * 60 * MM, b * 1.5 * MM, 30 * MM) for a in (-1, 1) for b in (-1, 1)]
+    body = _unfissured(count)
+    solid = solid_of(body.vertices, body.triangles)
+    corners = [(a * 60 * MM, b * 0.5 * FISSURE * 22 / 17, 30 * MM) for a in (-1, 1) for b in (-1, 1)]
     corners += [(a * 60 * MM, 0.0, 8 * MM) for a in (-1, 1)]
     return mesh_of_solid(solid - Manifold.hull_points(np.array(corners)))
 
@@ -116,6 +123,7 @@ def makers() -> dict[str, tuple[Callable[[int], Mesh], str]]:
     comb = tuple(y * MM for y in (-16.0, -8.0, 0.0, 8.0, 16.0))
     found["comb"] = partial(slotted, 1.5 * MM, comb, DEEP), "five slots, 1.5 mm wide"
     found["fissure"] = _fissured, "an ellipsoid with a fissure, 3 mm wide"
+    found["unfissured"] = _unfissured, "the ellipsoid without the fissure"
     found["near"] = _near, "two balls, 0.2 mm apart"
     found["overlap"] = _overlapping, "two balls that overlap"
     found["union"] = _joined, "the surface of both"

@@ -239,8 +239,8 @@ INVARIANTS: dict[str, Callable[[Trace], Score]] = {
 }  # fmt: skip
 UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad", "energy": "J",
          "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak",
-         "merged": "N", "turns": "rad", "gap": "N", "groove": "N", "sideways": "1", "same": "N", "spun": "N",
-         "again": "m"}  # fmt: skip
+         "merged": "N", "turns": "rad", "gap": "N", "groove": "N", "slide": "N", "sideways": "1", "same": "N",
+         "spun": "N", "again": "m"}  # fmt: skip
 
 
 def score_touch(trace: Trace | None) -> dict[str, Score]:

@@ -9,7 +9,8 @@ merged    F_0 within 2 % + 0.02 N: a body of the zoo without a slab of 0.05 to 0
 turns     the normals of these two touches differ by at most 3 degrees
 gap       F_0 within a share of `WITHIN` + 0.02 N: the block in two pieces, and with a comb of slots
 groove    F <= F of the next narrower groove, or of the whole block, + 1 % + 0.01 N, and >= 0.9 x the force that the
-          tissue and fingertip have at rest at the depth that the closing leaves, less r - (r² - w²/4)^½, - 0.02 N
+          tissue and fingertip have at rest at the depth that the closing leaves, less r - (r² - w²/4)^½, or the depth
+          of the groove where it is wider than the finger, - 0.02 N. A fissure of an ellipsoid like a groove
 sideways  part of the normal along the flat top <= w/(2 r) + 0.02
 same      F_0 exactly, at each tick: a convex body with the width of the finger and without
 spun      F within 1 % + 0.01 N of that of hand and organ turned together, which turns the grid of the closing
@@ -19,9 +20,8 @@ again     a surface that is closed once more changes on 99 % of its area by at m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +29,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from palpate.physics.device.falcon import HOME
-from palpate.physics.errors import PalpateError
 from palpate.physics.geometry.felt.bridge import RIM, STEP, close_surface
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.studies.organs.gaps import GROOVES, HIGH, MM, name_of_cut, plane_of
+from palpate.studies.organs.gaps import DEEP, FISSURE, GROOVES, HIGH, MM, name_of_cut, plane_of
 from palpate.studies.organs.pairs import turn_touch
 from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import Traces, run
 from palpate.studies.organs.score import Score
-from palpate.studies.organs.search import WITH_BASIS, Found
+from palpate.studies.organs.search import Found
 from palpate.studies.organs.touches import THICKNESS, Finger, Setting, Touch, reachable
 from palpate.studies.organs.trace import LEAST_FORCE
-from palpate.studies.organs.zoo import GAPPED, USUAL, Specimen, mesh_of
+from palpate.studies.organs.zoo import USUAL, Specimen, mesh_of
 
 WIDTH = 16 * MM  # [m]
 NEAR = 12 * MM  # [m] from a gap within which a finger presses
@@ -187,20 +186,46 @@ def block_relations(
     for name, share in WITHIN.items():
         found += compare_cut(whole, name, share, "gap", folder, extra)
     before = Ends(whole, folder)
-    for width in (w for w in GROOVES if 0.5 * w * MM < r):
-        touches = [on(touch, f"groove-{width:g}") for touch in whole]
-        ends, half = Ends(touches, folder, extra), 0.5 * width * MM
-        dip, rest = r - float(np.sqrt(r * r - half * half)), at_rest(before.traces)
+    for width in GROOVES:
+        touches, half = [on(touch, f"groove-{width:g}") for touch in whole], 0.5 * width * MM
+        ends = Ends(touches, folder, extra)
+        found += _below(touches, before, ends, dip_of(r, half, DEEP))
         for lane, touch in enumerate(touches):
-            f, most, time = float(ends.force[lane]), float(before.force[lane]), float(ends.time[lane])
-            bone = float(ends.traces["finger.position"][lane, round(time / ends.traces.step), 2])
-            depth = THICKNESS + 0.5 * HIGH - dip - bone
-            least = 0.9 * float(rest.place(before.foot[lane], before.normal[lane]).force(depth)) - LIGHT
-            found.append(Found(touch, "groove", within(f, least, 1.01 * most + 0.01, time)))
-            tilt = float(np.linalg.norm(ends.normal[lane][:2]))
-            found.append(Found(touch, "sideways", within(tilt, 0.0, half / r + 0.02, time, one_sided=True)))
+            tilt, time = float(np.linalg.norm(ends.normal[lane][:2])), float(ends.time[lane])
+            most = min(1.0, half / r) + 0.02
+            found.append(Found(touch, "sideways", within(tilt, 0.0, most, time, one_sided=True)))
         before = ends
     return found
+
+
+def dip_of(r: float, half: float, deep: float) -> float:
+    """Depth [m] to which a ball of the radius r [m] sinks in a groove of half the width `half` and the depth `deep`."""
+    return min(deep, r - float(np.sqrt(r * r - half * half))) if half < r else deep
+
+
+def _below(touches: Sequence[Touch], whole: Ends, ends: Ends, dip: float) -> list[Found]:
+    """Bounds of the force over a groove, whose closing is at most `dip` [m] lower than the whole body."""
+    rest, found = at_rest(whole.traces), []
+    for lane, touch in enumerate(touches):
+        f, most, time = float(ends.force[lane]), float(whole.force[lane]), float(ends.time[lane])
+        bone = ends.traces["finger.position"][lane, round(time / ends.traces.step)]
+        foot, normal = whole.foot[lane], whole.normal[lane]
+        depth = THICKNESS - dip - float((bone - foot) @ normal)
+        least = 0.9 * float(rest.place(foot, normal).force(depth)) - LIGHT
+        found.append(Found(touch, "groove", within(f, least, 1.01 * most + 0.01, time)))
+    return found
+
+
+def fissure(body: str, count: int, rng: np.random.Generator, folder: Path, extra: Sequence[str] = ()) -> list[Found]:
+    """Touches of an ellipsoid near its fissure, and of the whole one."""
+    setting = varied(Setting("unfissured", USUAL, body, friction=""), rng)
+    drawn = [draw_press(setting, *SEAMS["fissure"], rng) for _ in range(count)]
+    whole = [touch for touch in drawn if touch is not None]
+    if not whole:
+        return []
+    touches = [on(touch, "fissure") for touch in whole]
+    dip = dip_of(0.5 * setting.width, 0.5 * FISSURE, DEEP)
+    return _below(touches, Ends(whole, folder), Ends(touches, folder, extra), dip)
 
 
 def same(specimen: Specimen, body: str, count: int, rng: np.random.Generator, folder: Path) -> list[Found]:
@@ -259,27 +284,3 @@ def overlaps(body: str, count: int, rng: np.random.Generator, folder: Path, extr
     drawn = [draw_press(setting, *SEAMS["union"], rng) for _ in range(count)]
     whole = [touch for touch in drawn if touch is not None]
     return compare_cut(whole, "overlap", MERGED, "merged", folder, extra) if whole else []
-
-
-def compare_widths(
-    specimens: Sequence[Specimen], bodies: Sequence[str], count: int, seed: int, folder: Path, extra: Sequence[str] = ()
-) -> Iterator[tuple[float, list[Found], str]]:
-    """The relations of the block, of each surface with each body that does not refuse it, and of bodies with gaps: the
-    share of the work that is done, what was found in `count` touches of each, and why one was refused.
-
-    extra  values of `--set` for bodies with gaps
-    """
-    rng = np.random.default_rng(seed)
-    tasks: list[Callable[[], list[Found]]] = []
-    for body in (name for name in bodies if name not in WITH_BASIS):
-        given = body, count, rng, folder
-        tasks += [partial(block_relations, *given, extra), partial(overlaps, *given, extra)]
-        tasks += [partial(merged, one, *given, extra) for one in specimens if not one.patch]
-        tasks += [partial(same, one, *given) for one in specimens if one.name in CONVEX]
-        tasks += [partial(spun, name, *given) for name in SEAMS]
-    tasks += [partial(again, name) for name in GAPPED]
-    for number, task in enumerate(tasks):
-        try:
-            yield number / len(tasks), task(), ""
-        except PalpateError as error:  # too thin for the layers of the body, or not a solid
-            yield number / len(tasks), [], str(error)

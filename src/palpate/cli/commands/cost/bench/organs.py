@@ -32,6 +32,9 @@ def organs(
     widths: Annotated[
         int, typer.Option(help="Touches of each relation of a finger with a width: gaps, grooves, cuts.", min=0)
     ] = 0,
+    results: Annotated[
+        Path | None, typer.Option(help="File of results of --widths that a search adds to and resumes.")
+    ] = None,
     fine: Annotated[bool, typer.Option("--fine", help="Also refine to 300 000 vertices: minutes per surface.")] = False,
     worst: Annotated[int, typer.Option(help="Number of the worst touches to print.", min=1)] = 10,
     out: Annotated[Path, out_option("Folder of meshes, report and pictures.")] = Path("organs"),
@@ -48,7 +51,7 @@ def organs(
     from palpate.studies.organs.pictures import draw_touches
     from palpate.studies.organs.report import plain, text, write_report
     from palpate.studies.organs.search import BODIES, Results, search, worsen_touch
-    from palpate.studies.organs.widths import compare_widths
+    from palpate.studies.organs.width_tasks import compare_widths
     from palpate.studies.organs.zoo import choose_specimens
 
     if unknown := [name for name in body or () if name not in BODIES]:
@@ -59,36 +62,36 @@ def organs(
     with StageBars(silent=as_json) as bars:
         done = bars.begin(f"bench organs: {touches} touches", "")
 
-        def show(share: float, found: Results) -> None:
-            done(share, f"{sum(found.broken.values())} broken")
+        def show(share: float, so_far: Results) -> None:
+            done(share, f"{sum(so_far.broken.values())} broken")
 
-        results = search(surfaces, bodies, touches, seed, meshes, show, rate=rate, fingers=fingers, notes=True)
+        found = search(surfaces, bodies, touches, seed, meshes, show, rate=rate, fingers=fingers, notes=True)
         if worse:
-            leading = results.top(worst)
+            leading = found.top(worst)
             done = bars.begin(f"make {len(leading)} touches worse", "")
-            for number, found in enumerate(leading):
-                better = worsen_touch(found, worse, seed + number, meshes)
-                results.add(better.touch, better.invariant, better.score, counted=False)
-                done((number + 1) / len(leading), f"{found.score.score:.3g} to {better.score.score:.3g} x its bound")
+            for number, one in enumerate(leading):
+                better = worsen_touch(one, worse, seed + number, meshes)
+                found.add(better.touch, better.invariant, better.score, counted=False)
+                done((number + 1) / len(leading), f"{one.score.score:.3g} to {better.score.score:.3g} x its bound")
         if pairs:
             done = bars.begin("turn and refine", "", total=None)
             for pair in compare_pairs(surfaces, bodies, pairs, seed, meshes, fine):
-                results.pairs.append(pair)
+                found.pairs.append(pair)
                 done(0.0, f"{pair.invariant}: {pair.touch.setting.surface}, {pair.touch.setting.body}")
         if widths:
             done = bars.begin("relations of a finger with a width", "")
             with require_extra("bench organs --widths", "mesh", ArgumentError):
-                for share, related, why in compare_widths(surfaces, bodies, widths, seed, meshes):
-                    results.relate(related, why)
-                    done(share, f"{results.related.total()} comparisons, {results.apart.total()} broken")
-    files = write_report(results, meshes, out, worst)
+                for share, related, why in compare_widths(surfaces, bodies, widths, seed, meshes, results=results):
+                    found.relate(related, why)
+                    done(share, f"{found.related.total()} comparisons, {found.apart.total()} broken")
+    files = write_report(found, meshes, out, worst)
     if not no_pictures:
-        files |= draw_touches(results.top(worst), meshes, out)
-    report = plain(results, meshes, worst)
+        files |= draw_touches(found.top(worst), meshes, out)
+    report = plain(found, meshes, worst)
     if as_json:
         print_json(report | {"files": {name: str(file) for name, file in files.items()}})
     else:
-        write(text(results, meshes, worst))
+        write(text(found, meshes, worst))
         for name, file in files.items():
             say(f"{name:14} {file}")
     if not report["ok"]:
