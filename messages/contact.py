@@ -7,14 +7,14 @@ import numpy as np
 
 from palpate.messages.base import Floats, Ints, Message, Vector, Vector2, Vector3
 from palpate.messages.fields import Bound
-from palpate.messages.tissue import NO_FLOATS, Sparse
+from palpate.messages.sparse import NO_FLOATS, Sparse, always_sent
 
 UNIT_VECTOR = Bound(1.001, "a unit vector")
 COMPLIANCE = Bound(1e3, "a body of 1 mN/m")
 SIDES = "first", "second"  # the bodies of an `OrganContact`
 
 
-class Proximity(Message):
+class Proximity(Sparse):
     """The nearest point of the undeformed surface, and the finger's distance from it.
 
     foot         [m]   (3)  nearest point of the surface
@@ -25,6 +25,8 @@ class Proximity(Message):
     approach     [m]   ()   tissue thickness minus gap, 0 when apart
     separation   [m]   ()   gap minus tissue thickness: distance from first touch, 0 in contact
     slip         [m/s] (3)  velocity of the finger along the surface
+    share        [1]   (h)  where several organs are under the finger, h = 1: the part of the patch that is on this one;
+                            else h = 0, and it is omitted on the wire
     """
 
     foot: Annotated[Vector3, "m"]
@@ -34,10 +36,11 @@ class Proximity(Message):
     gap: Annotated[float, "m"]
     approach: Annotated[float, "m"]
     slip: Annotated[Vector3, "m/s"]
-    separation: Annotated[float, "m"] = 0.0
+    separation: Annotated[float, "m"] = always_sent(0.0)
+    share: Annotated[Floats, "1", ("h",)] = NO_FLOATS
 
 
-class Contact(Message):
+class Contact(Sparse):
     """The contact force in equilibrium, and the shares of fingertip and tissue in the approach.
 
     foot              [m]   (3)  point of the undeformed surface
@@ -49,6 +52,9 @@ class Contact(Message):
     indentation_rate  [m/s] ()   change of s2 over the step
     lateral_force     [N]   (3)  on the finger along the surface, towards where the body is softer; not friction
     stored            [J]   (e)  energy stored in the fingertip; e = 1, 0 if no node reads it
+    whole             [N]   (h)  where several organs are under the finger, h = 1: the force that all of the patch would
+                                 have if it were on this organ; the other fields are those of its share. Else h = 0, and
+                                 it is omitted on the wire
     """
 
     foot: Annotated[Vector3, "m"]
@@ -58,8 +64,9 @@ class Contact(Message):
     indentation: Annotated[float, "m"]
     compression_rate: Annotated[float, "m/s"]
     indentation_rate: Annotated[float, "m/s"]
-    lateral_force: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
-    stored: Annotated[Vector, "J", ("e",)] = ()
+    lateral_force: Annotated[Vector3, "N"] = always_sent((0.0, 0.0, 0.0))
+    stored: Annotated[Vector, "J", ("e",)] = always_sent(())
+    whole: Annotated[Floats, "N", ("h",)] = NO_FLOATS
 
 
 class Contacts(Message):
@@ -98,19 +105,21 @@ class Friction(Message):
     stored: Annotated[Vector, "J", ("e",)] = ()
 
 
-class Load(Message):
+class Load(Sparse):
     """Nodal forces on a deformable body; their sum is the contact force.
 
     nodes   [1] (k)    indices of the loaded surface vertices
     forces  [N] (k,3)  force on each; the normal part points into the body
     foot    [m] (3)    centre of the loaded zone on the undeformed surface
     normal  [1] (3)    outward unit normal there
+    whole   [N] (h)    as in the `Contact` that is spread
     """
 
     nodes: Annotated[Ints, "1", ("k",)]
     forces: Annotated[Floats, "N", ("k", 3)]
     foot: Annotated[Vector3, "m"]
     normal: Annotated[Vector3, "1", UNIT_VECTOR]
+    whole: Annotated[Floats, "N", ("h",)] = NO_FLOATS
 
     @classmethod
     def example(cls, loaded: bool) -> Self:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from palpate.messages.base import Floats
 from palpate.messages.fields import OneOf
-from palpate.messages.tissue import NO_FLOATS, Sparse, always_sent
+from palpate.messages.sparse import NO_FLOATS, Sparse, always_sent
 
 PARTS = (
     "fingertip", "tissue", "friction", "display",

@@ -5,7 +5,8 @@ from typing import Annotated
 import numpy as np
 
 from palpate.messages.base import Floats, Ints, Message, Vector3
-from palpate.messages.tissue import NO_FLOATS, NO_INTS
+from palpate.messages.sparse import NO_FLOATS
+from palpate.messages.tissue import NO_INTS
 
 NO_VECTORS, NO_STRESS = np.zeros((0, 3)), np.zeros((0, 6))
 for _empty in (NO_VECTORS, NO_STRESS):

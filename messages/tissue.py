@@ -1,31 +1,17 @@
 """Message of a deformable body."""
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import msgspec
 import numpy as np
 
-from palpate.messages.base import Floats, Ints, Message, Vector, Vector3
+from palpate.messages.base import Floats, Ints, Vector, Vector3
+from palpate.messages.sparse import NO_FLOATS, Sparse, always_sent
 
-NO_FLOATS = np.zeros(0)
 NO_INTS = np.zeros(0, dtype="<i4")
 NO_LAWS, NO_SLOPES, NO_COUPLING = np.zeros((0, 5)), np.zeros((0, 12)), np.zeros((0, 0))
-for _empty in (NO_FLOATS, NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING):
+for _empty in (NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING):
     _empty.setflags(write=False)  # avoids a copy per message; the last three are omitted on the wire by identity
-
-
-def always_sent(value: Any) -> Any:
-    """A default value that is nevertheless sent."""
-    return msgspec.field(default_factory=lambda: value)
-
-
-class Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
-    """A message whose plain default values are omitted on the wire; the header is always sent."""
-
-    tick: Annotated[int, "1"] = always_sent(-1)
-    time: Annotated[int, "ns"] = always_sent(-1)
-    source: Annotated[str, "1"] = always_sent("")
-    used: Annotated[tuple[int, ...], "1", ("u",)] = always_sent(())
 
 
 class Surface(Sparse):

@@ -10,13 +10,15 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 
 from palpate.compiler.fields import element_type
-from palpate.compiler.records import array_of, floats, integers, longs, put, vector
+from palpate.compiler.records import array_of, floats, integers, lend, longs, put, vector
 from palpate.messages import Pose, Proximity
 from palpate.messages.record import array_handle
-from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, SettingError
-from palpate.nodes.base.felt import WithWidth, bridge_notes, felt_surface, is_bridged
+from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Out, SettingError
+from palpate.nodes.base.felt import WithWidth, bridge_notes, felt_part, felt_surface, is_bridged, shared_notes
+from palpate.nodes.base.felt_organs import Part, shared_part
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, place_mesh, refinement, surface_patch
 from palpate.physics.geometry import closest, mesh_closest
@@ -33,6 +35,10 @@ _samples_of, _clusters_of = array_of(element_type(SAMPLE)), array_of(element_typ
 
 TRAILS = 0.5e-3  # [m] distance of the foot from the nearest point above which it is reported
 CAUSES = 2  # the foot trails the nearest point; the nearest point is on another side
+REACH = 1.0
+"""[1] of the finger's width: distance of the foot from an organ above which the finger moves away from it. The patch
+reaches half as far, so that the tissue below it follows the finger before it bears a part of the force."""
+SHARED = ("shares", "aways", "share")
 CAUTIONS = {"outside": bool, "first": (CAUSES,), "seen": int}
 """Whether the foot of this step is not the nearest point; time [ns] of the first case
 of each cause; number of causes as a bit mask."""
@@ -89,6 +95,12 @@ def send(own, foot, pose, out):
                 own.first[cause] = pose.time
 
 
+@kernel
+def between(values, v, w):
+    """A value inside a triangle, from those at its corners (3) and the weights of the second and third."""
+    return (1.0 - v - w) * values[0] + v * values[1] + w * values[2]
+
+
 def _hollow(surface: str, width: float) -> str:
     return f"a finger {1e3 * width:.3g} mm wide cannot enter all hollows of {surface}"
 
@@ -107,6 +119,8 @@ class Nurbs(_Nearest):
     @classmethod
     def instead(cls, values: Mapping[str, Any]) -> tuple[str, str] | None:
         surface, width = values["surface"], values["width"]
+        if values["organs"] and width > 0.0 and shared_part(values["organs"], width)[0] is not None:
+            return "collision.Mesh", f"{_hollow(surface, width)[: -len(surface) - 1]} the gap to another organ"
         bridged = surface in SURFACES and is_bridged(surface, width)
         return ("collision.Mesh", _hollow(surface, width)) if bridged else None
 
@@ -140,32 +154,52 @@ class Mesh(_Nearest, OnSurface):
     State = CAUTIONS | {
         "points": ARRAY, "cells": ARRAY, "discs": ARRAY, "star_at": ARRAY, "star": ARRAY,  # of the mesh
         "tracked": mesh_closest.TRACKED, "work": ARRAY, "foot": FOOT, "memory": MEMORY,
+        "shares": TABLE, "aways": TABLE, "share": ARRAY,  # of several organs
     }  # fmt: skip
-    """The last 9: arguments of `physics.geometry.proxy.follow_mesh`."""
-    shared = ("points", "cells", "discs", "star_at", "star")
+    """From `points` to `memory`: arguments of `physics.geometry.proxy.follow_mesh`. At the corners of each triangle the
+    part of the patch on this organ [1] (T,3) and the distance from it [m] (T,3), if several are felt together; the part
+    that is sent."""
+    shared = ("points", "cells", "discs", "star_at", "star", "shares", "aways")
 
     def start(self) -> None:
         super().start()
         mesh = whole = self.mesh()
+        part, fault = felt_part(self)
         bridged = felt_surface(self, self.width)
-        if bridged.felt is not None:
+        if part is not None:
+            mesh = part.mesh
+        elif bridged.felt is not None:
             mesh = place_mesh(bridged.felt.mesh, self.position, self.rotation)
         search = mesh_closest.MeshClosestPoint(mesh)
         try:
             tables = search.tables
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
-        if bridged.felt is not None:
+        self._share(part, mesh, tables.cells["origin"])
+        if part is not None:
+            tables.cells["origin"] = part.origin[tables.cells["origin"]]
+        elif bridged.felt is not None:
             tables.cells["origin"] = bridged.felt.origin[tables.cells["origin"]]
         border = edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0
         held = *tables.arrays, *search.scratch(), memory(border, self.thickness)
-        for name, each in zip([n for n in self.State if n not in CAUTIONS], held, strict=True):
+        for name, each in zip([n for n in self.State if n not in (*CAUTIONS, *SHARED)], held, strict=True):
             self.hold(name, each)
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # needs an optional package
 
             self._notes = [*flaws(self.surface, self.piece), *self._refinement(whole)]
-        self._notes += bridge_notes(self.surface, self.width, bridged)
+        self._notes += bridge_notes(self.surface, self.width, bridged) if part is None else []
+        self._notes += shared_notes(self.surface, self.width, part, fault)
+
+    def _share(self, part: Part | None, mesh: meshes.Mesh, order: np.ndarray) -> None:
+        """Hold the tables of an organ's part; `order` of the triangles in the tree."""
+        for name in ("shares", "aways"):
+            found = np.zeros((0, 3))
+            if part is not None:
+                values = part.share if name == "shares" else part.away
+                found = np.ascontiguousarray(values[mesh.triangles[order]])
+            self.hold(name, found)
+        self.hold("share", np.zeros(1 if part is not None else 0))
 
     def _refinement(self, mesh: meshes.Mesh) -> list[str]:
         """A note on the change by `refine`, if any."""
@@ -190,4 +224,11 @@ class Mesh(_Nearest, OnSurface):
             _points_of(own.points), _cells_of(own.cells), _discs_of(own.discs), longs(own.star_at), integers(own.star),
             vector(pose.position), own.hysteresis, own.tracked, longs(own.work), own.foot, own.memory, dt,
         )  # fmt: skip
+        if own.share.shape[0] > 0:
+            t, v, w = own.memory.shown, own.foot.place[0], own.foot.place[1]
+            away = between(floats(own.aways)[t], v, w)
+            floats(own.share)[0] = min(max(between(floats(own.shares)[t], v, w), 0.0), 1.0)
+            own.foot.distance += max(away - REACH * own.width, 0.0)
         send(own, own.foot, pose, out)
+        if own.share.shape[0] > 0:
+            lend(out.share, own.share)

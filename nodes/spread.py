@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import floats, form, lend_first, put, unpacking, vector
+from palpate.compiler.records import floats, form, lend, lend_first, put, unpacking, vector
 from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, fade_value
@@ -55,6 +55,7 @@ class Kernel(CompiledNode, WithArea, WithWidth):
         "spreader": form(Spreader), "friction": FADED,
         "idles": bool, "foot": (3,), "normal": (3,),  # whether the last step had no force, and its foot and normal
         "law_forces": ARRAY, "law_radii": ARRAY,  # of the area law; empty: fixed
+        "whole": ARRAY,  # of the message that is sent
         "rigid": bool, "gives": (2,), "cautioned": bool,  # compression and indentation [m] at the first rigid contact
     }  # fmt: skip
     conditions = {"rigid": "outside its range"}
@@ -92,18 +93,19 @@ class Kernel(CompiledNode, WithArea, WithWidth):
                 f"Kernel: the patch of {1e3 * wide:.2g} mm is wider than the organ, {2e3 * extent:.2g} mm across. The "
                 "laws of finger and tissue are those of a patch within the surface: the force is meaningless"
             )
+        self.hold("whole", np.zeros(1))
         begin(self.own["friction"]["gain"], FADE, FADE)
 
     @compiled
     def idle(own, contact, friction, out, dt):
-        if contact.force > 0.0 or not own.idles or out.delayed != contact.delayed:
+        if contact.force > 0.0 or contact.whole.shape[0] > 0 or not own.idles or out.delayed != contact.delayed:
             return False
         return vector(own.foot) == vector(contact.foot) and vector(own.normal) == vector(contact.normal)
 
     @ieee_kernel
     def compute(
         own,
-        contact: Annotated[Contact, Wants("foot", "normal", "force", "compression", "indentation")],
+        contact: Annotated[Contact, Wants("foot", "normal", "force", "compression", "indentation", "whole")],
         friction: Annotated[Friction | None, Wants("force")],
         out: Out[Load],
         dt,
@@ -117,10 +119,14 @@ class Kernel(CompiledNode, WithArea, WithWidth):
         if f > 0.0:
             force = (t[0] - f * n[0], t[1] - f * n[1], t[2] - f * n[2])
             wide = radius_at(floats(own.law_forces), floats(own.law_radii), f) if grows else 0.0
-            count = spread(_spreader_of(own.spreader), vector(contact.foot), n, force, wide)
+            share = f / floats(contact.whole)[0] if contact.whole.shape[0] > 0 else 1.0
+            count = spread(_spreader_of(own.spreader), vector(contact.foot), n, force, wide, share)
         if own.rigid and not own.cautioned:
             own.cautioned = True
             own.gives[0], own.gives[1] = contact.compression, contact.indentation
+        if contact.whole.shape[0] > 0:
+            floats(own.whole)[0] = floats(contact.whole)[0]
+            lend(out.whole, own.whole)
         out.delayed = contact.delayed
         lend_first(out.nodes, own.spreader.nodes, count)
         lend_first(out.forces, own.spreader.forces, count)

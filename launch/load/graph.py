@@ -18,6 +18,7 @@ from palpate.launch.load.carried import add_motions
 from palpate.launch.load.checks.agreeing import agree
 from palpate.launch.load.checks.ideal import remove_imperfections
 from palpate.launch.load.checks.overlapping import overlaps
+from palpate.launch.load.checks.several_organs import share_organs
 from palpate.launch.load.checks.touching import place_bodies
 from palpate.launch.load.classes import ClassError, body, find_class
 from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_surfaces
@@ -241,6 +242,7 @@ def _check_force_path(
     }
     agree(may, connections, places, faults)
     place_bodies(may, connections, faults)
+    share_organs(may, connections)
     for balance, delay in device_delays(may, connections, rate):
         if "delay" not in places[balance.name]:
             balance.settings["delay"] = delay

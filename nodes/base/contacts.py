@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.compiler.records import floats, integers, lend, nth
+from palpate.compiler.records import floats, integers, lend, nth, vector
 from palpate.messages import Load, Surface
 from palpate.nodes.base.compiled import TABLE, CompiledNode
-from palpate.nodes.base.kernels import kernel
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.node import Node, SettingError, inputs
 from palpate.nodes.base.nodule import WithNodule
+from palpate.physics.bodies.mass_spring import normal_force
 
 SEVERAL = {"laws": TABLE, "slopes": TABLE, "coupling": TABLE}
 """The fields of `Surface` for several contacts."""
@@ -32,6 +33,26 @@ def send_laws(own, out):
         lend(out.laws, own.laws)
         lend(out.slopes, own.slopes)
         lend(out.coupling, own.coupling)
+
+
+LEAST_PART = 1e-3  # [1] of a patch, below which the law is that of this part
+
+
+@ieee_kernel
+def spread_laws(own, load):
+    """Turn the law of each contact, for its force F on this body, into that for the force F/w of the whole patch, of
+    which the part w is on this body (`Contact.whole`): F = K s^n gives F/w = K/w s^n; and its couplings."""
+    laws, coupling = floats(own.laws), floats(own.coupling)
+    for i in range(load.count):
+        each = nth(load, i)
+        if each.whole.shape[0] == 0 or not floats(each.whole)[0] > 0.0:
+            continue
+        push = normal_force(floats(each.forces), vector(each.normal))
+        part = min(max(push / floats(each.whole)[0], LEAST_PART), 1.0)
+        laws[i, 0] /= part
+        for j in range(load.count):
+            if j != i:
+                coupling[i, j] /= part
 
 
 NO_VERTEX = 1  # fault: a load on an unknown vertex

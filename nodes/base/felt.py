@@ -1,7 +1,6 @@
 """The width of the finger, and the surface that a finger of this width can touch, for collision and spread."""
 
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -10,8 +9,9 @@ import numpy as np
 
 from palpate.messages import Contact, Proximity
 from palpate.nodes.base.effect import Agrees
+from palpate.nodes.base.felt_organs import Part, shared_part
 from palpate.nodes.base.node import Node, SettingError
-from palpate.nodes.base.stored.surfaces import arrays_of_felt, felt_of_arrays, stored
+from palpate.nodes.base.stored.surfaces import arrays_of_felt, felt_of_arrays, makers, stored
 from palpate.nodes.base.surface import (
     LEVEL,
     SURFACES,
@@ -28,7 +28,6 @@ from palpate.physics.nearest import nearest, tree_of
 from palpate.units.header import factor
 
 SAMPLES = 3000  # vertices of a NURBS surface that are tested
-MAKERS = "scikit-image", "manifold3d"  # the packages on whose version a bridge depends
 WIDTH = 16e-3  # [m] twice the radius of the patch of spread.Kernel
 
 
@@ -38,6 +37,8 @@ class WithWidth(Node):
     width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Agrees(Proximity, Contact, twice="radius")] = WIDTH
     """Diameter of the ball for which gaps, grooves and fissures of a mesh are bridged: twice the radius of the patch
     where that is set. 0: a needle or stylus, which enters all of them."""
+    organs: Annotated[str, "1"] = ""
+    """Surfaces of all organs that this finger touches, as JSON: determined when the graph is loaded."""
 
 
 class Bridged(NamedTuple):
@@ -77,7 +78,7 @@ def _felt_surface(
     try:
         if content:
             inputs = inputs_of(surface, content, factor(file_unit, "m"), piece, refine)
-            inputs |= {"width": width, "made by": [_version(name) for name in MAKERS]}
+            inputs |= {"width": width, "made by": makers()}
             felt = felt_of_arrays(
                 stored("felt", inputs, arrays, f"{Path(surface).name}, surface that the finger can touch")
             )
@@ -96,16 +97,18 @@ def _felt_surface(
     return Bridged(felt, "")
 
 
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:  # a body without bridges needs none
-        return ""
+def felt_part(node: WithWidth) -> tuple[Part | None, str]:
+    """What a node feels of several organs together, and why they are felt one by one, "" if they are far apart.
+
+    SettingError: setting `organs`."""
+    return shared_part(node.organs, node.width) if node.organs and node.width > 0.0 else (None, "")
 
 
 def touchable_share(node: OnThinnedSurface, width: float) -> np.ndarray | None:
     """Share of the area of each vertex of the node's mesh [1] (V) that the finger can touch; None: all of it."""
-    felt, _ = felt_surface(node, width)
+    felt: Felt | Part | None = felt_part(node)[0] if isinstance(node, WithWidth) else None
+    if felt is None:
+        felt = felt_surface(node, width).felt
     if felt is None:
         return None
     mesh, whole = node.mesh(), node.whole()
@@ -131,4 +134,20 @@ def bridge_notes(surface: str, width: float, bridged: Bridged) -> list[str]:
         f"{surface}: gaps and grooves {wide} are bridged: {1e4 * felt.area:.2g} cm² over parts up to "
         f"{1e3 * felt.depth:.2g} mm deep, the deepest at ({at}) mm of the surface. The tissue there is as stiff as "
         "without the gap. scene.finger.width=0 is a needle or stylus, which enters them"
+    ]
+
+
+def shared_notes(surface: str, width: float, part: Part | None, fault: str) -> list[str]:
+    """A note on the bridges between organs, if any."""
+    wide = f"narrower than the finger ({1e3 * width:.3g} mm)"
+    if fault:
+        return [f"{surface}: gaps between it and other organs {wide} are not bridged, because {fault}"]
+    if part is None:
+        return []
+    at = ", ".join(f"{1e3 * x:.3g}" for x in part.place)
+    return [
+        f"{surface}: it and organs that are nearer than the finger is wide ({1e3 * width:.3g} mm) are felt as one "
+        f"surface, with {1e4 * part.area:.2g} cm² of bridges over gaps up to {1e3 * part.depth:.2g} mm deep, the "
+        f"deepest at ({at}) mm. Each bears its part of the patch. The bridges stay where they are at rest. "
+        "scene.finger.width=0 is a needle or stylus"
     ]

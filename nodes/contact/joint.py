@@ -86,6 +86,7 @@ class Joint(Series):
     which follow those of the fingers: all fingers feel them in the same step, as with `contact.Backed`.
     """
 
+    shares_patch = False
     State = {
         "finger": (ROOM, FINGER), "law": (5,),  # the fingertips; their elastic law and its damping
         "approach": (ROOM,), "before": (ROOM,), "terminal": (ROOM, 5), "coupling": (ROOM * ROOM,),  # of `joint_step`

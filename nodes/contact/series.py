@@ -5,9 +5,9 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import one, put, vector
+from palpate.compiler.records import floats, lend, one, put, vector
 from palpate.messages import Contact, Pose, Proximity, Surface
-from palpate.nodes.base import Agrees, CompiledNode, InputError, Out, Part, Switch, Wants
+from palpate.nodes.base import ARRAY, Agrees, CompiledNode, InputError, Out, Part, Switch, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of, since
 from palpate.nodes.contact import finger
@@ -56,11 +56,17 @@ def touch(own, proximity, body, law, gradient, shape, sloped, out, dt):
     put(out.foot, vector(proximity.foot))
     put(out.normal, vector(proximity.normal))
     put(out.lateral_force, lateral)
+    share = 1.0
+    if proximity.share.shape[0] > 0:  # the rest of the patch is on other organs
+        share = floats(proximity.share)[0]
+        floats(own.whole)[0] = out.force
+        lend(out.whole, own.whole)
+        out.force *= share
+        for axis in range(3):
+            out.lateral_force[axis] *= share
     if own.energy:
-        one(
-            out.stored,
-            laws.series_energy(own.finger.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]),
-        )
+        energy = laws.series_energy(own.finger.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3])
+        one(out.stored, share * energy)
 
 
 class Series(CompiledNode):
@@ -72,6 +78,9 @@ class Series(CompiledNode):
     which the damping would turn into a force spike. If the tissue sends the change of its energy along the surface, the
     force on the finger includes it, so that the force is the gradient of one energy (docs/equations/reduced-fe.md). An
     idle node more than 2 mm from contact sleeps; its foot and normal then keep their values.
+
+    Where several organs are under the finger, each contact solves for a patch that is on its organ alone, `whole`, and
+    sends the part of it that is there (`Proximity.share`).
 
     A step lasts from one sample of the position to the next, according to the age of the messages. While a network or a
     collision at a divisor repeats a sample, the answer stays, so that the next one does not count as the motion of one
@@ -101,11 +110,17 @@ class Series(CompiledNode):
     0: unknown."""
 
     energy = Part("energy", "stored", about="The energy stored in the fingertip.")
-    State = {"finger": FINGER, "law": (5,)}
-    """The fingertip; its elastic law and its damping (`physics.contact.series.kernel_form`)."""
+    shares_patch = True
+    """Whether it sends its part of a patch that is on several organs."""
+
+    State = {"finger": FINGER, "law": (5,), "whole": ARRAY}
+    """The fingertip; its elastic law and its damping (`physics.contact.series.kernel_form`); the force of the whole
+    patch, where several organs are under it."""
 
     def start(self) -> None:
         super().start()
+        if self.shares_patch:
+            self.hold("whole", np.zeros(1))
         finger.begin(self.own["finger"])
         self.own["law"] = laws.kernel_form(self._elastic(), self.finger_damping)
 

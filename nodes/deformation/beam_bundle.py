@@ -9,7 +9,7 @@ from palpate.compiler.exact import row_times
 from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Agrees, Calibrated, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, unknown_vertex
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, spread_laws, unknown_vertex
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
@@ -133,7 +133,7 @@ class BeamBundle(MeshBody):
             return False
         for i in range(load.count):
             each, foot, normal = nth(load, i), floats(own.feet)[i], floats(own.normals)[i]
-            if each.nodes.shape[0] > 0:
+            if each.nodes.shape[0] > 0 or each.whole.shape[0] > 0:
                 return False
             for k in range(3):
                 if foot[k] != each.foot[k] or normal[k] != each.normal[k]:
@@ -151,6 +151,7 @@ class BeamBundle(MeshBody):
                 each = nth(load, i)
                 beams.bear(bed, i, integers(each.nodes), floats(each.forces), vector(each.foot), vector(each.normal))
             beams.answer(bed, dt)
+            spread_laws(own, load)
             for i in range(load.count):
                 depth = bed.contacts.laws[i, 4]
                 if depth > own.radius and not own.beyond:

@@ -248,7 +248,9 @@ class MassSpring(MeshBody):
     def idle(own, load, out, dt):
         laws, counts = floats(own.laws), integers(own.body.counts)
         for i in range(load.count):
-            if nth(load, i).nodes.shape[0] > 0 or laws[i, 4] != 0.0 or (own.shape and counts[i] > 0):
+            each = nth(load, i)
+            loaded = each.nodes.shape[0] > 0 or (each.whole.shape[0] > 0 and floats(each.whole)[0] > 0.0)
+            if loaded or laws[i, 4] != 0.0 or (own.shape and counts[i] > 0):
                 return False
         return out.delayed == oldest(load)
 
@@ -268,6 +270,8 @@ class MassSpring(MeshBody):
         for i in range(load.count):
             each = nth(load, i)
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
+            if each.whole.shape[0] > 0:  # the patch presses here as if all of it were on this organ
+                acting[i] += floats(each.whole)[0] - forces[i]
             factors[i], side = local_factor(own, each, factors[i], slopes[i])
             stiffness, previous, course = own.stiffness * factors[i], laws[i, 4], courses[i]
             if mapped:  # the indentation that the contact computed, with the law at the previous position

@@ -12,7 +12,7 @@ from palpate.compiler.exact import einsum, exp
 from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import Agrees, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, unknown_vertex
+from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, spread_laws, unknown_vertex
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.node import once_per_class
 from palpate.nodes.base.samples import oldest
@@ -203,7 +203,7 @@ class ReducedFE(MeshBody):
         body = _condensed_of(own.body)
         for i in range(load.count):
             each = nth(load, i)
-            if each.nodes.shape[0] > 0:
+            if each.nodes.shape[0] > 0 or each.whole.shape[0] > 0:
                 return False
             for k in range(3):
                 if body.feet[i, k] != each.foot[k] or body.normals[i, k] != each.normal[k]:
@@ -223,6 +223,7 @@ class ReducedFE(MeshBody):
             body.contacts[i].organ = i >= load.count - own.organ_loads
             condensed.bear(body, i, nodes, forces, vector(each.foot), vector(each.normal), dt)
         condensed.answer(body, floats(own.laws), dt)
+        spread_laws(own, load)
         own.beyond = condensed.extrapolation(body)
         if own.beyond > 0.0:
             caution_once(own, body.contacts)

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.compiler.records import floats, nth, one, vector
 from palpate.messages import Load, Surface
 from palpate.nodes.base import CompiledNode, Out
-from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws, spread_laws
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, rigid_between
@@ -46,6 +46,7 @@ class Rigid(CompiledNode):
             push = normal_force(floats(each.forces), vector(each.normal))
             laws[i, 0], laws[i, 1], laws[i, 4] = own.plate_stiffness, 1.0, push / own.plate_stiffness
             stored += 0.5 * push * push / own.plate_stiffness
+        spread_laws(own, load)
         send_laws(own, out)
         one(out.stored, stored)
         out.step, out.delayed = dt, oldest(load)

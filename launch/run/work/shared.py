@@ -11,7 +11,7 @@ def share_surfaces(graph: Graph) -> None:
     forks return. A fault is reported by the worker, which meets it too."""
     if "palpate.nodes.base.surface" not in sys.modules:  # imports the compiler, and no node of the graph needs it
         return
-    from palpate.nodes.base.felt import WithWidth, felt_surface
+    from palpate.nodes.base.felt import WithWidth, felt_part, felt_surface
     from palpate.nodes.base.surface import OnSurface
 
     for spec in graph.nodes.values():
@@ -21,3 +21,4 @@ def share_surfaces(graph: Graph) -> None:
                 node.mesh()
                 if isinstance(node, WithWidth):
                     felt_surface(node, node.width)
+                    felt_part(node)

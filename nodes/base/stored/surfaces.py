@@ -15,6 +15,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from palpate.physics.geometry.mesh import Mesh
 SOURCES = ("palpate.compiler", "palpate.physics.geometry", "palpate.nodes.base")
 """Their code determines the numbers of a surface: after a change of it, entries are no longer found."""
 SIZE = 500_000_000  # [bytes] of the folder; a surface of 200 000 vertices takes 15 MB, and 25 MB with its felt surface
+MAKERS = "scikit-image", "manifold3d"  # the packages on whose version a bridge depends
 Arrays = Mapping[str, np.ndarray]
 
 
@@ -60,6 +62,18 @@ def stored(kind: str, inputs: Mapping[str, Any], make: Callable[[], Arrays], wha
 @functools.cache
 def _version() -> str:
     return kernel_cache.key(SOURCES)
+
+
+def makers() -> list[str]:
+    """The versions of the packages that make bridges; "": it is missing, and a body without bridges needs none."""
+    return [_version_of(name) for name in MAKERS]
+
+
+def _version_of(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
 
 
 def _read(path: Path, about: str) -> Arrays | None:

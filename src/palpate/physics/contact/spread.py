@@ -272,6 +272,20 @@ def _weigh(s: Spreader, gathered: int, r: float, shift: float):
 
 
 @ieee_kernel
+def _areas(s: Spreader, feet: Matrix, normals: Matrix, areas: Array):
+    for k in range(len(feet)):
+        foot, normal = (feet[k, 0], feet[k, 1], feet[k, 2]), (normals[k, 0], normals[k, 1], normals[k, 2])
+        areas[k] = _weigh(s, _gather(s, foot, normal, s.radius), s.radius, 0.0)[1]
+
+
+def patch_areas(s: Spreader, feet: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Sum of A_j g_j k [m²] (n) of the patches at feet [m] (n,3) on a surface with the normals [1] (n,3)."""
+    areas = np.empty(len(feet))
+    _areas(s, feet, normals, areas)
+    return areas
+
+
+@ieee_kernel
 def _farthest(s: Spreader, foot: Vector3):
     """Distance [m] of the farthest corner of the grid; 0 for a foot beyond its box."""
     square = 0.0
@@ -296,10 +310,11 @@ def _widen(s: Spreader, foot: Vector3, normal: Vector3, r: float, least: float):
 
 
 @ieee_kernel
-def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, radius: float = 0.0):
+def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, radius: float = 0.0, share: float = 1.0):
     """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]. Returns their number.
 
     normal: outward unit normal [1] (3) of the surface at the foot point;  radius [m]  R, 0: that of the spreader
+    share   [1] of the patch that is on this surface; the rest of its area is on another one
 
     If no node is in range of a foot on the surface, the force is distributed over the corners of the nearest triangle
     by the barycentric coordinates of its point nearest to the foot. Else the work depends on the number of nodes near
@@ -308,7 +323,7 @@ def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, r
     s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
     r = radius if radius > 0.0 else s.radius
     count, total = _weigh(s, _gather(s, foot, normal, r), r, 0.0)
-    least = _least_area(s, r)
+    least = share * _least_area(s, r)
     if total < least:
         count, total = _widen(s, foot, normal, r, least)
     for at in range(count):
