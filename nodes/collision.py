@@ -38,7 +38,7 @@ CAUSES = 2  # the foot trails the nearest point; the nearest point is on another
 REACH = 1.0
 """[1] of the finger's width: distance of the foot from an organ above which the finger moves away from it. The patch
 reaches half as far, so that the tissue below it follows the finger before it bears a part of the force."""
-SHARED = ("shares", "aways", "share")
+SHARED = ("shares", "distances", "share")
 CAUTIONS = {"outside": bool, "first": (CAUSES,), "seen": int}
 """Whether the foot of this step is not the nearest point; time [ns] of the first case
 of each cause; number of causes as a bit mask."""
@@ -154,12 +154,12 @@ class Mesh(_Nearest, OnSurface):
     State = CAUTIONS | {
         "points": ARRAY, "cells": ARRAY, "discs": ARRAY, "star_at": ARRAY, "star": ARRAY,  # of the mesh
         "tracked": mesh_closest.TRACKED, "work": ARRAY, "foot": FOOT, "memory": MEMORY,
-        "shares": TABLE, "aways": TABLE, "share": ARRAY,  # of several organs
+        "shares": TABLE, "distances": TABLE, "share": ARRAY,  # of several organs
     }  # fmt: skip
     """From `points` to `memory`: arguments of `physics.geometry.proxy.follow_mesh`. At the corners of each triangle the
     part of the patch on this organ [1] (T,3) and the distance from it [m] (T,3), if several are felt together; the part
     that is sent."""
-    shared = ("points", "cells", "discs", "star_at", "star", "shares", "aways")
+    shared = ("points", "cells", "discs", "star_at", "star", "shares", "distances")
 
     def start(self) -> None:
         super().start()
@@ -193,7 +193,7 @@ class Mesh(_Nearest, OnSurface):
 
     def _share(self, part: Part | None, mesh: meshes.Mesh, order: np.ndarray) -> None:
         """Hold the tables of an organ's part; `order` of the triangles in the tree."""
-        for name in ("shares", "aways"):
+        for name in ("shares", "distances"):
             found = np.zeros((0, 3))
             if part is not None:
                 values = part.share if name == "shares" else part.away
@@ -226,7 +226,7 @@ class Mesh(_Nearest, OnSurface):
         )  # fmt: skip
         if own.share.shape[0] > 0:
             t, v, w = own.memory.shown, own.foot.place[0], own.foot.place[1]
-            away = between(floats(own.aways)[t], v, w)
+            away = between(floats(own.distances)[t], v, w)
             floats(own.share)[0] = min(max(between(floats(own.shares)[t], v, w), 0.0), 1.0)
             own.foot.distance += max(away - REACH * own.width, 0.0)
         send(own, own.foot, pose, out)
