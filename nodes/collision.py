@@ -120,7 +120,7 @@ class Nurbs(_Nearest):
     def instead(cls, values: Mapping[str, Any]) -> tuple[str, str] | None:
         surface, width = values["surface"], values["width"]
         if values["organs"] and width > 0.0 and shared_part(values["organs"], width)[0] is not None:
-            return "collision.Mesh", f"{_hollow(surface, width)[: -len(surface) - 1]} the gap to another organ"
+            return "collision.Mesh", f"a finger {1e3 * width:.3g} mm wide cannot enter the gap to another organ"
         bridged = surface in SURFACES and is_bridged(surface, width)
         return ("collision.Mesh", _hollow(surface, width)) if bridged else None
 
