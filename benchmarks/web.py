@@ -3,6 +3,7 @@
     python benchmarks/web.py            needs node or playwright, and chromium for the last lines
     python benchmarks/web.py --hour     an hour of simulated time, whose memory must stay the same
     python benchmarks/web.py --bytes    a table of all shipped graphs: streams with equal bytes in 6.3 s
+    python benchmarks/web.py --gallery  touches of the documentation (docs/site/touches.py): size, first touch
 
 Rates are ticks per second of processor time of a shipped run, native and in Node one after the other, so that other
 programs disturb both equally; the best of three. In Chromium the page steps without drawing.
@@ -35,11 +36,13 @@ from palpate.physics.errors import PalpateError, PalpateWarning
 from palpate.web.folder import build
 from palpate.web.program import compile_program
 from palpate.web.started import Started, started
+from palpate.web.variants import Place
 
 TICKS = 6300
 BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
 SOFTWARE = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 SLOWER = 4  # factor by which Chromium slows the page down
+TOUCHES = Path(__file__).parents[1] / "docs" / "touches"
 SCRIPT = Path(__file__).with_suffix(".mjs")
 
 
@@ -155,7 +158,7 @@ def print_page() -> None:
     with tempfile.TemporaryDirectory() as name:
         begun = time.process_time()
         with StageBars(True) as bars:
-            built = build(launched("kidney"), Path(name) / "site", [], lambda stage: bars.begin(stage))
+            built = build([Place(launched("kidney"))], Path(name) / "site", [], lambda stage: bars.begin(stage))
         print(f"\nfolder of kidney: {built.variants} variants, {built.whole / 1e6:.1f} MB")
         print(f"built in {time.process_time() - begun:.0f} s of processor time")
         print(f"the page loads {built.first / 1e6:.2f} MB at first, with {built.code / 1e3:.0f} kB of code")
@@ -197,6 +200,32 @@ def print_page() -> None:
             browser.close()
 
 
+def print_gallery() -> None:
+    """For each touch of the documentation what it loads, and the processor time of its page until a finger that presses
+    at once has a force, in a page that is slowed down."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if not any(TOUCHES.glob("*/index.html")) or chromium is None:
+        print("needs Chromium, and python docs/site/touches.py")
+        return
+    with served(TOUCHES) as address, sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=SOFTWARE)
+        for folder in sorted(each.parent for each in TOUCHES.glob("*/index.html")):
+            page = browser.new_page(bypass_csp=True)
+            session = page.context.new_cdp_session(page)
+            session.send("Emulation.setCPUThrottlingRate", {"rate": SLOWER})
+            session.send("Performance.enable")
+            page.goto(f"{address}/{folder.name}/index.html")
+            page.wait_for_function("window.palpate && palpate.newest")
+            page.evaluate(PRESS)
+            page.wait_for_function("palpate.newest.load > 0")
+            loaded = page.evaluate(LOADED)
+            print(f"{folder.name:12} {loaded / 1e6:5.2f} MB, {process_time(session):5.2f} s to the first touch")
+            page.close()
+        browser.close()
+
+
 def process_time(session: Any) -> float:
     """Processor time [s] of the page's process."""
     metrics = session.send("Performance.getMetrics")["metrics"]
@@ -212,9 +241,21 @@ BEGIN = """async () => {
 }"""
 
 
+PRESS = """() => {
+    const view = document.getElementById("view"), { left, top, width, height } = view.getBoundingClientRect();
+    const at = { clientX: left + 0.5 * width, clientY: top + 0.45 * height, pointerId: 1, bubbles: true };
+    view.setPointerCapture = () => {};
+    view.dispatchEvent(new PointerEvent("pointerdown", at));
+}"""
+LOADED = """performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"))
+    .reduce((sum, { transferSize }) => sum + transferSize, 0)"""
+
+
 if __name__ == "__main__":
     if "--bytes" in sys.argv:
         print_bytes()
+    elif "--gallery" in sys.argv:
+        print_gallery()
     elif "--hour" in sys.argv:
         print_hour()
     else:

@@ -108,6 +108,20 @@ def test_the_organ_deforms_under_the_pointer_until_the_page_closes(server):
         until(watcher, lambda h: h["kind"] == "frame" and h["load"] == 0.0 and h["sample"] == 0)
 
 
+def test_a_hard_case_restarts_the_run_and_reset_returns(server):
+    with server.open() as client:
+        client.send(json.dumps({"hard": "soft"}))
+        client.send(json.dumps({"hard": "stiff"}))
+        head, *_ = until(client, lambda h: h["kind"] == "mesh" and h["case"] == "stiff")
+        assert [one["name"] for one in head["hard"]] == ["stiff", "stab"] and head["limit"] == 9.0
+        assert ["ledger", "energy.ledger is false (graphs/scenes/kidney.yaml:49)"] in head["plan"]["left_out"]
+        press = {"point": [1, PRESSED, 1]}
+        head, *_ = until(client, lambda h: h["kind"] == "frame" and h["load"] > 3.0 and h["cost"] > 0.0, press)
+        assert np.linalg.norm(head["force"]) <= 9.0 and head["depth"] < 1e-3
+        client.send(json.dumps({"reset": True}))
+        until(client, lambda h: h["kind"] == "mesh" and h["case"] is None)
+
+
 def test_a_missing_token_or_a_foreign_origin_is_refused(server):
     for token, origin in (("", None), ("wrong", None), (None, "http://evil.example"), (None, "null")):
         with pytest.raises(InvalidStatus) as refused, server.open(token, origin):

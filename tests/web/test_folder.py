@@ -48,7 +48,7 @@ def pressed(site):
 
 def test_the_files_are_few_small_and_named_after_their_content(site):
     out, told = site
-    assert told["variants"] == 4 and told["left_out"] == {} and told["code"] < 80_000 and told["first"] < 3e6
+    assert told["variants"] == 4 + 2 and told["left_out"] == {} and told["code"] < 80_000 and told["first"] < 3e6
     assert told["whole"] == sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
     names = {file.name for file in out.iterdir()}
     assert names == {"index.html", "page.js", "page.css", "site.js", "data", "palpate.mjs", "palpate.d.mts"}
@@ -63,7 +63,7 @@ def test_equal_runs_have_equal_memory(site, tmp_path):
     assert build(tmp_path / "site", "kidney", "--body", "MassSpring", "--set", "tissue.stiffness=2e3").exit_code == 0
     again = {file.name for file in (tmp_path / "site" / "data").iterdir()}
     other = [file.name for file in (out / "data").iterdir() if file.name not in again]
-    assert len(other) <= 4  # the descriptions of the variants, which contain a date
+    assert len(other) <= 6  # the descriptions of the variants, which contain a date
 
 
 def test_a_program_presses_the_organ(pressed):
@@ -106,6 +106,47 @@ def test_a_node_that_fails_is_named_and_the_others_wait(site):
     assert not found["went"] and not found["again"] and found["stands"] and found["time"] == failed["tick"] / 1000
     assert failed["why"] == "its kernel failed" and failed["node"] == "device"
     assert found["afresh"] is None and found["steps"]
+
+
+def test_time_that_is_left_out_is_replayed_as_on_the_real_clock(site):
+    """The force of a held finger stays, as that of a simulated device whose loop was stopped."""
+    out, _ = site
+    found = in_node.run_script(out.parent, "skip_in_node.mjs", 0.2, "late.mcap")
+    forces, hand = np.array(found["forces"]), np.array(found["hand"])
+    assert found["time"] == 2.2 and forces[790] > 1.0 and forces[-1] == 0.0
+    assert np.abs(forces[800:1500] / forces[799] - 1.0).max() < 0.05 and hand.max() < 9.0
+    done = runner.invoke(app, ["replay", str(out.parent / "late.mcap"), "--check", "--json"])
+    told = json.loads(done.stdout)
+    assert done.exit_code == 0 and told["ok"] and all(node["checked"] for node in told["nodes"].values()), done.stdout
+
+
+def test_the_page_reads_its_recording_and_compares_the_messages(site):
+    out, _ = site
+    in_node.run_script(out.parent, "skip_in_node.mjs", 0.2, "late.mcap")
+    (out.parent / "replay.mjs").write_text((in_node.STATIC / "replay.js").read_text())
+    found = in_node.run_script(out.parent, "read_in_node.mjs", "late.mcap")
+    variants = json.loads((out / "site.js").read_text().split("= ", 1)[1].rstrip(";\n"))["variants"]
+    assert found["program"] in [one["program"] for one in variants if one["first"]]
+    assert len({one["program"] for one in variants}) == len(variants)
+    with (out.parent / "late.mcap").open("rb") as file:
+        counts = make_reader(file).get_summary().statistics.channel_message_counts
+    checks = found["messages"] - 2000
+    assert found["messages"] == sum(counts.values()) and found["ticks"] == 2200
+    assert found["whole"]["outcome"] == f"replayed: all {checks} compared messages equal"
+    assert found["whole"]["seen"] == 2000 and found["whole"]["skipped"] == [[800, 200]]
+    assert found["changed"]["outcome"] == f"replayed: {checks} of {checks} messages differ"
+    assert found["cut"] == found["foreign"] == "the file is damaged or no recording"
+
+
+@pytest.mark.parametrize("case", ["stiff", "stab"])
+def test_a_hard_case_stays_finite_and_within_the_limit_of_the_controller(site, case):
+    out, _ = site
+    found = in_node.run_script(out.parent, "press_hard_in_node.mjs", case)
+    hand, contact = np.array(found["hand"]), np.array(found["forces"])
+    usual = press(out.parent, file="usual.mcap")["forces"]
+    assert np.isfinite(hand).all() and np.isfinite(contact).all() and found["failed"] is None
+    assert found["limit"] == 9.0 and 0.5 < hand.max() <= 9.0 * (1 + 1e-9)
+    assert contact.max() > 1.5 * max(usual) and hand[-1] == 0.0
 
 
 @pytest.mark.parametrize("damage", ["flip", "cut", "swap"])

@@ -1,6 +1,7 @@
 """The page of `palpate build web` in a real Chromium, opened as a file: touch, switches, recording, damage."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -73,12 +74,74 @@ def test_switches_change_body_and_effects_and_start_again(page):
     assert page.problems == []
 
 
+def test_the_slider_orders_the_bodies_by_their_error_and_starts_them(page):
+    page.evaluate("document.getElementById('more').open = true")
+    page.wait_for_function("/^MassSpring: error .* here [1-9]/.test(document.getElementById('priced').textContent)")
+    errors = page.evaluate("palpate.about.figures.bodies")
+    assert errors["deformation.Rigid"]["error"] > errors["deformation.MassSpring"]["error"] > 0.0
+    assert page.input_value("#exact") == "1"
+    page.focus("#exact")
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_function("document.getElementById('body').value == 'deformation.Rigid' && palpate.newest")
+    page.wait_for_function("/^Rigid: error .* here [1-9]/.test(document.getElementById('priced').textContent)")
+    assert page.problems == []
+
+
+@pytest.mark.parametrize("case", ["stiff", "stab"])
+def test_a_hard_case_runs_in_the_page_and_reports_its_outcome(page, case):
+    page.evaluate("document.getElementById('more').open = true")
+    page.select_option("#case", case)
+    page.click("#hard")
+    page.wait_for_function("/after the lift/.test(document.getElementById('outcome').textContent)")
+    found = re.search(r"all numbers finite, hand at most ([\d.]+) N \(limit 9 N\), contact at most ([\d.]+) N, 0.00 N",
+                      page.inner_text("#outcome"))  # fmt: skip
+    assert 0.3 < float(found[1]) <= 9.0 and float(found[2]) > 1.0
+    page.click("#reset")
+    page.wait_for_function("palpate.newest && palpate.newest.time < 0.5 && palpate.about.case === null")
+    assert page.problems == []
+
+
+def test_the_page_runs_the_touch_of_its_recording_again(page, tmp_path):
+    press(page)
+    page.mouse.up()
+    page.wait_for_function("palpate.newest.load == 0")
+    with page.expect_download() as download:
+        page.click("#download")
+    file = tmp_path / "touch.mcap"
+    download.value.save_as(file)
+    page.select_option("#body", "deformation.Rigid")
+    page.wait_for_function("palpate.newest && document.getElementById('body').value == 'deformation.Rigid'")
+    page.set_input_files("#file", file)
+    page.wait_for_function("palpate.newest && palpate.newest.load > 0.3")
+    assert page.inner_text("#status") == "replaying touch.mcap"
+    page.wait_for_function("/^replayed/.test(document.getElementById('status').textContent)")
+    assert re.fullmatch(r"replayed: all \d+ compared messages equal", page.inner_text("#status"))
+    assert page.input_value("#body") == "deformation.MassSpring"
+    file.write_bytes(file.read_bytes()[:5000])
+    page.set_input_files("#file", file)
+    page.wait_for_function("/^touch.mcap: the file is damaged/.test(document.getElementById('status').textContent)")
+    assert page.problems == []
+
+
+def test_scenes_and_organs_are_switched_in_the_page(tmp_path):
+    scenes = ("--scene", "kidney", "--scene", "frictionless")
+    assert build(tmp_path / "site", "kidney", "--body", "MassSpring", *scenes).exit_code == 0
+    with opened((tmp_path / "site" / "index.html").as_uri(), READY) as page:
+        press(page)
+        assert page.inner_text("#stick") in ("sticks", "slips") and page.is_hidden("#organ")
+        page.mouse.up()
+        page.select_option("#scene", "frictionless")
+        page.wait_for_function("palpate.newest && palpate.newest.stick === undefined")
+        assert page.problems == []
+
+
 def test_nodes_that_do_not_run_are_listed_with_the_reason(tmp_path):
     assert build(tmp_path / "site", "nodule", "--body", "MassSpring").exit_code == 0
     with opened((tmp_path / "site" / "index.html").as_uri(), READY) as page:
-        assert page.inner_text("#left") == (
-            "left out: band (Probabilistic runs in Python), display (PinArray runs in Python)"
-        )
+        page.evaluate("document.getElementById('more').open = true")
+        listed = page.inner_text("#runs")
+        assert re.search(r"band\s+Probabilistic runs in Python", listed)
+        assert re.search(r"display\s+PinArray runs in Python", listed)
         press(page)
         assert page.problems == []
 

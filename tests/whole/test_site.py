@@ -27,6 +27,26 @@ def test_the_site_is_built_without_warnings_and_is_searchable(tmp_path):
     assert "friction.LuGre" in nodes and "bristle_stiffness" in nodes
 
 
+def test_the_gallery_shows_the_touches_that_are_built(tmp_path):
+    """By the functions of the site's extension: the page itself is built in the long test."""
+    script = (
+        "import sys, types, touches; from docutils import nodes; from pathlib import Path\n"
+        f"touches.HERE = Path({str(tmp_path / 'touches')!r})\n"
+        "page = nodes.Element('', *(nodes.section('', nodes.title('', name)) for name in ('kidney', 'falcon')))\n"
+        "app = types.SimpleNamespace(env=types.SimpleNamespace(docname='gallery'), outdir=sys.argv[1],\n"
+        "                            builder=types.SimpleNamespace(format='html'))\n"
+        "touches.add_touches(app, page); touches.copy_touches(app, None)\n"
+        "print([len(section) for section in page], page[0][-1].astext())\n"
+    )
+    built = tmp_path / "touches" / "kidney" / "index.html"
+    built.parent.mkdir(parents=True)
+    built.write_text("a page")
+    command = [sys.executable, "-c", script, str(tmp_path / "site")]
+    told = subprocess.run(command, cwd=DOCS / "site", capture_output=True, text=True, check=True).stdout
+    assert told.startswith("[2, 1]") and 'loading="lazy" src="touches/kidney/index.html"' in told
+    assert (tmp_path / "site" / "touches" / "kidney" / "index.html").read_text() == "a page"
+
+
 def test_every_picture_has_an_alternative_text():
     pages = [DOCS.parent / "README.md", *DOCS.rglob("*.md")]
     bare = [str(page) for page in pages for text in re.findall(r"!\[([^\]]*)\]\(", page.read_text()) if len(text) < 10]

@@ -11,7 +11,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -25,14 +25,14 @@ from palpate.web.errors import WebError
 from palpate.web.program import compile_program
 from palpate.web.recording import recording_head
 from palpate.web.started import Started, started
-from palpate.web.variants import Variant, describe_page, variants
+from palpate.web.variants import Place, Variant, describe_page, variants
 
 POLICY = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval' blob:; worker-src blob:; style-src 'self'; "
     "img-src data: blob:"
 )
 """Content security policy: scripts of the folder only, no connection to any server, no text that becomes code."""
-PAGE = ("page.js", "scene.js", "charts.js", "panel.js")  # of views/page/static
+PAGE = ("page.js", "scene.js", "charts.js", "panel.js", "model.js", "hard.js", "sound.js")  # of views/page/static
 ENGINE = (
     "engine.js",
     "worker.js",
@@ -40,6 +40,7 @@ ENGINE = (
     "frames.js",
     "fill.js",
     "recording.js",
+    "replay.js",
     "files.js",
     "sha256.js",
     "palpate.js",
@@ -62,20 +63,27 @@ class Built:
 
 
 def build(
-    launch: LaunchFile, out: Path, bodies: Sequence[str], begin: Callable[[str], Callable[[float], None]]
+    places: Sequence[Place],
+    out: Path,
+    bodies: Sequence[str],
+    begin: Callable[[str], Callable[[float], None]],
+    measure: Callable[[LaunchFile, Sequence[str], Callable[[float], None]], dict[str, Any]] | None = None,
 ) -> Built:
     """Write the page of a run to a new folder.
 
-    bodies  names of the bodies to offer; (): all that fit the graph
-    begin   begins a stage of the progress; returns what takes the finished share
+    places   scenes and organs to offer, that of the beginning first
+    bodies   names of the bodies to offer; (): all that fit the graph
+    begin    begins a stage of the progress; returns what takes the finished share
+    measure  error and time of bodies on the touch of a run (`studies.body_figures`); None: the page shows none
 
     WebError: the folder has other files, or a node is not compiled. PageError, GraphError, OSError.
     """
     check_empty(out)
+    launch = places[0].launch
     name = (launch.record or launch.graph).stem  # that of the organ, if it is from a file
     scratch = ScratchFolder("web")
     try:
-        found = variants(launch, Path(scratch.name), bodies)
+        found = _all_variants(places, Path(scratch.name), bodies, begin, measure)
         store, entries, left_out, code = _build_variants(found, name, begin)
     finally:
         scratch.cleanup()
@@ -90,6 +98,22 @@ def build(
     loaded = sum(sizes[digest] for digest in {first["hash"], code, *store.needs[first["hash"]]})
     whole = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
     return Built(len(entries), left_out, sizes[code], page + loaded, whole)
+
+
+def _all_variants(
+    places: Sequence[Place], folder: Path, bodies: Sequence[str], begin: Any, measure: Any
+) -> list[Variant]:
+    """The variants of all places, with the figures of their bodies."""
+    found = list[Variant]()
+    for number, place in enumerate(places):
+        (folder / str(number)).mkdir()
+        own = variants(place, folder / str(number), bodies)
+        names = list(dict.fromkeys(one.body for one in own))
+        if measure is not None and len(names) > 1:
+            measured = replace(place, figures=measure(place.launch, names, begin("measuring the bodies")))
+            own = [replace(one, place=measured) for one in own]
+        found += own
+    return found
 
 
 @contextlib.contextmanager
@@ -142,13 +166,20 @@ def _build_variants(
             about = program.describe(run) | {
                 "name": f"{name}.mcap", "mesh": store.add(mesh), "page": page, "recording": recording_head(run),
             }  # fmt: skip
+            about["recording"]["program"] = _identity(program.code.code, about["parts"])
             for part in about["parts"]:
                 store.add(program.parts[part["hash"]])
             digest = store.add(json.dumps(about, separators=(",", ":")).encode())
             store.needs[digest] = [part["hash"] for part in about["parts"]] + [about["mesh"]]
-            entries.append({"body": variant.body, "effects": variant.effects, "hash": digest, "first": variant.first})
+            entries.append({**variant.choice, "hash": digest, "program": about["recording"]["program"]})
             done((number + 1) / len(runs))
         return store, entries, runs[0][1].left_out, store.add(program.code.code)
+
+
+def _identity(code: bytes, parts: Sequence[dict[str, Any]]) -> str:
+    """The hash of what determines the bytes of a variant's messages: its code and its memory. A recording of the page
+    has it, so that the page finds the variant again."""
+    return hashlib.sha256(code + "".join(part["hash"] for part in parts).encode()).hexdigest()
 
 
 def check_empty(out: Path) -> None:

@@ -1,13 +1,14 @@
-"""The variants of a page: one run for each body and each choice of effects that its switches offer."""
+"""The variants of a page: one run for each scene and organ, each body, each choice of effects, and each hard case."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from palpate.engine.faults import GraphError
 from palpate.engine.imports import full_name
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
@@ -15,7 +16,10 @@ from palpate.nodes import deformation
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.base.effect import effects
 from palpate.physics.geometry.graded import landmarks
+from palpate.physics.scratch import ScratchFolder
+from palpate.views.page.explain import bodies_of, explain_run
 from palpate.views.page.feed import mesh_frame
+from palpate.views.page.hard import hard_cases
 from palpate.views.page.session import choose_bodies, choose_effects
 from palpate.views.page.steered import Touched, steer_launch, touched_part
 from palpate.web.errors import WebError
@@ -23,30 +27,53 @@ from palpate.web.started import Started
 
 
 @dataclass(frozen=True)
+class Place:
+    """A scene and an organ that a page offers, with their names for people, and their run.
+
+    figures  error and time of bodies, by `studies.body_figures`
+    """
+
+    launch: LaunchFile
+    scene: str = ""
+    organ: str = ""
+    figures: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Variant:
     """One choice of the page's switches.
 
+    place    scene and organ
     body     of the shown organ, by its name for `use:`
     effects  those that the page can switch, and whether they are on
+    case     name of the hard case; None: the run as it is
     launch   the run on the simulated clock, whose devices follow the page's pointers
-    first    whether the page begins with it
+    first    whether the page begins with it, of its scene and organ
     """
 
+    place: Place
     body: str
     effects: dict[str, bool]
+    case: str | None
     launch: LaunchFile
     first: bool
 
+    @property
+    def choice(self) -> dict[str, Any]:
+        """The choice as plain data for the page."""
+        return {"scene": self.place.scene, "organ": self.place.organ, "body": self.body, "effects": self.effects,
+                "case": self.case, "first": self.first}  # fmt: skip
 
-def variants(launch: LaunchFile, folder: Path, wished: Sequence[str] = ()) -> list[Variant]:
-    """All variants of a run, that of the run itself first.
+
+def variants(place: Place, folder: Path, wished: Sequence[str] = ()) -> list[Variant]:
+    """All variants of a scene and organ, that of the run itself first.
 
     folder  a private folder
     wished  names of the bodies to offer; (): all that fit the graph
 
     PageError, GraphError: the graph cannot be steered. WebError: no such body.
     """
-    steered, _ = steer_launch(launch, folder)
+    steered, _ = steer_launch(place.launch, folder)
     steered = steered.but(clock="simulated")
     graph = steered.load()
     touched = touched_part(plan(graph))
@@ -59,11 +86,30 @@ def variants(launch: LaunchFile, folder: Path, wished: Sequence[str] = ()) -> li
     on = {name: is_on for name, is_on in choose_effects(graph, touched).items() if name in compiled}
     choices = [dict(zip(on, each, strict=True)) for each in itertools.product((True, False), repeat=len(on))]
     found = [
-        Variant(body, choice, steered.but(overrides=_switches(touched, on, body, choice)),
+        Variant(place, body, choice, None, steered.but(overrides=_switches(touched, on, body, choice)),
                 (body, choice) == (touched.use, on))
         for body in bodies for choice in choices
     ]  # fmt: skip
-    return sorted(found, key=lambda variant: not variant.first)
+    usual = [one for one in found if one.effects == on]
+    return sorted(found + [case for one in usual for case in _cases(one)], key=lambda variant: not variant.first)
+
+
+def _cases(one: Variant) -> list[Variant]:
+    """The hard cases of a variant; none if its graph is refused."""
+    try:
+        planned = plan(one.launch.load())
+    except GraphError:
+        return []
+    return [
+        replace(one, case=case.name, launch=one.launch.but(overrides=case.overrides), first=False)
+        for case in hard_cases(planned.graph, bodies_of(planned))
+    ]
+
+
+def body_shown(launch: LaunchFile) -> str:
+    """The name for `use:` of the body that the page of a run shows. PageError, GraphError: the run cannot be shown."""
+    with ScratchFolder("web") as folder:
+        return touched_part(steer_launch(launch, Path(folder))[0].plan()).use
 
 
 def _body(name: str, known: Sequence[str]) -> str:
@@ -107,8 +153,19 @@ def describe_page(
         "landmarks": [landmarks(mesh.vertices).tolist() for mesh in shown.meshes],
         "loads": dict(shown.loads),
     }
-    near = [one.effects for one in offered if one.body == variant.body]
+    here = [one for one in offered if one.place == variant.place and one.case is None]
+    near = [one.effects for one in here if one.body == variant.body]
     switched = {effect: on for effect, on in variant.effects.items() if variant.effects | {effect: not on} in near}
-    bodies = list(dict.fromkeys(one.body for one in offered if one.effects == variant.effects))
-    about = {"recording": name, "bodies": bodies, "effects": switched, "left_out": run.left_out}
+    bodies = list(dict.fromkeys(one.body for one in here if one.effects == variant.effects))
+    about = {"recording": name, "bodies": bodies, "effects": switched, "figures": variant.place.figures or None,
+             **_places(variant, offered), **explain_run(run.planned, variant.case)}  # fmt: skip
+    cases = {one.case for one in offered if one.place == variant.place and one.body == variant.body}
+    about["hard"] = [case for case in about["hard"] if case["name"] in cases]
     return page, mesh_frame(touched, about)
+
+
+def _places(variant: Variant, offered: Sequence[Variant]) -> dict[str, Any]:
+    """Scenes and organs that the page offers, and those of a variant."""
+    places = [one.place for one in offered]
+    return {"scenes": list(dict.fromkeys(one.scene for one in places)), "scene": variant.place.scene,
+            "organs": list(dict.fromkeys(one.organ for one in places)), "organ": variant.place.organ}  # fmt: skip

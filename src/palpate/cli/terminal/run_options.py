@@ -41,12 +41,14 @@ class RunOptions:
 
 def takes_run(graph: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Mark of a command whose first argument is `RunOptions`: its help lists these options, then those of the command.
+    An argument of the command with the name of one of these options takes its place.
 
     graph  default of GRAPH; None: it must be given
     """
 
     def mark(command: Callable[..., None]) -> Callable[..., None]:
-        names, of_run, of_command = [f.name for f in fields(RunOptions)], _hints(RunOptions), _hints(command)
+        of_run, of_command = _hints(RunOptions), _hints(command)
+        names = [f.name for f in fields(RunOptions) if f.name not in of_command]
         first, *others = inspect.signature(command).parameters.values()
         assert of_command[first.name] is RunOptions, command
         defaults = {name: getattr(RunOptions, name, inspect.Parameter.empty) for name in names}

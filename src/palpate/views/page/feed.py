@@ -31,19 +31,21 @@ from palpate.messages import (
     Proximity,
     Spikes,
     Surface,
+    Vibration,
     unpack,
 )
 from palpate.messages.support import Support
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page.steered import Touched
 
-EVERY = (Contact, Health)  # of these all messages are decoded; of the others the last one before a frame
+EVERY = (Contact, Vibration, Health)  # of these all messages are decoded; of the others the last one before a frame
 KEPT = 20_000  # limit of buffered messages of a finger: 2 s of nine streams at 1 kHz
 DRAINED = 400_000
 """Limit of messages read for a frame: more than a run buffers for a slow reader (100 000), so that a page which was
 delayed shows the present with its next frame instead of remaining behind."""
 Last = dict[type[Message], Message]
-Curve = dict[str, list[float]]  # times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
+Curve = dict[str, list[float]]
+"""Times [s], forces [N] and indentations [m] of a contact, `t`, `f`, `s`, and samples of its `vibration` [N]."""
 
 VERSION = 1  # version of the records for external renderers (docs/renderers.md)
 RATE = 60.0  # [1/s] frame rate while a renderer listens
@@ -63,6 +65,7 @@ class FrameSource:
     files         HTML and script of the page
     command       the command that prints its address
     status, keep  status text, and whether the recording of the current run is kept. Status None: frames only on request
+    figures       error and time of each body (`measuring`); None: not measured
     panel         texts and questions of an experiment, shown over the picture. None: no panel
     mesh, frame   the newest ones, packed for the page (see `feed`)
     rate          [1/s] highest rate of frames
@@ -73,6 +76,7 @@ class FrameSource:
     command = "palpate run --view"
     status: str | None = None
     keep = False
+    figures: dict[str, Any] | None = None
     panel: dict[str, Any] | None = None
     mesh = frame = b""
     rate = 30.0
@@ -106,6 +110,7 @@ class StreamReader:
         self.kinds = {HEALTH: Health} | kinds_of(touched)
         self.newest: dict[str, Message] = {}
         self.late: dict[str, int] = {}
+        self.cost: dict[str, float] = {}  # [s] of a tick, for each node
         self.context = zmq.Context()
         large = [stream for stream, kind in self.kinds.items() if kind in (Surface, Load, Spikes)]
         small = [stream for stream in self.kinds if stream not in large]
@@ -139,7 +144,7 @@ class StreamReader:
             with contextlib.suppress(MessageError, ValueError):
                 self._take(stream, payload, curves)
                 news = True
-        head = {"kind": "frame", "late": max(self.late.values(), default=0)}
+        head = {"kind": "frame", "late": max(self.late.values(), default=0), "cost": sum(self.cost.values())}
         if not news:
             return None
         return picture(head, self.newest, touched, curves)
@@ -150,11 +155,15 @@ class StreamReader:
         if isinstance(message, Health):
             if message.source in touched.place.groups[0].nodes:
                 self.late[message.source] = message.late + message.lost
+                self.cost[message.source] = message.median
             return
         self.newest[stream] = message
-        if isinstance(message, Contact):
+        if isinstance(message, Contact | Vibration):
             for finger, curve in zip(touched.fingers, curves, strict=True):
-                if finger[Contact] == stream:
+                if isinstance(message, Vibration):
+                    if finger.get(Vibration) == stream:
+                        curve.setdefault("vibration", []).extend(message.lateral.round(6).tolist())
+                elif finger[Contact] == stream:
                     curve["t"].append(message.time * 1e-9)
                     curve["f"].append(message.force)
                     curve["s"].append(message.indentation)
@@ -226,6 +235,8 @@ def now(last: Last, thickness: float) -> dict[str, Any]:
         head |= {"force": force.force, "state": force.state, "energy": force.energy}
     if isinstance(band := last.get(ForceBand), ForceBand):
         head |= {"band": [band.quantiles[0], band.quantiles[-1]] if band.quantiles else None, "mean": band.mean}
+    if isinstance(vibration := last.get(Vibration), Vibration):
+        head |= {"sampling": vibration.sampling}
     if isinstance(pointed := last.get(Pointed), Pointed):
         head |= {"sample": pointed.sample}
     if isinstance(pins := last.get(Pins), Pins):
@@ -245,6 +256,7 @@ def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
             "begins": touched.begins,
             "receptors": touched.receptors,
             "fingers": [finger[Contact] for finger in touched.fingers],
+            "sounds": any(Vibration in finger for finger in touched.fingers),
             **about,
         },
     )

@@ -9,6 +9,7 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.wire.discover import Running
 from palpate.nodes.base.effect import effects
+from palpate.views.page.explain import explain_plan
 from palpate.views.page.feed import FrameSource, StreamReader, mesh_frame
 from palpate.views.page.steered import Touched, watched_part
 
@@ -77,7 +78,9 @@ class LiveView(Live):
 
     def __init__(self, planned: Plan) -> None:
         super().__init__(watched_part(planned))
-        self.mesh = mesh_frame(self.touched, {"watch": True, "bodies": [], "effects": {}})
+        self.mesh = mesh_frame(
+            self.touched, {"watch": True, "bodies": [], "effects": {}, "plan": explain_plan(planned)}
+        )
         self.status = "the run is starting"
 
     def over(self) -> None:

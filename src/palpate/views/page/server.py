@@ -30,7 +30,16 @@ from palpate.views.page.feed import RATE, FrameSource, binary
 HOST, ANY = "127.0.0.1", "0.0.0.0"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 RENDERERS = "/frames"
-SHARED = ("page.css", "scene.js", "charts.js", "panel.js", "engine.js")  # static files of all pages
+SHARED = (
+    "page.css",
+    "scene.js",
+    "charts.js",
+    "panel.js",
+    "engine.js",
+    "model.js",
+    "hard.js",
+    "sound.js",
+)  # static files of all pages
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 PATIENCE = 30.0  # [s] timeout of opening and closing the server
 _USER = os.getuid() if hasattr(os, "getuid") else None  # of this process
@@ -152,7 +161,7 @@ class PageServer:
     async def _show(self, connection: ServerConnection, form: Callable[[bytes], bytes]) -> None:
         """Send new messages, converted by `form`. A slow page skips frames."""
         mesh = frame = b""
-        status, source = None, self.source
+        status, figures, source = None, None, self.source
         with contextlib.suppress(ConnectionClosed):
             while source.status is not None:
                 news = (source.status, source.keep, source.panel)
@@ -161,6 +170,9 @@ class PageServer:
                     head: dict[str, Any] = {"kind": "status", "text": source.status, "keep": source.keep,
                                             "panel": source.panel}  # fmt: skip
                     await connection.send(msgspec.json.encode(head).decode())
+                elif source.figures is not figures:
+                    figures = source.figures
+                    await connection.send(msgspec.json.encode({"kind": "figures", "figures": figures}).decode())
                 elif source.mesh is not mesh:
                     mesh = source.mesh
                     await connection.send(form(mesh))

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +19,25 @@ from palpate.nodes.deformation import bodies
 from palpate.physics.errors import PalpateError
 from palpate.physics.scratch import ScratchFolder
 from palpate.views.errors import PageError
+from palpate.views.page.explain import bodies_of, explain_run
 from palpate.views.page.feed import mesh_frame
+from palpate.views.page.hard import HardCase, hard_cases
 from palpate.views.page.live import ENDING, Live
+from palpate.views.page.measuring import Figures, Measuring
 from palpate.views.page.steered import Count, Pointers, Sample, Touched, steer_launch, touched_part
 
 
 class PageRequest(msgspec.Struct, forbid_unknown_fields=True):
-    """A message of a page: a pointer sample for a finger, or a setting of its switches."""
+    """A message of a page: a pointer sample for a finger, a setting of its switches, a hard case, or the request to
+    measure the bodies."""
 
     point: Sample | None = None
     finger: Count = 0
     body: str | None = None
     effect: tuple[str, bool] | None = None
+    hard: str | None = None
     reset: bool = False
+    measure: bool = False
     keep: bool | None = None
 
 
@@ -60,6 +67,7 @@ class Session(Live):
     sets    overrides as for `--set`
     only    what to record, of `launchfile.RECORDED`; sources take 1 % of the bytes of all messages
     build   builds the bases that a graph lacks after a switch; takes the graph and what begins a stage of its progress
+    measure error and time of bodies on the touch of a run (`studies.body_figures`), in another process
 
     PageError, GraphError: the graph cannot be steered, or its faults.
     """
@@ -69,13 +77,15 @@ class Session(Live):
     def __init__(
         self, launch: LaunchFile, folder: Path, sets: list[str], only: str = SOURCES,
         build: Callable[[Graph, Any], None] = lambda graph, begin: None,
+        measure: Callable[[LaunchFile, list[str]], Figures] | None = None,
     ) -> None:  # fmt: skip
-        self._build = build
+        self._build, self._measure = build, measure and partial(measure, launch.but(overrides=sets))
         self.place = ScratchFolder("touch")
         self.launch, self.sockets = steer_launch(launch, Path(self.place.name))
         self.launch = self.launch.but(overrides=sets, only=only)
         self._graph: Graph | None = self.launch.load()
-        super().__init__(touched_part(plan(self._graph)))
+        self._planned = plan(self._graph)
+        super().__init__(touched_part(self._planned))
         self.bodies = choose_bodies(self._graph, self.touched)
         self.folder = folder
         self.effects = choose_effects(self._graph, self.touched)
@@ -86,6 +96,8 @@ class Session(Live):
         self.number = 0
         self._wish = self.touched.use
         self._switched: dict[str, bool] = {}
+        self._case: str | None = None
+        self._measuring: Measuring | None = None
         self._ended = threading.Event()
         self._pointers = Pointers(self.sockets, self.touched.begins)
         self._runs = threading.Thread(target=self._live, name="runs", daemon=True)
@@ -98,6 +110,8 @@ class Session(Live):
         self._ended.set()
         self.stopping.set()
         self._runs.join(ENDING)
+        if self._measuring is not None:
+            self._measuring.close()
         self._pointers.close()
         self.place.cleanup()
 
@@ -108,23 +122,36 @@ class Session(Live):
             self._pointers.steer(page, request.finger, request.point)
         if request.keep is not None:
             self.keep = request.keep
-        if request.body is not None or request.effect is not None or request.reset:
-            self._restart(request.body, request.effect)
+        if request.body is not None or request.effect is not None or request.hard is not None or request.reset:
+            self._restart(request.body, request.effect, request.hard)
+        if request.measure and self._measure is not None and self._measuring is None:
+            self.show_figures({"running": True})
+            self._measuring = Measuring(partial(self._measure, self.bodies), self.show_figures)
         return []
+
+    def show_figures(self, figures: Figures) -> None:
+        """Send the error and time of each body to the pages."""
+        self.figures = figures
+        self.on_news()
 
     def leave(self, page: object) -> None:
         self._pointers.leave(page)
 
-    def _restart(self, body: str | None, effect: tuple[str, bool] | None) -> None:
-        """Restart the run, with another body or with an effect switched. PageError: unknown body or effect."""
+    def _restart(self, body: str | None, effect: tuple[str, bool] | None, case: str | None) -> None:
+        """Restart the run, with another body, with an effect switched, or as a hard case. PageError: unknown one."""
         if body is not None and body not in self.bodies:
             raise PageError(f"body: found {body!r}, expected one of {', '.join(self.bodies)}")
         if effect is not None and effect[0] not in self.effects:
             raise PageError(f"effect: found {effect[0]!r}, expected one of {', '.join(self.effects) or 'none'}")
+        if case is not None and case not in (known := [each.name for each in self._cases()]):
+            raise PageError(f"hard: found {case!r}, expected one of {', '.join(known)}")
         if effect is not None:
             self.effects[effect[0]] = self._switched[effect[0]] = effect[1]
-        self._wish = body or self.touched.use
+        self._wish, self._case = body or self.touched.use, case
         self.stopping.set()
+
+    def _cases(self) -> list[HardCase]:
+        return hard_cases(self._planned.graph, bodies_of(self._planned))
 
     # -- the thread ----------------------------------------------------------------------------------------------
 
@@ -144,9 +171,15 @@ class Session(Live):
         switched = [f"effects.{name}={'on' if on else 'off'}" for name, on in self._switched.items()]
         graph, self._graph = self._graph, None
         if graph is None:
-            graph = self.launch.but(overrides=[*switched, f"{self.touched.body}.use={self._wish}"]).load()
+            launch = self.launch.but(overrides=[*switched, f"{self.touched.body}.use={self._wish}"])
+            graph = launch.load()
+            self._planned = plan(graph)
+            case = next((each for each in self._cases() if each.name == self._case), None)
+            if case is not None:
+                graph = launch.but(overrides=case.overrides).load()
+                self._planned = plan(graph)
             self._build(graph, self._building)
-            self.touched = touched_part(plan(graph))
+            self.touched = touched_part(self._planned)
         self.number += 1
         while (self.folder / f"{self.launch.graph.stem}-{self.number}.mcap").exists():  # of another program
             self.number += 1
@@ -183,5 +216,6 @@ class Session(Live):
         return done
 
     def show_begin(self) -> None:
-        about = {"recording": str(self.record), "bodies": self.bodies, "effects": self.effects}
+        about = {"recording": str(self.record), "bodies": self.bodies, "effects": self.effects,
+                 "measures": self._measure is not None, **explain_run(self._planned, self._case)}  # fmt: skip
         self.mesh = mesh_frame(self.touched, about)

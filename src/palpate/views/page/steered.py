@@ -29,6 +29,7 @@ from palpate.messages import (
     Surface,
     Torque,
     Vector3,
+    Vibration,
 )
 from palpate.nodes.base import SettingError
 from palpate.nodes.device.mailbox import Outbox
@@ -115,7 +116,7 @@ def steer_launch(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Pat
 
 def touched_part(planned: Plan) -> Touched:
     """The part of a plan that a page shows and steers. PageError: no body with a mesh, or no pose of the finger."""
-    return _part_shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
+    return _part_shown(planned, (Surface, Pose, Proximity, Contact), _place(planned), kinds=(*SHOWN, Vibration))
 
 
 def watched_part(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
@@ -131,10 +132,14 @@ def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
 
 
 def _part_shown(
-    planned: Plan, needed: tuple[type[Message], ...], place: Placement, recorded: Sequence[Finger] = ()
+    planned: Plan,
+    needed: tuple[type[Message], ...],
+    place: Placement,
+    recorded: Sequence[Finger] = (),
+    kinds: Iterable[type[Message]] = SHOWN,
 ) -> Touched:
     nodes, found = planned.graph.nodes, recorded or fingers(*links_of_plan(planned))
-    shown = [streams_of(finger) for finger in found]
+    shown = [streams_of(finger, kinds) for finger in found]
     senders = {stream: name for name in planned.order for stream in nodes[name].streams}
     streams = shown[0]
     for kind in needed:

@@ -3,6 +3,8 @@
 // All files are scripts, so that a folder opened without a network works; each is loaded when it is needed, once. The same interface
 // as the file of this name in views/page/static.
 
+import { readRecording } from "/replay.js";
+
 const site = globalThis.palpateSite, texts = new Map(), waiting = new Map();
 
 // Called by each file of data.
@@ -32,7 +34,7 @@ export function connect({ told, came }) {
   }
 
   // Start a variant, after its files have come.
-  async function begin(variant) {
+  async function begin(variant, recording) {
     const mine = ++switching;
     alive = false;
     say("loading");
@@ -42,17 +44,31 @@ export function connect({ told, came }) {
       await Promise.all(hashes.map(bring));
       if (mine !== switching) return;
       chosen = variant;
-      worker.postMessage({ begin: { hash: variant.hash, code: site.code } });
+      worker.postMessage({ begin: { hash: variant.hash, code: site.code, recording } });
       alive = true;
     } catch (error) { say(`stopped: ${error.message}`); }
   }
 
-  // The variant with another body or an effect switched, or why there is none.
-  function change({ body, effect }) {
-    const effects = { ...chosen.effects, ...(effect ? { [effect[0]]: effect[1] } : {}) }, wish = body ?? chosen.body;
-    const same = (one) => one.body === wish && Object.entries(one.effects).every(([name, on]) => effects[name] === on);
-    const found = site.variants.find(same);
-    if (found) begin(found); else { say(`not in this folder: ${wish} with ${Object.entries(effects).map(([name, on]) => `${name} ${on ? "on" : "off"}`).join(", ")}`); }
+  // The variant that differs from this one in what is asked for, or why there is none. A hard case, and another scene or organ,
+  // start with the effects of the graph.
+  function change({ body, effect, scene, organ, hard }) {
+    const wish = { scene: scene ?? chosen.scene, organ: organ ?? chosen.organ, body: body ?? chosen.body, case: hard ?? null };
+    const effects = { ...chosen.effects, ...(effect ? { [effect[0]]: effect[1] } : {}) };
+    const near = site.variants.filter((one) => Object.entries(wish).every(([key, value]) => one[key] === value));
+    const same = (one) => Object.entries(one.effects).every(([name, on]) => effects[name] === on);
+    const elsewhere = (one) => one.scene === wish.scene && one.organ === wish.organ && one.first;
+    const found = near.find(same) ?? ((scene ?? organ ?? hard) === undefined ? undefined : near[0] ?? site.variants.find(elsewhere));
+    if (found) begin(found);
+    else say(`not in this folder: ${wish.body} with ${Object.entries(effects).map(([name, on]) => `${name} ${on ? "on" : "off"}`).join(", ")}`);
+  }
+
+  // Run the touch of a recording again, which has the hash of its program.
+  async function replay(file) {
+    try {
+      const recording = readRecording(new Uint8Array(await file.arrayBuffer())), variant = site.variants.find(({ program }) => program === recording.program);
+      if (!variant) throw new Error("another page made it: expected a recording of this folder");
+      begin(variant, { name: file.name, ...recording });
+    } catch (error) { say(`${file.name}: ${error.message}`); }
   }
 
   worker.onmessage = ({ data }) => {
@@ -68,7 +84,8 @@ export function connect({ told, came }) {
     downloads: true,
     ready: () => alive,
     send(order) {
-      if (order.body || order.effect) change(order);
+      if (order.body || order.effect || order.hard || order.scene !== undefined || order.organ !== undefined || (order.reset && chosen.case)) change(order);
+      else if (order.replay) replay(order.replay);
       else if (order.point || order.reset || order.download) worker.postMessage(order);
     },
   };

@@ -2,10 +2,13 @@
 
 import { Filled } from "/fill.js";
 
+// The head of a message to the page.
+export const headOf = (bytes) => JSON.parse(new TextDecoder().decode(bytes.subarray(4, endOfHead(bytes))));
+const endOfHead = (bytes) => 4 + new DataView(bytes.buffer, bytes.byteOffset).getUint32(0, true);
+
 // The arrays of a message to the page with a mesh: triangles, vertices, normals.
 export function meshOf(bytes) {
-  const at = 4 + new DataView(bytes.buffer, bytes.byteOffset).getUint32(0, true), from = bytes.byteOffset + at;
-  const [triangles, vertices, normals] = JSON.parse(new TextDecoder().decode(bytes.subarray(4, at))).sizes;
+  const [triangles, vertices, normals] = headOf(bytes).sizes, from = bytes.byteOffset + endOfHead(bytes);
   return {
     triangles: new Uint32Array(bytes.buffer, from, triangles), vertices: new Float32Array(bytes.buffer, from + 4 * triangles, vertices),
     normals: new Float32Array(bytes.buffer, from + 4 * (triangles + vertices), normals),
@@ -18,19 +21,20 @@ export function fillers({ first, landmarks }, { vertices }) {
 }
 
 // The newest messages as a frame; null before the first contact. shown: `page` of a variant; curves: of each finger times, forces
-// and indentations since the last frame; late: ticks that were left out; filled: `fillers` of the mesh.
-export function frame(tick, shown, curves, late, filled) {
+// and indentations since the last frame; measured: `late`, the ticks that were left out, and `cost`, the
+// time of a tick [s]; filled: `fillers` of the mesh.
+export function frame(tick, shown, curves, measured, filled) {
   if (shown.fingers.some(({ Contact }) => !tick.has(Contact))) return null;
   const [first, ...others] = shown.fingers.map((finger, k) => ({ ...now(tick, finger, shown.near[k], shown.thickness), ...curves[k] }));
   const { nodes, displacement, pressure, slipped } = surface(tick, shown, filled);
-  const head = { kind: "frame", late, ...first, others, ...pressed(tick, shown) };
+  const head = { kind: "frame", ...measured, ...first, others, ...pressed(tick, shown) };
   if (slipped) head.slipped = slipped;
   return packed(head, nodes, displacement, pressure);
 }
 
 // The last messages of a finger as plain data, as `feed.now`.
 function now(tick, finger, near, thickness) {
-  const { Contact, Pose, Friction, Force, ForceBand, Pointed, Pins, Spikes } = finger, read = (name, field) => tick.read(name, field);
+  const { Contact, Pose, Friction, Force, ForceBand, Pointed, Pins, Spikes, Vibration } = finger, read = (name, field) => tick.read(name, field);
   const head = {
     time: tick.when(Contact), normal: read(Contact, "normal"), foot: read(Contact, "foot"),
     load: read(Contact, "force"), depth: read(Contact, "indentation"), squeeze: read(Contact, "compression"),
@@ -46,6 +50,7 @@ function now(tick, finger, near, thickness) {
     const quantiles = read(ForceBand, "quantiles");
     Object.assign(head, { band: quantiles.length ? [quantiles[0], quantiles.at(-1)] : null, mean: read(ForceBand, "mean") });
   }
+  if (Vibration && tick.has(Vibration)) head.sampling = read(Vibration, "sampling");
   if (Pointed) head.sample = tick.sample(Pointed);
   if (Pins && tick.has(Pins)) {
     const heights = read(Pins, "heights"), [rows, columns] = tick.shape(Pins, "heights");

@@ -42,8 +42,12 @@ export class Touch {
   /** of a fingertip, from skin to bone [m] */
   readonly thickness: number;
   readonly failed: Failure | null;
+  /** what the page shows: `plan`, `hard` (cases), `limit` of the force on the hand [N], `figures` of the bodies, and more */
+  readonly head: Record<string, unknown>;
   begin(): void;
   point(place: Place, options?: { finger?: number; buttons?: number }): void;
+  /** leaves out time [s], as a run on the real clock that is late */
+  skip(seconds: number): void;
   step(seconds?: number): boolean;
   contact(finger?: number): Contact | null;
   /** arrays that show the memory of the tick; they change with the next step */
@@ -56,4 +60,4 @@ export class Touch {
 }
 
 /** folder: its address, or a function that returns the text of a file in it */
-export function load(folder: string | ((name: string) => Promise<string>), options?: { body?: string; effects?: Record<string, boolean> }): Promise<Touch>;
+export function load(folder: string | ((name: string) => Promise<string>), options?: { scene?: string; organ?: string; body?: string; effects?: Record<string, boolean>; hard?: string | null }): Promise<Touch>;

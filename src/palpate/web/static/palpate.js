@@ -1,7 +1,7 @@
 // palpate in a program of yours: load a folder of `palpate build web`, move fingers, read forces and the surface. Types: palpate.d.ts.
 
 import { quoted, unpacked } from "/files.js";
-import { fillers, frame, meshOf } from "/frames.js";
+import { fillers, frame, headOf, meshOf } from "/frames.js";
 import { Samples, record } from "/recording.js";
 import { Tick } from "/tick.js";
 
@@ -11,13 +11,16 @@ const fetched = (folder) => async (name) => {
   return answer.text();
 };
 
-// Load a variant of a folder. folder: its address, or a function that returns the text of a file; body, effects: as in the page.
-export async function load(folder, { body, effects = {} } = {}) {
+// Load a variant of a folder. folder: its address, or a function that returns the text of a file; the others: as in the page.
+export async function load(folder, { scene, organ, body, effects = {}, hard = null } = {}) {
   const read = typeof folder === "function" ? folder : fetched(folder);
   const site = JSON.parse(/= (.*);\s*$/s.exec(await read("site.js"))[1]);
-  const first = site.variants.find((one) => one.first), wish = { ...first.effects, ...effects }, last = (name) => name.split(".").pop();
-  const variant = site.variants.find((one) => last(one.body) === last(body ?? first.body) && Object.entries(wish).every(([name, on]) => one.effects[name] === on));
-  if (!variant) throw new Error(`no such variant; this folder has ${site.variants.map((one) => `${one.body} ${JSON.stringify(one.effects)}`).join(", ")}`);
+  const begin = site.variants.find((one) => one.first), place = { scene: scene ?? begin.scene, organ: organ ?? begin.organ };
+  const here = site.variants.filter((one) => one.scene === place.scene && one.organ === place.organ), first = here.find((one) => one.first) ?? begin;
+  const wish = { ...first.effects, ...effects }, last = (name) => name.split(".").pop();
+  const fits = (one) => last(one.body) === last(body ?? first.body) && one.case === hard && Object.entries(wish).every(([name, on]) => one.effects[name] === on);
+  const variant = here.find(fits);
+  if (!variant) throw new Error(`no such variant; this folder has ${site.variants.map((one) => `${[one.scene, one.organ, one.case].filter(Boolean).map((name) => `${name} `).join("")}${one.body} ${JSON.stringify(one.effects)}`).join(", ")}`);
   const file = async (hash) => {
     const name = `data/${hash}.js`;
     try { return await unpacked(hash, quoted(await read(name))); } catch (error) { throw new Error(`${name}: ${error.message}`); }
@@ -34,6 +37,7 @@ export class Touch {
     this.samples = new Samples();
     this.number = 0;
     this.mesh = meshOf(mesh);
+    this.head = headOf(mesh);
   }
 
   get time() { return this.tick.tick / this.about.rate; }
@@ -51,6 +55,13 @@ export class Touch {
     if (place.length !== 3 || !place.every(Number.isFinite)) throw new TypeError(`place: found ${place}, expected three numbers in metres`);
     this.tick.point(finger, place, buttons, ++this.number);
     this.samples.add(this.tick.tick, finger, place, buttons, this.number);
+  }
+
+  // Leave out time [s], as a run on the real clock does when it is late: the force ramps up from zero after it.
+  skip(seconds) {
+    const count = Math.round(seconds * this.rate);
+    this.samples.skip(this.tick.tick, count);
+    this.tick.skip(count);
   }
 
   // Run `seconds` of simulated time, by default one tick. Returns whether no node failed.
@@ -78,7 +89,7 @@ export class Touch {
   // The state as a message to the page, for programs that draw as the page does: `feed.pack_message` describes it.
   frame() {
     this.filled ??= fillers(this.about.page, this.mesh);
-    return frame(this.tick, this.about.page, this.about.page.fingers.map(() => ({ t: [], f: [], s: [] })), 0, this.filled);
+    return frame(this.tick, this.about.page, this.about.page.fingers.map(() => ({ t: [], f: [], s: [] })), { late: 0 }, this.filled);
   }
 
   // A field of the newest message of any stream.

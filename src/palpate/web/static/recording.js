@@ -18,32 +18,35 @@ export function crc32(bytes, sum = 0) {
   return ~sum >>> 0;
 }
 
-// The changes of the pointers of a run: tick, finger, place, buttons and number of each sample.
+// The changes of the pointers of a run: tick, finger, place, buttons and number of each sample. Finger -1: ticks that were left out.
 export class Samples {
-  constructor() { this.rows = new Float64Array(7 * 1024); this.length = 0; }
+  constructor() { this.rows = new Float64Array(7 * 1024); this.length = 0; this.late = false; }
 
   add(tick, finger, place, buttons, sample) {
     if (this.length === this.rows.length) { const more = new Float64Array(2 * this.rows.length); more.set(this.rows); this.rows = more; }
     this.rows.set([tick, finger, ...place, buttons, sample], this.length);
     this.length += 7;
   }
+
+  skip(tick, count) { this.late = true; this.add(tick, -1, [count, 0, 0], 0, 0); }
 }
 
 // The file of a run of some ticks. about: description of the variant; module, parts: as for a Tick; done: takes the finished share.
 export function record(about, module, parts, samples, ticks, done = () => {}) {
-  const tick = new Tick(about, module, parts), { recording: head, pointers } = about, file = new File(head);
+  const tick = new Tick(about, module, parts), { recording: head, pointers } = about, file = new File(head, samples.late);
   const channels = new Map(head.channels.map(({ topic, id, keep }) => [topic, { id, keep }]));
   tick.listen(({ name }) => channels.get(name)?.keep ?? 0);
   const take = () => {
     for (const { stream, tick: at, time, bytes } of tick.messages()) file.message(channels.get(stream).id, at, time, bytes);
     tick.clear();
   };
-  for (let now = 0, at = 0; now < ticks && !tick.failed; now++) {
-    for (; at < samples.length && samples.rows[at] === now; at += 7) {
+  for (let at = 0; tick.tick < ticks && !tick.failed;) {
+    for (; at < samples.length && samples.rows[at] === tick.tick; at += 7) {
       const [, finger, x, y, z, buttons, sample] = samples.rows.subarray(at, at + 7);
-      tick.point(finger, [x, y, z], buttons, sample);
+      if (finger < 0) tick.skip(x); else tick.point(finger, [x, y, z], buttons, sample);
     }
-    const time = tick.time();
+    if (tick.tick >= ticks) break; // the last ticks were left out
+    const now = tick.tick, time = tick.time();
     tick.step(1, take);
     pointers.forEach(({ stream }, finger) => file.message(channels.get(stream).id, now, time, tick.pointed(finger)));
     take();
@@ -54,12 +57,13 @@ export function record(about, module, parts, samples, ticks, done = () => {}) {
 
 // Writes the records of an MCAP file in order.
 class File {
-  constructor(head) {
+  // late: whether ticks were left out, so that the rules of simulated time do not determine what each step used.
+  constructor(head, late) {
     this.head = head; this.parts = []; this.at = 0; this.sum = 0; this.index = []; this.counts = new Map();
     this.chunk = new Bytes();
     this.write(MAGIC);
     this.write(new Bytes().text(head.profile).text(head.library).record(HEADER));
-    for (const { name, metadata } of head.metadata) this.metadata(name, name === "palpate.about" ? { ...metadata, date: today() } : metadata);
+    for (const { name, metadata } of head.metadata) this.metadata(name, name === "palpate.about" ? { ...metadata, date: today(), ...(late ? { clock: JSON.stringify("real") } : {}) } : metadata);
     for (const record of this.declared()) this.chunk.raw(record);
     this.first = Infinity; this.last = 0;
   }
@@ -93,6 +97,7 @@ class File {
 
   finish() {
     const counted = this.head.channels.map(({ id, topic }) => [topic, `{"count": ${this.counts.get(id) ?? 0}, "lost": 0}`]);
+    this.metadata("palpate.page", { program: this.head.program });
     this.metadata("palpate.counts", Object.fromEntries(counted));
     this.metadata("palpate.times", {});
     this.write(new Bytes().u32(this.sum).record(DATA_END));

@@ -42,6 +42,7 @@ def touch(
     from palpate.bases import build_missing
     from palpate.launch.load.recording import new_folder
     from palpate.launch.run.interrupts import StoppedError
+    from palpate.studies.body_figures import measure_bodies
     from palpate.views.page.session import Session
 
     sets = chosen.sets or []
@@ -49,8 +50,9 @@ def touch(
     build_missing(launch.but(overrides=sets).load())
     with contextlib.nullcontext(out) if out else new_folder("touch") as folder:
         session = Session(
-            launch, folder, list(sets), record_only, lambda graph, begin: build_missing(graph, begin=begin)
-        )
+            launch, folder, list(sets), record_only, lambda graph, begin: build_missing(graph, begin=begin),
+            measure_bodies,
+        )  # fmt: skip
         session.keep = not no_record
         stopped: StoppedError | None = None
         try:

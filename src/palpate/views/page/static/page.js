@@ -3,6 +3,9 @@
 import { Scene, each, figures, fingers, lines, offer, painted, ramp, sends } from "/scene.js";
 import { Strip, bars, shot, spots } from "/charts.js";
 import { panel } from "/panel.js";
+import { Bodies, list } from "/model.js";
+import { HardCases } from "/hard.js";
+import { Sound } from "/sound.js";
 import { connect } from "/engine.js";
 
 const $ = (id) => document.getElementById(id);
@@ -11,10 +14,11 @@ const LOST = "Please tell the experimenter. Your answers up to now are stored.";
 const ENOUGH = 27; // [1/s] sufficient frame rate; the server sends at most 30
 const strips = [new Strip($("forces"), "normal force", "N", "#2f7fb8", 0.5), new Strip($("depths"), "indentation", "mm", "#c2506a", 2)];
 const aim = { x: 0, y: 0.1, down: false, turning: false, fingers: new Map() };
+const bodies = new Bodies(order), hard = new HardCases(order, () => point()), sound = new Sound($("sound"));
 let scene, engine, about, newest, experiment, status = "connecting", paused = false, sample = 0, dirty = true, sent = new Map();
 
 try { scene = new Scene($("view")); } catch (error) { $("status").textContent = error.message; throw error; }
-const page = { frames: 0, latency: undefined, get newest() { return newest?.head; }, scene };
+const page = { frames: 0, latency: undefined, get newest() { return newest?.head; }, get about() { return about; }, scene, sound };
 window.palpate = page; // for tests and the browser's console
 
 function closed() {
@@ -33,7 +37,9 @@ function say(told) {
     state(told.text);
     $("keep").setAttribute("aria-pressed", String(told.keep));
     experiment = told.panel; panel(experiment, order);
-  } else state(told.text);
+    if (told.text.startsWith("stopped")) hard.fail(told.text);
+  } else if (told.kind === "figures") bodies.show(told.figures);
+  else state(told.text);
 }
 
 function take(data) {
@@ -52,6 +58,7 @@ function take(data) {
     page.latency = performance.now() - sent.get(answered);
     for (const number of sent.keys()) if (number <= answered) sent.delete(number);
   }
+  bodies.took(head.cost); hard.take(each(head), newest.displacement); sound.take(each(head));
   dirty = true;
 }
 
@@ -62,6 +69,11 @@ function begin(head, triangles, places, normals) {
   strips.forEach((strip) => strip.clear());
   const names = head.bodies.includes(head.body) ? head.bodies : [head.body, ...head.bodies];
   $("body").replaceChildren(...names.map((name) => new Option(name.split(".").pop(), name, false, name === head.body)));
+  for (const name of ["scene", "organ"]) {
+    const offered = head[`${name}s`] ?? [];
+    $(name).replaceChildren(...offered.map((one) => new Option(one, one, false, one === head[name])));
+    $(name).parentElement.hidden = offered.length < 2;
+  }
   const count = head.fingers.length, kept = $("finger").options.length === count + 1 ? $("finger").value : "-1";
   $("finger").replaceChildren(new Option("together", -1), ...head.fingers.map((name, k) => new Option(`${k + 1}: ${name.replace(/[-_.]?contact[-_.]?/i, "") || name}`, k)));
   $("finger").value = kept; $("finger").parentElement.hidden = count < 2;
@@ -72,8 +84,7 @@ function begin(head, triangles, places, normals) {
     label.append(box, name);
     return label;
   }));
-  const left = Object.entries(head.left_out ?? {}); // nodes that do not run, with the reason
-  $("left").hidden = !left.length; $("left").textContent = `left out: ${left.map(([node, why]) => `${node} (${why})`).join(", ")}`;
+  list(head.plan); bodies.begin(head); hard.begin(head); sound.offer(head.sounds);
   dirty = true; point();
 }
 
@@ -116,15 +127,16 @@ function tell(head) {
 
 function point() {
   if (!about || about.watch || !engine.ready() || paused) return;
-  const hit = scene.pick(aim.x, aim.y);
+  const { x, y, down, depth } = hard.aim ?? { ...aim, depth: 1e-3 * Number($("press").value) };
+  const hit = scene.pick(x, y);
   if (hit) aim.hit = hit;
   if (!aim.hit) return;
-  const lift = about.thickness + (aim.down && hit ? -1e-3 * Number($("press").value) : HOVER);
+  const lift = about.thickness + (down && hit ? -depth : HOVER);
   sample++;
   if (newest) sent.set(sample, performance.now()); // before the first frame, the start of the run would count as latency
   if (sent.size > 500) sent.delete(sent.keys().next().value);
   for (const [finger, { place, normal }] of steered()) {
-    engine.send({ point: [sample, place.map((x, i) => x + lift * normal[i]), aim.down ? 1 : 0], finger });
+    engine.send({ point: [sample, place.map((x, i) => x + lift * normal[i]), down ? 1 : 0], finger });
   }
 }
 
@@ -222,9 +234,12 @@ function gamepad() {
 
 $("press").addEventListener("input", () => press(0));
 $("body").addEventListener("change", (event) => order({ body: event.target.value }));
+for (const name of ["scene", "organ"]) $(name).addEventListener("change", (event) => order({ [name]: event.target.value }));
 $("reset").addEventListener("click", () => order({ reset: true }));
 $("keep").addEventListener("click", () => order({ keep: $("keep").getAttribute("aria-pressed") !== "true" }));
 $("download").addEventListener("click", () => order({ download: true }));
+$("replay").addEventListener("click", () => $("file").click());
+$("file").addEventListener("change", () => { for (const file of $("file").files) order({ replay: file }); $("file").value = ""; });
 $("colour").addEventListener("change", () => { dirty = true; });
 $("pause").addEventListener("click", () => {
   if (!paused) { aim.down = false; point(); }
@@ -238,7 +253,9 @@ $("shot").addEventListener("click", () => {
   if (newest) shot(scene, lines(newest.head, about), $("top").textContent, $("what").textContent || $("colour").value, `${about.recording ?? "palpate"}`.replace(/\.mcap$/, "") + `-${newest.head.time.toFixed(3)}s`);
 });
 window.addEventListener("resize", () => { scene.sharp = 1; dirty = true; });
+$("more").open = matchMedia("(min-width: 860px) and (min-height: 760px)").matches; // there is room
 ramp($("scale"));
 engine = connect({ told: say, came: take, closed });
-$("download").hidden = !engine.downloads; $("keep").hidden = engine.downloads; // a page without a server writes no files
+for (const name of ["download", "replay"]) $(name).hidden = !engine.downloads;
+$("keep").hidden = engine.downloads; // a page without a server writes no files
 show();

@@ -1,5 +1,7 @@
 """`palpate build web`: a graph as a page that runs in a browser, without a server."""
 
+import itertools
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +17,13 @@ EXAMPLE = "palpate build web kidney -o site/"
 @takes_run("kidney")
 def web(
     chosen: RunOptions,
+    scene: Annotated[
+        list[str] | None,
+        typer.Option("--scene", help="Scene to use instead of the graph's; several: the page has a switch."),
+    ] = None,
+    organ: Annotated[
+        list[Path] | None, typer.Option("--organ", help="Organ instead of the scene's, as in run; several: a switch.")
+    ] = None,
     out: Annotated[Path, out_option("New or empty folder for the page.")] = Path("site"),
     bodies: Annotated[
         list[str] | None, typer.Option("--body", help="A body to offer, as MassSpring; by default all that fit.")
@@ -28,13 +37,20 @@ def web(
     """
     from palpate.bases import build_missing
     from palpate.launch.run.progress import StageBars
+    from palpate.studies.body_figures import measure_bodies
     from palpate.web.folder import build, check_empty
+    from palpate.web.variants import Place
 
     check_empty(out)
-    launch = chosen.launch(silent=as_json)
-    build_missing(launch.load(), quiet=as_json)
+    scenes: list[str | None] = [*scene] if scene else [None]
+    organs: list[Path | None] = [*organ] if organ else [None]
+    places = []
+    for one, file in itertools.product(scenes, organs):
+        launch = replace(chosen, scene=one, organ=file).launch(silent=as_json)
+        build_missing(launch.load(), quiet=as_json)
+        places.append(Place(launch, Path(one).stem if one else "", file.name.partition(".")[0] if file else ""))
     with StageBars(as_json) as stages:
-        built = build(launch, out, bodies or [], lambda name: stages.begin(name, ""))
+        built = build(places, out, bodies or [], lambda name: stages.begin(name, ""), measure_bodies)
     page = out / "index.html"
     if as_json:
         print_json({"page": str(page), **vars(built)})
