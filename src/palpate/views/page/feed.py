@@ -31,10 +31,10 @@ from palpate.messages import (
     Proximity,
     Spikes,
     Surface,
-    Vibration,
     unpack,
 )
 from palpate.messages.support import Support
+from palpate.messages.vibration import Vibration
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page.steered import Touched
 

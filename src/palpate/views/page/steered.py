@@ -29,8 +29,8 @@ from palpate.messages import (
     Surface,
     Torque,
     Vector3,
-    Vibration,
 )
+from palpate.messages.vibration import Vibration
 from palpate.nodes.base import SettingError
 from palpate.nodes.device.mailbox import Outbox
 from palpate.nodes.device.mouse import FARTHEST
