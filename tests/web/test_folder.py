@@ -109,12 +109,12 @@ def test_a_node_that_fails_is_named_and_the_others_wait(site):
 
 
 def test_time_that_is_left_out_is_replayed_as_on_the_real_clock(site):
-    """The force of a held finger stays, as that of a simulated device whose loop was stopped."""
+    """The contact force after it is at most 1.2 times that before, the bound of docs/time.md for outages."""
     out, _ = site
     found = in_node.run_script(out.parent, "skip_in_node.mjs", 0.2, "late.mcap")
     forces, hand = np.array(found["forces"]), np.array(found["hand"])
     assert found["time"] == 2.2 and forces[790] > 1.0 and forces[-1] == 0.0
-    assert np.abs(forces[800:1500] / forces[799] - 1.0).max() < 0.05 and hand.max() < 9.0
+    assert forces[800:].max() <= 1.2 * forces[:800].max() and hand.max() <= 9.0 * (1 + 1e-9)
     done = runner.invoke(app, ["replay", str(out.parent / "late.mcap"), "--check", "--json"])
     told = json.loads(done.stdout)
     assert done.exit_code == 0 and told["ok"] and all(node["checked"] for node in told["nodes"].values()), done.stdout
