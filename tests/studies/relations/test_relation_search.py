@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.physics.errors import ArgumentError
+from palpate.studies.organs.touches import Setting
 from palpate.studies.relations.draw import choose_bodies, draw_case
 from palpate.studies.relations.relation import LIGHT, alike, at_least, same_bytes
 from palpate.studies.relations.rules import choose_relations, relations
 from palpate.studies.relations.runs import Runner, Trace
-from palpate.studies.organs.touches import Setting
 
 ONE = Setting("sphere-nurbs", 0, "MassSpring", "LuGre")
 
