@@ -26,7 +26,7 @@ def share_organs(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> None:
         spreads = [[w.consumer for w in wires if w.producer == c and Load in outputs(nodes[w.consumer].cls)]
                    for c in contacts]  # fmt: skip
         if len(contacts) > 1 and all(
-            _shares(nodes[c], *given, nodes) for c, *given in zip(contacts, near, spreads, strict=True)
+            _shares(nodes[c], near_it, after, nodes) for c, near_it, after in zip(contacts, near, spreads, strict=True)
         ):
             _set(nodes, [one[0] for one in near], [one[0] for one in spreads])
 

@@ -20,6 +20,7 @@ CONVEX = ("sphere", "ellipsoid", "plate-20", "box", "kidney", "sphere-nurbs", "p
 SLACK, LIGHT = 2e-3, 5e-3  # [1] of the force, and [N], that a press may lose
 DEEP = 4e-3, 9e-3  # [m] of the hand's target below the point where the finger touches
 MORE = 1.1, 2.0  # [1] factor by which something is stiffer
+DEEPER = 1.05, 1.4  # [1]
 NEARER = 0.2e-3, 2e-3  # [m]
 LOST = 0.8  # [1] of the force of the law
 
@@ -61,7 +62,9 @@ def _changed(press: Press, changes: Mapping[str, Any]) -> Claim:
 
 def deeper(case: Case, rng: np.random.Generator) -> Claim | None:
     press = draw_press(case, rng)
-    return press and Claim((press.case.run, press.but(press.deep * float(rng.uniform(1.05, 1.4))).run), _not_less)
+    if press is None:
+        return None
+    return Claim((press.case.run, press.but(press.deep * float(rng.uniform(*DEEPER))).run), _not_less)
 
 
 def nearer(case: Case, rng: np.random.Generator) -> Claim | None:

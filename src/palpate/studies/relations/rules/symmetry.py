@@ -61,7 +61,7 @@ def mirrored(case: Case, rng: np.random.Generator) -> Claim | None:
     exact = _exact(case, FAST)
     finger = exact.touch.fingers[0]
     path = [s | {"to": (MIRROR @ s["to"]).tolist()} if "to" in s else s for s in finger.path]
-    other = Finger(*(_three(MIRROR @ point) for point in (finger.begin, finger.origin)), tuple(path))
+    other = Finger(_three(MIRROR @ finger.begin), _three(MIRROR @ finger.origin), tuple(path))
     if not reachable(other):
         return None
     turn = -MIRROR @ np.array(setting.rotation)
