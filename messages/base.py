@@ -29,9 +29,13 @@ from palpate.messages.example import example
 from palpate.messages.fields import HEADER, Field, Floats, Ints, MessageError, Vector, Vector2, Vector3, fields
 
 __all__ = [
-    "HEADER", "Field", "Floats", "Ints", "Message", "MessageError", "Vector", "Vector2", "Vector3", "fields",
-    "pack", "unpack",
+    "HEADER", "NO_FLOATS", "Field", "Floats", "Ints", "Message", "MessageError", "Sparse", "Vector", "Vector2",
+    "Vector3", "always_sent", "fields", "pack", "unpack",
 ]  # fmt: skip
+
+
+NO_FLOATS = np.zeros(0)
+NO_FLOATS.setflags(write=False)  # avoids a copy per message; as a default it is omitted on the wire by identity
 
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=False)
@@ -67,6 +71,20 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, gc=False):
 
 
 M = TypeVar("M", bound=Message)
+
+
+def always_sent(value: Any) -> Any:
+    """A default value that is nevertheless sent."""
+    return msgspec.field(default_factory=lambda: value)
+
+
+class Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
+    """A message whose plain default values are omitted on the wire; the header is always sent."""
+
+    tick: Annotated[int, "1"] = always_sent(-1)
+    time: Annotated[int, "ns"] = always_sent(-1)
+    source: Annotated[str, "1"] = always_sent("")
+    used: Annotated[tuple[int, ...], "1", ("u",)] = always_sent(())
 
 
 def pack(message: Message) -> bytes:

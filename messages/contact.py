@@ -5,9 +5,8 @@ from typing import Annotated, Self
 import msgspec
 import numpy as np
 
-from palpate.messages.base import Floats, Ints, Message, Vector, Vector2, Vector3
+from palpate.messages.base import NO_FLOATS, Floats, Ints, Message, Sparse, Vector, Vector2, Vector3, always_sent
 from palpate.messages.fields import Bound
-from palpate.messages.sparse import NO_FLOATS, Sparse, always_sent
 
 UNIT_VECTOR = Bound(1.001, "a unit vector")
 COMPLIANCE = Bound(1e3, "a body of 1 mN/m")

@@ -2,9 +2,8 @@
 
 from typing import Annotated
 
-from palpate.messages.base import Floats
+from palpate.messages.base import NO_FLOATS, Floats, Sparse, always_sent
 from palpate.messages.fields import OneOf
-from palpate.messages.sparse import NO_FLOATS, Sparse, always_sent
 
 PARTS = (
     "fingertip", "tissue", "friction", "display",

@@ -4,8 +4,7 @@ from typing import Annotated
 
 import numpy as np
 
-from palpate.messages.base import Floats, Ints, Message, Vector3
-from palpate.messages.sparse import NO_FLOATS
+from palpate.messages.base import NO_FLOATS, Floats, Ints, Message, Vector3
 from palpate.messages.tissue import NO_INTS
 
 NO_VECTORS, NO_STRESS = np.zeros((0, 3)), np.zeros((0, 6))

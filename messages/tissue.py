@@ -1,12 +1,11 @@
-"""Message of a deformable body."""
+"""Messages of a deformable body, and of its foundation."""
 
 from typing import Annotated, Self
 
 import msgspec
 import numpy as np
 
-from palpate.messages.base import Floats, Ints, Vector, Vector3
-from palpate.messages.sparse import NO_FLOATS, Sparse, always_sent
+from palpate.messages.base import NO_FLOATS, Floats, Ints, Message, Sparse, Vector, Vector3, always_sent
 
 NO_INTS = np.zeros(0, dtype="<i4")
 NO_LAWS, NO_SLOPES, NO_COUPLING = np.zeros((0, 5)), np.zeros((0, 12)), np.zeros((0, 0))
@@ -79,3 +78,14 @@ class Surface(Sparse):
         law = {"stiffness": 3e3, "exponent": 1.5, "rest_indentation": 0.0, "previous_indentation": 0.0}
         several = {"laws": NO_LAWS, "slopes": NO_SLOPES, "coupling": NO_COUPLING}
         return msgspec.structs.replace(made, **law, **several, shape_operator=(0.0,) * 9)
+
+
+class Support(Message):
+    """Where the elastic foundation of an organ is, against its place at the start; the organ moves with it.
+
+    displacement  [m]   (3)  of the foundation
+    velocity      [m/s] (3)  mean velocity since the previous step
+    """
+
+    displacement: Annotated[Vector3, "m"]
+    velocity: Annotated[Vector3, "m/s"]

@@ -18,7 +18,7 @@ from palpate.messages import Pose, Proximity
 from palpate.messages.record import array_handle
 from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Out, SettingError
 from palpate.nodes.base.felt import WithWidth, bridge_notes, felt_part, felt_surface, is_bridged, shared_notes
-from palpate.nodes.base.felt_organs import Part, shared_part
+from palpate.nodes.base.felt.organs import Part, shared_part
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, place_mesh, refinement, surface_patch
 from palpate.physics.geometry import closest, mesh_closest

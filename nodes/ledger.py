@@ -10,7 +10,7 @@ from palpate.compiler.records import array_of, floats, lend, nth, put, vector
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
 from palpate.messages.contact import OrganContact
 from palpate.messages.ledger import PARTS
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import kernel
 from palpate.physics.contact import ledger

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.compiler.records import floats, integers, put, vector
 from palpate.messages import Pose, Vector3
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
 from palpate.nodes.base.absence import PACE, keep_pace
 from palpate.nodes.base.kernels import kernel
@@ -74,7 +74,7 @@ class Relative(CompiledNode):
     rest. The forces are the same in both.
     """
 
-    State = {"at": (3,)}  # [m] displacement of the last support, which stays while there is none
+    State = {"at": (3,)}  # [m] displacement of the last support, which stays while it is missing
 
     @kernel
     def compute(own, pose: Pose, support: Support | None, out: Out[Pose], dt):

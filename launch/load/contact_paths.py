@@ -13,7 +13,7 @@ from palpate.engine.parts import parts
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, DeviceState, Force, Ledger, Load, Message, Pose, Proximity, Surface
 from palpate.messages.contact import Neighbour, OrganContact
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.nodes.base import Node, inputs, outputs
 from palpate.nodes.base.carrier import Carrier
 

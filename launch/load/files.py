@@ -18,7 +18,7 @@ GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"
 PLACES = GRAPHS / "place"
 ORGAN = "organ"  # key of a scene: a mesh file instead of its organ
-MOTIONS = "motions"  # key of a scene: organs that move (launch/load/carried.py)
+MOTIONS = "motions"  # key of a scene: organs that move (launch/load/checks/carried.py)
 IDEAL = ("hand", "ideal")  # keys of a scene: hands without imperfections (launch/load/checks/ideal.py)
 TOP = ("rate", "wanted")
 """Values without a path that can be overridden."""

@@ -14,8 +14,8 @@ import msgspec
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
-from palpate.launch.load.carried import add_motions
 from palpate.launch.load.checks.agreeing import agree
+from palpate.launch.load.checks.carried import add_motions
 from palpate.launch.load.checks.ideal import remove_imperfections
 from palpate.launch.load.checks.overlapping import overlaps
 from palpate.launch.load.checks.several_organs import share_organs

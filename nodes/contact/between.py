@@ -10,7 +10,7 @@ from palpate.compiler.records import floats, form, integers, lend, lend_first, n
 from palpate.messages import Load
 from palpate.messages.contact import SIDES, OrganContact
 from palpate.messages.record import ROOM, array_handle
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out, SettingError
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel

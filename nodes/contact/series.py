@@ -80,7 +80,7 @@ class Series(CompiledNode):
     idle node more than 2 mm from contact sleeps; its foot and normal then keep their values.
 
     Where several organs are under the finger, each contact solves for a patch that is on its organ alone, `whole`, and
-    sends the part of it that is there (`Proximity.share`).
+    sends the part of it on this organ (`Proximity.share`).
 
     A step lasts from one sample of the position to the next, according to the age of the messages. While a network or a
     collision at a divisor repeats a sample, the answer stays, so that the next one does not count as the motion of one

@@ -45,6 +45,7 @@ NO_READERS = {
     "launch/run/wire/addresses.py": "locks in the private folder of the user",
     "nodes/deformation/basis_store.py": "the index of the shipped bases",
     "nodes/device/mailbox.py": "a file in the private folder of a page",
+    "src/palpate/studies/organs/width_tasks.py": "results of a search, of the user who resumes it",
     "src/palpate/cli/commands/graphs/new.py": "a shipped graph, as a template",
     "src/palpate/cli/machine/bytecode.py": "the bytecode of installed modules",
     "src/palpate/cli/terminal/browser.py": "an address",

@@ -11,6 +11,7 @@ from palpate.cli.terminal.options import choose_launch
 from palpate.engine.faults import GraphError
 from palpate.launch.load.graph import load
 from palpate.messages import Contact
+from palpate.messages.base import NO_FLOATS
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
 from palpate.nodes.spread import Kernel
@@ -27,7 +28,12 @@ TABLE = {"area": "table", "area_forces": (0.1, 1.0), "area_radii": (3e-3, 6e-3)}
 
 def pressed(node, force):
     touch = msgspec.structs.replace(
-        Contact.example(loaded=True), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), force=force, compression=1e-3
+        Contact.example(loaded=True),
+        foot=(0.0, 0.0, 0.0),
+        normal=(0.0, 0.0, 1.0),
+        force=force,
+        compression=1e-3,
+        whole=NO_FLOATS,
     )
     return node.step(touch, None, dt=1e-3)
 

@@ -13,8 +13,22 @@ from hypothesis import strategies as st
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
-from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Load, Pose, Proximity, Surface, Torque, pack
+from palpate.messages import (
+    Contact,
+    DeviceState,
+    Force,
+    Friction,
+    Ledger,
+    Load,
+    Pose,
+    Proximity,
+    Surface,
+    Torque,
+    fields,
+    pack,
+)
 from palpate.messages.contact import OrganContact
+from palpate.messages.tissue import Support
 from palpate.nodes.base import inputs
 
 MANY = int(os.environ.get("PALPATE_EXAMPLES", 200))
@@ -52,7 +66,7 @@ def loads(draw) -> Load:
     return Load(nodes=nodes, forces=forces, foot=draw(vector(1e9)), normal=tuple(normal.tolist()))
 
 
-BOOKS = [name for name, kind in Ledger.__annotations__.items() if "float" in str(kind)]
+BOOKS = [field.name for field in fields(Ledger) if field.type is float]
 HELD = st.just(()) | st.tuples(number(1e9))
 MESSAGES = {
     DeviceState: st.builds(DeviceState, joints=vector(1e9), homed=st.booleans()),
@@ -98,6 +112,7 @@ MESSAGES = {
     ),
     Force: st.builds(Force, force=vector(1e12), state=st.just("contact"), energy=number(1e9)),
     Torque: st.builds(Torque, torques=vector(1e9)),
+    Support: st.builds(Support, displacement=vector(0.1), velocity=vector(1e9)),
     Ledger: st.builds(
         Ledger, **dict.fromkeys(BOOKS, number(1e9)), generated_by=st.just("tissue"), tripped=st.booleans()
     ),

@@ -12,7 +12,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface, unpack
 from palpate.messages.contact import OrganContact
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.nodes.contact import Between
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording

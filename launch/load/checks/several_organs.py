@@ -1,4 +1,4 @@
-"""Finds the organs that one finger touches: it feels the closing of their union (nodes/base/felt_organs.py)."""
+"""Finds the organs that one finger touches: it feels the closing of their union (nodes/base/felt/organs.py)."""
 
 from collections.abc import Iterable
 
@@ -38,7 +38,7 @@ def _shares(contact: NodeSpec, near: list[str], spreads: list[str], nodes: dict[
 
 
 def _set(nodes: dict[str, NodeSpec], near: list[str], spreads: list[str]) -> None:
-    from palpate.nodes.base.felt_organs import organs_text  # imports the compiler
+    from palpate.nodes.base.felt.organs import organs_text  # imports the compiler
 
     surfaces = [nodes[name].settings for name in spreads]
     for own, names in enumerate(zip(near, spreads, strict=True)):

@@ -27,7 +27,7 @@ def measure_bodies(
     Returns `bodies`: for each that can compute the touch `error` [1], the RMS force error over the peak, the known
     error of the reference included, and `time` [s], the median of the processor time of a tick of all nodes as
     native code; `reference`, its name, and `known` [1], its known error. Or `why`: the reason, if the graph has no
-    such touch.
+    touch.
     """
     try:
         with ScratchFolder("figures") as folder:

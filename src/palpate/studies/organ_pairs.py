@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.messages import Contact, Proximity
 from palpate.messages.contact import OrganContact
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.nodes import deformation
 from palpate.nodes.base.contacts import press_body
 from palpate.nodes.base.surface import surface_mesh

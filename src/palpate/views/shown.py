@@ -16,7 +16,7 @@ from palpate.engine.parts import SUPPORT, Link, parts
 from palpate.engine.plan import Plan
 from palpate.messages import Contact, Friction, Load, Message, Proximity, Surface, Vector3
 from palpate.messages.contact import Neighbour, OrganContact
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.nodes.base.surface import complete
 from palpate.physics.geometry.mesh import Mesh
 from palpate.records.stored import Stored
@@ -78,7 +78,7 @@ def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
 
 
 def _support_of(collision: str, links: Sequence[Link]) -> str:
-    """The motion in whose frame a collision gets the pose; "" if there is none."""
+    """The motion in whose frame a collision gets the pose; "" if it does not move."""
     poses = {sender for reader, port, sender in links if reader == collision and port == "pose"}
     return next((sender for reader, port, sender in links if reader in poses and port == SUPPORT), "")
 

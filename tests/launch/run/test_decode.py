@@ -53,8 +53,14 @@ class Reader:
 
 
 def plain(message: Message) -> bytes:
-    """The bytes of a message without its `used`."""
-    return pack(msgspec.structs.replace(message, used=()))
+    """The bytes of a message without its `used`, and without empty arrays where these may be omitted."""
+    given = {field.name: field.default for field in msgspec.structs.fields(message)}
+    empty = {
+        name: default
+        for name, default in given.items()
+        if isinstance(default, np.ndarray) and not len(getattr(message, name))
+    }
+    return pack(msgspec.structs.replace(message, used=(), **empty))
 
 
 def example(kind: type[Message], rng: random.Random) -> Message:

@@ -107,7 +107,7 @@ def test_the_controller_ramps_down_and_stays_down():
     books = {
         f: 0.0
         for f in Ledger.__struct_fields__
-        if f not in ("tick", "time", "source", "used", "delayed", "generated_by", "tripped")
+        if f not in ("tick", "time", "source", "used", "delayed", "generated_by", "tripped", "carried")
     }
     good, bad = Ledger(**books), Ledger(**books, tripped=True)
     full = [bus.publish(good, contact)[-1].force[2] for _ in range(5)]

@@ -15,7 +15,7 @@ from palpate.studies.relations.relation import LIGHT, alike, at_least, same_byte
 from palpate.studies.relations.rules import choose_relations, relations
 from palpate.studies.relations.runs import Runner, Trace
 
-ONE = Setting("sphere-nurbs", 0, "MassSpring", "LuGre")
+ONE = Setting("sphere-nurbs", 0, "MassSpring", "LuGre", width=0.016)
 
 
 @pytest.fixture(scope="module")

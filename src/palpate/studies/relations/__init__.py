@@ -1,1 +1,1 @@
-"""Relations between runs that must hold whatever the scene: a random search for scenes in which one does not."""
+"""Relations between runs that must hold in any scene: a random search for scenes in which one does not."""

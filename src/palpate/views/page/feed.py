@@ -33,7 +33,7 @@ from palpate.messages import (
     Surface,
     unpack,
 )
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.messages.vibration import Vibration
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page.steered import Touched

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.engine.imports import UntrustedError, recorded_class
 from palpate.messages import Force, Surface
-from palpate.messages.support import Support
+from palpate.messages.tissue import Support
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.errors import PictureError

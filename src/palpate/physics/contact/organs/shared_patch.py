@@ -52,7 +52,7 @@ class SharedFelt(NamedTuple):
 
 def near_bodies(bodies: list[Mesh], width: float) -> list[list[int]]:
     """Groups of bodies, each of which is nearer than `width` [m] to another of its group; a body far from all others
-    is a group of its own."""
+    is a separate group."""
     groups = [{k} for k in range(len(bodies))]
     for one in range(len(bodies)):
         for other in range(one):

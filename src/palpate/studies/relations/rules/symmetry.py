@@ -54,7 +54,7 @@ def shifted(case: Case, rng: np.random.Generator) -> Claim:
 
 
 def mirrored(case: Case, rng: np.random.Generator) -> Claim | None:
-    """The plane of the reflection is one of the device's own."""
+    """The plane of the reflection is a plane of symmetry of the device."""
     setting = case.touch.setting
     if not setting.count:
         return None

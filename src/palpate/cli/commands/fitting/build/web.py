@@ -22,7 +22,10 @@ def web(
         typer.Option("--scene", help="Scene to use instead of the graph's; several: the page has a switch."),
     ] = None,
     organ: Annotated[
-        list[Path] | None, typer.Option("--organ", help="Organ instead of the scene's, as in run; several: a switch.")
+        list[Path] | None,
+        typer.Option(
+            "--organ", help="Organ instead of the scene's: mesh (.stl, .ply, .obj), segmentation (.nii.gz, .nrrd ...)."
+        ),
     ] = None,
     out: Annotated[Path, out_option("New or empty folder for the page.")] = Path("site"),
     bodies: Annotated[

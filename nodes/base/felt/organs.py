@@ -47,7 +47,7 @@ def organs_text(surfaces: list[dict[str, Any]], own: int) -> str:
 
 def shared_part(text: str, width: float) -> tuple[Part | None, str]:
     """The part of the organ of a node in the felt surface of it and of the organs that are nearer than the width of the
-    finger [m]; None: there are none, or the surface could not be made, and why not.
+    finger [m]; None: no organ is so near, or the surface could not be made, and why not.
 
     text  the setting `organs`
 
@@ -61,7 +61,7 @@ def shared_part(text: str, width: float) -> tuple[Part | None, str]:
         raise SettingError(
             "setting 'organs': found no surfaces as JSON; leave it out, it is set when the graph is loaded"
         ) from None
-    # in an order of their own, so that it does not matter how a graph lists them
+    # in a sorted order, so that it does not matter how a graph lists them
     ordered = tuple(sorted(set(listed), key=repr))
     group = _group(ordered, tuple(content_of(each[0]) for each in ordered), width, ordered.index(own))
     if len(group) < 2:

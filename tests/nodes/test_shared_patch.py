@@ -12,7 +12,7 @@ from palpate.launch.run.lanes import columns_of, prepare
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Pose
 from palpate.nodes.base import SettingError
-from palpate.nodes.base.felt_organs import organs_text
+from palpate.nodes.base.felt.organs import organs_text
 from palpate.nodes.collision import Mesh
 from palpate.nodes.spread import Kernel
 from palpate.physics.contact.organs.shared_patch import close_bodies, near_bodies

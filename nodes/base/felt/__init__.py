@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.messages import Contact, Proximity
 from palpate.nodes.base.effect import Agrees
-from palpate.nodes.base.felt_organs import Part, shared_part
+from palpate.nodes.base.felt.organs import Part, shared_part
 from palpate.nodes.base.node import Node, SettingError
 from palpate.nodes.base.stored.surfaces import arrays_of_felt, felt_of_arrays, makers, stored
 from palpate.nodes.base.surface import (
