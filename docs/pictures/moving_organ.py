@@ -1,11 +1,10 @@
-"""Draw moving-organ.png: a finger that rests on a kidney which breathes, `palpate run kidney --scene breathing`.
+"""Draw the hand on a kidney that breathes: python docs/pictures/moving_organ.py [folder]
 
-python docs/pictures/moving_organ.py [folder]
+moving-organ.png  place, force and energy: `palpate run kidney --scene breathing`
 """
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 
@@ -21,7 +20,9 @@ from palpate.messages import Ledger, unpack
 from palpate.records.reader import Recording
 
 
-def main(folder: Path) -> None:
+def main(folder: Path) -> Path:
+    """Run, draw."""
+    folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
         file = Path(scratch) / "breathing.mcap"
         outcome = execute(find("kidney").but(scene="breathing", place="fused", record=file, duration=9.0))
@@ -51,7 +52,10 @@ def main(folder: Path) -> None:
         each.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=9)
         each.grid(alpha=0.3)
     figure.savefig(folder / "moving-organ.png", dpi=110)
+    return folder / "moving-organ.png"
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    from target import folder
+
+    print(main(folder(__doc__)))

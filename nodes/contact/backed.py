@@ -8,7 +8,6 @@ from palpate.compiler.records import floats
 from palpate.messages import Contact, Proximity, Surface
 from palpate.messages.contact import Neighbour
 from palpate.nodes.base import TABLE, InputError, Out, Wants
-from palpate.nodes.base.contacts import LEAST_PART
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of
 from palpate.nodes.contact import finger
@@ -21,17 +20,13 @@ MISMATCH = 2  # fault: the number of the body's laws differs from that of its lo
 
 
 @kernel
-def _law(own, proximity, body, several, neighbour, dt):
+def _law(own, body, several, neighbour, dt):
     """The law under the finger, the first load of the body, with its neighbours, the other loads, in their order."""
     stiffness, exponent, damping, free, previous = law_for(body, several, 0)
     if not several:
         return stiffness, exponent, damping, free, previous
     others, yields, pressing = own.others, floats(own.yields), own.pressing
     add_neighbours(body, neighbour, 1, others, yields, pressing)
-    if proximity.share.shape[0] > 0:  # for the force of the whole patch, of which a part is on this body
-        part = max(floats(proximity.share)[0], LEAST_PART)
-        yields[0, 0] *= part
-        pressing[0] /= part
     step = body.step if body.step > 0.0 else dt
     return backed_law(stiffness, exponent, damping, free, previous, others[0], yields[0, 0], pressing[0], step)
 
@@ -43,6 +38,7 @@ class Backed(Series):
     Several fingers: `contact.Joint`.
     """
 
+    shares_patch = False  # the organ below is pressed by the whole force
     State = Series.State | {"others": (1,), "yields": TABLE, "pressing": (1,)}
 
     def start(self) -> None:
@@ -54,7 +50,7 @@ class Backed(Series):
         several = body.there and len(floats(body.laws)) > 1
         if several and len(floats(body.laws)) != neighbour.count + 1:
             return False
-        law = _law(own, proximity, body, several, neighbour, dt)
+        law = _law(own, body, several, neighbour, dt)
         if not finger.at_rest(own.finger, proximity, body.there, law, body.step, body.relaxation):
             return False
         own.finger.sampled = sample_of(proximity)
@@ -73,7 +69,7 @@ class Backed(Series):
         if several and len(floats(body.laws)) != neighbour.count + 1:
             own.fault = MISMATCH
             return
-        law = _law(own, proximity, body, several, neighbour, dt)
+        law = _law(own, body, several, neighbour, dt)
         if body.there and not finger.in_range(law, body.step, body.relaxation):
             own.fault = BAD_LAW
             return

@@ -167,8 +167,10 @@ def test_a_printed_command_exists_and_its_graph_loads(folder, where, words):
     given = parsed(words)
     if isinstance(given.get("graph"), str) and "sets" in given:
         place = given.get("place")
-        run = choose_launch(given["graph"], given["sets"], given.get("scene"), place)
-        run.placement(run.plan())
+        scenes = given.get("scene")
+        for scene in scenes or [None] if isinstance(scenes, list | tuple) else [scenes]:  # a page may have several
+            run = choose_launch(given["graph"], given["sets"], scene, place)
+            run.placement(run.plan())
 
 
 def test_a_command_within_a_sentence_has_options_that_exist(folder):
@@ -216,6 +218,9 @@ def test_a_printed_yaml_block_loads(folder, where, text):
     elif all("use" in line for line in data.values()):
         (folder / "page.yaml").write_text(yaml.safe_dump({"extends": "kidney", "nodes": data}))
         find("page.yaml").plan()
+    elif list(data) == ["motions"]:
+        (folder / "page.yaml").write_text(f"extends: stack\n{text}")
+        find("stack").but(scene=folder / "page.yaml").plan()
     else:
         load_place(folder / "page.yaml", find("kidney").plan())
 

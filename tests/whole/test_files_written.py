@@ -25,6 +25,7 @@ DIRECTLY = {
     "src/palpate/models/files/apart.py": "answers to the process that waits for them, in its temporary folder",
     "src/palpate/studies/fits/search.py": "appends results line by line; a cut line is skipped",
     "src/palpate/studies/fits/tables.py": "a table under a temporary name",
+    "src/palpate/studies/organs/width_tasks.py": "appends results line by line; a cut line is skipped",
     "src/palpate/studies/inverse/measured.py": "a temporary folder of this object",
     "src/palpate/studies/inverse/search.py": "appends results line by line; a cut line is skipped",
     "src/palpate/compiler/kernel_files.py": "writes under a temporary name, relative to an opened folder",

@@ -20,6 +20,7 @@ from palpate.nodes.base import settings
 
 RUNS = {
     ("kidney", None): 0.5,
+    ("kidney", "breathing"): 0.5,
     ("fingertip", None): 0.55,
     ("nodule", None): 0.4,
     ("nodule", "afferents"): 0.35,

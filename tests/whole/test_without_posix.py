@@ -46,6 +46,7 @@ GUARDED = {
     "src/palpate/physics/writable.py": "import in a try",
     "src/palpate/records/format/mcap_writer.py": "suppress(AttributeError)",
     "src/palpate/views/page/live.py": "hasattr",
+    "src/palpate/views/page/measuring.py": "hasattr",
     "src/palpate/views/page/server.py": "hasattr",
 }
 MODULES = {"fcntl", "resource", "termios", "pwd", "grp", "pty", "tty", "readline", "syslog"}

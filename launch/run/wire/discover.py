@@ -100,11 +100,19 @@ def messages_of(stream: str, run: str | None) -> Iterator[Message]:
                 raise RunError(f"run {live_run.name} has no stream {stream!r}. {choices('Nodes', stream, reports)}")
 
 
+def _omissible(kind: type[Message]) -> set[str]:
+    """The fields that an encoded message may lack."""
+    if not kind.__struct_config__.omit_defaults:
+        return set()
+    return {field.name for field in msgspec.structs.fields(kind) if field.default is not msgspec.NODEFAULT}
+
+
 def _type_of(payload: bytes) -> type[Message]:
-    """The message type with the fields of an encoded message."""
+    """The message type with the fields of an encoded message, which lacks those that are omitted at their default."""
     names = {*msgspec.msgpack.decode(payload), "delayed"}  # which is absent from messages in time
     for kind in message_types().values():
-        if set(kind.__struct_fields__) == names:
+        omitted = set(kind.__struct_fields__) - names
+        if names <= set(kind.__struct_fields__) and omitted <= _omissible(kind):
             return kind
     if names >= set(Message.__struct_fields__):
         return Message  # a custom type: at least its header

@@ -111,8 +111,4 @@ def test_shell_and_python_report_the_same_note():
         found = lanes.run(quiet=True)
     of_graph = [each for each in lanes.notes if not each.node]  # those of nodes are about the gap
     assert [each.lane for each in of_graph] == [1, 2] and of_graph[0] == note
-    assert [text[:34] for text in found["notes"].values] == [
-        "",
-        "graph: kidney and liver overlap by",
-        "graph: kidney and liver overlap by",
-    ]
+    assert ["graph: kidney and liver overlap by" in text for text in found["notes"].values] == [False, True, True]
