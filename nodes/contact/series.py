@@ -119,7 +119,7 @@ class Series(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        if self.shares_patch:
+        if "whole" in self.State:
             self.hold("whole", np.zeros(1))
         finger.begin(self.own["finger"])
         self.own["law"] = laws.kernel_form(self._elastic(), self.finger_damping)

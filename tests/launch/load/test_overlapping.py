@@ -95,6 +95,7 @@ def test_two_organs_at_one_place_are_refused():
     assert "overlap by 3" in note  # the whole organ, not the shift
 
 
+@pytest.mark.notes("are felt as one surface")
 def test_shell_and_python_report_the_same_note():
     (note,) = load("organs", overrides=[INSIDE]).notes
     for command in ("check", "plan"):
