@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
@@ -19,6 +19,7 @@ from palpate.models.fit.tissue.rigs import SHAPES, closed_form
 from palpate.studies.fits.cases import CASES
 from palpate.studies.fits.presses import NAMES, NOISES, draw_press
 from palpate.studies.fits.tables import TABULATED
+from palpate.studies.kept import adding_lines, kept_lines
 
 WRONG = 1.5  # [1] Factor by which no value may be wrong without a word
 GOAL, ENOUGH = (0.92, 0.98), 1000  # [1] Share of right presses in a stratum of this many presses
@@ -108,33 +109,25 @@ def search(
     """
     out.mkdir(parents=True, exist_ok=True)
     kept = results or out / KEPT
-    kept.parent.mkdir(parents=True, exist_ok=True)
     known = {(o.case, o.number): o for o in stored(kept) if o.seed == seed}
     missed = 0
     wanted = [(name, number) for number in range(first, first + presses) for name in names]
-    cut = kept.exists() and kept.read_bytes()[-1:] not in (b"", b"\n")  # the line at which a search was interrupted
-    with kept.open("a", encoding="utf-8") as file:
-        file.write("\n" * cut)
+    with adding_lines(kept) as add:
         for done, (name, number) in enumerate(wanted, 1):
             outcome = known.get((name, number))
             if outcome is None:
                 outcome = judge(name, seed, number, out)
-                file.write(json.dumps(asdict(outcome)) + "\n")
-                file.flush()
+                add(asdict(outcome))
             missed += outcome.result == "missed"
             yield outcome
             show(done / len(wanted), f"{missed} missed")
 
 
 def stored(path: Path) -> Iterator[Outcome]:
-    """The outcomes of a file; a line that was cut off is left out."""
-    if not path.exists():
-        return
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            yield Outcome(**json.loads(line))
-        except (ValueError, TypeError):
-            continue
+    """The outcomes of a file; lines of another kind are left out."""
+    for line in kept_lines(path):
+        with suppress(TypeError):
+            yield Outcome(**line)
 
 
 def strata(found: Iterable[Outcome]) -> dict[str, list[Outcome]]:

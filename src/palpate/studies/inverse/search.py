@@ -4,7 +4,6 @@ A touch presses and strokes the kidney with a random body, depth, speed and enco
 with random true settings, and get random noise. The fit begins at the settings of the scene.
 """
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -22,6 +21,7 @@ from palpate.studies.inverse.fit import fit_run
 from palpate.studies.inverse.measured import Measured, driven
 from palpate.studies.inverse.motions import Motion
 from palpate.studies.inverse.problem import Forward
+from palpate.studies.kept import adding_lines, kept_lines
 
 BODIES = {
     "MassSpring": ("tissue.stiffness", "tissue.retardation"),
@@ -144,20 +144,18 @@ def search(
 ) -> Iterator[RunOutcome]:
     """Touches first ... first + count - 1, one after the other; those in the folder are not fitted again."""
     out.mkdir(parents=True, exist_ok=True)
-    kept, known = out / KEPT, {}
-    if kept.exists():
-        for line in kept.read_text(encoding="utf-8", errors="replace").splitlines():
-            with suppress(ValueError, TypeError):  # of a search that was killed while it wrote: fitted again
-                outcome = RunOutcome(**json.loads(line))
-                if outcome.seed == seed:
-                    known[outcome.number] = outcome
+    known: dict[int, RunOutcome] = {}
+    for line in kept_lines(out / KEPT):
+        with suppress(TypeError):
+            outcome = RunOutcome(**line)
+            if outcome.seed == seed:
+                known[outcome.number] = outcome
     missed = 0
-    with kept.open("a", encoding="utf-8") as file:
+    with adding_lines(out / KEPT) as add:
         for number in range(first, first + count):
             outcome = known.get(number) or judge(seed, number)
             if number not in known:
-                file.write(json.dumps(asdict(outcome)) + "\n")
-                file.flush()
+                add(asdict(outcome))
             missed += "missed" in outcome.results.values()
             show((number - first + 1) / count, f"{missed} with a missed setting")
             yield outcome

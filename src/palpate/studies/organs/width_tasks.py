@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.errors import PalpateError
+from palpate.studies.kept import adding_lines, kept_lines
 from palpate.studies.organs import widths
 from palpate.studies.organs.score import Score
 from palpate.studies.organs.search import WITH_BASIS, Found
@@ -68,37 +69,27 @@ def compare_widths(
              again, so it must be of the same version
     """
     tasks, known = tasks_of(specimens, bodies, count, folder, extra), _stored(results, seed, count)
-    for number, (name, task) in enumerate(tasks.items(), 1):
-        if name not in known:
-            try:
-                known[name] = task(np.random.default_rng([seed, *name.encode()])), ""
-            except PalpateError as error:  # too thin for the layers of the body, or not a solid
-                known[name] = [], str(error)
-            if results is not None:
-                _add(results, seed, count, name, *known[name])
-        yield number / len(tasks), *known[name]
-
-
-def _add(path: Path, seed: int, count: int, name: str, listed: list[Found], why: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cut = path.exists() and path.read_bytes()[-1:] not in (b"", b"\n")  # the line at which a search was interrupted
-    with path.open("a", encoding="utf-8") as file:
-        line = {"seed": seed, "count": count, "task": name, "refused": why, "found": [asdict(f) for f in listed]}
-        file.write("\n" * cut + json.dumps(line) + "\n")
+    with nullcontext() if results is None else adding_lines(results) as add:
+        for number, (name, task) in enumerate(tasks.items(), 1):
+            if name not in known:
+                try:
+                    known[name] = task(np.random.default_rng([seed, *name.encode()])), ""
+                except PalpateError as error:  # too thin for the layers of the body, or not a solid
+                    known[name] = [], str(error)
+                if add is not None:
+                    listed, why = known[name]
+                    found = [asdict(each) for each in listed]
+                    add({"seed": seed, "count": count, "task": name, "refused": why, "found": found})
+            yield number / len(tasks), *known[name]
 
 
 def _stored(path: Path | None, seed: int, count: int) -> dict[str, tuple[list[Found], str]]:
-    """What the tasks of a file found; a line that was cut off is left out."""
+    """What the tasks of a file found; lines of another kind are left out."""
     known: dict[str, tuple[list[Found], str]] = {}
-    if path is None or not path.exists():
-        return known
-    for text in path.read_text(encoding="utf-8").splitlines():
-        try:
-            line = json.loads(text)
+    for line in kept_lines(path) if path is not None else ():
+        with suppress(TypeError, KeyError):
             if (line["seed"], line["count"]) == (seed, count):
                 known[line["task"]] = [_found(each) for each in line["found"]], line["refused"]
-        except (ValueError, TypeError, KeyError):
-            continue
     return known
 
 
