@@ -113,7 +113,7 @@ def same_bytes(one: Trace, two: Trace, *names: str) -> Score:
     return Score(0.0 if worst == 0.0 else np.inf, min(first, len(one.force) - 1) * one.step, worst, 0.0)
 
 
-def alike(one: Trace, two: Trace, near: Trace, share: float, factor: float = 1.0) -> Score:
+def same_force(one: Trace, two: Trace, near: Trace, share: float, factor: float = 1.0) -> Score:
     """The largest difference of the contact forces over its bound: a share of the peak, and what a motion of the hand
     by `NEAR` has changed so far (`near`), since rounding grows as that does where a finger slides off or starts to
     slip. factor [1]: of the forces of `two` over those of `one`. The comparison ends where a force exceeds `STRONG`."""

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.physics.errors import ArgumentError
 from palpate.studies.organs.score import Score
 from palpate.studies.relations.draw import BODIES, draw_case, draw_setting
 from palpate.studies.relations.relation import Case, Claim, Relation
 from palpate.studies.relations.runs import Run, Runner, Trace
 
 BATCH = 12  # scenes that share started nodes
+BARREN = 10  # batches
 KEPT = 10  # worst of each relation
 
 
@@ -75,9 +77,12 @@ def search(
     folder  of the meshes
     bodies  that are drawn, and their shares
     done    called after each batch with the share of the work
+
+    ArgumentError: `BARREN` batches, one after the other, had nothing to compare.
     """
-    results, batch = Results(), 0
+    results, batch, barren = Results(), 0, 0
     while results.total < count:
+        before = results.total
         rng = np.random.default_rng((seed, batch))
         setting = draw_setting(rng, bodies)
         with Runner(threads) as runner:
@@ -88,8 +93,20 @@ def search(
                         claims.append((relation, case, claim))
             _judge(claims[: count - results.total], runner, results)
         batch += 1
+        barren = 0 if results.total > before else barren + 1
+        if barren == BARREN:
+            raise ArgumentError(_barren(relations, bodies, results))
         done(min(1.0, results.total / count), results)
     return results
+
+
+def _barren(relations: Sequence[Relation], bodies: Mapping[str, float], results: Results) -> str:
+    names = ", ".join(one.name for one in relations)
+    why = next((f"; {name}: {reason}" for name, reason in results.refused), "")
+    return (
+        f"bench relations: {BARREN * BATCH} scenes had nothing to compare: {names} with {', '.join(bodies)}{why}. "
+        "docs/proof.md says which scenes a relation is about; leave out --relation or --body"
+    )
 
 
 def _judge(claims: Sequence[tuple[Relation, Case, Claim]], runner: Runner, results: Results) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.studies.organs.score import Score
 from palpate.studies.organs.touches import Finger
-from palpate.studies.relations.relation import Case, Claim, Relation, alike, same_bytes
+from palpate.studies.relations.relation import Case, Claim, Relation, same_bytes, same_force
 from palpate.studies.relations.runs import LENGTH, Run, Trace
 
 ROUNDING = 1e-9  # [1] of the peak
@@ -23,7 +23,7 @@ def _bytes(*runs: Run) -> Claim:
 
 
 def _nearly(one: Run, two: Run, near: Run) -> Claim:
-    return Claim((one, two, near), partial(alike, share=ROUNDING))
+    return Claim((one, two, near), partial(same_force, share=ROUNDING))
 
 
 def every(case: Case, rng: np.random.Generator) -> Claim:

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.engine.graph import Graph
 from palpate.nodes.base import settings
-from palpate.studies.relations.relation import Case, Claim, Relation, alike
+from palpate.studies.relations.relation import Case, Claim, Relation, same_force
 from palpate.units.quantity import parse
 
 SHARE = 1e-6  # [1] of the peak
@@ -46,7 +46,7 @@ def similar(case: Case, rng: np.random.Generator) -> Claim:
     exact = case.but(exact=True, more=(*case.touch.setting.more, law))
     by = float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST))))
     other = exact.run.but(scaled(exact.run.launch().load(), by))
-    return Claim((exact.run, other, exact.near), partial(alike, share=SHARE, factor=by))
+    return Claim((exact.run, other, exact.near), partial(same_force, share=SHARE, factor=by))
 
 
 ABOUT = "all masses, stiffnesses and limits times m: forces times m"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,8 +12,8 @@ from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.studies.organs.pairs import turn_touch
 from palpate.studies.organs.score import Score
 from palpate.studies.organs.touches import Finger, reachable
-from palpate.studies.organs.zoo import FAR, MM, specimen_of
-from palpate.studies.relations.relation import Case, Claim, Relation, alike, move_hand
+from palpate.studies.organs.zoo import FAR, specimen_of
+from palpate.studies.relations.relation import Case, Claim, Relation, move_hand, same_force
 from palpate.studies.relations.runs import Run, Trace
 
 ROUNDING = 1e-6  # [1] of the peak
@@ -29,7 +29,7 @@ DEVICE = ("device", "finger", "statics")
 
 def _same(case: Case, other: Run, share: float = ROUNDING) -> Claim:
     """The forces of the case and of another run are the same."""
-    return Claim((case.run, other, case.near), partial(alike, share=share))
+    return Claim((case.run, other, case.near), partial(same_force, share=share))
 
 
 def _exact(case: Case, least: float = 0.0) -> Case:
@@ -66,7 +66,7 @@ def mirrored(case: Case, rng: np.random.Generator) -> Claim | None:
         return None
     turn = -MIRROR @ np.array(setting.rotation)
     changes = {
-        "scene.surface.surface": str(_mirror_file(setting.surface, setting.count, case.folder)),
+        "scene.surface.surface": _changed_file(case, "mirrored", _reflect), "scene.surface.file_unit": "m",
         "scene.surface.position": (MIRROR @ setting.position).tolist(), "scene.surface.rotation": turn.tolist(),
         "scene.hand.begin": list(other.begin), "scene.hand.path": path,
     } | {f"{node}.origin": list(other.origin) for node in DEVICE}  # fmt: skip
@@ -78,14 +78,28 @@ def _three(point: np.ndarray) -> tuple[float, float, float]:
     return (x, y, z)
 
 
-def _mirror_file(name: str, count: int, folder: Path) -> Path:
-    """The file of a reflected mesh, in mm, as `zoo.write_mesh` writes it."""
-    file = folder / f"{name}-{count}-mirrored.ply"
+def _changed_file(case: Case, name: str, change: Callable[[Mesh], Mesh]) -> str:
+    """The file of a changed mesh [m], in the frame of the file that `zoo.write_mesh` writes. It is written once."""
+    setting = case.touch.setting
+    file = case.folder / f"{setting.surface}-{setting.count}-{name}.ply"
     if not file.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        mesh = specimen_of(name).make(count)
-        write_ply(file, Mesh((mesh.vertices + FAR) @ MIRROR / MM, mesh.triangles[:, ::-1]))
-    return file
+        mesh = specimen_of(setting.surface).make(setting.count)
+        case.folder.mkdir(parents=True, exist_ok=True)
+        write_ply(file, change(Mesh(mesh.vertices + FAR, mesh.triangles)))
+    return str(file)
+
+
+def _reflect(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices @ MIRROR, np.ascontiguousarray(mesh.triangles[:, ::-1]))
+
+
+def _shuffle(mesh: Mesh) -> Mesh:
+    rng = np.random.default_rng(0)
+    order = rng.permutation(len(mesh.vertices))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    triangles = place[mesh.triangles][rng.permutation(len(mesh.triangles))]
+    return Mesh(mesh.vertices[order], triangles.astype(np.int32))
 
 
 def waited(case: Case, rng: np.random.Generator) -> Claim:
@@ -95,41 +109,28 @@ def waited(case: Case, rng: np.random.Generator) -> Claim:
 
     def judge(one: Trace, two: Trace, near: Trace) -> Score:
         ticks = round(WAIT / one.step)
-        return alike(one.between(0, -ticks), two.between(ticks, None), near.between(0, -ticks), ROUNDING)
+        return same_force(one.between(0, -ticks), two.between(ticks, None), near.between(0, -ticks), ROUNDING)
 
     return Claim((exact.run, exact.run.but({"scene.hand.path": path}), exact.near), judge)
 
 
 def numbered(case: Case, rng: np.random.Generator) -> Claim | None:
     """The same triangles in another order."""
-    setting = case.touch.setting
-    if not setting.count:
-        return None
-    file = case.folder / f"{setting.surface}-{setting.count}-shuffled.ply"
-    if not file.is_file():
-        mesh = specimen_of(setting.surface).make(setting.count)
-        order = rng.permutation(len(mesh.vertices))
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        triangles = place[mesh.triangles][rng.permutation(len(mesh.triangles))].astype(np.int32)
-        case.folder.mkdir(parents=True, exist_ok=True)
-        write_ply(file, Mesh((mesh.vertices[order] + FAR) / MM, triangles))
-    exact = _exact(case)
-    return _same(exact, exact.run.but({"scene.surface.surface": str(file)}))
+    return _of_file(case, "shuffled", _shuffle)
 
 
 def metres(case: Case, rng: np.random.Generator) -> Claim | None:
     """The mesh of the file in metres in place of millimetres."""
-    setting = case.touch.setting
-    if not setting.count:
+    return _of_file(case, "metres", lambda mesh: mesh)
+
+
+def _of_file(case: Case, name: str, change: Callable[[Mesh], Mesh]) -> Claim | None:
+    """A file of the same surface gives the same forces."""
+    if not case.touch.setting.count:
         return None
-    file = case.folder / f"{setting.surface}-{setting.count}-metres.ply"
-    if not file.is_file():
-        mesh = specimen_of(setting.surface).make(setting.count)
-        case.folder.mkdir(parents=True, exist_ok=True)
-        write_ply(file, Mesh(mesh.vertices + FAR, mesh.triangles))
     exact = _exact(case)
-    return _same(exact, exact.run.but({"scene.surface.surface": str(file), "scene.surface.file_unit": "m"}))
+    changes = {"scene.surface.surface": _changed_file(case, name, change), "scene.surface.file_unit": "m"}
+    return _same(exact, exact.run.but(changes))
 
 
 EXACT = "1e-6 of the peak, or what 3 µm change"
