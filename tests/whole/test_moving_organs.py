@@ -92,6 +92,16 @@ def test_a_rigid_organ_that_rises_against_a_finger_at_rest_compresses_it_by_the_
     np.testing.assert_allclose([each.force for each in contacts], expected, rtol=1e-4, atol=1e-6)
 
 
+def assert_books_close(last):
+    """The work of hand and foundation is in the parts."""
+    parts = sum(
+        getattr(last, f"{part}_{what}")
+        for part in ("fingertip", "tissue", "friction") for what in ("stored", "dissipated")
+    )  # fmt: skip
+    total = last.controller + last.sampling + parts + last.unexplained
+    assert last.hand + last.carried[0] == approx(total, abs=1e-9)
+
+
 @pytest.fixture(scope="module")
 def breathing(tmp_path_factory):
     hold = "scene.hand.path=[{to: [0, 0, 0.1015], time: 0.15}, {hold: 0.9}]"
@@ -110,14 +120,8 @@ def test_the_ledger_counts_the_work_of_the_foundation_and_no_part_generates_ener
     np.testing.assert_allclose([each.hand for each in books[1:]], hand, atol=1e-9)
     np.testing.assert_allclose([each.carried[0] for each in books[1:]], carried, atol=1e-9)
     assert np.ptp(carried) > 1e-3
-    last = books[-1]
-    parts = sum(
-        getattr(last, f"{part}_{what}")
-        for part in ("fingertip", "tissue", "friction") for what in ("stored", "dissipated")
-    )  # fmt: skip
-    total = last.controller + last.sampling + parts + last.unexplained
-    assert last.hand + last.carried[0] == approx(total, abs=1e-9)
-    assert max(each.generated for each in books) < 1e-4 and not last.tripped
+    assert_books_close(books[-1])
+    assert max(each.generated for each in books) < 1e-4 and not books[-1].tripped
 
 
 def test_the_force_on_the_hand_has_no_jump_while_the_organ_breathes(breathing):
@@ -218,13 +222,7 @@ def test_a_foundation_presses_one_organ_into_another_and_the_ledger_has_its_work
     assert books[at].tissue_stored == stored and 0.0 < stored < carried[at - 1]
     assert books[at].tissue_stored + books[at].tissue_dissipated == approx(carried[at - 1], rel=1e-9)
     assert max(each.force for each in between) > 0.5 and max(each.generated for each in books) < 1e-4
-    last = books[-1]
-    parts = sum(
-        getattr(last, f"{part}_{what}")
-        for part in ("fingertip", "tissue", "friction") for what in ("stored", "dissipated")
-    )  # fmt: skip
-    total = last.controller + last.sampling + parts + last.unexplained
-    assert last.hand + last.carried[0] == approx(total, abs=1e-9)
+    assert_books_close(books[-1])
 
 
 @pytest.mark.parametrize("motions, text", [
@@ -246,3 +244,10 @@ def test_organs_of_one_finger_that_move_differently_are_noted():
     assert any("move differently" in note for note in graph.notes)
     assert graph.nodes["collision-liver"].edges[0].producer == "finger-a"
     assert graph.nodes["collision-kidney"].edges[0].producer == "finger"
+    assert not any(node.settings.get("organs") for node in graph.nodes.values())  # no bridge between them
+
+
+def test_organs_of_one_finger_that_move_together_are_felt_as_one():
+    graph = load("organs", overrides=["scene.motions={a: {moves: [kidney, liver], amplitude: [0, 0, 1 mm]}}"])
+    assert not any("move differently" in note for note in graph.notes)
+    assert all(graph.nodes[f"collision-{organ}"].settings["organs"] for organ in ("kidney", "liver"))

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from palpate.engine.graph import NodeSpec
 from palpate.launch.load.wiring import Wire
-from palpate.messages import Contact, Load, Proximity
+from palpate.messages import Contact, Load, Pose, Proximity
 from palpate.nodes.base import inputs, outputs
 from palpate.nodes.base.node import Port
 
@@ -16,7 +16,8 @@ def _adds(port: Port) -> bool:
 
 def share_organs(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> None:
     """Set `organs` of the collision and spread nodes of each finger whose contacts with several organs are added, if
-    all of these can share a patch."""
+    all of these can share a patch. Organs that move differently (`carried`) are touched one by one: their surface in
+    the frame of one of them changes, and the bridges would stay where they were."""
     wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
     for name, spec in nodes.items():
         if Contact not in outputs(spec.cls) or not any(_adds(port) for port in inputs(spec.cls)):
@@ -25,8 +26,14 @@ def share_organs(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> None:
         near = [[w.producer for w in wires if w.consumer == c and w.port.type is Proximity] for c in contacts]
         spreads = [[w.consumer for w in wires if w.producer == c and Load in outputs(nodes[w.consumer].cls)]
                    for c in contacts]  # fmt: skip
-        if len(contacts) > 1 and all(
-            _shares(nodes[c], near_it, after, nodes) for c, near_it, after in zip(contacts, near, spreads, strict=True)
+        poses = {w.producer for w in wires if w.port.type is Pose and any(w.consumer in each for each in near)}
+        if (
+            len(contacts) > 1
+            and len(poses) == 1
+            and all(
+                _shares(nodes[c], near_it, after, nodes)
+                for c, near_it, after in zip(contacts, near, spreads, strict=True)
+            )
         ):
             _set(nodes, [one[0] for one in near], [one[0] for one in spreads])
 

@@ -66,7 +66,6 @@ def near_bodies(bodies: list[Mesh], width: float) -> list[list[int]]:
 
 def _is_near(one: Mesh, other: Mesh, width: float) -> bool:
     low, high = one.vertices.min(axis=0) - width, one.vertices.max(axis=0) + width
-    inside = ((other.vertices >= low) & (other.vertices <= high)).all(axis=1)
     if (other.vertices.max(axis=0) < low).any() or (other.vertices.min(axis=0) > high).any():
         return False
     fine, _ = divide_long_edges(other, width / 4.0)  # its vertices represent it
