@@ -103,6 +103,7 @@ def test_a_hard_case_runs_in_the_page_and_reports_its_outcome(page, case):
 
 def test_the_page_runs_the_touch_of_its_recording_again(page, tmp_path):
     press(page)
+    page.wait_for_timeout(1000)  # a touch that slow frames show too
     page.mouse.up()
     page.wait_for_function("palpate.newest.load == 0")
     with page.expect_download() as download:
@@ -139,6 +140,7 @@ def test_nodes_that_do_not_run_are_listed_with_the_reason(tmp_path):
     assert build(tmp_path / "site", "nodule", "--body", "MassSpring").exit_code == 0
     with opened((tmp_path / "site" / "index.html").as_uri(), READY) as page:
         page.evaluate("document.getElementById('more').open = true")
+        assert page.is_hidden("#exactness") and page.is_visible("#cases")  # a slider needs two bodies
         listed = page.inner_text("#runs")
         assert re.search(r"band\s+Probabilistic runs in Python", listed)
         assert re.search(r"display\s+PinArray runs in Python", listed)

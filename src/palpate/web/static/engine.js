@@ -49,15 +49,16 @@ export function connect({ told, came }) {
     } catch (error) { say(`stopped: ${error.message}`); }
   }
 
-  // The variant that differs from this one in what is asked for, or why there is none. A hard case, and another scene or organ,
-  // start with the effects of the graph.
+  // The variant that differs from this one in what is asked for, or why there is none. Another scene or organ starts with its
+  // effects, a hard case with those of the graph where it has no others.
   function change({ body, effect, scene, organ, hard }) {
     const wish = { scene: scene ?? chosen.scene, organ: organ ?? chosen.organ, body: body ?? chosen.body, case: hard ?? null };
-    const effects = { ...chosen.effects, ...(effect ? { [effect[0]]: effect[1] } : {}) };
+    const moved = scene !== undefined || organ !== undefined;
+    const first = site.variants.find((one) => one.scene === wish.scene && one.organ === wish.organ && one.first);
+    const effects = { ...(moved ? first : chosen).effects, ...(effect ? { [effect[0]]: effect[1] } : {}) };
     const near = site.variants.filter((one) => Object.entries(wish).every(([key, value]) => one[key] === value));
     const same = (one) => Object.entries(one.effects).every(([name, on]) => effects[name] === on);
-    const elsewhere = (one) => one.scene === wish.scene && one.organ === wish.organ && one.first;
-    const found = near.find(same) ?? ((scene ?? organ ?? hard) === undefined ? undefined : near[0] ?? site.variants.find(elsewhere));
+    const found = near.find(same) ?? (moved ? first : hard === undefined ? undefined : near[0]);
     if (found) begin(found);
     else say(`not in this folder: ${wish.body} with ${Object.entries(effects).map(([name, on]) => `${name} ${on ? "on" : "off"}`).join(", ")}`);
   }
