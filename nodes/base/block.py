@@ -15,13 +15,17 @@ class Block(NamedTuple):
     """A block of messages; its memory is overwritten after the call that receives it.
 
     streams  names of the streams, by number
-    entries  (n,) of `ENTRY`, at least one
+    entries  (n,) of `ENTRY`, at least one in a block that is received
     memory   (b,) bytes; each message follows the one before after `MARGIN` bytes
     """
 
     streams: Sequence[str]
     entries: np.ndarray
     memory: np.ndarray
+
+    def of(self, number: int) -> "Block":
+        """The messages of one stream, perhaps none."""
+        return Block(self.streams, self.entries[self.entries["number"] == number], self.memory)
 
     def messages(self) -> Iterator[tuple[str, int, bytes]]:
         """Stream, tick and encoded bytes of each message."""

@@ -33,7 +33,7 @@ def picker() -> Any:
 def frames_of(block: Block, number: int, output: Output) -> list[bytes]:
     """The messages of one stream of a block as frames of about `LONGEST` bytes at most, so that their number bounds the
     memory of a queue; a longer message has a frame of its length."""
-    entries = block.entries[block.entries["number"] == number]
+    entries = block.of(number).entries
     if not len(entries):
         return []
     total = np.cumsum(entries["end"] - entries["begin"])

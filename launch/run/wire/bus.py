@@ -344,10 +344,9 @@ class Bus:
             self._kept += frames_of(block, number, output)
         else:
             kept.append(self._kept)
-        for stream, _, payload in block.messages() if kept else ():
-            if stream == output.stream:
-                for each in kept:
-                    each.append(output.topic + payload)
+        for _, _, payload in block.of(number).messages() if kept else ():
+            for each in kept:
+                each.append(output.topic + payload)
 
     def flush(self, holds: Callable[[], None] = lambda: None) -> None:
         """Send the buffered frames.

@@ -86,6 +86,8 @@ class CompiledSegment:
         self._repeated = [output for slot in slots for output in slot.outputs if output.repeats]
         self.receives = any(port.behind for slot in slots for port in slot.inputs)
         """Whether the host passes it messages of this worker, so that compiled code cannot run several ticks alone."""
+        self.collects = False
+        """Whether the messages of several ticks stay in the journal until `hand_over`: no node awaits them."""
         self._inlets: dict[int, list[tuple[Any, Any, Any, Any] | None]] = {}
         self._lines = [self._fill(place, slot, rate, permitted) for place, slot in enumerate(slots)]
         self._run = table_runner(real)
@@ -239,12 +241,13 @@ class CompiledSegment:
         self._call(tick, 1)
 
     def deliver_tick(self, tick: int, host: Any) -> None:
-        """After the steps of a tick: deliver the messages of the nodes that stepped."""
+        """After the steps of a tick: deliver the messages of the nodes that stepped, unless it collects them."""
         for place, slot in enumerate(self.slots):
             if self._stepped[place]:
                 slot.time, slot.health.tick = int(self._times[place]), tick
                 host.take_outputs(slot, tick)
-        self.hand_over()
+        if not self.collects:
+            self.hand_over()
 
     def alone(self) -> bool:
         """Whether all messages come from the segment itself, so that one call can run many ticks."""

@@ -193,6 +193,41 @@ def test_on_the_real_clock_no_node_steps_on_a_driving_message_of_an_earlier_tick
     worker.stop()
 
 
+def test_on_the_real_clock_messages_for_observers_are_collected_over_several_ticks(monkeypatch):
+    """Also where a node in Python steps in the same process, as behind the pointer of `palpate touch`. A node in
+    another process awaits its message at once."""
+
+    def blocks(external: bool) -> list[list[tuple[str, int, bytes]]]:
+        worker = made((f"friction.use={__name__}.PythonLuGre",), clock="real")
+        for output in worker.outputs.values():
+            output.external = external
+        blocks: list[list[tuple[str, int, bytes]]] = []
+        worker._deliver_block = lambda block: blocks.append(list(block.messages()))  # type: ignore[method-assign]
+        worker.start()
+        worker.begin(now())
+        for output in worker.outputs.values():
+            output.observed = True
+        for part in worker.parts:
+            if isinstance(part, CompiledSegment):
+                part.listen()
+        clock = _RealClock(worker, worker.slots[0], now())
+        for tick in range(100):
+            clock.run(tick, tick * 1_000_000)
+        worker._flush()
+        worker.stop()
+        return blocks
+
+    def by_stream(blocks: list[list[tuple[str, int, bytes]]]) -> dict[str, list[bytes]]:
+        sent: dict[str, list[bytes]] = {}
+        for name, _, payload in (message for block in blocks for message in block):
+            sent.setdefault(name, []).append(payload)
+        return sent
+
+    at_once, collected = blocks(True), blocks(False)
+    assert len(at_once) == 200 and len(collected) < 40  # two segments; bursts of 16 ticks, and heartbeats
+    assert by_stream(at_once) == by_stream(collected) and len(by_stream(collected)["contact"]) == 100
+
+
 def test_a_message_object_is_created_only_on_request(monkeypatch):
     worker = made()
     worker.job = msgspec.structs.replace(worker.job, external={})
