@@ -14,6 +14,7 @@ from palpate.physics.table_numbers import check_dialect
 from palpate.records.reader import Recording
 from palpate.units.quantity import UnitError, convert, split
 
+OPTIONAL = ("time", "specimen")  # columns that may be left out: time=
 APART = 0.02  # [1] Share of the greatest force below which the probe counts as free
 
 
@@ -34,9 +35,9 @@ class PressReader:
         except ValueError as error:
             raise SessionError(str(error)) from None
         self.dialect = dialect
-        self.names, self.units, self.bone = _pairs("--columns", columns, "time"), _pairs("--unit", units), bone
-        for key in set(self.names) - {"time", "force", "indentation"}:
-            raise SessionError(f"--columns: found {key!r}, expected time, force, indentation")
+        self.names, self.units, self.bone = _pairs("--columns", columns, OPTIONAL), _pairs("--unit", units), bone
+        for key in set(self.names) - {"force", "indentation", *OPTIONAL}:
+            raise SessionError(f"--columns: found {key!r}, expected time, force, indentation, specimen")
 
     def __call__(self, file: Path) -> list[MeasuredPress]:
         """All presses of a file. SessionError, RecordingError: the file is faulty."""
@@ -71,12 +72,12 @@ def length(option: str, text: str) -> float:
         raise SessionError(f"{option}: {error}") from None
 
 
-def _pairs(option: str, texts: Iterable[str], empty: str = "") -> dict[str, str]:
-    """Parse `key=value` texts; the value of the key `empty` may be missing. SessionError: one has another form."""
+def _pairs(option: str, texts: Iterable[str], empty: Sequence[str] = ()) -> dict[str, str]:
+    """Parse `key=value` texts; the values of the keys `empty` may be missing. SessionError: one has another form."""
     found = {}
     for text in filter(None, (t.strip() for t in texts)):
         key, sign, value = text.partition("=")
-        if not (sign and key.strip() and (value.strip() or key.strip() == empty)):
+        if not (sign and key.strip() and (value.strip() or key.strip() in empty)):
             raise SessionError(f"{option}: found {text!r}, expected name=value")
         found[key.strip()] = value.strip()
     return found

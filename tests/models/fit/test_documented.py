@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.models.fit.specimens import INDENTERS, PRESSES
+from palpate.models.fit.specimens import INDENTERS, PRESSES, SPECIMENS
 from palpate.models.fit.tissue.table import NAMES
 from palpate.physics.table_text import BINARY
 from palpate.physics.table_times import is_clock, stamp_unit
@@ -66,7 +66,10 @@ def test_names_of_columns_are_those_of_the_readers():
     assert {name.lower() for name in listed("names of quantities")} == {
         name for names in NAMES.values() for name in names
     }
-    assert set(listed("columns whose values are a press each")) - {"ID", "No.", "label"} == set(PRESSES)
+    ends, specimens = {"ID", "No.", "label"}, "columns whose values are a specimen each, which is fitted alone"
+    assert set(listed(specimens)) - ends == set(SPECIMENS)
+    repeats = set(listed("columns whose values are a press each of the same specimen")) - ends
+    assert repeats | set(SPECIMENS) == set(PRESSES) and not repeats & set(SPECIMENS)
     assert set(listed("columns whose values must be one")) == set(INDENTERS)
 
 

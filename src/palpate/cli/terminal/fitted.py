@@ -12,6 +12,7 @@ from palpate.physics.archive import replace_text
 if TYPE_CHECKING:
     from palpate.models.fit.tissue.fit import TissueFit
     from palpate.models.fit.tissue.rigs import Rig
+    from palpate.models.fit.tissue.several import SpecimenFits
 
 RIGS = ("ball", "punch", "fingertip", "cylinder")
 
@@ -45,18 +46,53 @@ def write_fit(fit: TissueFit, out: Path) -> dict[str, Any]:
     return result
 
 
+def write_fits(found: SpecimenFits, out: Path) -> dict[str, Any]:
+    """Write each specimen to its folder, and the table of all; returns the content of every report.json by specimen."""
+    from palpate.models.fit.tissue.several import overview
+
+    each = {label: write_fit(fit, out / found.folders[label]) for label, fit in found.fits.items()}
+    kept = ("parameters", "withheld", "shear_modulus_at_rest")
+    short = {
+        label: {"folder": found.folders[label], **{key: result[key] for key in kept}} for label, result in each.items()
+    } | {label: {"refused": text} for label, text in found.refused.items()}
+    replace_text(out / "report.json", json.dumps({"specimens": short}, indent=1) + "\n")
+    replace_text(out / "report.md", overview(found))
+    return each | {label: {"refused": text} for label, text in found.refused.items()}
+
+
+def print_fits(found: SpecimenFits, out: Path) -> None:
+    """Print a row per specimen, and the notes with the specimens that they belong to."""
+    from palpate.models.fit.tissue.several import table_of_fits, texts_of_fits
+
+    heads, rows = table_of_fits(found)
+    console().print(table(heads, rows))
+    for text in texts_of_fits({label: fit.read for label, fit in found.fits.items()}):
+        say(text, "dim", wrap=True)
+    for text in texts_of_fits({label: _texts(fit) for label, fit in found.fits.items()}):
+        say(text, wrap=True)
+    first = out / found.folders[next(iter(found.fits))]
+    say(f"written {out}/report.md, report.json, and a folder per specimen; next: palpate run kidney --scene "
+        f"{first}/scene.yaml")  # fmt: skip
+
+
 def print_fit(fit: TissueFit, result: dict[str, Any]) -> None:
     """Print parameters with intervals, notes, and the error on held-out presses."""
-    from palpate.models.fit.tissue.report import held_out, scene_young
-
     ends = "withheld" if fit.estimate.withheld else "{low:.4g} to {high:.4g}"
     rows = [(name, f"{p['value']:.5g}", ends.format(**p), str(p["unit"])) for name, p in result["parameters"].items()]
     console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
     for text in fit.read:
         say(text, "dim", wrap=True)
-    for text in [*(f"not determined: {text}" for text in fit.open_), *fit.notes, *scene_young(fit)]:
+    for text in _texts(fit):
         say(text, wrap=True)
-    for row in fit.compared:
-        say(f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} above best")
-    for tried in fit.held_out:
-        say(held_out(tried), wrap=True)
+
+
+def _texts(fit: TissueFit) -> list[str]:
+    """Notes, what the data do not determine, the ranks of other laws, and the error on held-out presses."""
+    from palpate.models.fit.tissue.report import held_out, scene_young
+
+    return [
+        *(f"not determined: {text}" for text in fit.open_), *fit.notes, *scene_young(fit),
+        *(f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} above best"
+          for row in fit.compared),
+        *map(held_out, fit.held_out),
+    ]  # fmt: skip

@@ -17,7 +17,7 @@ import numpy as np
 import scipy  # loads its subpackages on first use
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.specimens import check_one_body, press_labels
+from palpate.models.fit.specimens import check_one_body, row_labels
 from palpate.physics.table_file import read_table
 from palpate.units.header import examples, split_unit
 
@@ -78,7 +78,7 @@ def read_presses(path: Path, notes: list[str] | None = None, dialect: str = "") 
                 raise ValueError(f"row {lines[worst]}, column {name!r}: found a change of "
                                  f"{rows[worst, k] - rows[0, k]:.3g}, expected at most {LARGEST[name]:g} in SI units: "
                                  "is its unit right?")  # fmt: skip
-        labels = np.array(press_labels(found, lines, rows[:, 0]))
+        labels = np.array(row_labels(found, lines, rows[:, 0], joined=True)[0])
         if notes is not None:
             notes += found.skipped
         return [_loading(rows[labels == label], f"press {label}") for label in dict.fromkeys(labels.tolist())]

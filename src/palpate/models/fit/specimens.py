@@ -1,7 +1,11 @@
-"""Which rows of a table belong together: columns that name a press, a specimen or an indenter, and repeated headers."""
+"""Which rows of a table belong together: columns that name a press, a specimen or an indenter, and repeated headers.
+
+Presses of one specimen are fitted together, since they repeat one measurement; specimens are fitted one by one.
+"""
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,10 +20,13 @@ PRESSES = (
 """Columns whose values separate the presses of a table, in the order of their names."""
 NAMED = ("subject", "session", "press")  # part of the name of a press also where all rows have the same value
 BODIES = ("subject", "specimen", "sample", "person", "finger")  # those that name what is pressed
+SPECIMENS = (*BODIES, "site", "location")
+"""Columns whose values are fitted one by one: another body, or another place of it, has another stiffness."""
 INDENTERS = ("indenter", "probe", "tip", "ball", "cantilever", "radius", "diameter", "tip radius", "tip diameter")
 """Columns that identify the indenter; a file with several values mixes several indenters."""
 ADDED = ("id", "no", "nr", "num", "number", "name", "label", "index", "code")  # words that a name may end in
 LEAST_ROWS = 10  # fewer rows of each value: the column counts rows
+COUNTING = 0.8  # [1] Share of rows in which a number rises from which on it counts the rows of several parts
 LOW, RISE = 0.3, 0.5
 """[1] First depth of a block over the range, up to which it begins above the surface, and its least rise."""
 
@@ -31,11 +38,16 @@ def plain_name(name: str) -> str:
     return " ".join(kept)
 
 
-def columns_named(table: Table, names: Sequence[str]) -> dict[str, int]:
-    """Plain name -> column, of the columns with one of these names that have several values."""
+def columns_named(table: Table, names: Sequence[str], constant: Sequence[str] = ()) -> list[int]:
+    """The columns with one of these names that have several values, in the order of the names; those with a name in
+    `constant` also if all rows have the same value."""
     plain = [plain_name(name) for name in table.names]
-    found = {name: plain.index(name) for name in names if name in plain}
-    return {name: k for name, k in found.items() if len(set(_values(table, k))) > 1 and not _counts_rows(table, k)}
+    return [
+        k
+        for name in names
+        for k, other in enumerate(plain)
+        if other == name and (name in constant or len(set(_values(table, k))) > 1) and not counts_rows(table, k)
+    ]
 
 
 def _values(table: Table, k: int) -> list[str]:
@@ -47,25 +59,31 @@ def _values(table: Table, k: int) -> list[str]:
     return out
 
 
-def _counts_rows(table: Table, k: int) -> bool:
-    """Whether a column counts rows, or measures something in each of them: numbers, most of them used once."""
+def counts_rows(table: Table, k: int) -> bool:
+    """Whether a column counts or names rows, or measures something in each of them: most values are used once, or they
+    rise from row to row in each of several parts."""
     values = [value for value in _values(table, k) if value]
-    numeric = all(number(value) is not None for value in values)
-    return numeric and len(set(values)) * LEAST_ROWS > len(values) and len(set(values)) > 0.5 * len(values)
+    different = len(set(values))
+    if different < 2 or different * LEAST_ROWS <= len(values):
+        return False
+    numbers = [number(value) for value in values]
+    rising = sum(b > a for a, b in pairwise(numbers) if a is not None and b is not None)
+    return different > 0.5 * len(values) or (None not in numbers and rising > COUNTING * len(values))
 
 
 def check_one_indenter(path: object, table: Table) -> None:
     """SessionError: a column shows that several indenters pressed."""
-    for k in columns_named(table, INDENTERS).values():
+    for k in columns_named(table, INDENTERS):
         several = ", ".join(sorted(filter(None, set(_values(table, k))))[:5])
         raise SessionError(
-            f"{path}: column {table.cells[k].strip()!r}: pressed by {several}: two indenters mixed; fit each separately"
+            f"{path}: column {table.cells[k].strip()!r}: pressed by {several}: two indenters mixed; save the rows of "
+            "each in its file, and fit each separately"
         )
 
 
 def check_one_body(path: object, table: Table, what: str) -> None:
     """SessionError: a column shows that several specimens were measured, of which `what` is fitted."""
-    for k in columns_named(table, BODIES).values():
+    for k in columns_named(table, BODIES):
         several = ", ".join(list(dict.fromkeys(filter(None, _values(table, k))))[:5])
         raise SessionError(
             f"{path}: column {table.cells[k].strip()!r}: found {several}, expected {what}; save the rows of each in "
@@ -73,18 +91,38 @@ def check_one_body(path: object, table: Table, what: str) -> None:
         )
 
 
-def press_labels(table: Table, lines: Sequence[int], depth: np.ndarray) -> list[str]:
-    """The label of each of n rows: the values of `PRESSES`, and the number of its block if blocks are presses."""
-    named = columns_named(table, PRESSES) | {
-        name: k
-        for name in NAMED
-        if (k := next((k for k, n in enumerate(table.names) if plain_name(n) == name), -1)) >= 0
-    }
-    parts = [_values(table, named[name])[: len(lines)] for name in PRESSES if name in named]
+def row_labels(
+    table: Table, lines: Sequence[int], depth: np.ndarray, specimen: int | None = None, joined: bool = False
+) -> tuple[list[str], list[str]]:
+    """The labels (n) of press and specimen of each of n rows.
+
+    specimen  the column that names the specimens; None: those of `SPECIMENS`
+    joined    all rows count as one specimen
+
+    A press is a combination of values of `PRESSES`, and a block if blocks are presses. Blocks are specimens if no
+    column says which presses repeat a measurement. The label of a specimen is "" if nothing names it.
+    """
+    bodies = columns_named(table, SPECIMENS, SPECIMENS) if specimen is None else [specimen]
+    named = columns_named(table, PRESSES, NAMED)
+    named = [k for k in bodies if specimen is not None and k not in named] + named
+    values = {k: _values(table, k)[: len(lines)] for k in (*named, *bodies)}
+    presses, specimens = [values[k] for k in named], [values[k] for k in bodies]
     blocks = block_presses(table, lines, depth)
     if blocks.max(initial=0) > 0:
-        parts.append([f"block {k + 1}" for k in blocks])
-    return [" ".join(filter(None, row)) for row in zip(*parts, strict=True)] if parts else [""] * len(lines)
+        presses.append([f"block {k + 1}" for k in blocks])
+        if specimen is None and all(len(set(values[k])) < 2 for k in named):
+            specimens.append(presses[-1])
+    labels = _joined(presses, len(lines)), _joined([] if joined else specimens, len(lines))
+    if (count := len(set(labels[1]))) > 1:
+        what = " and ".join(repr(table.cells[k].strip()) for k in bodies if len(set(values[k])) > 1)
+        where = f"column {what} names" if what else "the blocks below repeated headers are"
+        table.skipped.append(f"{where} {count} specimens: each is fitted alone (--columns specimen= fits all as one)")
+    return labels
+
+
+def _joined(parts: Sequence[Sequence[str]], count: int) -> list[str]:
+    """The values (n) of columns, one text per row; of no columns empty texts."""
+    return [" ".join(filter(None, row)) for row in zip(*parts, strict=True)] if parts else [""] * count
 
 
 def block_presses(table: Table, lines: Sequence[int], depth: np.ndarray) -> np.ndarray:

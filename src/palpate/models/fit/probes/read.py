@@ -11,7 +11,14 @@ import numpy as np
 from palpate.models.fit.probes.pooled import LEAST_PROBES, Rows
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.specimens import BODIES, columns_named
-from palpate.models.fit.tissue.table import columns_of, factor_of, inverting, numbers_of, table_of
+from palpate.models.fit.tissue.table import (
+    columns_of,
+    factor_of,
+    inverting,
+    numbers_of,
+    specimen_column,
+    table_of,
+)
 from palpate.physics.table_file import Table
 
 PROBE = "probe"
@@ -64,9 +71,12 @@ def read_probes(path: Path, columns: Mapping[str, str], units: Mapping[str, str]
         return None
     found = columns_of(path, table, {key: value for key, value in columns.items() if key != "time"})
     found.pop("time", None)
-    for name, k in columns_named(table, tuple(b for b in BODIES if b not in LABELS)).items():
-        raise SessionError(f"{path}: column {table.cells[k].strip()!r} names more than one {name}, expected the probes "
-                           "of one organ; save the rows of each in its file")  # fmt: skip
+    given = specimen_column(path, table, columns)
+    bodies = columns_named(table, [b for b in BODIES if b not in LABELS]) if given is None else [given]
+    for k in bodies if columns.get("specimen") != "" else ():
+        if len({row[k].strip() for row in cells if k < len(row)}) > 1:
+            raise SessionError(f"{path}: column {table.cells[k].strip()!r} names more than one specimen, expected the "
+                               "probes of one organ; save the rows of each in its file")  # fmt: skip
     values, lines, shown = numbers_of(path, table, found, columns, units)
     depth, force = (values[:, list(found).index(key)] for key in ("indentation", "force"))
     places = _vectors(path, table, PLACE, len(values), units)

@@ -88,7 +88,7 @@ def fit_tissue(
     table: Law | None = None,
     report: Report = unheard,
 ) -> TissueFit:
-    """Fit a law to presses of one rig.
+    """Fit a law to presses of one specimen by one rig.
 
     compare   other laws, fitted to the same rows and ranked
     touch     whether to fit the touch point with the parameters; else it stays at its estimate from the force
@@ -101,6 +101,8 @@ def fit_tissue(
     if name == "hunt-crossley":
         name, relaxation = "power", name
     check_laws(rig, (name, *compare), relaxation, drift)
+    if len(several := dict.fromkeys(press.specimen for press in presses)) > 1:
+        raise SessionError(f"presses of the specimens {', '.join(several)}: fit each alone (`several.by_specimen`)")
     # select the rows: loading only without relaxation, no saturation
     whole: list[MeasuredPress] = []
     notes: list[str] = []

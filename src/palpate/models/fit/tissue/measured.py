@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.specimens import check_one_indenter, press_labels
+from palpate.models.fit.specimens import check_one_indenter, row_labels
 from palpate.models.fit.tissue.noise import noise_before, step_of
 from palpate.models.fit.tissue.residuals import inflation
 from palpate.models.fit.tissue.table import (
@@ -21,6 +21,7 @@ from palpate.models.fit.tissue.table import (
     columns_of,
     inverting,
     numbers_of,
+    specimen_column,
     table_of,
 )
 
@@ -51,6 +52,7 @@ class MeasuredPress:
     rise    [m]  length of an exponential rise of the force before contact that the fit includes, and where it ends
     step    [N]  of the converter of the force; 0: no repeated values show one
     remarks  which columns were read, and which lines were not
+    specimen  what is pressed, as the file names it; "": it does not
     air     whether rows before contact show the zero of the force; else the fit searches zero and touch point widely
     """
 
@@ -67,6 +69,7 @@ class MeasuredPress:
     remarks: tuple[str, ...] = ()
     step: float = 0.0
     rise: tuple[float, float] | None = None
+    specimen: str = ""
 
     @cached_property
     def rate(self) -> np.ndarray:
@@ -91,7 +94,7 @@ def read_presses(
     """The presses of a file, one for each value of the columns that name a press or a specimen (`specimens`).
 
     columns  quantity -> its column in the file, by name or number from 1, with a minus sign to invert its direction;
-             "" leaves the time out
+             "" leaves the time out. `specimen` names the column of the specimens; "": all rows are of one
     units    column or quantity -> unit, for a header without units
     dialect  of the numbers, if it cannot be detected: one of `table_file.DIALECTS`
 
@@ -101,7 +104,9 @@ def read_presses(
     found = columns_of(path, table, columns)
     check_one_indenter(path, table)
     values, lines, shown = numbers_of(path, table, found, columns, units)
-    sessions = np.array(press_labels(table, lines, values[:, list(found).index("indentation")]))
+    depths, named = values[:, list(found).index("indentation")], specimen_column(path, table, columns)
+    labels, specimens = row_labels(table, lines, depths, named, columns.get("specimen") == "")
+    sessions = np.array(labels)
     remarks = (f"{path.name}: {', '.join(shown)}", *(f"{path.name}: {text}" for text in table.skipped))
     presses: list[MeasuredPress] = []
     for session in dict.fromkeys(sessions.tolist()):
@@ -109,13 +114,15 @@ def read_presses(
         parts = dict(zip(found, values[rows].T, strict=True))
         _check_one_press(name, parts["indentation"], [lines[k] for k in rows])
         time, repeated = _one_per_stamp(name, parts.get("time"), [lines[k] for k in rows])
-        notes = remarks if not presses else ()
+        first = specimens[rows[0]] not in {press.specimen for press in presses}
+        notes = remarks if first else ()
         if len(repeated):
             stamps = ", ".join(str(lines[rows[k]]) for k in repeated)
             notes = (*notes, f"{name}: row {stamps} repeats the time of the row before, and is left out")
         depth, force = (np.delete(parts[key], repeated) for key in ("indentation", "force"))
         cure = partial(inverting, found)
-        presses.append(replace(prepare_press(name, time, depth, force, cure), remarks=notes))
+        press = prepare_press(name, time, depth, force, cure)
+        presses.append(replace(press, remarks=notes, specimen=specimens[rows[0]]))
     if "time" in found:
         check_time(path, table, found["time"][0], values[:, list(found).index("time")], columns, units)
     return presses

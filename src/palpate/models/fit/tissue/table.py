@@ -109,6 +109,20 @@ def columns_of(path: Path, table: Table, columns: Mapping[str, str]) -> dict[str
     return found
 
 
+def specimen_column(path: Path, table: Table, columns: Mapping[str, str]) -> int | None:
+    """The column that the user says names the specimens; None: no such option. SessionError: none or several columns
+    have this name."""
+    wanted = columns.get("specimen", "")
+    places = _places(table.cells, "specimen", columns) if wanted else []
+    if wanted and len(places) != 1:
+        found = ", ".join(repr(cell.strip()) for cell in table.cells)
+        raise SessionError(
+            f"{path}, row {table.line}: {len(places)} columns {wanted!r}; expected one of {found}, or its number, as "
+            "the name of the specimens"
+        )
+    return places[0] if wanted else None
+
+
 def inverting(found: Mapping[str, tuple[int, float]], names: Collection[str]) -> str:
     """The option that inverts the sign of some of the found columns, complete, by number."""
     signs = {key: (k + 1, -sign if key in names else sign) for key, (k, sign) in found.items()}

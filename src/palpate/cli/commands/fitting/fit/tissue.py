@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.fitted import RIGS, print_fit, rig_of, write_fit
+from palpate.cli.terminal.fitted import RIGS, print_fit, print_fits, rig_of, write_fit, write_fits
 from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
 from palpate.cli.terminal.output import print_json, say
 from palpate.cli.terminal.pooled import fit_sparse
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from palpate.models.fit.tissue.measured import MeasuredPress
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
 
@@ -25,7 +30,11 @@ def tissue(
         str, typer.Option(help="hertz, layer, exponential, power; ogden, demiray, yeoh, yeoh3, neo_hooke, ...")
     ],
     columns: Annotated[
-        str, typer.Option(help="Names or numbers of columns: time=t,force=F,indentation=3; force=-F inverts the sign.")
+        str,
+        typer.Option(
+            help="Names or numbers of columns: time=t,force=F,indentation=3; force=-F inverts the sign. specimen=Batch "
+            "names the specimens, specimen= fits all as one."
+        ),
     ] = "",
     unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
     dialect: Dialect = "",
@@ -51,7 +60,8 @@ def tissue(
     """Fit a material to measured presses: force over indentation.
 
     Writes scene.yaml, which is ready to run, report.md with pictures, and report.json: parameters with 95 % intervals,
-    parameters that the data do not determine, fixed parameters, and the error on held-out presses.
+    parameters that the data do not determine, fixed parameters, and the error on held-out presses. Specimens that a
+    column names are fitted one by one, each to its folder.
     """
     import math
 
@@ -59,6 +69,7 @@ def tissue(
     from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.tissue import fit as fits
     from palpate.models.fit.tissue.report import WRITTEN
+    from palpate.models.fit.tissue.several import by_specimen, fit_each, folders_of
     from palpate.studies.presses import PressReader, length
 
     # Check the options before any file is read.
@@ -78,14 +89,34 @@ def tissue(
         return
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
-    with steps(f"fit tissue: {law}", 1, silent=as_json, timed=False) as done:
-        fit = fits.fit_tissue(
-            presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
-            deepest=limit, drift=drift, report=lambda share: done("presses in finite elements", share),
-        )  # fmt: skip
-    result = write_fit(fit, out)
+    groups = by_specimen(presses)
+    if len(groups) > 1:
+        check_new([out / name / one for name in folders_of(groups).values() for one in WRITTEN], force)
+    with steps(f"fit tissue: {law}", len(groups), silent=as_json, timed=False) as done:
+
+        def fit(label: str, part: Sequence[MeasuredPress], held_out: Sequence[MeasuredPress]) -> fits.TissueFit:
+            done(f"specimen {label}" if label else "", 0.0)
+            return fits.fit_tissue(
+                part, made, law, relaxation, held_out=held_out, compare=compare or (), touch=touch == "fit",
+                deepest=limit, drift=drift, report=lambda share: done("presses in finite elements", share),
+            )  # fmt: skip
+
+        if len(groups) > 1:
+            found = fit_each(groups, others, fit)
+        else:
+            one = fit("", presses, others)
+    if len(groups) > 1:
+        each = write_fits(found, out)
+        if as_json:
+            print_json({"ok": not found.refused, "out": str(out), "specimens": each})
+        else:
+            print_fits(found, out)
+        if found.refused:
+            raise SessionError("\n".join(f"specimen {label}: {text}" for label, text in found.refused.items()))
+        return
+    result = write_fit(one, out)
     if as_json:
         print_json({"ok": True, "out": str(out)} | result)
     else:
-        print_fit(fit, result)
+        print_fit(one, result)
         say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
