@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from pytest import approx
 from scipy.stats import binomtest
 from typer.testing import CliRunner
 
@@ -12,7 +13,7 @@ from palpate.models.fit.tissue import fit as fitting
 from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press
-from palpate.models.fit.tissue.rigs import closed_form
+from palpate.models.fit.tissue.rigs import Rig, closed_form
 from palpate.models.fit.tissue.tabulated import FINE, REFERENCE, curve
 from palpate.studies.fits import report
 from palpate.studies.fits import search as searching
@@ -265,3 +266,20 @@ def test_no_press_of_a_larger_sample_is_silently_wrong(case):
     outcomes = [judge(case, 7, number) for number in range(8 if "prony:" in case else 40)]
     assert not [outcome for outcome in outcomes if outcome.silent]
     assert sum(outcome.result == "missed" for outcome in outcomes) <= 0.15 * len(outcomes)
+
+
+def test_noise_with_a_gain_on_an_untared_sensor_is_seen():
+    """The zero of a load cell was counted as force of the law, so that noise that grows with the force looked constant,
+    and the zero was held at the largest force: the interval ended 3.7 times below the true stiffness without a note."""
+    outcome = judge("ball power", 9, 279)
+    assert outcome.result == "inside" and any("noise grows with the force" in note for note in outcome.notes)
+
+
+def test_errors_of_an_untared_press_are_relative_to_its_force():
+    """They were relative to the largest reading, which is negative if the zero is."""
+    s = np.linspace(0.0, 1e-3, 60)
+    force = 2e3 * s**1.5
+    press = prepare_press("press.csv", None, s, force - 3.0 * force.max() + 1e-4 * np.sin(37.0 * np.arange(60)))
+    fit = fit_tissue([press], Rig("ball", 8e-3), "power", drift="none")
+    assert fit.estimate.pressed[0].max() == approx(force.max(), rel=0.02)
+    assert fit.errors()["rms_of_peak"] == approx(1e-4 / np.sqrt(2.0) / force.max(), rel=0.3)

@@ -15,7 +15,7 @@ from scipy.stats import f as fisher
 
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
 from palpate.models.fit.tissue.measured import LEAST_AIR, MOST_RISE, RARE, SUSPECT, MeasuredPress, deepest_row
-from palpate.models.fit.tissue.noise import gain, noise_before
+from palpate.models.fit.tissue.noise import SURE_ROWS, gain, in_contact, noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
@@ -141,7 +141,8 @@ def allow_for_drift(
     however wide it is. It is withheld if it reaches a limit of the search: then the rows exclude no value on that side.
     The union with the interval before would count the error of the force twice, and contain the true value in 98 to
     99 %. It is included only if an F-test of the bends does not exclude the fit without them, and this fit is another
-    minimum, or has the wider interval: then the bends absorb noise.
+    minimum, or has the wider interval: then the bends absorb noise. It is also included if the noise grows with the
+    force and few rows show its correlation, which both tests need: then the error that counts twice is not known.
 
     keep  whether the intervals were widened, and may only become wider
 
@@ -182,17 +183,36 @@ def allow_for_drift(
     more, left = len(other.names) - len(problem.names), max(free.effective[0] - len(other.names), 1.0)
     gained = max(best.squares / free.squares - 1.0, 0.0) * left / more
     sure = any(press.bends for press in other.presses) and float(fisher.sf(gained, more, left)) < RARE
+    few_in_contact = _gain_of_few_rows(problem, best)
     for p in problem.parameters:
         name, now, its = p.name, best.intervals[p.name], free.intervals[p.name]
         wide, wide_before = (p.to_search(each.high) - p.to_search(each.low) for each in (its, now))
         # the fit without is as likely, but another minimum; or the bends absorb noise
         other_minimum = not its.low <= now.value <= its.high
-        before_too = keep or (not sure and (other_minimum or wide < wide_before))
+        before_too = keep or (not sure and (other_minimum or wide < wide_before or few_in_contact))
         ends = [now.value, its.low, its.high, *((now.low, now.high) if before_too else ())]
         best.intervals[name] = replace(now, low=min(ends), high=max(ends), profile=its.profile, curve=its.curve)
     return before, [
         "the zero of the force seems to drift along a curve or to rise before contact; the intervals include this"
     ] * sure
+
+
+def few_rows_with_gain(problem: Problem, best: Estimate) -> list[str]:
+    """A note if the noise grows with the force and its correlation, which the intervals depend on, is not known."""
+    if not _gain_of_few_rows(problem, best):
+        return []
+    return [
+        "the noise grows with the force, and too few rows in contact show whether its errors are independent: the "
+        "intervals may be too narrow. Record more rows in contact"
+    ]
+
+
+def _gain_of_few_rows(problem: Problem, best: Estimate) -> bool:
+    """Whether the noise of a press grows with the force, and too few rows in contact show its correlation."""
+    return not problem.relative and any(
+        gain(force * w, residual * w, len(problem.names)) is not None and in_contact(force * w).sum() < SURE_ROWS
+        for force, residual, w in zip(best.pressed, best.residuals, problem.weight, strict=True)
+    )
 
 
 def include_rise(problem: Problem, best: Estimate, chances: dict[str, float]) -> tuple[Problem, Estimate, list[str]]:
@@ -295,7 +315,7 @@ def shape_chances(problem: Problem, best: Estimate) -> dict[str, float]:
     blocks = max(2, min(BLOCKS_MOST, problem.count // (10 * len(problem.presses))))
     for i, (press, touch, w) in enumerate(zip(problem.presses, best.touches, problem.weight, strict=True)):
         x = np.maximum(press.depth - touch, 0.0)
-        x, force = x / max(float(x.max()), 1e-300), best.fitted[i] * w
+        x, force = x / max(float(x.max()), 1e-300), best.pressed[i] * w
         pressed = np.flatnonzero(x > 0.0)
         shapes: dict[str, list[np.ndarray]] = {BENT: [force * np.sqrt(x), force * x], DRIFT: [w * press.elapsed]}
         if problem.kind == "none" and press.time is not None:
@@ -328,7 +348,7 @@ def _evened(
     """Residuals, Jacobian and groups of columns; where the noise grows with the force, their rows are divided by its
     size, because the test assumes noise of one size."""
     sizes = []
-    for force, residual, w in zip(best.fitted, weighted, problem.weight, strict=True):
+    for force, residual, w in zip(best.pressed, weighted, problem.weight, strict=True):
         found = None if problem.relative else gain(force * w, residual, len(problem.names))
         size = np.ones(len(w)) if found is None else np.sqrt(np.diag(found[0]))
         sizes.append(size / math.sqrt(float(np.mean(size**2))))

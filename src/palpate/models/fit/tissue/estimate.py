@@ -66,6 +66,7 @@ class Estimate:
     starts       share of the starts that converged to this minimum
     squares      mean square of the weighted residuals;  runs  see `residuals.runs`
     at, errors   all unknowns in search coordinates, in the order of `names`, and their standard errors
+    fitted, pressed  forces [N] (n,) of the fit, and those of its law alone, without baselines
     withheld     whether no interval is given because of misfit: the intervals are then the whole range of the search
     minima       unknowns at the minimum, and at others that are nearly as good
     """
@@ -77,6 +78,7 @@ class Estimate:
     correlation: np.ndarray
     condition: float
     fitted: list[np.ndarray]
+    pressed: list[np.ndarray]
     residuals: list[np.ndarray]
     effective: tuple[float, int]
     starts: float
@@ -184,10 +186,18 @@ class Problem:
                 ends = (np.array([press.depth.min(), press.depth.max()]) - press.touch) / press.slack
                 low.append(min(-2.0, float(ends[0])) if press.air else -2.0)
                 high.append(max(2.0, 0.99 * float(ends[1])) if press.air else 2.0)
-        limits = [10.0 if self.presses[i].air and name.startswith("zero") else 100.0 for name, i, _ in self.baselines]
+        limits = [self._limit(name, self.presses[i]) for name, i, _ in self.baselines]
         low += [-limit for limit in limits]  # in percent of the peak
         high += limits
         return np.array(low), np.array(high)
+
+    @staticmethod
+    def _limit(name: str, press: MeasuredPress) -> float:
+        """Limit of a baseline in percent of the largest force. That of an unknown zero leaves a press on both sides of
+        the forces, since the sensor may not be tared."""
+        if not name.startswith("zero"):
+            return 100.0
+        return 10.0 if press.air else 100.0 * (1.0 + float(np.ptp(press.force) / np.abs(press.force).max()))
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         return {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=False)}
@@ -308,7 +318,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
     minima, converged = _search_minima(problem, begin)
     x, least = minima[0]
     # effective sample size n_eff = n/tau and residual variance s²
-    forces = problem.forces(x)
+    forces, pressed = problem.forces(x), problem.law_forces(x)
     residuals = [(f - p.force) for f, p in zip(forces, problem.presses, strict=True)]
     weighted = [r * w for r, w in zip(residuals, problem.weight, strict=True)]
     J = problem.jacobian(x)
@@ -322,7 +332,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
     bread = (turn.T / np.maximum(sizes, 1e-9 * sizes[0]) ** 2) @ turn / np.outer(scale, scale)
     plain = variance * tau * bread
-    cov, effective = _coloured_covariance(problem, forces, weighted, J, bread, plain, effective)
+    cov, effective = _coloured_covariance(problem, forces, pressed, weighted, J, bread, plain, effective)
     errors, ratio = np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov) / np.maximum(np.diag(plain), 1e-300))
     quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
     # sum of squares of the profile at the ends of each interval
@@ -333,8 +343,8 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
     }
     return Estimate(
         problem.parameters, intervals, problem.touches(x), problem.names, cov / np.outer(errors, errors),
-        float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), converged, least / count,
-        runs(weighted), x, errors, minima=[y for y, squares in minima if squares <= LIKELY * least],
+        float(sizes[0] / max(sizes[-1], 1e-300)), forces, pressed, residuals, (effective, count), converged,
+        least / count, runs(weighted), x, errors, minima=[y for y, squares in minima if squares <= LIKELY * least],
     )  # fmt: skip
 
 
@@ -402,11 +412,12 @@ def _starts(problem: Problem) -> list[np.ndarray]:
 
 
 def _coloured_covariance(
-    problem: Problem, forces: Sequence[np.ndarray], weighted: Sequence[np.ndarray], J: np.ndarray, bread: np.ndarray,
-    plain: np.ndarray, effective: float,
+    problem: Problem, forces: Sequence[np.ndarray], pressed: Sequence[np.ndarray], weighted: Sequence[np.ndarray],
+    J: np.ndarray, bread: np.ndarray, plain: np.ndarray, effective: float,
 ) -> tuple[np.ndarray, float]:  # fmt: skip
     """Covariance of the unknowns and number of independent residuals, with the noise that `noise` describes.
 
+    forces, pressed  [N] of the fit, and of the law alone: an untared sensor has a large force without contact
     plain  covariance if all noise had the same size and correlation
     """
     size = len(bread)
@@ -416,12 +427,12 @@ def _coloured_covariance(
     cov = plain * np.outer(grow, grow)
     # relative weights: rows before contact have white noise, which hides the correlation of those in contact
     if problem.relative:
-        touched = [r[np.abs(f) > 0.05 * np.abs(f).max()] for f, r in zip(forces, weighted, strict=True)]
+        touched = [r[np.abs(f) > 0.05 * np.abs(f).max()] for f, r in zip(pressed, weighted, strict=True)]
         few = max(len(J) / noise.inflation(touched, size), LEAST_EFFECTIVE * size)
         if few < effective:
             cov, effective = cov * (effective - size) / (few - size), few
     # noise that grows with the force
-    gains = [noise.gain(f * w, r, size) for f, w, r in zip(forces, problem.weight, weighted, strict=True)]
+    gains = [noise.gain(f * w, r, size) for f, w, r in zip(pressed, problem.weight, weighted, strict=True)]
     if all(found is not None for found in gains) and not problem.relative:
         found = [each for each in gains if each is not None]
         larger = noise.sandwich(J, bread, [block for block, _ in found])

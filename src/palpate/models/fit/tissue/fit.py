@@ -71,7 +71,7 @@ class TissueFit:
 
     def errors(self) -> dict[str, float]:
         """RMS residual [N] and relative to the peak [1]; largest relative error where the force exceeds 5 % of it."""
-        return _errors(self.presses, self.estimate.fitted)
+        return _errors(self.presses, self.estimate.fitted, self.estimate.pressed)
 
 
 def fit_tissue(
@@ -131,7 +131,7 @@ def fit_tissue(
     fitted.sensitivity = _sensitivity(fitted, problem)
     fitted.open_ = hidden + _open(fitted)
     fitted.open_ += _drift(fitted)
-    fitted.notes += check_units(rig, _peak(loaded), fitted.deepest)
+    fitted.notes += check_units(rig, _peak(best.pressed), fitted.deepest)
     if compare:
         others = [_law(rig, one, relaxation, loaded, touch, reach, report)[0] for one in compare]
         fitted.compared = _compare_laws(fitted, [problem.with_changes(law=one) for one in others])
@@ -172,7 +172,7 @@ def _widen(
         chances = chances if problem is without else checks.shape_chances(problem, best)
     widen_by_scatter(problem, best)
     misfits, hidden = checks.widen(problem, best, chances)
-    notes += checks.baselines(problem, best) + misfits
+    notes += checks.baselines(problem, best) + misfits + checks.few_rows_with_gain(problem, best)
     steady, more = checks.allow_for_drift(problem, best, drift, bool(misfits or hidden or len(problem.presses) > 1))
     notes += more
     if limited := _limited(problem.law, best):
@@ -264,7 +264,7 @@ def _compare_laws(fit: TissueFit, others: Sequence[Problem]) -> list[dict[str, A
     for name, best in found:
         k = len(best.names)
         aicc = n * math.log(max(best.squares, 1e-300)) + 2 * k + 2 * k * (k + 1) / max(n - k - 1, 1e-9)
-        errors = _errors(fit.presses, best.fitted)
+        errors = _errors(fit.presses, best.fitted, best.pressed)
         rows.append({"law": name, "numbers": k, "rms_of_peak": errors["rms_of_peak"], "aicc": aicc})
     least = min(row["aicc"] for row in rows)
     return [{**row, "aicc": row["aicc"] - least} for row in rows]
@@ -363,12 +363,14 @@ def _law(
 
 
 def _errors(
-    presses: Sequence[MeasuredPress], forces: Sequence[np.ndarray], peak: float | None = None
-) -> dict[str, float]:
-    """Errors of forces, relative to a peak [N]; by default the largest force of the presses."""
+    presses: Sequence[MeasuredPress], forces: Sequence[np.ndarray], pressed: Sequence[np.ndarray],
+    peak: float | None = None,
+) -> dict[str, float]:  # fmt: skip
+    """Errors of forces, relative to a peak [N]; by default the largest force of the law. `pressed` are the forces of
+    the law alone, without the zero of the sensor."""
     off = np.concatenate([f - p.force for f, p in zip(forces, presses, strict=True)])
-    peak = _peak(presses) if peak is None else peak
-    force = np.concatenate([p.force for p in presses])
+    peak = _peak(pressed) if peak is None else peak
+    force = np.concatenate(pressed)
     large = force > 0.05 * peak
     rms = float(np.sqrt(np.mean(off**2)))
     return {
@@ -378,8 +380,8 @@ def _errors(
     }
 
 
-def _peak(presses: Sequence[MeasuredPress]) -> float:
-    return max(float(p.force.max()) for p in presses)
+def _peak(pressed: Sequence[np.ndarray]) -> float:
+    return max(float(force.max()) for force in pressed)
 
 
 def _predict_press(problem: Problem, best: Estimate, press: MeasuredPress, deepest: float) -> dict[str, Any]:
@@ -394,12 +396,13 @@ def _predict_press(problem: Problem, best: Estimate, press: MeasuredPress, deepe
     if len(x) > count:
         ends = [side[count:] for side in alone.bounds]
         x[count:] = least_squares(lambda rest: alone.residuals(np.r_[x[:count], rest]), x[count:], bounds=ends).x
-    (forces,), touch, peak = alone.forces(x), alone.touches(x)[0], _peak(problem.presses)
+    (forces,), (pressed,), touch, peak = alone.forces(x), alone.law_forces(x), alone.touches(x)[0], _peak(best.pressed)
     inside = press.depth - touch <= deepest * (1.0 + 1e-9)
-    beyond = None if inside.all() else _errors([press.part(~inside)], [forces[~inside]], peak)
+    beyond = None if inside.all() else _errors([press.part(~inside)], [forces[~inside]], [pressed[~inside]], peak)
     if beyond is not None:
         beyond["rows"] = int((~inside).sum())
-    return {"press": press.name, **_errors([press.part(inside)], [forces[inside]], peak), "beyond": beyond,
+    within = _errors([press.part(inside)], [forces[inside]], [pressed[inside]], peak)
+    return {"press": press.name, **within, "beyond": beyond,
             "depth": float(press.depth.max()), "curve": (press.depth - touch, press.force, forces)}  # fmt: skip
 
 

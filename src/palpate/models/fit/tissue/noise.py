@@ -69,8 +69,7 @@ def gain(force: np.ndarray, residual: np.ndarray, unknowns: int) -> tuple[np.nda
 
     None: the size does not grow with the force.
     """
-    large = force > 0.3 * force.max()
-    small = force < 0.1 * force.max()
+    large, small = in_contact(force), force < 0.1 * force.max()
     if min(large.sum(), small.sum()) < LEAST_GAIN:
         return None
     # a fit follows its few rows in contact, where the residuals are then smaller than the noise
@@ -92,6 +91,11 @@ def gain(force: np.ndarray, residual: np.ndarray, unknowns: int) -> tuple[np.nda
     few = max(large.sum() / tau, unknowns + 2.0)
     lag = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :])
     return size[:, None] * size[None, :] * rho**lag * few / (few - unknowns), few
+
+
+def in_contact(force: np.ndarray) -> np.ndarray:
+    """(n,) The rows that show noise which grows with the force (n,) of the law."""
+    return force > 0.3 * force.max()
 
 
 def noise_before(force: np.ndarray) -> float:
