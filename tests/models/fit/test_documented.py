@@ -8,7 +8,7 @@ import pytest
 from pytest import approx
 
 from palpate.models.fit.specimens import INDENTERS, PRESSES, SPECIMENS
-from palpate.models.fit.tissue.table import NAMES
+from palpate.models.fit.tissue.table import NAMES, OTHERS
 from palpate.physics.table_text import BINARY
 from palpate.physics.table_times import is_clock, stamp_unit
 from palpate.studies.presses import PressReader
@@ -64,7 +64,7 @@ def _fits(word, si):
 
 def test_names_of_columns_are_those_of_the_readers():
     assert {name.lower() for name in listed("names of quantities")} == {
-        name for names in NAMES.values() for name in names
+        name for names in (*NAMES.values(), *OTHERS.values()) for name in names
     }
     ends, specimens = {"ID", "No.", "label"}, "columns whose values are a specimen each, which is fitted alone"
     assert set(listed(specimens)) - ends == set(SPECIMENS)

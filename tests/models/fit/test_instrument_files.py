@@ -119,6 +119,13 @@ READ = {
     "Mach-1, two functions": (MACH, "indentation=Position (z)"),
     "rosbag": (ROSBAG, "time=%time,force=field.wrench.force.z,indentation=field.pose.z",
                ("field.wrench.force.z=N", "field.pose.z=mm")),
+    "rosbag, plain names": ("%time,field.header.seq,field.force [N],field.depth [mm]\n" + ROSBAG.split("\n", 1)[1], ""),
+    "stamps": ("Timestamp,Depth [mm],Force [N]\n" + "".join(
+        f"2024-03-15 10:22:{1 + t:09.6f},{d:.4f},{f:.6f}\n" for t, d, f in columns()), ""),
+    "stamps in Excel": ("Time stamp (s);Depth [mm];Force [N]\n" + "\n".join(GERMAN) + "\n", ""),
+    "stamps next to a time": ("Time [s],Timestamp,Depth [mm],Force [N]\n" + "".join(
+        f"{t:.6f},{9 + k // 7},{d:.4f},{f:.6f}\n" for k, (t, d, f) in enumerate(columns())), ""),
+    "elapsed time": (HEAD.replace("Time [s]", "Elapsed Time (sec.)") + PLAIN, ""),
     "LabVIEW, decimal commas and a row of units": (
         LVM.replace("X0\t0.0", "Y_Unit_Label\tmm\tNewton\t\nX0\t0.0").replace(".", ",")
         + rows(columns(), "\t", form="{}\t", comma=True), ""),

@@ -36,7 +36,22 @@ def draw(seed):
     return Probes([str(k) for k in range(count)], rows, None, None, [], [])
 
 
-def check(seed):
+def draw_like_a_liver(seed):
+    """65 probes of an exponential law with noise of 6.5 mN and a rise of 3 to 60 times the noise."""
+    rng = np.random.default_rng([5, seed])
+    noise, hardening, depths, forces = 6.5e-3, 10 ** rng.uniform(2, 3.7), [], []
+    contact = rng.uniform() < 0.5
+    for _ in range(65):
+        depth = np.linspace(0, rng.uniform(1e-3, 5e-3), rng.integers(4, 12)) + rng.uniform(0, 3e-4)
+        s = np.maximum(depth + (rng.uniform(0, 1e-3) if contact else -rng.uniform(0, 1e-3)), 0)
+        shape = np.expm1(np.minimum(hardening * s, 50))
+        rise = noise * np.exp(rng.uniform(np.log(3), np.log(60))) / max(shape.max(), 1e-30)
+        forces.append(rise * shape + noise * rng.standard_normal(len(depth)) + rng.normal() * noise * 3)
+        depths.append(depth)
+    return Probes([str(k) for k in range(65)], Rows.of(depths, forces), None, None, [], [])
+
+
+def check(seed, draw=draw):
     probes, failed = draw(seed), 0
     for law in EMPIRICAL:
         try:
@@ -59,6 +74,20 @@ def test_random_probes_give_finite_numbers(seed):
 @pytest.mark.long
 def test_many_random_probes_give_finite_numbers():
     assert sum(check(seed) for seed in range(100)) < 20
+
+
+@pytest.mark.long
+def test_random_probes_like_those_of_a_liver_give_finite_numbers():
+    assert sum(check(seed, draw_like_a_liver) for seed in range(20)) < 10
+
+
+def test_places_that_do_not_determine_the_stiffness_have_no_interval():
+    """The interval was beyond the range of numbers: `OverflowError: math range error`."""
+    fit = fit_probes(draw_like_a_liver(1), closed_form(BALL, "exponential"))
+    low, high = fit.intervals["stiffness"]
+    assert 0.0 < low < fit.values["stiffness"] < high < np.inf and fit.withheld == (
+        "the probes do not determine stiffness: its interval has no end"
+    )
 
 
 def test_a_steep_exponential_is_found_from_a_distant_start():

@@ -252,7 +252,7 @@ def fit_pooled(rows: Rows, law: Law) -> PooledFit:
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # of trial steps, which are then rejected
             fitted = _fit(rows, law)
-    except (np.linalg.LinAlgError, FloatingPointError, ValueError):
+    except (np.linalg.LinAlgError, ArithmeticError, ValueError):
         raise SessionError(
             f"law {law.name}: its search leaves the range of numbers on these {len(rows.depth)} probes, which do not "
             "determine it; take another --law, or more probes with a larger force over their noise"
@@ -261,6 +261,9 @@ def fit_pooled(rows: Rows, law: Law) -> PooledFit:
         if parameter.at_limit(fitted.values[parameter.name]):
             fitted.limited = f"{parameter.name} lies at the limit of its range, {fitted.values[parameter.name]:g}"
             fitted.withheld = f"{fitted.limited}: the law does not follow the probes, or they do not determine it"
+    first, (low, high) = law.parameters[0], fitted.intervals[fitted.first]
+    if first.at_limit(low) or first.at_limit(high):
+        fitted.withheld = fitted.withheld or f"the probes do not determine {first.name}: its interval has no end"
     away, worst, p = misfit(fitted)
     if p < RARE:
         text = (
@@ -335,7 +338,9 @@ def _constants(
     middle, half = state.mean[0] - unit, quantile * math.sqrt(slope @ cov @ slope)
     first, *rest = model.law.parameters
     values = {first.name: math.exp(middle)}
-    intervals = {first.name: (math.exp(middle - half), math.exp(middle + half))}
+    # an interval of places that do not determine K ends at the range of its values, not of numbers
+    low, high = min(math.log(first.low), middle), max(math.log(first.high), middle)
+    intervals = {first.name: (math.exp(max(middle - half, low)), math.exp(min(middle + half, high)))}
     for k, parameter in enumerate(rest):
         at, half = state.shape[k], quantile * math.sqrt(cov[3 + k, 3 + k])
         ends = np.clip([at - half, at + half], *model.bounds[k])

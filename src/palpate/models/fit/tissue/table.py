@@ -17,6 +17,9 @@ NAMES = {
     "indentation": ("indentation", "depth", "compression", "approach", "d", "penetration depth", "pd"),
 }  # fmt: skip
 """Quantity -> default names of its column."""
+OTHERS = {"time": ("timestamp", "time stamp", "elapsed time")}
+"""Names that count if no column has a default name: a table may have both `Time` and `Timestamp`."""
+ROSBAG = "field."  # before the names of a message that `rostopic echo -p` prints
 SI = {"time": "s", "force": "N", "indentation": "m"}
 LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}  # Upper bounds in SI units; a larger value means a wrong unit
 WITHOUT_TIME = "--columns time= leaves the time out"
@@ -70,10 +73,14 @@ def _places(cells: Sequence[str], key: str, columns: Mapping[str, str]) -> list[
     wanted = columns.get(key, "").removeprefix("-").strip()
     names = [split_unit(cell)[0] for cell in cells]
     if not wanted:
-        return [k for k, name in enumerate(names) if name.lower() in NAMES[key]]
-    bare = wanted.lstrip("%#/ ")  # of a header in a comment
+        plain = [name.lower() for name in names]
+        bare = [name.removeprefix(ROSBAG) for name in plain]
+        tiers = ((plain, NAMES[key]), (plain, OTHERS.get(key, ())), (bare, NAMES[key]))
+        found = ([k for k, name in enumerate(each) if name in known] for each, known in tiers)
+        return next(filter(None, found), [])
+    marked = wanted.lstrip("%#/ ")  # of a header in a comment
     places = [k for k, (name, cell) in enumerate(zip(names, cells, strict=True))
-              if {wanted, bare} & {name, cell.strip()}]  # fmt: skip
+              if {wanted, marked} & {name, cell.strip()}]  # fmt: skip
     if not places and wanted.isdigit() and 0 < int(wanted) <= len(cells):
         return [int(wanted) - 1]
     return places
