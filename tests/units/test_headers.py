@@ -32,6 +32,11 @@ def test_words_are_units():
     assert factor("grams force", "N") == approx(9.80665e-3) and factor("KGF", "N") == approx(9.80665)
     assert factor("sec.", "s") == 1.0 and factor("lbs", "N") == approx(4.4482216) and factor("daN", "N") == 10.0
     assert factor("MM", "m") == 1e-3 and factor("Inches", "m") == 0.0254 and factor("thou", "m") == 2.54e-5
+    assert factor(".sec", "s") == 1.0 and factor("mils", "m") == 2.54e-5 and factor("MIL", "m") == 2.54e-5
+    assert factor("kg-f", "N") == factor("KG F", "N") == factor("kgf", "N") and factor("lb f", "N") == factor(
+        "lbf", "N"
+    )
+    assert split_unit("Time .sec") == split_unit("Time, .sec") == split_unit("Time (.sec)") == ("Time", "s")
 
 
 @pytest.mark.parametrize("form", FORMS)

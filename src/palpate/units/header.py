@@ -14,7 +14,7 @@ from palpate.units.words import written
 WIDE = str.maketrans("（）［］／，：", "()[]/,:")
 BRACKET = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))\s*", re.DOTALL)
 AFTER = re.compile(r"(?P<name>[^,/]*[^,/\s])\s*[,/]\s*(?P<unit>[^,]+)")
-ENDING = re.compile(r"(?P<name>.*[^\W_])(?:[._]+|\s+in\s+)(?P<unit>[A-Za-zÅµμ]+(?:/[A-Za-zÅµμ]+(?:\^?2|²)?)?)\.*")
+ENDING = re.compile(r"(?P<name>.*[^\W_])(?:\s*[._]+|\s+in\s+)(?P<unit>[A-Za-zÅµμ]+(?:/[A-Za-zÅµμ]+(?:\^?2|²)?)?)\.*")
 CLOCK = re.compile(r"(?i)(?=.*:)[hmsydftz:./,\-\s]+")  # hh:mm:ss.f, yyyy-mm-dd hh:mm:ss
 WORD = re.compile(r"[A-Za-zÅµμ]+(?:[- ]force)?")
 NO_UNITS = ("-", "1", "a.u.", "#", "°c", "°f", "degc", "counts")
@@ -64,8 +64,13 @@ def plain_unit(cell: str) -> str:
         unit = unit[1:-1].strip()
     if unit.lower() in NO_UNITS:
         return unit
-    bare = unit.rstrip(".")
-    for form in (bare, WORD.sub(lambda word: written(word[0]) or word[0], bare), _capitals().get(bare.casefold(), "")):
+    bare = unit.strip(".")
+    for form in (
+        bare,
+        written(bare),
+        WORD.sub(lambda word: written(word[0]) or word[0], bare),
+        _capitals().get(bare.casefold(), ""),
+    ):
         if form and is_known(form):
             return form
     return unit

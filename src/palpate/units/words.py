@@ -9,7 +9,8 @@ PREFIXES = {
 }  # fmt: skip
 WORDS = {
     "msec": "ms", "usec": "us", "nsec": "ns", "min": "min", "minute": "min", "hour": "h", "hr": "h", "micron": "um",
-    "angstrom": "Å", "inch": "in", "inche": "in", "thou": "mil", "foot": "ft", "feet": "ft",
+    "angstrom": "Å", "inch": "in", "inche": "in", "thou": "mil", "mil": "mil", "foot": "ft", "feet": "ft",
+    "kg-f": "kgf", "kg f": "kgf", "lb-f": "lbf", "lb f": "lbf",
     "gram-force": "gf", "grams-force": "gf", "gram force": "gf", "grams force": "gf", "gmf": "gf",
     "kilogram-force": "kgf", "kilograms-force": "kgf", "lb": "lbf", "pound": "lbf", "pound-force": "lbf",
     "pounds-force": "lbf", "pound force": "lbf", "oz-force": "ozf", "dyne": "dyn", "kilopond": "kp",
