@@ -77,8 +77,9 @@ def test_many_random_probes_give_finite_numbers():
 
 
 @pytest.mark.long
-def test_random_probes_like_those_of_a_liver_give_finite_numbers():
-    assert sum(check(seed, draw_like_a_liver) for seed in range(20)) < 10
+@pytest.mark.parametrize("seed", range(10))
+def test_random_probes_like_those_of_a_liver_give_finite_numbers(seed):
+    assert check(seed, draw_like_a_liver) < 2
 
 
 def test_places_that_do_not_determine_the_stiffness_have_no_interval():

@@ -15,7 +15,9 @@ from palpate.cli.terminal.pooled import fit_sparse
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from palpate.models.fit.tissue.fit import TissueFit
     from palpate.models.fit.tissue.measured import MeasuredPress
+    from palpate.models.fit.tissue.several import SpecimenFits
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
 
@@ -69,7 +71,7 @@ def tissue(
     from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.tissue import fit as fits
     from palpate.models.fit.tissue.report import WRITTEN
-    from palpate.models.fit.tissue.several import by_specimen, fit_each, folders_of
+    from palpate.models.fit.tissue.several import SpecimenFits, by_specimen, fit_each, folders_of
     from palpate.studies.presses import PressReader, length
 
     # Check the options before any file is read.
@@ -87,9 +89,8 @@ def tissue(
                                "ball or punch, without --relaxation, --compare and --holdout")  # fmt: skip
         fit_sparse(probes, made, law, limit, out, as_json)
         return
-    presses = [p for file in files for p in read(file)]
+    groups = by_specimen([p for file in files for p in read(file)])
     others = [p for file in holdout or [] for p in read(file)]
-    groups = by_specimen(presses)
     if len(groups) > 1:
         check_new([out / name / one for name in folders_of(groups).values() for one in WRITTEN], force)
     with steps(f"fit tissue: {law}", len(groups), silent=as_json, timed=False) as done:
@@ -101,22 +102,31 @@ def tissue(
                 deepest=limit, drift=drift, report=lambda share: done("presses in finite elements", share),
             )  # fmt: skip
 
-        if len(groups) > 1:
-            found = fit_each(groups, others, fit)
-        else:
-            one = fit("", presses, others)
-    if len(groups) > 1:
-        each = write_fits(found, out)
-        if as_json:
-            print_json({"ok": not found.refused, "out": str(out), "specimens": each})
-        else:
-            print_fits(found, out)
-        if found.refused:
-            raise SessionError("\n".join(f"specimen {label}: {text}" for label, text in found.refused.items()))
-        return
-    result = write_fit(one, out)
+        found = fit_each(groups, others, fit) if len(groups) > 1 else fit("", groups[""], others)
+    if isinstance(found, SpecimenFits):
+        _show_each(found, out, as_json)
+    else:
+        _show(found, out, as_json)
+
+
+def _show(fit: TissueFit, out: Path, as_json: bool) -> None:
+    """Write and print the fit of one specimen."""
+    result = write_fit(fit, out)
     if as_json:
         print_json({"ok": True, "out": str(out)} | result)
     else:
-        print_fit(one, result)
+        print_fit(fit, result)
         say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
+
+
+def _show_each(found: SpecimenFits, out: Path, as_json: bool) -> None:
+    """Write and print the fits of several specimens. SessionError: one could not be fitted; the others are written."""
+    from palpate.models.fit.sessions import SessionError
+
+    each = write_fits(found, out)
+    if as_json:
+        print_json({"ok": not found.refused, "out": str(out), "specimens": each})
+    else:
+        print_fits(found, out)
+    if found.refused:
+        raise SessionError("\n".join(f"specimen {label}: {text}" for label, text in found.refused.items()))
