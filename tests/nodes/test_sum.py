@@ -52,7 +52,9 @@ def test_cancelling_forces_and_a_missing_friction_are_valid():
 
 def test_a_finger_moves_from_one_organ_to_the_other_without_a_jump(tmp_path):
     sets = ("scene.surface.vertices=1500", "scene.liver-surface.vertices=1500")
-    assert execute(find("organs").but(record=tmp_path / "organs.mcap", place="fused", overrides=sets)).result.ok
+    assert execute(
+        find("organs").but(record=tmp_path / "organs.mcap", place="fused", duration=3.3, overrides=sets)
+    ).result.ok
     recording = Recording(tmp_path / "organs.mcap")
     sent: dict[str, list] = {}
     for name, _, payload in recording.payloads():
