@@ -135,7 +135,7 @@ class OrganContact(Sparse):
     foot           [m]   (3)   centre of the forces on the first body's undeformed surface; the last one without force
     across         [m]   (3)   the same on the second body
     normal         [1]   (3)   mean normal out of the second body there
-    area           [m^2] ()    of the candidates that touch
+    area           [m^2] ()    of contact
     gap            [m]   ()    smallest gap of the candidates, at most their reach; negative where an overlap is left
                                for the next step
     friction       [N]   (3)   sum of the friction forces on the first body; the second gets the opposite

@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import floats, form, integers, lend, lend_first, nth, put, unpacking, vector
+from palpate.compiler.records import floats, form, integers, lend, lend_first, longs, nth, put, unpacking, vector
 from palpate.messages import Load
 from palpate.messages.contact import SIDES, OrganContact
 from palpate.messages.record import ROOM, array_handle
@@ -18,6 +18,7 @@ from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
+from palpate.physics.contact.organs.borders import contact_area
 from palpate.physics.contact.organs.candidates import Candidates, Shares, candidates
 from palpate.physics.contact.organs.rubbing import Rubbing, open_by_friction, rubbing, step_rubbing
 
@@ -157,21 +158,21 @@ def carry(own, pair, rub, normal, first, second):
 
 
 @ieee_kernel
-def summarise(own, pair, first, second, normal, area, out):
+def summarise(own, pair, first, second, normal, out):
     """Fill force, patch and gap of the message."""
-    active, force, out.area, out.gap = pair.active, 0.0, 0.0, own.reach
+    active, force, out.gap = pair.active, 0.0, own.reach
+    out.area = contact_area(pair, floats(own.areas), longs(own.borders), floats(own.strips))
     resultant, foot, across = own.sums[0], own.sums[1], own.sums[2]
     own.sums[:] = 0.0
     for k in range(active.tally[0].active):
         i = active.order[k]
         p = active.force[i]
         force += p
-        out.area += area[i] if p > 0.0 else 0.0
         for x in range(3):
             resultant[x] += p * normal[i, x]
             foot[x] += p * first.place[i, x]
             across[x] += p * second.place[i, x]
-    for i in range(len(area)):
+    for i in range(len(pair.opening)):
         out.gap = min(out.gap, pair.opening[i])
     out.force = force
     put(out.resultant, vector(resultant))
@@ -223,19 +224,20 @@ class Between(CompiledNode):
 
     State = {
         "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide), "rub": form(Rubbing),
-        "normals": TABLE, "areas": ARRAY, "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
+        "normals": TABLE, "areas": ARRAY, "borders": TABLE, "strips": ARRAY, "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
         "yields": TABLE, "returns": TABLE, "slid": ARRAY,
         "rest": ARRAY, "supports": (2, 3), "apart": (3,), "carried": ARRAY,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
         "strays": (2,), "allowed": (2,),  # greatest slide and approach by the foundations [m], and those of the cells
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
     }  # fmt: skip
-    """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates; openings by all loads
+    """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
+    borders, see `borders.Borders`; openings by all loads
     on each body, and by each finger on the first and on the second; workspace; responses [m/N] of both; gaps [m] of the
     bodies at their places at the start, displacements [m] of both foundations and their difference, work [J] of the
     foundations; last feet and normal."""
     shared = (
-        "rest", "pair.first", "pair.second", "pair.retardation", "normals", "areas", "rub.tangents", "rub.first",
+        "rest", "pair.first", "pair.second", "pair.retardation", "normals", "areas", "borders", "strips", "rub.tangents", "rub.first",
         "rub.second",
         *(f"{side}.{name}" for side in ("one", "two")
           for name in ("corners", "weights", "response", "aside", "begins", "vertices", "shares", "place")),
@@ -265,6 +267,8 @@ class Between(CompiledNode):
         self.hold("carried", np.zeros(1))
         self.hold("normals", normal)
         self.hold("areas", area)
+        self.hold("borders", np.ascontiguousarray(found.borders.cells))
+        self.hold("strips", found.borders.area)
         self.hold("others", np.zeros((2, count)))
         self.resize([self.first_organs, self.second_organs])
         self.own["normal"] = (0.0, 0.0, 1.0)
@@ -342,7 +346,7 @@ class Between(CompiledNode):
     ):
         pair, one, two = _pair_of(own.pair), _side_of(own.one), _side_of(own.two)
         others, opened, again = floats(own.others), floats(own.opened), floats(own.again)
-        normal, area, along = floats(own.normals), floats(own.areas), floats(own.along)
+        normal, along = floats(own.normals), floats(own.along)
         presses, rests = out.first_pressing, out.second_pressing
         rub, slid = _rub_of(own.rub), floats(own.slid)
         unknown = take_loads(first, opened.shape[1] - 1, one, others[0], opened, presses, rub.others[0], slid)
@@ -362,7 +366,7 @@ class Between(CompiledNode):
         contact.responses(pair, 1, again[0], again[1], rests.values, dt, along, floats(own.returns))
         lend(out.first_yields, own.yields)
         lend(out.second_yields, own.returns)
-        summarise(own, pair, one, two, normal, area, out)
+        summarise(own, pair, one, two, normal, out)
         balance = rub.balance[0]
         out.stored, out.dissipated = balance.stored, pair.past[0].dissipated + balance.dissipated
         out.generated = pair.past[0].generated

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.exact import einsum
+from palpate.physics.contact.organs.borders import Borders, borders
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.nearest import nearest, tree_of
@@ -44,6 +45,7 @@ class Candidates(NamedTuple):
 
     gap [m] (m), normal [1] (m,3) out of the second surface, area [m²] (m)
     first, second   shares on the vertices of each surface
+    borders         between the cells
     spacing [m]     least distance of their centres where the gap is smallest
     swapped         whether the cells are those of the second surface's vertices
     deepest [m]     smallest signed distance of a vertex of one surface from the other, negative where they overlap
@@ -54,6 +56,7 @@ class Candidates(NamedTuple):
     area: np.ndarray
     first: Shares
     second: Shares
+    borders: Borders
     spacing: float
     swapped: bool
     deepest: float
@@ -134,7 +137,10 @@ def _cells(mesh: Mesh, other: Mesh, near: _Near, most: int) -> Candidates:
     weights = _barycentric(other.vertices[corners], near.feet) * part[:, None]
     own = _shares(cell, near.vertices, part, mesh, count)
     across = _shares(np.repeat(cell, 3), corners.ravel(), weights.ravel(), other, count)
-    return Candidates(gap, normal, area, own, across, spacing, False, near.deepest)
+    cell_of = np.full(len(mesh.vertices), -1)
+    cell_of[near.vertices] = cell
+    met = borders(mesh, cell_of, own.place, area)
+    return Candidates(gap, normal, area, own, across, met, spacing, False, near.deepest)
 
 
 def _centres(points: np.ndarray, order: np.ndarray, spacing: np.ndarray) -> np.ndarray:
