@@ -19,7 +19,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import CondensedBody, answer, bear, condensed_body
 from palpate.physics.contact.spread import spread, spreader
 from palpate.physics.geometry.mesh import Mesh
-from palpate.studies.accuracy.bodies.reduced_fe import ready
+from palpate.studies.accuracy.bases import ready
 from palpate.studies.peers.continuum import POISSON, SIDE, YOUNG, TissueBlock, press_block
 
 UP = (0.0, 0.0, 1.0)

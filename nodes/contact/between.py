@@ -224,7 +224,8 @@ class Between(CompiledNode):
 
     State = {
         "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide), "rub": form(Rubbing),
-        "normals": TABLE, "areas": ARRAY, "borders": TABLE, "strips": ARRAY, "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
+        "normals": TABLE, "areas": ARRAY, "borders": TABLE, "strips": ARRAY,
+        "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
         "yields": TABLE, "returns": TABLE, "slid": ARRAY,
         "rest": ARRAY, "supports": (2, 3), "apart": (3,), "carried": ARRAY,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
@@ -237,8 +238,8 @@ class Between(CompiledNode):
     bodies at their places at the start, displacements [m] of both foundations and their difference, work [J] of the
     foundations; last feet and normal."""
     shared = (
-        "rest", "pair.first", "pair.second", "pair.retardation", "normals", "areas", "borders", "strips", "rub.tangents", "rub.first",
-        "rub.second",
+        "rest", "pair.first", "pair.second", "pair.retardation", "normals", "areas", "borders", "strips",
+        "rub.tangents", "rub.first", "rub.second",
         *(f"{side}.{name}" for side in ("one", "two")
           for name in ("corners", "weights", "response", "aside", "begins", "vertices", "shares", "place")),
     )  # fmt: skip

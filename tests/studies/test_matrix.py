@@ -15,7 +15,7 @@ from palpate.nodes.friction import LuGre
 from palpate.nodes.spread import Kernel
 from palpate.physics.errors import PalpateError
 from palpate.studies.accuracy import chain, methods
-from palpate.studies.accuracy.bodies.reduced_fe import ready
+from palpate.studies.accuracy.bases import ready
 from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.cells import Cell, compute, matrix, one
 from palpate.studies.accuracy.fidelities import of_body

@@ -17,7 +17,7 @@ from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.geometry.mesh import Mesh, plane
-from palpate.studies.accuracy.bodies.reduced_fe import ready
+from palpate.studies.accuracy.bases import ready
 from palpate.studies.accuracy.sites import load_reference
 
 YOUNG, POISSON, RADIUS = 19e3, 0.45, 8e-3

@@ -14,11 +14,13 @@ RETARDATION = 0.02  # [s] Of the viscous test cases: that of deformation.Reduced
 class BenchCase:
     """One test case.
 
-    body         "half-space", "plate", "slab" or "kidney"
+    body         "half-space", "plate", "slab" or "kidney"; "organs": two bodies that touch, without a finger, whose
+                 foundations approach each other
     finger       "ball": rigid, of radius `RADIUS`; "soft": the exponential fingertip of contact.Series
     knots        (time [s], approach [m], place [m]) ..., joined by half cosines, so the speed is continuous; the place
                  is x, or on the kidney the distance along its top, see `kidney.along`
-    place        name of the stored reference or of a path of references (`accuracy.sites`); "": a closed form
+    place        name of the stored reference, of a path of references (`accuracy.sites`) or of a meeting of organs
+                 (`meeting.solids`); "": a closed form
     retardation  [s] Kelvin-Voigt retardation time of the slab
     friction     whether the finger slides with friction
     nodule       whether the slab has the nodule of `continuum` below (0, 0)
@@ -110,6 +112,10 @@ TOUCHES: dict[str, BenchCase] = {
             "stroke", "a stroke of 24 mm along the top of a kidney", "kidney", "soft",
             ((0.0, APART, -12e-3), (0.2, 5e-3, -12e-3), (0.3, 5e-3, -12e-3), (0.8, 5e-3, 12e-3), (0.9, 5e-3, 12e-3)),
             "kidney", friction=True,
+        ),
+        BenchCase(
+            "organs", "two balls of tissue pressed together", "organs", "none",
+            ((0.0, APART, 0.0), (0.3, 5.25e-3, 0.0), (0.4, 5.25e-3, 0.0), (0.7, APART, 0.0)), "balls",
         ),
         BenchCase(
             "edge", "pressed 10 mm from the border of the slab", "slab", "soft", _place_knots(_PRESSED, 40e-3), "edge"),

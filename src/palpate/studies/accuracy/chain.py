@@ -44,7 +44,8 @@ LAW = frozenset({"stiffness", "exponent", "damping", "rest_indentation", "previo
 
 def surface_of(touch: BenchCase) -> dict[str, Any]:
     """Settings of all nodes on the touched surface."""
-    return {"surface": "kidney" if touch.body == "kidney" else "plane", "position": (0.0, 0.0, 0.0)}
+    names = {"kidney": "kidney", "organs": "sphere"}
+    return {"surface": names.get(touch.body, "plane"), "position": (0.0, 0.0, 0.0)}
 
 
 def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], repeats: int) -> MethodOutcome:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from palpate.nodes.base import Node
-from palpate.studies.accuracy import chain
+from palpate.studies.accuracy import between_organs, chain
 from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.outcome import Fidelity, MethodOutcome
 from palpate.studies.peers.continuum import NODULE_DEPTH, NODULE_RADIUS, NODULE_RATIO
@@ -30,6 +30,8 @@ def of_body(
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         given = dict(fidelity.settings)
         given["body"] = settings(touch) | given.get("body", {})
+        if touch.body == "organs":
+            return between_organs.run(touch, cls, replace(fidelity, settings=given), repeats)
         finger = chain.BALL if touch.finger == "ball" else {}
         return chain.run(touch, cls, replace(fidelity, settings=given), finger, repeats)
 

@@ -13,7 +13,8 @@ Kelvin-Voigt solid with the elastic force h:
 by implicit Euler at `RATE` and half of it; the solution is 2 fine - coarse, and the uncertainty band includes their
 difference. Friction is the law of friction.LuGre with the reference normal force, by its differential equation. None of
 this shares code with the nodes. On the kidney the curve changes along the path: S(h, x) is the parabola in x through
-the curves of three stored sites, and the band includes the difference to linear interpolation.
+the curves of three stored sites, and the band includes the difference to linear interpolation. Two organs follow the
+stored curve of their meeting (`studies.meeting.stored`).
 """
 
 import math
@@ -28,6 +29,7 @@ from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
 from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.sites import SITES, ReferenceSite, load_reference, on_path
+from palpate.studies.meeting.stored import meeting_values
 from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 RATE = 32000  # [Hz]
@@ -94,6 +96,9 @@ def reference_solution(touch: BenchCase) -> ReferenceSolution:
         traction = np.divide(1.5 * force, area, out=np.zeros_like(force), where=area > 0.0)
         values = {"force": force, "indentation": near, "area": area, "traction": traction, "energy": 0.4 * force * near}
         return ReferenceSolution(times, values, {k: EXACT * np.abs(v) for k, v in values.items()}, force, touch, None)
+    if touch.body == "organs":
+        values, bands = meeting_values(touch.place, near)
+        return ReferenceSolution(times, values, bands, values["force"], touch, None)
     finger = Series()
     b, m, c = finger.finger_stiffness, finger.finger_hardening, finger.finger_damping
     if touch.body == "plate":

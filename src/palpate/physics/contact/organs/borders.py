@@ -39,7 +39,7 @@ class Borders(NamedTuple):
 
 
 def borders(mesh: Mesh, cell: np.ndarray, centres: np.ndarray, area: np.ndarray) -> Borders:
-    """The borders of cells with these centres [m] (m,3) and areas [m²] (m); `cell` (V) is that of each vertex, -1: none.
+    """The borders of cells with centres [m] (m,3) and areas [m²] (m); `cell` (V) is that of each vertex, -1: none.
 
     The triangles of a cell have at most its area, so that its part is never negative."""
     triangles, at = mesh.triangles.astype(np.int64), mesh.vertices

@@ -6,6 +6,7 @@ from typing import Any
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.nodes.deformation import BeamBundle, ReducedFE
 from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.bases import ready
 from palpate.studies.accuracy.bodies import reduced_fe
 from palpate.studies.accuracy.cases import TOUCHES, BenchCase
 from palpate.studies.accuracy.fidelities import MESHES, NODULE, REACHES, STEPS, of_body, only_slab
@@ -47,7 +48,7 @@ def _constants() -> dict[str, Any]:
     touch = TOUCHES["hold"]
     body = reduced_fe.slab(touch) | {"model": "nonlinear"}
     surface = chain.surface_of(touch) | {"vertices": chain.VERTICES}
-    reduced_fe.ready(ReducedFE(**chain.surface_of(touch), **body))
+    ready(ReducedFE(**chain.surface_of(touch), **body))
     steps = [
         ([(load.nodes, load.forces, load.foot, load.normal)], [surface.previous_indentation])
         for _, _, load, surface in chain.sent_messages(touch, ReducedFE, RATE, body)

@@ -66,4 +66,6 @@ def _constants() -> dict[str, Any]:
 
 
 def _no_nodule(touch: BenchCase) -> str:
+    if touch.body == "organs":
+        return "a contact law has no surface that another organ touches"
     return only_slab(touch) or ("a contact law has no nodule" if touch.nodule else "")

@@ -3,15 +3,12 @@
 The time to build a basis that does not ship counts as offline time.
 """
 
-import json
-import time
 from collections.abc import Callable
 from typing import Any
 
-from palpate.models.build.basis import build_basis, silent
 from palpate.nodes.deformation import ReducedFE
-from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
 from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.bases import ready
 from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.fidelities import MESHES, NODULE, REACHES, SECOND_ORDER, STEPS, of_body, only_slab
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
@@ -46,18 +43,3 @@ def _reducing(model: str) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]
         return outcome
 
     return compute
-
-
-def ready(node: ReducedFE) -> float:
-    """Build and store the basis of these settings if it is missing; the time [s] to build it, 0 for a shipped one."""
-    for folder in (SHIPPED, cache()):
-        path = find(folder, node.key())
-        if path is not None and node.find_stored(folder) is not None:
-            return float((about(path) or {}).get("seconds", 0.0))
-    begun = time.perf_counter()
-    basis, _ = build_basis(node, silent, check=False)
-    seconds = time.perf_counter() - begun
-    inputs = node.inputs()
-    content = {"key": key(inputs), "inputs": inputs, "command": node.command(), "error": {}, "seconds": seconds}
-    basis.save(cache() / node.filename(), json.dumps(content))
-    return seconds
