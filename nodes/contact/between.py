@@ -264,12 +264,8 @@ class Between(CompiledNode):
         # opening by a displacement of the second body along n is negative
         self.hold("one", _side(one, found.first, count))
         self.hold("two", _side(two._replace(response=-two.response), found.second, count))
-        self.hold("rest", found.gap.copy())
+        self._hold_cells(found, normal, area)
         self.hold("carried", np.zeros(1))
-        self.hold("normals", normal)
-        self.hold("areas", area)
-        self.hold("borders", np.ascontiguousarray(found.borders.cells))
-        self.hold("strips", found.borders.area)
         self.hold("others", np.zeros((2, count)))
         self.resize([self.first_organs, self.second_organs])
         self.own["normal"] = (0.0, 0.0, 1.0)
@@ -297,6 +293,13 @@ class Between(CompiledNode):
                 f"Between: {' and '.join(local)}: a finger moves only the surface under its patch, so that it does not "
                 "press the organ into its neighbour from the other side, as with deformation.ReducedFE"
             )
+
+    def _hold_cells(self, found: Candidates, normal: np.ndarray, area: np.ndarray) -> None:
+        self.hold("rest", found.gap.copy())
+        self.hold("normals", normal)
+        self.hold("areas", area)
+        self.hold("borders", np.ascontiguousarray(found.borders.cells))
+        self.hold("strips", found.borders.area)
 
     def resize(self, counts: list[int]) -> None:
         """Room for the fingers on each body."""

@@ -25,9 +25,7 @@ from palpate.studies.peers.continuum import BED, POISSON, YOUNG
 MODULUS = 0.5 * YOUNG / (1.0 - POISSON**2)  # E* of two equal materials
 
 
-@pytest.mark.parametrize(
-    "name", ["balls", "cylinders", "ball-slab", pytest.param("ball-bowl", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("name", ["balls", "cylinders", "ball-slab", pytest.param("ball-bowl", marks=pytest.mark.long)])
 def test_candidates_of_curved_surfaces_press_as_hertz_computes(name):
     """The candidates of meshes without symmetry, with the compliance of half-spaces, at closings where the surfaces are
     paraboloids: force within 3 %, area within 6 %."""
@@ -47,7 +45,7 @@ def test_candidates_of_curved_surfaces_press_as_hertz_computes(name):
 
 
 def test_two_balls_press_as_full_finite_elements_compute():
-    """ReducedFE, linear: force within 3 % of fe.Solver with fe.Pair, area within its band and 5 %."""
+    """ReducedFE, linear: force within 3 % of fe.Solver with fe.Pair; area within 15 %, on cells of 1 to 4 vertices."""
     right = stored.reference("balls")
     levels = np.array(right["closing"])
     closings = np.linspace(-1e-4, levels[-1], 150)
@@ -55,7 +53,7 @@ def test_two_balls_press_as_full_finite_elements_compute():
     found = reduced.run(MEETINGS["balls"], ReducedFE, body, closings, vertices=5000)
     force, area = np.interp(levels, closings, found.force), np.interp(levels, closings, found.area)
     assert force == approx(np.array(right["force"]), rel=0.03)
-    assert (np.abs(area - right["area"]) < 0.05 * np.array(right["area"]) + right["area band"]).all()
+    assert area == approx(np.array(right["area"]), rel=0.15)
 
 
 def test_the_bench_compares_bodies_that_touch_and_refuses_others():

@@ -69,7 +69,7 @@ def test_the_edge_on_a_foundation_of_springs_is_where_the_gap_is_closed():
 
     expected = np.array([below(depth / slope) for depth in depths])
     wide = np.ptp(mesh.vertices[:, 1])
-    assert np.abs(area - expected).max() < 0.1e-3 * wide  # a tenth of a cell
+    assert np.abs(area - expected).max() < 0.1e-3 * wide  # 10 % of a cell
 
 
 def test_borders_divide_cells_into_triangles_of_their_areas():

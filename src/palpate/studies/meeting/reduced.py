@@ -1,7 +1,7 @@
 """The same meeting by the bodies of the library: contact.Between, two contact.Side and two bodies, one segment.
 
 The foundation of the upper body moves down along z. As in a fused run, the nodes are one call per tick, see
-`studies.accuracy.chain`; without fingers, the bodies are at rest but for the contact.
+`studies.accuracy.chain`; without fingers, only the contact loads the bodies.
 """
 
 import gc
@@ -23,7 +23,7 @@ from palpate.messages.contact import OrganContact
 from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, CompiledNode, Node, Out, SettingError
 from palpate.nodes.base import outputs as outputs_of
-from palpate.nodes.base.surface import OnSurface
+from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.nodes.contact.between import Between
 from palpate.nodes.contact.side import Side
 from palpate.nodes.deformation import ReducedFE
@@ -81,7 +81,7 @@ def surface_settings(name: str, upper: bool, vertices: int) -> dict[str, Any]:
     """Settings of the surface of a solid at its place."""
     solid = SOLIDS[name]
     high = BALL if solid.built_in == "sphere" else 0.0
-    place: dict[str, Any] = {"position": (0.0, 0.0, START + high) if upper else (0.0, 0.0, -high)}
+    place: dict[str, Any] = {"position": (0.0, 0.0, START + high) if upper else (0.0, 0.0, -high), "spacing": 0.0}
     if upper:
         place["rotation"] = UPSIDE_DOWN
     if solid.built_in:
@@ -119,8 +119,8 @@ def run(
     given, bodies = [], []
     for name, upper in ((meeting.upper, True), (meeting.lower, False)):
         surface = surface_settings(name, upper, vertices)
-        material = settings | (surface if issubclass(cls, OnSurface) else {})
-        given.append({"use": cls.__name__, "settings": material, "surface": surface | {"spacing": 0.0}})
+        material = settings | (surface if issubclass(cls, OnThinnedSurface) else {})
+        given.append({"use": cls.__name__, "settings": material, "surface": surface})
         bodies.append(cls(**material))
         if isinstance(bodies[-1], ReducedFE):
             ready(bodies[-1])

@@ -14,7 +14,7 @@ between the border and the centre of j, of the area b_ij l_ij/4, touches up to t
 
 The area is continuous: where p_i = 0 the cell i contributes the same as where w_i = 0. Hertz's contact of half-spaces:
 within 5 % from 7 cells on, 3 % from 40 on (`tests/physics/contact/test_borders.py`); a sum of cells has 25 and 10 %.
-Range: forces that vary slowly against the retardation of the bodies; else the edge is off by less than half a cell.
+Range: forces that vary slowly against the retardation of the bodies; else the error of the edge is at most half a cell.
 
 b_ij is that of the lines between the centres of the mesh's triangles, the dual edges, whose vectors are the edges times
 half the sum of the opposite cotangents (U. Pinkall, K. Polthier, Exp. Math. 2 (1993) 15-36), turned by 90 degrees.
