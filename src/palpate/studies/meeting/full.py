@@ -106,8 +106,8 @@ def solve(meeting: Meeting, cells: int = 3, report: Report = unheard) -> FullCur
     fixed = np.zeros(points.shape, dtype=bool)
     fixed[:, :2] = np.abs(cube[:, :2]) < 1e-12
     # Foundations, and the surfaces that may touch.
-    faces, above = mesh.faces, (mesh.faces < split).all(axis=1)
-    inside = fixed[faces, 0].all(axis=1) | fixed[faces, 1].all(axis=1)  # on the planes of symmetry
+    faces, above = mesh.faces, np.all(mesh.faces < split, axis=1, keepdims=True)[:, 0]
+    inside = fixed[faces].all(axis=1)[:, :2].any(axis=1)  # on the planes of symmetry
     normals = face_rule.normals(points, faces)
     upright = normals[..., 2] / np.linalg.norm(normals, axis=-1)
     contacts: list[ContactPair] = []
@@ -116,7 +116,8 @@ def solve(meeting: Meeting, cells: int = 3, report: Report = unheard) -> FullCur
         held = part & share.any(axis=1)
         contacts.append(_Foundation(faces[held], BED * YOUNG, share[held], moved))
     middle = np.linalg.norm(points[faces[:, :3]].mean(axis=1), axis=1)
-    top = (np.where(above[:, None], -upright, upright) > 0.0).all(axis=1) & (cube[faces, 2] > TOP).all(axis=1)
+    facing = np.where(above[:, None], -upright, upright) > 0.0
+    top: np.ndarray = facing.all(axis=1) & (cube[faces, 2] > TOP).all(axis=1)
     touch = Pair(faces[top & above & (middle < 1.6 * near)], faces[top & ~above & (middle < 2.2 * near)])
     body = Solver(mesh, {0: neo_hooke(YOUNG, POISSON)}, fixed, contacts=[*contacts, touch], settings=STEPS)
     begun, force, area = time.process_time(), list[float](), list[float]()

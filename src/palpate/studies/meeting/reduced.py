@@ -116,14 +116,14 @@ def run(
     collects the messages, `repeats` more measure the times. SettingError: bodies that cannot touch organs.
     """
     begun = time.perf_counter()
-    given, bodies = [], []
+    given, bodies = list[dict[str, Any]](), list[Node]()
     for name, upper in ((meeting.upper, True), (meeting.lower, False)):
         surface = surface_settings(name, upper, vertices)
         material = settings | (surface if issubclass(cls, OnThinnedSurface) else {})
         given.append({"use": cls.__name__, "settings": material, "surface": surface})
-        bodies.append(cls(**material))
-        if isinstance(bodies[-1], ReducedFE):
-            ready(bodies[-1])
+        bodies.append(body := cls(**material))
+        if isinstance(body, ReducedFE):
+            ready(body)
     between = Between(bodies=json.dumps(given), reach=REACH, cells=cells)
     sides = [Side(side=side, **each["surface"]) for side, each in zip(("first", "second"), given, strict=True)]
     slots = [

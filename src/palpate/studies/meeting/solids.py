@@ -41,7 +41,7 @@ class Solid:
         corners = [square[:-1, :-1], square[1:, :-1], square[1:, 1:], square[:-1, 1:]]
         a, b, c, d = (each.ravel() for each in corners)
         triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-        points, every = [], []
+        points, every = list[np.ndarray](), list[np.ndarray]()
         for axis in range(3):
             for side in (-1.0, 1.0):
                 at = np.empty((len(u), 3))

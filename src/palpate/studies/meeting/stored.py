@@ -62,7 +62,8 @@ def meeting_values(name: str, closing: np.ndarray) -> tuple[dict[str, np.ndarray
     Force over closing^1.5 and area over closing are interpolated; before the first level they are constant, as in
     Hertz's contact. MissingError: the meeting is not stored.
     """
-    curve, values, bands = reference(name), {}, {}
+    curve = reference(name)
+    values, bands = dict[str, np.ndarray](), dict[str, np.ndarray]()
     levels = np.array(curve["closing"])
     within = np.clip(closing, levels[0], levels[-1])
     for what, power in QUANTITIES.items():
