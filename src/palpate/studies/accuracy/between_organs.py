@@ -24,7 +24,7 @@ def run(touch: BenchCase, cls: type[Node], fidelity: Fidelity, repeats: int) -> 
     closings, vertices = touch.at(times)[0], given.get("surface", {}).get("vertices", VERTICES)
     assert isinstance(vertices, int)
     try:
-        found = reduced.run(MEETINGS[touch.place], cls, given["body"], closings, fidelity.rate, repeats, vertices)
+        found = reduced.run(MEETINGS[touch.meeting], cls, given["body"], closings, fidelity.rate, repeats, vertices)
     except SettingError as error:
         raise UnsupportedError(str(error)) from None
     if not np.isfinite(found.force).all():

@@ -19,8 +19,8 @@ class BenchCase:
     finger       "ball": rigid, of radius `RADIUS`; "soft": the exponential fingertip of contact.Series
     knots        (time [s], approach [m], place [m]) ..., joined by half cosines, so the speed is continuous; the place
                  is x, or on the kidney the distance along its top, see `kidney.along`
-    place        name of the stored reference, of a path of references (`accuracy.sites`) or of a meeting of organs
-                 (`meeting.solids`); "": a closed form
+    place        name of the stored reference or of a path of references (`accuracy.sites`); "": no stored curve
+    meeting      name of the meeting of two organs (`meeting.solids`); "" without; without both: a closed form
     retardation  [s] Kelvin-Voigt retardation time of the slab
     friction     whether the finger slides with friction
     nodule       whether the slab has the nodule of `continuum` below (0, 0)
@@ -37,6 +37,7 @@ class BenchCase:
     friction: bool = False
     nodule: bool = False
     sticks: bool = True
+    meeting: str = ""
 
     @property
     def duration(self) -> float:
@@ -115,7 +116,7 @@ TOUCHES: dict[str, BenchCase] = {
         ),
         BenchCase(
             "organs", "two balls of tissue pressed together", "organs", "none",
-            ((0.0, APART, 0.0), (0.3, 5.25e-3, 0.0), (0.4, 5.25e-3, 0.0), (0.7, APART, 0.0)), "balls",
+            ((0.0, APART, 0.0), (0.3, 5.25e-3, 0.0), (0.4, 5.25e-3, 0.0), (0.7, APART, 0.0)), meeting="balls",
         ),
         BenchCase(
             "edge", "pressed 10 mm from the border of the slab", "slab", "soft", _place_knots(_PRESSED, 40e-3), "edge"),

@@ -19,6 +19,7 @@ from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.reference import reference_solution
 from palpate.studies.accuracy.score import CHARGED_STEP, missing_score, score
 from palpate.studies.accuracy.sites import SHIPPED, cache
+from palpate.studies.meeting.stored import PATH as MEETINGS_PATH
 
 
 @dataclass
@@ -129,13 +130,22 @@ def _read(path: Path) -> Cell | None:
 def _sources() -> str:
     """Hash of the code that computes cells and of the references."""
     digest = hashlib.sha256()
-    packages = ("compiler", "physics", "nodes", "messages", "models.fe", "studies.accuracy", "studies.peers")
+    packages = (
+        "compiler",
+        "physics",
+        "nodes",
+        "messages",
+        "models.fe",
+        "studies.accuracy",
+        "studies.meeting",
+        "studies.peers",
+    )
     for package in (f"palpate.{name}" for name in packages):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):
                 if package != "palpate.studies.accuracy" or file.parent.name != "output":
                     digest.update(f"{package}/{file.relative_to(folder)}".encode() + file.read_bytes())
-    for file in sorted(SHIPPED.glob("*.npz")):
+    for file in (*sorted(SHIPPED.glob("*.npz")), MEETINGS_PATH):
         digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()

@@ -97,7 +97,7 @@ def reference_solution(touch: BenchCase) -> ReferenceSolution:
         values = {"force": force, "indentation": near, "area": area, "traction": traction, "energy": 0.4 * force * near}
         return ReferenceSolution(times, values, {k: EXACT * np.abs(v) for k, v in values.items()}, force, touch, None)
     if touch.body == "organs":
-        values, bands = meeting_values(touch.place, near)
+        values, bands = meeting_values(touch.meeting, near)
         return ReferenceSolution(times, values, bands, values["force"], touch, None)
     finger = Series()
     b, m, c = finger.finger_stiffness, finger.finger_hardening, finger.finger_damping

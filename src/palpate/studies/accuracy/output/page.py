@@ -11,6 +11,7 @@ from palpate.studies.accuracy.output import pareto
 from palpate.studies.accuracy.output.pareto import duration, percent
 from palpate.studies.accuracy.reference import QUANTITIES
 from palpate.studies.accuracy.sites import load_reference, on_path
+from palpate.studies.meeting.stored import reference
 
 LEGEND = (
     "Bold: on the Pareto front of the settings that compute the largest number of touches. Unsupported: touches that a "
@@ -92,6 +93,13 @@ def _of_touch(cells: list[Cell]) -> list[str]:
 
 def _reference(cells: list[Cell]) -> str:
     touch = TOUCHES[cells[0].touch]
+    band = next((c.errors["force"]["band"] for c in cells if c.status == "ok"), float("nan"))
+    if touch.meeting:
+        fewer, more = reference(touch.meeting)["unknowns"]
+        return (
+            f"Reference: fe.Solver and fe.Pair with {fewer} and {more} unknowns. Its uncertainty is {percent(band)} of "
+            "the peak force."
+        )
     if not touch.place:
         return "Reference: a closed form."
     names = on_path(touch.place)
@@ -100,7 +108,6 @@ def _reference(cells: list[Cell]) -> str:
         f"{SOLVER[name]} with {' and '.join(str(n) for n in solved['unknowns'])} unknowns"
         for name, solved in about["solvers"].items()
     )
-    band = next((c.errors["force"]["band"] for c in cells if c.status == "ok"), float("nan"))
     at = f", at {len(names)} sites" if len(names) > 1 else ""
     return f"Reference: {meshes}{at}. Its uncertainty is {percent(band)} of the peak force."
 
