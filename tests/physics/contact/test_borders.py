@@ -88,6 +88,18 @@ def test_borders_divide_cells_into_triangles_of_their_areas():
         assert total[inside] == approx(area[inside], rel=0.25)
 
 
+def test_rigid_surfaces_have_a_finite_area():
+    """They close no overlap, and where both just meet the gap is zero as well."""
+    mesh = scattered(2e-3)
+    size = len(mesh.vertices)
+    made = between.pair(np.zeros(size), np.zeros((size, size)), np.zeros((size, size)), (0.0, 0.0))
+    made.active.force[: size // 2] = 1.0
+    made.active.order[: size // 2] = np.arange(size // 2)
+    made.active.tally["active"] = size // 2
+    met = borders(mesh, np.arange(size), mesh.vertices, mesh.areas)
+    assert 0.0 < contact_area(made, mesh.areas, met.cells, met.area) < mesh.areas.sum()
+
+
 def test_vertices_without_a_cell_have_no_border():
     mesh = scattered(2e-3)
     cell = np.where(mesh.vertices[:, 0] < 0.0, 0, -1)

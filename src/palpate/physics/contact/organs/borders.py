@@ -82,7 +82,7 @@ def contact_area(pair: Pair, area: Array, cells: Indices, shares: Array):
         if force[j] > 0.0:
             i, j = j, i
         overlap, gap = (pair.first[i, i] + pair.second[i, i]) * force[i], max(pair.opening[j], 0.0)
-        past = 2.0 * overlap / (overlap + gap) - 1.0
+        past = 2.0 * overlap / max(overlap + gap, 1e-300) - 1.0  # two rigid organs: 0 / 0
         rest = 1.0 - abs(past)
         part = (1.0 - rest * rest) * shares[k]
         total += part if past > 0.0 else -part
