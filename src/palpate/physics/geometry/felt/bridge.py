@@ -21,6 +21,7 @@ from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
+from palpate.physics.geometry.felt.rims import divide_near, find_rims, round_rims
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
@@ -70,7 +71,16 @@ def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] 
     hollow = Hollow(Mesh(fine.vertices, fine.triangles[hidden]))
     plug, centres = _plug(hollow, body, _touched(fine, hidden, radius), radius, np.asarray(offset))
     vertices, triangles, origin = _join(mesh, plug)
-    felt = Mesh(vertices, triangles, _normals(vertices, triangles[origin < 0], mesh, hollow, centres, radius))
+    normals = _normals(vertices, triangles[origin < 0], mesh, hollow, centres, radius)
+    touched = MeshClosestPoint(Mesh(fine.vertices, fine.triangles[~hidden]))
+    bridge = np.unique(triangles[origin < 0])
+    bridge = bridge[distance_to(body, vertices[bridge]) > 2.0 * RIM]
+    rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
+    if rims is not None:
+        vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
+        vertices, normals = round_rims(vertices, normals, rims, radius)
+        vertices, origin = rounded(vertices), origin[part]
+    felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     return _describe(felt, origin, mesh, touchable)
 
 

@@ -1,0 +1,169 @@
+"""Rounded rims of bridges: the finger that rolls over them feels no kink.
+
+The closing by a ball of radius r has a kink at each sharp rim of a bridge: there the ball turns about the rim by the
+angle θ between the normal n_1 of the body and the direction n_2 to the centre at which the ball also touches the other
+rim (θ ~ w/(2r) over a gap w). A point that follows the surface takes this turn at once, with a change of direction and
+of depth rate; a pulp is soft and takes it over a length. So the surface within
+
+    t = min(r θ, `WIDEST` r)
+
+of a rim is replaced by the parabola that is tangent to both sides at this distance. At the distance s from the rim
+
+    shift = -(t - s)²/(4 t) |n_2 - n_1| (n_1 + n_2)/|n_1 + n_2|,    normal = own + (t - s)/(2 t) (other - own)
+
+so it is cut by t θ/4 at the rim (31 um over a gap of 2 mm, r = 8 mm), not in the middle of a bridge, and its normal
+turns by at most 1/(2r) per length, as slowly as that of the bridge, whose curvature is 1/r without it. The parabola is
+the quadratic Bezier curve of the rim and the two points at the distance t (G. Farin, Curves and Surfaces for CAGD,
+Morgan Kaufmann 2002, ch. 4).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.compiler.exact import arctan2, einsum
+from palpate.physics.geometry.felt.hollow import nearest_points
+from palpate.physics.geometry.felt.touchable import SLACK
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.geometry.refined.divided import divide_triangles
+from palpate.physics.geometry.refined.edge_list import edges_of
+from palpate.physics.nearest import nearest, tree_of
+
+WIDEST = 0.25  # [1] of the radius: largest t
+LEAST = 0.02  # [1] rad, tilt below which a rim stays: over a gap of 0.3 mm
+FINEST = 0.6  # [1] of t: longest edge across a rim
+SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
+APART = 0.03  # [1] of the radius: distance of points of a rim
+AHEAD = 0.1  # [1] of the radius: beyond a centre, where the other rim is nearer
+EXACT = 1e-6  # [m] by which a ball may overlap what it rests on
+SAME = 1e-3  # [1] of the radius: distance between points of a body below which they are on one rim
+ROUNDS = 8  # each halves the distance from the other rim
+
+
+class Rims(NamedTuple):
+    """Points on rims [m] (n,3), normals of the body and of the bridge there and the direction of the rim [1] (n,3), and
+    t [m] (n)."""
+
+    points: np.ndarray
+    body: np.ndarray
+    bridge: np.ndarray
+    along: np.ndarray
+    reach: np.ndarray
+
+
+def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshClosestPoint, radius: float) -> Rims | None:
+    """The rims next to points [m] (n,3) of bridges; None: there are none.
+
+    touched  the part of the body that the ball touches;  centres  of the ball
+    """
+    foot, away = nearest_points(touched, points)
+    near = np.flatnonzero(away < WIDEST * radius)
+    if not len(near):
+        return None
+    place = np.round(foot[near] / (APART * radius)).astype(np.int64)
+    near = near[np.sort(np.unique(place, axis=0, return_index=True)[1])]
+    foot = foot[near]
+    vector = touched.mesh.face_vectors[touched.find_along(foot)[2]]
+    size = np.linalg.norm(vector, axis=1)
+    body = vector / np.maximum(size, 1e-300)[:, None]
+    centre, good = _resting(foot, body, nearest_points(centres, points[near])[0], touched, radius)
+    bridge = (centre - foot) / radius
+    half = np.minimum(0.5 * np.linalg.norm(bridge - body, axis=1), 1.0)
+    tilt = 2.0 * arctan2(half, np.sqrt(1.0 - half * half))
+    good &= (tilt > LEAST) & (size > 0.0)
+    if not good.any():
+        return None
+    body, bridge = body[good], bridge[good]
+    along = np.cross(body, bridge)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    return Rims(foot[good], body, bridge, along, radius * np.minimum(tilt[good], WIDEST))
+
+
+def _resting(
+    rim: np.ndarray, body: np.ndarray, centre: np.ndarray, touched: MeshClosestPoint, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres [m] (n,3) of balls that touch these points of rims [m] (n,3) and another one, from centres near them, and
+    whether they were found (n)."""
+    over = centre - rim
+    over -= einsum("ij,ij->i", over, body)[:, None] * body
+    over /= np.maximum(np.linalg.norm(over, axis=1), 1e-12)[:, None]
+    query, found = centre + AHEAD * radius * over, np.zeros(len(rim), bool)
+    left = np.arange(len(rim))
+    for _ in range(ROUNDS):
+        other, distance = nearest_points(touched, query[left])
+        free = found[left] & (distance > radius - EXACT)  # it rests on both
+        left, other = left[~free], other[~free]
+        if not len(left):
+            break
+        hub, axis = 0.5 * (rim[left] + other), other - rim[left]
+        length = np.linalg.norm(axis, axis=1)
+        found[left] = two = (length > SAME * radius) & (length < 1.999 * radius)
+        axis /= np.maximum(length, 1e-12)[:, None]
+        out = centre[left] - hub
+        out -= einsum("ij,ij->i", out, axis)[:, None] * axis
+        out /= np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
+        rest = hub + np.sqrt(np.maximum(radius * radius - 0.25 * length * length, 0.0))[:, None] * out
+        query[left] = np.where(two[:, None], rest, query[left] + AHEAD * radius * over[left])
+    return query, found & (nearest_points(touched, query)[1] > radius - SLACK)
+
+
+def divide_near(
+    points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, rims: Rims
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The surface with edges near rims that are short across them: points, triangles, normals, and the triangle of which
+    each is a part."""
+    tree, origin = tree_of(rims.points), np.arange(len(triangles))
+    shortest = FINEST * rims.reach.min()
+    while True:
+        ends, of, _ = edges_of(triangles, len(points))
+        edge = points[ends[:, 1]] - points[ends[:, 0]]
+        length = np.linalg.norm(edge, axis=1)
+        long = np.flatnonzero(length > shortest)
+        away, which = (each[:, 0] for each in nearest(tree, 0.5 * (points[ends[long, 0]] + points[ends[long, 1]])))
+        reach, along = rims.reach[which], rims.along[which]
+        across = edge[long] - einsum("ij,ij->i", edge[long], along)[:, None] * along
+        near = away < reach + 0.5 * length[long]
+        long = long[near & (np.linalg.norm(across, axis=1) > FINEST * reach)]
+        if not len(long):
+            return points, triangles, normals, origin
+        number = np.full(len(ends), -1)
+        number[long] = len(points) + np.arange(len(long))
+        new, out = (0.5 * (each[ends[long, 0]] + each[ends[long, 1]]) for each in (points, normals))
+        points = np.concatenate([points, new])
+        normals = np.concatenate([normals, out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]])
+        triangles, part = divide_triangles(triangles, number[of])
+        origin = origin[part]
+
+
+def round_rims(points: np.ndarray, normals: np.ndarray, rims: Rims, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points [m] and normals [1] (V,3) of the surface with rounded rims."""
+    away, which = (each[:, 0] for each in nearest(tree_of(rims.points), points))
+    spacing = APART * radius
+    near = np.flatnonzero(away < rims.reach[which] + spacing)
+    which = which[near]
+    first, second, along, reach = (each[which] for each in (rims.body, rims.bridge, rims.along, rims.reach))
+    out = points[near] - rims.points[which]
+    part = einsum("ij,ij->i", out, along)
+    square = einsum("ij,ij->i", out, out) - part * part + np.maximum(np.abs(part) - spacing, 0.0) ** 2
+    share = np.clip(1.0 - np.sqrt(np.maximum(square, 0.0)) / reach, 0.0, 1.0)
+    over = einsum("ij,ij->i", out, second - first) > 0.0
+    up = first + second
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    # the other side of a thin body, and other faces at a corner, stay
+    low, high = SAME_SIDE
+    share *= np.clip((einsum("ij,ij->i", normals[near], up) - low) / (high - low), 0.0, 1.0)
+    bent = np.linalg.norm(second - first, axis=1)
+    # the bridge is part of the ball: the chords of its facets at the rim are up to 20 um too low
+    flat = out - part[:, None] * along - radius * second
+    length = np.linalg.norm(flat, axis=1)
+    exact = (over * share * (2.0 - share) * (radius / length - 1.0))[:, None] * flat
+    moved, facing = points.copy(), normals.copy()
+    moved[near] += exact - (0.25 * share * share * reach * bent)[:, None] * up
+    on_bridge = -flat / length[:, None]
+    on_body = normals[near] + (share * (2.0 - share))[:, None] * (first - normals[near])
+    own = np.where(over[:, None], on_bridge, on_body)
+    other = np.where(over[:, None], first - second, second - first)
+    new = own + 0.5 * share[:, None] * other
+    new /= np.linalg.norm(new, axis=1)[:, None]
+    facing[near] = np.where((share > 0.0)[:, None], new, normals[near])
+    return moved, facing
