@@ -78,7 +78,7 @@ def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] 
     rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
     if rims is not None:
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
-        vertices, normals = round_rims(vertices, normals, rims, radius)
+        vertices, normals = round_rims(vertices, normals, rims, radius, RIM)
         vertices, origin = rounded(vertices), origin[part]
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     return _describe(felt, origin, mesh, touchable)

@@ -31,7 +31,7 @@ from palpate.physics.nearest import nearest, tree_of
 
 WIDEST = 0.25  # [1] of the radius: largest t
 LEAST = 0.02  # [1] rad, tilt below which a rim stays: over a gap of 0.3 mm
-FINEST = 0.6  # [1] of t: longest edge across a rim
+FINEST = 0.3  # [1] of t: longest edge across a rim
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
 AHEAD = 0.1  # [1] of the radius: beyond a centre, where the other rim is nearer
@@ -135,7 +135,9 @@ def divide_near(
         origin = origin[part]
 
 
-def round_rims(points: np.ndarray, normals: np.ndarray, rims: Rims, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def round_rims(
+    points: np.ndarray, normals: np.ndarray, rims: Rims, radius: float, lift: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Points [m] and normals [1] (V,3) of the surface with rounded rims."""
     away, which = (each[:, 0] for each in nearest(tree_of(rims.points), points))
     spacing = APART * radius
@@ -153,10 +155,14 @@ def round_rims(points: np.ndarray, normals: np.ndarray, rims: Rims, radius: floa
     low, high = SAME_SIDE
     share *= np.clip((einsum("ij,ij->i", normals[near], up) - low) / (high - low), 0.0, 1.0)
     bent = np.linalg.norm(second - first, axis=1)
-    # the bridge is part of the ball: the chords of its facets at the rim are up to 20 um too low
+    # the bridge is part of the ball: the chords of its facets at the rim are up to 20 um too low; the plug beyond the
+    # rim is up to 10 um above the body
     flat = out - part[:, None] * along - radius * second
     length = np.linalg.norm(flat, axis=1)
-    exact = (over * share * (2.0 - share) * (radius / length - 1.0))[:, None] * flat
+    high = np.maximum(einsum("ij,ij->i", out, first), 0.0)
+    high *= np.clip(2.0 - high / lift, 0.0, 1.0)
+    exact = np.where(over[:, None], (radius / length - 1.0)[:, None] * flat, -high[:, None] * first)
+    exact *= (share * (2.0 - share))[:, None]
     moved, facing = points.copy(), normals.copy()
     moved[near] += exact - (0.25 * share * share * reach * bent)[:, None] * up
     on_bridge = -flat / length[:, None]
