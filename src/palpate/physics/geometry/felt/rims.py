@@ -5,7 +5,7 @@ angle θ between the normal n_1 of the body and the direction n_2 to the centre 
 rim (θ ~ w/(2r) over a gap w). A point that follows the surface takes this turn at once, with a change of direction and
 of depth rate; a pulp is soft and takes it over a length. So the surface within
 
-    t = min(r θ, `WIDEST` r)
+    t = min(r θ, w/2, `WIDEST` r)
 
 of a rim is replaced by the parabola that is tangent to both sides at this distance. At the distance s from the rim
 
@@ -30,8 +30,8 @@ from palpate.physics.geometry.refined.edge_list import edges_of
 from palpate.physics.nearest import nearest, tree_of
 
 WIDEST = 0.25  # [1] of the radius: largest t
-LEAST = 0.02  # [1] rad, tilt below which a rim stays: over a gap of 0.3 mm
-FINEST = 0.3  # [1] of t: longest edge across a rim
+LEAST = 0.02  # [1] of the radius: t below which a rim stays, that of a gap of 0.3 mm
+FINEST = 0.4  # [1] of t: longest edge across a rim
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
 AHEAD = 0.1  # [1] of the radius: beyond a centre, where the other rim is nearer
@@ -63,32 +63,32 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
     place = np.round(foot[near] / (APART * radius)).astype(np.int64)
     near = near[np.sort(np.unique(place, axis=0, return_index=True)[1])]
     foot = foot[near]
-    vector = touched.mesh.face_vectors[touched.find_along(foot)[2]]
-    size = np.linalg.norm(vector, axis=1)
-    body = vector / np.maximum(size, 1e-300)[:, None]
-    centre, good = _resting(foot, body, nearest_points(centres, points[near])[0], touched, radius)
+    body = touched.find_along(foot)[1]
+    centre, other, good = _resting(foot, body, nearest_points(centres, points[near])[0], touched, radius)
     bridge = (centre - foot) / radius
     half = np.minimum(0.5 * np.linalg.norm(bridge - body, axis=1), 1.0)
     tilt = 2.0 * arctan2(half, np.sqrt(1.0 - half * half))
-    good &= (tilt > LEAST) & (size > 0.0)
+    wide = np.linalg.norm(other - foot, axis=1)
+    reach = np.minimum(np.minimum(radius * tilt, 0.5 * wide), WIDEST * radius)
+    good &= (reach > LEAST * radius) & (half < np.sqrt(0.5) + 1e-9)
     if not good.any():
         return None
     body, bridge = body[good], bridge[good]
     along = np.cross(body, bridge)
     along /= np.linalg.norm(along, axis=1)[:, None]
-    return Rims(foot[good], body, bridge, along, radius * np.minimum(tilt[good], WIDEST))
+    return Rims(foot[good], body, bridge, along, reach[good])
 
 
 def _resting(
     rim: np.ndarray, body: np.ndarray, centre: np.ndarray, touched: MeshClosestPoint, radius: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Centres [m] (n,3) of balls that touch these points of rims [m] (n,3) and another one, from centres near them, and
-    whether they were found (n)."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres [m] (n,3) of balls that touch these points of rims [m] (n,3) and another one, from centres near them; the
+    other ones [m] (n,3); and whether they were found (n)."""
     over = centre - rim
     over -= einsum("ij,ij->i", over, body)[:, None] * body
     over /= np.maximum(np.linalg.norm(over, axis=1), 1e-12)[:, None]
     query, found = centre + AHEAD * radius * over, np.zeros(len(rim), bool)
-    left = np.arange(len(rim))
+    left, last = np.arange(len(rim)), rim.copy()
     for _ in range(ROUNDS):
         other, distance = nearest_points(touched, query[left])
         free = found[left] & (distance > radius - EXACT)  # it rests on both
@@ -97,20 +97,21 @@ def _resting(
             break
         hub, axis = 0.5 * (rim[left] + other), other - rim[left]
         length = np.linalg.norm(axis, axis=1)
-        found[left] = two = (length > SAME * radius) & (length < 1.999 * radius)
+        last[left], found[left] = other, (length > SAME * radius) & (length < 1.999 * radius)
+        two = found[left]
         axis /= np.maximum(length, 1e-12)[:, None]
         out = centre[left] - hub
         out -= einsum("ij,ij->i", out, axis)[:, None] * axis
         out /= np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
         rest = hub + np.sqrt(np.maximum(radius * radius - 0.25 * length * length, 0.0))[:, None] * out
         query[left] = np.where(two[:, None], rest, query[left] + AHEAD * radius * over[left])
-    return query, found & (nearest_points(touched, query)[1] > radius - SLACK)
+    return query, last, found & (nearest_points(touched, query)[1] > radius - SLACK)
 
 
 def divide_near(
     points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, rims: Rims
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The surface with edges near rims that are short across them: points, triangles, normals, and the triangle of which
+    """The surface with edges near rims that are short across them: points, triangles, normals; the triangle of which
     each is a part."""
     tree, origin = tree_of(rims.points), np.arange(len(triangles))
     shortest = FINEST * rims.reach.min()
@@ -150,7 +151,7 @@ def round_rims(
     share = np.clip(1.0 - np.sqrt(np.maximum(square, 0.0)) / reach, 0.0, 1.0)
     over = einsum("ij,ij->i", out, second - first) > 0.0
     up = first + second
-    up /= np.linalg.norm(up, axis=1)[:, None]
+    up /= np.maximum(np.linalg.norm(up, axis=1), 1e-12)[:, None]
     # the other side of a thin body, and other faces at a corner, stay
     low, high = SAME_SIDE
     share *= np.clip((einsum("ij,ij->i", normals[near], up) - low) / (high - low), 0.0, 1.0)
@@ -170,6 +171,6 @@ def round_rims(
     own = np.where(over[:, None], on_bridge, on_body)
     other = np.where(over[:, None], first - second, second - first)
     new = own + 0.5 * share[:, None] * other
-    new /= np.linalg.norm(new, axis=1)[:, None]
+    new /= np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
     facing[near] = np.where((share > 0.0)[:, None], new, normals[near])
     return moved, facing
