@@ -21,7 +21,7 @@ from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
-from palpate.physics.geometry.felt.rims import LEAST, divide_near, find_rims, round_rims
+from palpate.physics.geometry.felt.rims import LEAST, divide_near, find_rims, round_rims, unfolded
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
@@ -79,7 +79,8 @@ def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] 
     if rims is not None:
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
         moved, normals = round_rims(vertices, normals, rims, radius, RIM)
-        vertices, origin = np.where(moved != vertices, rounded(moved), vertices), origin[part]
+        moved = unfolded(vertices, np.where(moved != vertices, rounded(moved), vertices), triangles, normals)
+        vertices, origin = moved, origin[part]
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     return _describe(felt, origin, mesh, touchable)
 

@@ -32,6 +32,10 @@ from palpate.physics.nearest import nearest, tree_of
 WIDEST = 0.25  # [1] of the radius: largest t
 LEAST = 0.02  # [1] of the radius: t below which a rim stays, that of a gap of 0.3 mm
 FINEST = 0.4  # [1] of t: longest edge across a rim
+UNFOLDED = 6  # rounds, because a point that stays may fold its neighbours
+HALVINGS = 7  # of an edge at most
+CORNER, CLEAR = 0.7, 2.2  # [1] cosine between normals of rims that meet at an edge of the body, where they stay, and the
+# distance over the largest t up to which they do
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
 AHEAD = 0.1  # [1] of the radius: beyond a centre, where the other rim is nearer
@@ -73,10 +77,17 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
     good &= (reach > LEAST * radius) & (half < np.sqrt(0.5) + 1e-9)
     if not good.any():
         return None
-    body, bridge = body[good], bridge[good]
+    foot, body, bridge, reach = foot[good], body[good], bridge[good], reach[good]
+    one, other = tree_of(foot).query_pairs(CLEAR * reach.max(), output_type="ndarray").T
+    meet = einsum("ij,ij->i", body[one], body[other]) < CORNER
+    inner = np.ones(len(foot), bool)
+    inner[one[meet]] = inner[other[meet]] = False
+    if not inner.any():
+        return None
+    foot, body, bridge, reach = foot[inner], body[inner], bridge[inner], reach[inner]
     along = np.cross(body, bridge)
     along /= np.linalg.norm(along, axis=1)[:, None]
-    return Rims(foot[good], body, bridge, along, reach[good])
+    return Rims(foot, body, bridge, along, reach)
 
 
 def _resting(
@@ -115,7 +126,7 @@ def divide_near(
     each is a part."""
     tree, origin = tree_of(rims.points), np.arange(len(triangles))
     shortest = FINEST * rims.reach.min()
-    while True:
+    for _ in range(HALVINGS):
         ends, of, _ = edges_of(triangles, len(points))
         edge = points[ends[:, 1]] - points[ends[:, 0]]
         length = np.linalg.norm(edge, axis=1)
@@ -126,7 +137,7 @@ def divide_near(
         near = away < reach + 0.5 * length[long]
         long = long[near & (np.linalg.norm(across, axis=1) > FINEST * reach)]
         if not len(long):
-            return points, triangles, normals, origin
+            break
         number = np.full(len(ends), -1)
         number[long] = len(points) + np.arange(len(long))
         new, out = (0.5 * (each[ends[long, 0]] + each[ends[long, 1]]) for each in (points, normals))
@@ -134,6 +145,7 @@ def divide_near(
         normals = np.concatenate([normals, out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]])
         triangles, part = divide_triangles(triangles, number[of])
         origin = origin[part]
+    return points, triangles, normals, origin
 
 
 def round_rims(
@@ -174,3 +186,18 @@ def round_rims(
     new /= np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
     facing[near] = np.where((share > 0.0)[:, None], new, normals[near])
     return moved, facing
+
+
+def unfolded(points: np.ndarray, moved: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Moved points [m] (V,3); those of needles that would face away from their normals stay where they were."""
+    moved, facing = moved.copy(), normals[triangles].sum(axis=1)
+    for _ in range(UNFOLDED):
+        a, b, c = (moved[triangles[:, k]] for k in range(3))
+        vector = np.cross(b - a, c - a)
+        back = einsum("ij,ij->i", vector, facing) < 0.0
+        ends = np.unique(triangles[back])
+        ends = ends[(moved[ends] != points[ends]).any(axis=1)]
+        if not len(ends):
+            break
+        moved[ends] = points[ends]
+    return moved
