@@ -78,9 +78,10 @@ def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] 
     rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
     if rims is not None:
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
-        moved, normals = round_rims(vertices, normals, rims, radius, RIM)
-        moved = unfolded(vertices, np.where(moved != vertices, rounded(moved), vertices), triangles, normals)
-        vertices, origin = moved, origin[part]
+        moved, turned = round_rims(vertices, normals, rims, radius, RIM)
+        moved = np.where(moved != vertices, rounded(moved), vertices)
+        vertices, normals = unfolded(vertices, normals, moved, turned, triangles)
+        origin = origin[part]
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     return _describe(felt, origin, mesh, touchable)
 

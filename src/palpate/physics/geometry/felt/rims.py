@@ -34,7 +34,10 @@ LEAST = 0.02  # [1] of the radius: t below which a rim stays, that of a gap of 0
 FINEST = 0.4  # [1] of t: longest edge across a rim
 UNFOLDED = 6  # rounds, because a point that stays may fold its neighbours
 HALVINGS = 7  # of an edge at most
-CORNER, CLEAR = 0.7, 2.2  # [1] cosine between normals of rims that meet at an edge of the body, where they stay, and the
+CORNER, CLEAR = (
+    0.7,
+    2.2,
+)  # [1] cosine between normals of rims that meet at an edge of the body, where they stay, and the
 # distance over the largest t up to which they do
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
@@ -188,16 +191,24 @@ def round_rims(
     return moved, facing
 
 
-def unfolded(points: np.ndarray, moved: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Moved points [m] (V,3); those of needles that would face away from their normals stay where they were."""
-    moved, facing = moved.copy(), normals[triangles].sum(axis=1)
-    for _ in range(UNFOLDED):
-        a, b, c = (moved[triangles[:, k]] for k in range(3))
-        vector = np.cross(b - a, c - a)
-        back = einsum("ij,ij->i", vector, facing) < 0.0
-        ends = np.unique(triangles[back])
-        ends = ends[(moved[ends] != points[ends]).any(axis=1)]
-        if not len(ends):
-            break
-        moved[ends] = points[ends]
-    return moved
+def unfolded(
+    points: np.ndarray, normals: np.ndarray, moved: np.ndarray, turned: np.ndarray, triangles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Moved points [m] and turned normals (V,3); those of needles that would face away from their normals stay as they
+    were."""
+    moved, turned = moved.copy(), turned.copy()
+    for both in (False, True):  # first the points alone, since the normals of what stays are those of its surroundings
+        for _ in range(UNFOLDED):
+            a, b, c = (moved[triangles[:, k]] for k in range(3))
+            back = einsum("ij,ij->i", np.cross(b - a, c - a), turned[triangles].sum(axis=1)) < 0.0
+            ends = np.unique(triangles[back])
+            changed = (moved[ends] != points[ends]).any(axis=1)
+            if both:
+                changed |= (turned[ends] != normals[ends]).any(axis=1)
+            ends = ends[changed]
+            if not len(ends):
+                break
+            moved[ends] = points[ends]
+            if both:
+                turned[ends] = normals[ends]
+    return moved, turned
