@@ -77,7 +77,7 @@ def rounded(width, y):
     """Depth [m] of the surface of `rolls` whose kinks at the rims are parabolas up to the distance t."""
     half = 0.5 * width
     theta = np.arcsin(half / R)
-    t = min(R * theta, half, 0.25 * R)
+    t = min(R * theta, half, 0.25 * R) if theta < np.pi / 3.0 else 1e-12  # a steep rim stays
     angle = np.linspace(0.0, theta, 2000)
     over = np.stack([R * np.sin(angle), np.sqrt(R * R - half * half) - R * np.cos(angle)], axis=1)
     flat = np.stack([np.linspace(half, 0.02, 20_000), np.zeros(20_000)], axis=1)

@@ -39,6 +39,7 @@ CORNER, CLEAR = (
     2.2,
 )  # [1] cosine between normals of rims that meet at an edge of the body, where they stay, and the
 # distance over the largest t up to which they do
+STEEP = 0.5  # [1] sine of half the tilt from which a rim is an edge of the body: 60 degrees, over a gap of 1.7 r
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
 AHEAD = 0.1  # [1] of the radius: beyond a centre, where the other rim is nearer
@@ -77,7 +78,7 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
     tilt = 2.0 * arctan2(half, np.sqrt(1.0 - half * half))
     wide = np.linalg.norm(other - foot, axis=1)
     reach = np.minimum(np.minimum(radius * tilt, 0.5 * wide), WIDEST * radius)
-    good &= (reach > LEAST * radius) & (half < np.sqrt(0.5) + 1e-9)
+    good &= (reach > LEAST * radius) & (half < STEEP)
     if not good.any():
         return None
     foot, body, bridge, reach = foot[good], body[good], bridge[good], reach[good]
