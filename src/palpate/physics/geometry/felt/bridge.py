@@ -21,7 +21,7 @@ from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
-from palpate.physics.geometry.felt.rims import LEAST, divide_near, find_rims, round_rims, unfolded
+from palpate.physics.geometry.felt.rims import divide_near, find_rims, round_rims, unfolded
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
@@ -72,7 +72,7 @@ def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] 
     plug, centres = _plug(hollow, body, _touched(fine, hidden, radius), radius, np.asarray(offset))
     vertices, triangles, origin = _join(mesh, plug)
     touched = MeshClosestPoint(Mesh(fine.vertices, fine.triangles[~hidden]))
-    normals = _normals(vertices, triangles[origin < 0], mesh, hollow, touched, centres, radius)
+    normals = _normals(vertices, triangles[origin < 0], mesh, hollow, centres, radius)
     bridge = np.unique(triangles[origin < 0])
     bridge = bridge[distance_to(body, vertices[bridge]) > 2.0 * RIM]
     rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
@@ -172,25 +172,15 @@ def _own(points: np.ndarray, mesh: Mesh) -> np.ndarray:
 
 
 def _normals(
-    points: np.ndarray, bridges: np.ndarray, mesh: Mesh, hollow: Hollow, touched: MeshClosestPoint,
-    centres: MeshClosestPoint, radius: float,
-) -> np.ndarray:  # fmt: skip
-    """Normals (V,3): on bridges towards the centre of the ball; those of the touchable part of the body at its border
-    and on what is nearer to it than a rim needs to turn by `LEAST`; else those of the body.
-
-    The nearest centre of a point on the body is on a facet of the surface of centres, whose direction is up to 4
-    degrees off where the body is as curved as the ball.
-    """
+    points: np.ndarray, bridges: np.ndarray, mesh: Mesh, hollow: Hollow, centres: MeshClosestPoint, radius: float
+) -> np.ndarray:
+    """Normals (V,3): towards the centre of the ball on bridges and their shores, else those of the body."""
     own = _own(points, mesh)
     normal = np.where((own >= 0)[:, None], mesh.normals[own], 0.0)
     bridge = np.zeros(len(points), bool)
     bridge[bridges] = True
-    near = np.flatnonzero((own < 0) | (hollow.distance(points, SHORE) < RIM) | bridge)
-    foot, facing, _, _ = touched.find_along(points[near])
-    on_body = np.linalg.norm(points[near] - foot, axis=1) < LEAST * radius
-    normal[near[on_body]] = facing[on_body]
-    near = near[~on_body]
-    out = nearest_points(centres, points[near])[0] - points[near]
+    near = np.flatnonzero(bridge | (own < 0) | (hollow.distance(points, SHORE) < SHORE))
+    out = centres.find_along(points[near])[0] - points[near]
     length = np.linalg.norm(out, axis=1)
     good = np.abs(length - radius) < 10.0 * RIM + (STEP * radius) ** 2 / radius
     normal[near[good]] = out[good] / length[good, None]
