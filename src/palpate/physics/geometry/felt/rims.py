@@ -32,7 +32,7 @@ from palpate.physics.nearest import nearest, tree_of
 WIDEST = 0.25  # [1] of the radius: largest t
 LEAST = 0.02  # [1] of the radius: t below which a rim stays, that of a gap of 0.3 mm
 FINEST = 0.4  # [1] of t: longest edge across a rim
-UNFOLDED = 6  # rounds, because a point that stays may fold its neighbours
+UNFOLDED = 12  # rounds, because a point that stays may fold its neighbours
 HALVINGS = 7  # of an edge at most
 CORNER, CLEAR = (
     0.7,
