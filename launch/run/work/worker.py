@@ -201,7 +201,7 @@ class Worker:
         for part in self.parts:
             if isinstance(part, CompiledSegment):
                 part.refresh()
-                # for observers in other processes one block of many ticks costs a tenth of as many blocks
+                # for observers in other processes: a block of many ticks costs little more than one of a single tick
                 outputs = [output for slot in part.slots for output in slot.outputs]
                 part.collects = self._real and not self.audience.begun and not any(o.external for o in outputs)
         for observer in self.audience.begun:

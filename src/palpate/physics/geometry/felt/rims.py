@@ -34,11 +34,8 @@ LEAST = 0.02  # [1] of the radius: t below which a rim stays, that of a gap of 0
 FINEST = 0.4  # [1] of t: longest edge across a rim
 UNFOLDED = 12  # rounds, because a point that stays may fold its neighbours
 HALVINGS = 7  # of an edge at most
-CORNER, CLEAR = (
-    0.7,
-    2.2,
-)  # [1] cosine between normals of rims that meet at an edge of the body, where they stay, and the
-# distance over the largest t up to which they do
+CORNER = 0.7  # [1] cosine between normals below which two rims meet at an edge of the body, where they stay
+CLEAR = 2.2  # [1] distance from such an edge over the largest t up to which rims stay
 STEEP = 0.5  # [1] sine of half the tilt from which a rim is an edge of the body: 60 degrees, over a gap of 1.7 r
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
