@@ -9,9 +9,9 @@ of depth rate; a pulp is soft and takes it over a length. So the surface within
 
 of a rim is replaced by the parabola that is tangent to both sides at this distance. At the distance s from the rim
 
-    shift = -(t - s)²/(4 t) |n_2 - n_1| (n_1 + n_2)/|n_1 + n_2|,    normal = own + (t - s)/(2 t) (other - own)
+    shift = -(t - s)²/(4 t) |n_2 - n_1| (n_1 + n_2)/|n_1 + n_2|,    normal = n_a + (t - s)/(2 t) (n_b - n_a)
 
-so it is cut by t θ/4 at the rim (31 um over a gap of 2 mm, r = 8 mm), not in the middle of a bridge, and its normal
+with n_a the normal of this side and n_b that of the other one. So it is cut by t θ/4 at the rim (31 um over a gap of 2 mm, r = 8 mm), not in the middle of a bridge, and its normal
 turns by at most 1/(2r) per length, as slowly as that of the bridge, whose curvature is 1/r without it. The parabola is
 the quadratic Bezier curve of the rim and the two points at the distance t (G. Farin, Curves and Surfaces for CAGD,
 Morgan Kaufmann 2002, ch. 4).
@@ -35,7 +35,7 @@ FINEST = 0.4  # [1] of t: longest edge across a rim
 UNFOLDED = 12  # rounds, because a point that stays may fold its neighbours
 HALVINGS = 7  # of an edge at most
 CORNER = 0.7  # [1] cosine between normals below which two rims meet at an edge of the body, where they stay
-CLEAR = 2.2  # [1] distance from such an edge over the largest t up to which rims stay
+CLEAR = 2.2  # [1] distance from an edge of the body over the largest t up to which rims stay
 STEEP = 0.5  # [1] sine of half the tilt from which a rim is an edge of the body: 60 degrees, over a gap of 1.7 r
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
@@ -57,7 +57,7 @@ class Rims(NamedTuple):
 
 
 def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshClosestPoint, radius: float) -> Rims | None:
-    """The rims next to points [m] (n,3) of bridges; None: there are none.
+    """The rims next to points [m] (n,3) of bridges; None: no rim is to be rounded.
 
     touched  the part of the body that the ball touches;  centres  of the ball
     """
@@ -152,7 +152,10 @@ def divide_near(
 def round_rims(
     points: np.ndarray, normals: np.ndarray, rims: Rims, radius: float, lift: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points [m] and normals [1] (V,3) of the surface with rounded rims."""
+    """Points [m] and normals [1] (V,3) of the surface with rounded rims.
+
+    radius  [m] of the ball;  lift  [m] of the plug above the body beyond a rim
+    """
     away, which = (each[:, 0] for each in nearest(tree_of(rims.points), points))
     spacing = APART * radius
     near = np.flatnonzero(away < rims.reach[which] + spacing)
