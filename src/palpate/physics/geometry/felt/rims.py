@@ -12,9 +12,10 @@ of a rim is replaced by the parabola that is tangent to both sides at this dista
     shift = -(t - s)²/(4 t) |n_2 - n_1| (n_1 + n_2)/|n_1 + n_2|,    normal = n_a + (t - s)/(2 t) (n_b - n_a)
 
 with n_a the normal of this side and n_b that of the other one. So it is cut by t θ/4 at the rim (31 um over a gap of
-2 mm, r = 8 mm), not in the middle of a bridge, and its normal turns by at most 1/(2r) per length, as slowly as that of
-the bridge, whose curvature is 1/r without it. The parabola is the quadratic Bezier curve of the rim and the two points
-at the distance t (G. Farin, Curves and Surfaces for CAGD, Morgan Kaufmann 2002, ch. 4).
+2 mm, 0.26 mm over one of 8 mm, r = 8 mm), not in the middle of a bridge, and its normal turns by θ/(2t) per length:
+1/(2r) over gaps up to r/2, as slowly as that of the bridge, whose curvature is 1/r without it; twice as fast over a gap
+of r, where a slower turn would cut more. The parabola is the quadratic Bezier curve of the rim and the two points at
+the distance t (G. Farin, Curves and Surfaces for CAGD, Morgan Kaufmann 2002, ch. 4).
 """
 
 from typing import NamedTuple
