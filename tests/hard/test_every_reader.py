@@ -70,6 +70,7 @@ NO_READERS = {
     "src/palpate/studies/accuracy/cells.py": "a cache; `trust.py` checks its owner",
     "src/palpate/studies/accuracy/output/stored.py": "the shipped results",
     "src/palpate/studies/accuracy/sites.py": "the shipped references",
+    "src/palpate/studies/meeting/stored.py": "the shipped references",
     "src/palpate/studies/fits/tables.py": "tables that this search has kept",
     "src/palpate/web/folder.py": "the files of the shipped page",
     "src/palpate/web/recording.py": "a recording that it has written",

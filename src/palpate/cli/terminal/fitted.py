@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.cli.terminal.output import console, draw_if_possible, say, table
+from palpate.cli.terminal.output import console, draw_if_possible, print_json, say, table
 from palpate.physics.archive import replace_text
 
 if TYPE_CHECKING:
@@ -30,6 +30,29 @@ def rig_of(rig: str, radius: str | None, diameter: str | None, height: str | Non
     if (radius and diameter) or (rig != "fingertip" and size is None):
         raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
     return Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
+
+
+def show_fit(fit: TissueFit, out: Path, as_json: bool) -> None:
+    """Write and print the fit of one specimen."""
+    result = write_fit(fit, out)
+    if as_json:
+        print_json({"ok": True, "out": str(out)} | result)
+    else:
+        print_fit(fit, result)
+        say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
+
+
+def show_fits(found: SpecimenFits, out: Path, as_json: bool) -> None:
+    """Write and print the fits of several specimens. SessionError: one could not be fitted; the others are written."""
+    from palpate.models.fit.sessions import SessionError
+
+    each = write_fits(found, out)
+    if as_json:
+        print_json({"ok": not found.refused, "out": str(out), "specimens": each})
+    else:
+        print_fits(found, out)
+    if found.refused:
+        raise SessionError("\n".join(f"specimen {label}: {text}" for label, text in found.refused.items()))
 
 
 def write_fit(fit: TissueFit, out: Path) -> dict[str, Any]:

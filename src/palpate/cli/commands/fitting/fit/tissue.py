@@ -7,17 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.fitted import RIGS, print_fit, print_fits, rig_of, write_fit, write_fits
+from palpate.cli.terminal.fitted import RIGS, rig_of, show_fit, show_fits
 from palpate.cli.terminal.options import Dialect, Force, Json, check_new, out_option
-from palpate.cli.terminal.output import print_json, say
 from palpate.cli.terminal.pooled import fit_sparse
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from palpate.models.fit.tissue.fit import TissueFit
     from palpate.models.fit.tissue.measured import MeasuredPress
-    from palpate.models.fit.tissue.several import SpecimenFits
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
 
@@ -104,29 +101,6 @@ def tissue(
 
         found = fit_each(groups, others, fit) if len(groups) > 1 else fit("", groups[""], others)
     if isinstance(found, SpecimenFits):
-        _show_each(found, out, as_json)
+        show_fits(found, out, as_json)
     else:
-        _show(found, out, as_json)
-
-
-def _show(fit: TissueFit, out: Path, as_json: bool) -> None:
-    """Write and print the fit of one specimen."""
-    result = write_fit(fit, out)
-    if as_json:
-        print_json({"ok": True, "out": str(out)} | result)
-    else:
-        print_fit(fit, result)
-        say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
-
-
-def _show_each(found: SpecimenFits, out: Path, as_json: bool) -> None:
-    """Write and print the fits of several specimens. SessionError: one could not be fitted; the others are written."""
-    from palpate.models.fit.sessions import SessionError
-
-    each = write_fits(found, out)
-    if as_json:
-        print_json({"ok": not found.refused, "out": str(out), "specimens": each})
-    else:
-        print_fits(found, out)
-    if found.refused:
-        raise SessionError("\n".join(f"specimen {label}: {text}" for label, text in found.refused.items()))
+        show_fit(found, out, as_json)
