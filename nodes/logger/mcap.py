@@ -229,14 +229,15 @@ class Mcap(Observer):
             self._times[node] = {"steps": message.steps, "median": message.median, "p99": message.p99}
 
     def _record_restart(self, node: str, since: int, steps: int) -> None:
-        """Record the tick `since` at which a node restarted with a new state, so that a replay restarts it there.
+        """Record the tick `since` at which a node restarted with a new state, so that a replay restarts it there; or
+        that it began there, later than the run, so that its forces begin at zero in a replay too.
 
         Messages of the restarted node may arrive before its health, which takes another path. Their number is counted
         by the stored ticks or, if these do not reach back to `since`, is `steps`.
         """
         streams = [stream.name for stream in self.streams if stream.producer == node]
-        known = [self._recorded[name] for name in streams if name in self._recorded]
-        known = [one for one in known if one.received and one.first < since]  # others had no predecessor
+        every = [self._recorded[name] for name in streams if name in self._recorded]
+        known = [one for one in every if one.received and one.first < since]  # others had no predecessor
         received = (
             max(1, one.received - steps)
             if one.last[0] >= since
@@ -244,11 +245,13 @@ class Mcap(Observer):
             for one in known
         )
         before = max(received, default=0)
-        if self._file is None or before <= self._before.get(node, 0):
+        # a recording that began later than the node contains less messages than it had steps
+        late = not known and steps <= max((one.received for one in every), default=0)
+        if self._file is None or (not late and before <= self._before.get(node, 0)):
             return
         self._before[node] = before  # the last lost messages of the predecessor cannot be counted
         try:
-            self._writer.add_metadata("palpate.restarted", {"node": node, "tick": str(since)})
+            self._writer.add_metadata(f"palpate.{'late' if late else 'restarted'}", {"node": node, "tick": str(since)})
         except OSError as error:
             self._give_up(error)
 

@@ -220,8 +220,10 @@ def test_a_late_report_of_a_restart_marks_no_other_position(tmp_path):
     assert recording.counts["device"] == {"count": 9, "lost": 1}, "the restarted node only"
 
 
-@pytest.mark.parametrize(("first", "since", "marked"), [(0, 1500, {"device": [1500]}), (7, 7, {}), (2000, 1500, {})])
-def test_the_first_report_of_a_node_may_be_that_after_its_restart(tmp_path, first, since, marked):
+@pytest.mark.parametrize(("first", "since", "marked", "late"), [
+    (0, 1500, {"device": [1500]}, {}), (7, 7, {}, {"device": 7}), (2000, 1500, {}, {"device": 1500}),
+])  # fmt: skip
+def test_the_first_report_of_a_node_may_be_that_after_its_restart(tmp_path, first, since, marked, late):
     """Its first health was lost, or it died before it: messages from before the restart show that it ran before."""
     node = logger(tmp_path / "a.mcap")
     for tick in range(first, 3500):
@@ -229,8 +231,17 @@ def test_the_first_report_of_a_node_may_be_that_after_its_restart(tmp_path, firs
     node.health(health("device", 3500 - max(first, since), since=since))
     node.stop()
     recording = Recording(tmp_path / "a.mcap")
-    assert recording.restarted == marked
+    assert (recording.restarted, recording.late) == (marked, late)
     assert recording.counts["device"] == {"count": 3500 - first, "lost": 0}
+
+
+def test_a_recording_that_began_after_a_node_does_not_say_that_the_node_began_late(tmp_path):
+    node = logger(tmp_path / "a.mcap")
+    for tick in range(5000, 5500):
+        node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
+    node.health(health("device", 4000, since=1500))
+    node.stop()
+    assert Recording(tmp_path / "a.mcap").late == {}
 
 
 def test_a_restart_is_marked_also_if_more_messages_are_lost_after_it_than_sent_before_it(tmp_path):
@@ -378,7 +389,7 @@ def small(tmp_path_factory) -> Path:
 
 
 def everything(recording: Recording) -> tuple[object, ...]:
-    return recording.streams, recording.about, recording.counts, recording.restarted
+    return recording.streams, recording.about, recording.counts, recording.restarted, recording.late
 
 
 @pytest.mark.parametrize("seeds", [range(90), pytest.param(range(90, 600), marks=pytest.mark.long)])

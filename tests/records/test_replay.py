@@ -341,6 +341,26 @@ def test_the_shipped_loop_is_reproduced_bit_for_bit_after_a_live_run(tmp_path):
     assert not any(r.differing for r in replay.reports.values())
 
 
+def test_a_node_that_begins_late_or_again_begins_without_force_in_a_replay_too():
+    """On a loaded machine a controller began 74 ms after the run, so that its force rose from zero; the replay computed
+    a thousand times the recorded force."""
+    recording = Recording(HERE / "golden" / "plane.mcap")
+    recording.late, recording.restarted = {"controller": 9}, {"contact": [3], "controller": [50]}
+    plan = plan_of(recording)
+    player = Player(recording, plan, plan.order, live=True)
+    controller = next(part for part in player.parts if part.name == "controller")
+    began = []
+    controller.node.replaces = lambda: began.append(player.at)
+    player.start()
+    assert len(began) == 1
+    for tick, payloads in recording.instants(recording.ticks()):
+        if tick == 60:
+            break
+        player.step(tick, payloads)
+    player.stop()
+    assert len(began) == 2 and 40_000_000 < began[1] < 60_000_000
+
+
 # -- replay --------------------------------------------------------------------------------------------------------
 
 

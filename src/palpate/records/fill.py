@@ -188,6 +188,8 @@ def begin_copy(recording: Stored, file: IO[bytes], about: dict[str, Any]) -> tup
     for node, ticks in recording.restarted.items():
         for tick in ticks:
             writer.add_metadata("palpate.restarted", {"node": node, "tick": str(tick)})
+    for node, tick in recording.late.items():
+        writer.add_metadata("palpate.late", {"node": node, "tick": str(tick)})
     schemas: dict[str, int] = {}
     channels = {}
     for name, stream in recording.streams.items():

@@ -123,6 +123,8 @@ class Player:
         """Start all nodes. NodeError: one raised."""
         for part in self.parts:
             part.start()
+            if part.name in self.recording.late:
+                part.node.replaces()
 
     def last(self, node: str) -> list[Message | None]:
         """The newest message of each output of a node, None before its first; empty for a node that does not run."""
@@ -205,6 +207,7 @@ class Player:
         if due and tick >= due[0]:  # the node was restarted here, with a new state
             due.pop(0)
             part.restart()
+            part.node.replaces()
         self._wall, self._cpu = part.health.step.total, thread_time_ns()
         return messages
 

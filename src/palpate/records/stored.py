@@ -96,6 +96,7 @@ class Stored:
     counts     numbers of written and lost messages per stream; empty after a crash
     times      number and duration [s] (median, p99) of the steps per node; empty after a crash
     restarted  nodes that were restarted during the run, and their ticks
+    late       nodes that began later than the run, and their first ticks
     notes      lines for the user about the run: text, node and time [s]
     complete   False if the file is truncated or damaged: it is read up to there
     damage     position and kind of the damage; None: no damage
@@ -110,6 +111,7 @@ class Stored:
         self.counts: dict[str, dict[str, int]] = {}
         self.times: dict[str, dict[str, float]] = {}
         self.restarted: dict[str, list[int]] = {}
+        self.late: dict[str, int] = {}
         self.notes: list[tuple[str, str, float]] = []
         self.damage: Broken | None = None
         self.channels: dict[int, str] = {}  # number in the file -> stream
@@ -214,6 +216,8 @@ class Stored:
                     self.notes = [(str(text), str(node), float(time)) for text, node, time in given]
                 case "palpate.restarted":
                     self.restarted.setdefault(entries["node"], []).append(int(entries["tick"]))
+                case "palpate.late":
+                    self.late[entries["node"]] = int(entries["tick"])
 
     def _check_names(self) -> None:
         """RecordingError: a stream that does not belong to the recorded graph."""
