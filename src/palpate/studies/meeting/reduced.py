@@ -27,6 +27,7 @@ from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.nodes.contact.between import Between
 from palpate.nodes.contact.side import Side
 from palpate.nodes.deformation import ReducedFE
+from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 from palpate.physics.geometry.mesh import Mesh
 from palpate.studies.accuracy.bases import ready
@@ -96,7 +97,8 @@ def surface_settings(name: str, upper: bool, vertices: int) -> dict[str, Any]:
 def _write_stl(path: Path, mesh: Mesh) -> None:
     record = np.zeros(len(mesh.triangles), np.dtype([("numbers", "<f4", 12), ("flags", "<u2")]))
     record["numbers"][:, 3:] = mesh.vertices[mesh.triangles].reshape(-1, 9)
-    path.write_bytes(bytes(80) + np.uint32(len(record)).tobytes() + record.tobytes())
+    with replacing(path) as temporary:
+        temporary.write_bytes(bytes(80) + np.uint32(len(record)).tobytes() + record.tobytes())
 
 
 def run(
