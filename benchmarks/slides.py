@@ -41,14 +41,14 @@ def main() -> None:
         def changes(name: str) -> np.ndarray:
             return largest_change(run([on(touch, name) for touch in touches], Path(folder))[0])[0]
 
-        told = bars.begin("slides")
+        report = bars.begin("slides")
         for k, name in enumerate(given.surfaces):
-            told(k / len(given.surfaces), name)
+            report(k / len(given.surfaces), name)
             change, uncut = changes(name), changes(WHOLE.get(name, "block"))
             over = float((change / (1.5 * uncut + 0.01)).max())
             most, least = float(change.max()), float(uncut.max())
             found[name] = {"over the limit": over, "change [N]": most, "of the uncut body [N]": least}
-        told(1.0, "")
+        report(1.0, "")
     if given.json:
         print(json.dumps({"body": given.body, "surfaces": found}))
         return

@@ -147,7 +147,9 @@ def _loaded_area(load: Load | None, areas: np.ndarray) -> tuple[float, float]:
     return float(loaded.sum()), float((-load.forces[:, 2] / loaded).max())
 
 
-class _Awake(Slot):
+class Awake(Slot):
+    """Steps at each tick, also where nothing changed, so that each tick costs a whole step."""
+
     sleeps = False
 
 
@@ -234,7 +236,7 @@ def _slot(name: str, node: Node, friction: bool) -> Slot:
         for port in inputs(type(node))
         if port.type in senders and (friction or port.type is not Friction)
     ]
-    return _Awake(NodeJob(name, "", {}, 1, tuple(wires), (name,)), node, ())
+    return Awake(NodeJob(name, "", {}, 1, tuple(wires), (name,)), node, ())
 
 
 def _copy_message(message: M, *arrays: str) -> M:

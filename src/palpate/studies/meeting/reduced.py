@@ -8,7 +8,6 @@ import gc
 import json
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,10 +26,10 @@ from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.nodes.contact.between import Between
 from palpate.nodes.contact.side import Side
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
-from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh import write_ply
 from palpate.studies.accuracy.bases import ready
+from palpate.studies.accuracy.chain import Awake
 from palpate.studies.accuracy.sites import cache
 from palpate.studies.meeting.solids import BALL, MEETINGS, SOLIDS, Meeting
 
@@ -74,10 +73,6 @@ class _Descent(CompiledNode):
         own.tick += 1
 
 
-class _Awake(Slot):
-    sleeps = False
-
-
 def surface_settings(name: str, upper: bool, vertices: int) -> dict[str, Any]:
     """Settings of the surface of a solid at its place."""
     solid = SOLIDS[name]
@@ -87,18 +82,11 @@ def surface_settings(name: str, upper: bool, vertices: int) -> dict[str, Any]:
         place["rotation"] = UPSIDE_DOWN
     if solid.built_in:
         return place | {"surface": solid.built_in, "vertices": vertices}
-    path = cache() / "meeting" / f"{name}-{FILE_EDGES}.stl"
+    path = cache() / "meeting" / f"{name}-{FILE_EDGES}.ply"
     if not path.is_file():
         make_folder(path.parent)
-        _write_stl(path, solid.surface(FILE_EDGES))
+        write_ply(path, solid.surface(FILE_EDGES))
     return place | {"surface": str(path), "refine": 0.0}
-
-
-def _write_stl(path: Path, mesh: Mesh) -> None:
-    record = np.zeros(len(mesh.triangles), np.dtype([("numbers", "<f4", 12), ("flags", "<u2")]))
-    record["numbers"][:, 3:] = mesh.vertices[mesh.triangles].reshape(-1, 9)
-    with replacing(path) as temporary:
-        temporary.write_bytes(bytes(80) + np.uint32(len(record)).tobytes() + record.tobytes())
 
 
 def run(
@@ -171,7 +159,7 @@ def run(
 def _slot(name: str, node: Node, **inputs: str) -> Slot:
     wires = tuple(InputJob(port, sender, sender) for port, sender in inputs.items())
     streams = tuple(f"{name}.{k}" if k else name for k in range(len(outputs_of(type(node)))))
-    return _Awake(NodeJob(name, "", {}, 1, wires, streams), node, ())
+    return Awake(NodeJob(name, "", {}, 1, wires, streams), node, ())
 
 
 def _start(slots: list[Slot]) -> None:
