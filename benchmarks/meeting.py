@@ -19,6 +19,7 @@ import numpy as np
 
 from palpate.launch.run.progress import StageBars
 from palpate.nodes.deformation import ReducedFE
+from palpate.physics.errors import ArgumentError
 from palpate.studies.meeting import full, reduced, stored
 from palpate.studies.meeting.solids import MEETINGS
 from palpate.studies.peers.continuum import BED, POISSON, YOUNG
@@ -85,7 +86,10 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     kept = list(stored.references()) if stored.PATH.is_file() else []
-    names = reduced.choose_meetings(given.names or (list(MEETINGS) if given.store else kept))
+    try:
+        names = reduced.choose_meetings(given.names or (list(MEETINGS) if given.store else kept))
+    except ArgumentError as error:
+        parser.error(str(error))
     results = []
     with StageBars(silent=given.json) as bars:
         for name in names:

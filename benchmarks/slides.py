@@ -19,7 +19,7 @@ from palpate.studies.organs.runs import run
 from palpate.studies.organs.slides import largest_change, slide_touch
 from palpate.studies.organs.touches import Setting
 from palpate.studies.organs.widths import on
-from palpate.studies.organs.zoo import USUAL
+from palpate.studies.organs.zoo import GAPPED, USUAL
 
 SURFACES = ("cut-0.5", "cut-2", "groove-4", "comb", "groove-8", "fissure")
 WHOLE = {"fissure": "unfissured"}  # the body of the others is the block
@@ -33,6 +33,8 @@ def main() -> None:
     parser.add_argument("--body", default="MassSpring")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
+    if unknown := [name for name in given.surfaces if name not in GAPPED]:
+        parser.error(f"surface: found {unknown[0]!r}, expected one of {', '.join(GAPPED)}")
     setting = Setting("block", USUAL, given.body, friction="", width=16 * MM)
     touches = [slide_touch(setting, way, v, d, ASIDE) for v in SPEEDS for d in DEPTHS for way in (1.0, -1.0)]
     found: dict[str, dict[str, float]] = {}
