@@ -1,5 +1,6 @@
 #!/bin/sh
-# Lint, spelling, types and tests, in the environment that ./setup.sh dev made: ./check.sh [--fast | docs | pytest arguments]
+# Lint, spelling, types and tests, in the environment that ./setup.sh dev made: ./check.sh [--fast | --all | docs | pytest arguments]
+# --all: also the slow tests (tests/slow.txt), which runs of the whole suite or of folders leave out.
 # --fast, after each edit: formulas, messages, nodes, and how graphs are loaded.
 # docs: builds the documentation site in docs/_build; a warning is an error.
 set -eu
@@ -33,16 +34,17 @@ failed=0
 [ -n "$(find tests -name 'test_*-pytest-*.pyc' -print -quit)" ] ||
     .venv/bin/python -m pytest --collect-only -q "$@" >/dev/null 2>&1 || true
 again=.pytest_cache/v/cache/lastfailed
-[ "$#" -gt 0 ] || rm -f "$again"
+case "$*" in "" | --all) whole=1 ;; *) whole=0 ;; esac
+[ "$whole" = 0 ] || rm -f "$again"
 .venv/bin/python -m pytest -n 3 --dist worksteal "$@" || failed=$?
 types_failed=0
 wait "$mypy" || types_failed=1
 # A test on the real clock can fail where another program takes the processors for seconds. Of all tests, up to five that
 # failed run once more, one after another; a defect fails again.
-if [ "$failed" = 1 ] && [ "$#" = 0 ] && [ "$(grep -c '::' "$again")" -le 5 ] && grep -q '::' "$again"; then
+if [ "$failed" = 1 ] && [ "$whole" = 1 ] && [ "$(grep -c '::' "$again")" -le 5 ] && grep -q '::' "$again"; then
     echo "check: the tests that failed, once more, one after another"
     failed=0
-    .venv/bin/python -m pytest --last-failed --last-failed-no-failures none || failed=$?
+    .venv/bin/python -m pytest "$@" --last-failed --last-failed-no-failures none || failed=$?
 fi
 cat "$types"
 rm -f "$types"

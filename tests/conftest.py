@@ -15,6 +15,7 @@ import hypothesis
 import pytest
 import typer.testing
 from expected_notes import only_expected
+from slow_tests import SlowTests
 from whole_touch import WHOLE
 
 from palpate.compiler import kernel_cache
@@ -42,6 +43,15 @@ typer.testing._get_command = functools.cache(typer.testing._get_command)
 # Time is no property of what is tested: a kernel compiles at its first call, and a machine may be busy.
 hypothesis.settings.register_profile("palpate", deadline=None)
 hypothesis.settings.load_profile("palpate")
+
+
+def pytest_addoption(parser):
+    parser.addoption("--all", dest="all_tests", action="store_true", help="also the tests of tests/slow.txt")
+    parser.addoption("--measure", action="store_true", help="write tests/slow.txt from the processor times of this run")
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(SlowTests(config), "slow-tests")
 
 
 def pytest_collection_finish():

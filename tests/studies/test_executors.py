@@ -119,11 +119,11 @@ def test_in_a_block_only_the_points_that_crash_have_no_result(study, pool, tmp_p
 
 def test_blocks_take_a_few_seconds(study, pool, tmp_path, monkeypatch):
     monkeypatch.setattr(spread, "FIRST", 1)
-    monkeypatch.setattr(spread, "BLOCK", 0.6)
+    monkeypatch.setattr(spread, "BLOCK", 2.0)  # [s], so that also a busy machine computes two in it
     counts, work = [], spread.work
     monkeypatch.setattr(spread, "work", lambda *given: counts.append(len(given[2])) or work(*given))
     study(**{"ball.pause": [0.1, 0.101]}).run(tmp_path / "out", pool)
-    assert sum(counts) == 24 and counts[0] == 1 and max(counts) in range(2, 7)
+    assert sum(counts) == 24 and counts[0] == 1 and max(counts) in range(2, 21)
 
 
 def test_a_lost_block_loses_nothing_that_was_finished(study, pool, tmp_path):

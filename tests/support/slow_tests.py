@@ -1,0 +1,137 @@
+"""Leaves the slow tests out of runs of the whole suite: those that cost more than `LIMIT` of processor time.
+
+`tests/slow.txt` lists them, one test or one case of a test per line. A run of named files or tests runs all of them; so
+do `tests/mutation.py`, which names the files, and `./check.sh --all`. A run of folders or of the whole suite leaves the
+listed ones out.
+
+    ./check.sh --all --measure [FILE]...     writes the list again, for all files or for these
+
+In each file one of the listed tests stays, the cheapest, so that no file that ends in a whole run is without one.
+"""
+
+import os
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+LIST = Path(__file__).parents[1] / "slow.txt"
+LIMIT = 0.5
+"""Processor time of a test and the processes below it, with its share of the fixtures of its file [s]."""
+STAYS = 4.0
+"""The cheapest slow test of a file stays below this processor time [s]."""
+HEADER = f"""\
+# Tests that cost more than {LIMIT:g} s of processor time. `./check.sh` leaves them out, `./check.sh --all` and a run of
+# a named file do not. Written by `./check.sh --all --measure` (tests/support/slow_tests.py).
+"""
+COST = "processor time"
+
+
+class SlowTests:
+    """The plugin: which tests run, and what each costs."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.measures = config.getoption("measure")
+        self.costs: dict[str, float] = {}
+        self.fixtures: Counter[str] = Counter()
+        self.uses: dict[str, list[str]] = {}
+        self.within = 0.0
+        """Processor time of the shared fixtures that this test, or this fixture, has set up [s]."""
+        self.made: Counter[str] = Counter()
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        if config.getoption("all_tests") or any(".py" in named for named in config.args):
+            return
+        listed = read()
+        left_out = {
+            item
+            for item in items
+            if {item.nodeid, item.nodeid.split("[")[0]} & listed and not item.get_closest_marker("long")
+        }
+        if left_out:
+            config.hook.pytest_deselected(items=list(left_out))
+            items[:] = [item for item in items if item not in left_out]
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[Any]:
+        if fixturedef.scope == "function":
+            return (yield)
+        outer, self.within = self.within, 0.0
+        begun = processor_time()
+        try:
+            return (yield)
+        finally:
+            cost = processor_time() - begun
+            self.made[_name(fixturedef)] += cost - self.within
+            self.within = outer + cost
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[Any]:
+        self.within = 0.0
+        self.made.clear()
+        self.begun = processor_time()
+        return (yield)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self, item: pytest.Function, call: pytest.CallInfo[None]) -> Iterator[Any]:
+        report = yield
+        if self.measures and call.when == "teardown":
+            used = [_name(d[-1]) for d in item._fixtureinfo.name2fixturedefs.values() if d[-1].scope != "function"]
+            cost = processor_time() - self.begun - self.within
+            report.user_properties.append((COST, {"alone": cost, "made": dict(self.made), "uses": used}))
+        return report
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        for name, value in report.user_properties:
+            if name == COST:
+                self.costs[report.nodeid] = value["alone"]
+                self.fixtures.update(value["made"])
+                self.uses[report.nodeid] = value["uses"]
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if self.measures and not hasattr(session.config, "workerinput"):
+            users = Counter(chain.from_iterable(self.uses.values()))
+            shares = {
+                test: cost + sum(self.fixtures[name] / users[name] for name in self.uses[test])
+                for test, cost in self.costs.items()
+            }
+            files = {test.split("::")[0] for test in shares}
+            others = [test for test in read() if test.split("::")[0] not in files]
+            LIST.write_text(HEADER + "".join(f"{name}\n" for name in sorted(choose(shares) + others)), encoding="utf-8")
+
+
+def _name(fixturedef: Any) -> str:
+    return f"{fixturedef.baseid}::{fixturedef.argname}"
+
+
+def processor_time() -> float:
+    """Of this process and of those below it that have ended [s]."""
+    return sum(os.times()[:4])
+
+
+def read() -> set[str]:
+    """The listed tests."""
+    lines = LIST.read_text(encoding="utf-8").splitlines() if LIST.exists() else []
+    return {line for line in lines if line and not line.startswith("#")}
+
+
+def choose(costs: dict[str, float]) -> list[str]:
+    """Of these tests those to list: a test whose cases are all slow by its name, others case by case.
+
+    costs    processor time by test [s]
+    """
+    files = defaultdict(list)
+    cases = defaultdict(set)
+    for test, cost in costs.items():
+        cases[test.split("[")[0]].add(test)
+        if cost > LIMIT:
+            files[test.split("::")[0]].append((cost, test))
+    slow = set()
+    for found in files.values():
+        cheapest = min(found)
+        slow |= {test for cost, test in found if (cost, test) != cheapest or cost > STAYS}
+    return list({name if cases[name] <= slow else test for test in slow for name in [test.split("[")[0]]})

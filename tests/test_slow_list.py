@@ -1,0 +1,34 @@
+"""Which tests a run of the whole suite leaves out (tests/support/slow_tests.py)."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from slow_tests import choose, read
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_slow_tests_are_listed_and_the_cheapest_of_each_file_stays():
+    costs = {
+        "a.py::fast": 0.1, "a.py::slow": 3.0, "a.py::slower": 9.0,
+        "b.py::cases[1]": 2.0, "b.py::cases[2]": 0.2, "b.py::cases[3]": 1.0,
+        "c.py::all[1]": 20.0, "c.py::all[2]": 30.0,
+    }  # fmt: skip
+    assert sorted(choose(costs)) == ["a.py::slower", "b.py::cases[1]", "c.py::all"]
+
+
+def test_every_listed_file_exists():
+    assert all((ROOT / name.split("::")[0]).is_file() for name in read())
+
+
+def test_a_folder_is_run_without_and_a_file_with_its_slow_tests():
+    name = next(name for name in sorted(read()) if name.startswith("tests/cli/") and "[" not in name)
+    file, test = name.split("::")
+
+    def collected(*given):
+        command = [sys.executable, "-m", "pytest", "--collect-only", "-k", test, *given]
+        return subprocess.run(command, cwd=ROOT, env=os.environ, capture_output=True, text=True).stdout
+
+    assert name in collected(file) and name in collected("tests/cli", "--all") and name not in collected("tests/cli")
