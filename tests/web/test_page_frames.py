@@ -7,7 +7,9 @@ import msgspec
 import numpy as np
 import pytest
 from test_folder import build
+from typer.testing import CliRunner
 
+from palpate.cli.__main__ import app
 from palpate.messages import unpack
 from palpate.physics.geometry.graded import NEIGHBOURS, fill_field, landmarks, ranges
 from palpate.physics.geometry.mesh import Mesh
@@ -37,6 +39,7 @@ REDUCED = ["--set", "tissue.use=deformation.ReducedFE"]
     ("graph", "options"),
     [
         ("kidney", []),
+        ("kidney", ["--scene", "breathing"]),
         pytest.param("kidney", REDUCED, marks=pytest.mark.long),
         pytest.param("organs", [], marks=pytest.mark.long),
         pytest.param("palpate-two", [], marks=pytest.mark.long),
@@ -45,6 +48,8 @@ REDUCED = ["--set", "tissue.use=deformation.ReducedFE"]
 def test_a_frame_is_that_of_a_run_with_the_same_messages(graph, options, tmp_path):
     assert build(tmp_path / "site", graph, *options, "--body", "MassSpring").exit_code == 0
     assert in_node.run_script(tmp_path, "draw_in_node.mjs", TICK + 1) is None
+    replayed = CliRunner().invoke(app, ["replay", str(tmp_path / "page.mcap"), "--check", "--json"])
+    assert replayed.exit_code == 0 and json.loads(replayed.stdout)["ok"], replayed.output
     recording = Recording(tmp_path / "page.mcap")
     touched = touched_part(plan_of(recording))
     newest = {}

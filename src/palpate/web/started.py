@@ -76,10 +76,10 @@ def started(launch: LaunchFile) -> Iterator[Started]:
 
 
 def _record_sources(graph: Graph) -> None:
-    """Let the logger record the messages of the pointers, and the others as checks."""
-    pointed = [s for spec in graph.nodes.values() if issubclass(spec.cls, Pointer) for s in spec.streams]
+    """Let the logger record the messages of the nodes that the clock drives, as pointers, and the others as checks."""
+    driven = [s for spec in graph.nodes.values() if spec.cls.paced and spec.off is None for s in spec.streams]
     (logger,) = (spec for spec in graph.nodes.values() if issubclass(spec.cls, Mcap) and spec.off is None)
-    logger.settings = {**logger.settings, "sources": pointed}
+    logger.settings = {**logger.settings, "sources": driven}
 
 
 def leave_out_python(graph: Graph) -> dict[str, str]:

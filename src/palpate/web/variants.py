@@ -147,6 +147,12 @@ def describe_page(
             {full_name(kind).rpartition(".")[2]: stream for kind, stream in f.items()} for f in touched.fingers
         ],
         "near": touched.near,
+        "supports": touched.supports,
+        "carried": [
+            [begin, begin + len(mesh.vertices), stream]
+            for begin, mesh, stream in zip(first, shown.meshes, shown.supports, strict=False)
+            if stream
+        ],
         "thickness": touched.thickness,
         "bodies": list(shown.streams),
         "first": first,

@@ -25,21 +25,30 @@ export function fillers({ first, landmarks }, { vertices }) {
 // time of a tick [s]; filled: `fillers` of the mesh.
 export function frame(tick, shown, curves, measured, filled) {
   if (shown.fingers.some(({ Contact }) => !tick.has(Contact))) return null;
-  const [first, ...others] = shown.fingers.map((finger, k) => ({ ...now(tick, finger, shown.near[k], shown.thickness), ...curves[k] }));
+  const [first, ...others] = shown.fingers.map((finger, k) => ({ ...now(tick, finger, nearest(tick, shown, k), shown.thickness), ...curves[k] }));
   const { nodes, displacement, pressure, slipped } = surface(tick, shown, filled);
   const head = { kind: "frame", ...measured, ...first, others, ...pressed(tick, shown) };
+  const moved = shown.carried.filter(([, , motion]) => tick.has(motion)).map(([begin, end, motion]) => [begin, end, tick.read(motion, "displacement")]);
+  if (moved.length) head.carried = moved;
   if (slipped) head.slipped = slipped;
   return packed(head, nodes, displacement, pressure);
 }
 
+// The stream with the smallest gap to a finger, and that of the motion in whose frame it is.
+function nearest(tick, { near, supports }, finger) {
+  const gaps = near[finger].map((name, k) => [name, supports[finger][k]]).filter(([name]) => tick.has(name));
+  return gaps.sort(([a], [b]) => tick.read(a, "gap") - tick.read(b, "gap"))[0] ?? [];
+}
+
 // The last messages of a finger as plain data, as `feed.now`.
-function now(tick, finger, near, thickness) {
+function now(tick, finger, [near, motion], thickness) {
   const { Contact, Pose, Friction, Force, ForceBand, Pointed, Pins, Spikes, Vibration } = finger, read = (name, field) => tick.read(name, field);
   const head = {
     time: tick.when(Contact), normal: read(Contact, "normal"), foot: read(Contact, "foot"),
     load: read(Contact, "force"), depth: read(Contact, "indentation"), squeeze: read(Contact, "compression"),
   };
-  const close = near.filter((name) => tick.has(name)).sort((a, b) => read(a, "gap") - read(b, "gap"))[0] ?? finger.Proximity;
+  if (motion && tick.has(motion)) head.foot = read(motion, "displacement").map((d, i) => head.foot[i] + d);
+  const close = near ?? finger.Proximity;
   if (close && Pose && tick.has(close) && tick.has(Pose)) {
     head.up = read(close, "normal");
     head.tip = read(Pose, "position").map((p, i) => p - (thickness - head.squeeze) * head.up[i]);
