@@ -94,15 +94,8 @@ def whole(write):
 
 
 @pytest.fixture
-def chain(monkeypatch):
-    """Makes a graph that runs by the rules of the real clock on a stopped clock."""
-    from chain_for_runs import Chain, Lost, nothing
+def chain():
+    """Makes a graph that runs by the rules of the real clock in virtual time."""
+    from palpate.studies.faults.chain import Chain
 
-    from palpate.launch.run.work import real
-
-    def made(launch, late: int = 0, lost: Lost = nothing) -> Chain:
-        chain = Chain(launch, late, lost)
-        monkeypatch.setattr(real, "now", chain.now)
-        return chain
-
-    return made
+    return Chain

@@ -13,7 +13,6 @@ import random
 
 import numpy as np
 import pytest
-from chain_for_runs import Chain, Fate, Lost, nothing
 from lossy_touch import OVER, SLIDE, TAP, TICKS, TOUCH, feel, undisturbed
 from msgspec.structs import replace
 
@@ -21,6 +20,7 @@ from palpate.launch.load.launchfile import find
 from palpate.messages import Proximity, Surface
 from palpate.nodes.contact import Joint, Series
 from palpate.nodes.controller import Haptic
+from palpate.studies.faults.chain import Chain, Fate, Lost, nothing
 
 LONGEST = 50  # [ticks] of a loss
 ENERGY = 1e-3  # [J]

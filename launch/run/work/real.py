@@ -20,7 +20,10 @@ simulated device was stopped together with the loop and continues with its last 
 up from zero (nodes/base/absence.py).
 """
 
+from typing import Protocol
+
 from palpate.engine.clock import now, sleep_until
+from palpate.engine.job import Job
 from palpate.engine.schedule import (
     FRESH,
     MISSED,
@@ -35,7 +38,7 @@ from palpate.engine.schedule import (
     standing,
     unread,
 )
-from palpate.engine.slot import Input, Slot
+from palpate.engine.slot import Input, RemoteStream, Slot
 from palpate.engine.tick import run_tick
 from palpate.launch.run.hop.hop import FAR, Hop
 from palpate.launch.run.work.worker import EndedError, Worker, permitted_age
@@ -88,9 +91,9 @@ class _RealClock:
         return ticks > 0
 
     def gather(self, slot: Slot, tick: int) -> list[Message | None] | None:
-        """The inputs of a step, see `_gather`. A node that lacks one retries at the next tick; each run of its divisor
-        is counted as lost once."""
-        messages = _gather(self.worker, slot, tick, self.deadline, slot is self.lead)
+        """The inputs of a step, see `take_inputs`. A node that lacks one retries at the next tick; each run of its
+        divisor is counted as lost once."""
+        messages = take_inputs(self.worker, slot, tick, self.deadline, slot is self.lead)
         if messages is None:
             slot.health.lost += tick // slot.every != slot.missed
             slot.missed = tick // slot.every
@@ -103,6 +106,21 @@ class _RealClock:
         age = max(0, now() - self.origin - self.at)
         slot.health.age.add(age)
         slot.health.overdue += age > self.period
+
+
+class Waiting(Protocol):
+    """What the inputs of a step need of their worker."""
+
+    job: Job
+    stopping: bool
+
+    def now(self) -> int:
+        """The time of the machine [ns]."""
+        ...
+
+    def wait(self, feed: RemoteStream, deadline: int | None = None) -> object:
+        """Wait for messages of another worker, until the deadline [ns]."""
+        ...
 
 
 def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, int] | None:
@@ -147,7 +165,7 @@ def _runs(slot: Slot, port: Input) -> int:
     return len({message.tick // slot.every for message in port.queue if message.tick >= slot.due})
 
 
-def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool) -> list[Message | None] | None:
+def take_inputs(worker: Waiting, slot: Slot, tick: int, deadline: int, leading: bool) -> list[Message | None] | None:
     """The inputs of a step; None if a required one did not arrive in time. For a node of a segment all messages that
     have arrived: compiled code applies the same rules to them."""
     messages: list[Message | None] = []
@@ -173,7 +191,7 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
     return messages
 
 
-def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
+def _silent(worker: Waiting, slot: Slot, port: Input, tick: int) -> bool:
     """Whether the sender of an optional input has stopped, so that waiting for it is useless."""
     if not port.port.optional or port.dead:
         return False
@@ -181,7 +199,7 @@ def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
     return message is not None and sender_stopped(_stands(worker, slot, port, message, tick), True)
 
 
-def _stands(worker: Worker, slot: Slot, port: Input, message: Message, tick: int) -> int:
+def _stands(worker: Waiting, slot: Slot, port: Input, message: Message, tick: int) -> int:
     """How a step takes a message, see `engine.schedule`."""
     need, age = (
         needed_tick(tick, port.every, port.loop),
@@ -191,7 +209,7 @@ def _stands(worker: Worker, slot: Slot, port: Input, message: Message, tick: int
     return standing(message.tick, need, port is slot.driver, age, worker.job.rate, permits)
 
 
-def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:
+def _pick(worker: Waiting, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:
     """The message of this tick, if it arrives before the deadline; otherwise the newest one before it."""
     if port.dead:
         return None
@@ -199,7 +217,7 @@ def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) ->
     need = needed_tick(tick, port.every, port.loop)
     if not waits or port.loop or port.output is not None:
         return message
-    while (message is None or message.tick < need) and not port.is_lost(need) and now() < deadline:
+    while (message is None or message.tick < need) and not port.is_lost(need) and worker.now() < deadline:
         assert port.feed is not None
         worker.wait(port.feed, deadline)
         if port.dead or worker.stopping:

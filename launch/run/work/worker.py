@@ -6,7 +6,7 @@ The loops over the ticks are in `simulated` and `real`, one for each clock; `loo
 import contextlib
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 from palpate.engine.clock import POLL_INTERVAL, Silence, now
@@ -53,6 +53,18 @@ def _absences(slot: Slot) -> str:
     )
 
 
+def end_inputs(slots: Iterable[Slot], nodes: set[str], blocked: set[str], back: bool) -> None:
+    """End the inputs from dead nodes, or resume those of restarted ones; block or unblock nodes that need them."""
+    for slot in slots:
+        if slot.name in blocked:
+            slot.blocked = not back
+        for port in slot.inputs:
+            if port.producer in nodes | blocked:
+                port.dead = not back
+                port.queue.clear()
+                port.message = None
+
+
 class EndedError(Exception):
     """The last tick was run, or the launcher ordered the end."""
 
@@ -65,6 +77,8 @@ class Worker:
     report  takes a report for the launcher
     alone   started by hand: it ends without heartbeats of the launcher
     """
+
+    now = staticmethod(now)
 
     def __init__(self, job: Job, bus: Bus | None, report: Callable[[Report], None], alone: bool = False) -> None:
         self.job, self.bus, self.report, self._alone = job, bus, report, alone
@@ -399,14 +413,7 @@ class Worker:
         """End the streams of dead nodes, or resume those of restarted ones; block or unblock nodes that need them."""
         if self.hop is not None:
             self.hop.release()
-        for slot in self.slots:
-            if slot.name in blocked:
-                slot.blocked = not back
-            for port in slot.inputs:
-                if port.producer in nodes | blocked:
-                    port.dead = not back
-                    port.queue.clear()
-                    port.message = None
+        end_inputs(self.slots, nodes, blocked, back)
         for part in self.parts:
             if isinstance(part, CompiledSegment):
                 part.refresh()

@@ -36,6 +36,7 @@ def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: N
     return SimpleNamespace(
         job=SimpleNamespace(rate=rate, links=links),
         wait=wait,
+        now=lambda: real.now(),
         stopping=False,
         tick=-1,
         last=None,
@@ -49,7 +50,7 @@ def drag(age: int, every: int = 1, loop: bool = False, **given) -> tuple[Slot, l
     made = slot("Drag", ("pose", {}), ("force", {"every": every, "loop": loop, "waits": False}))
     put(made, 0, POSE, 100)
     put(made, 1, FORCE, 100 - age)
-    return made, real._gather(worker(**given), made, 100, 0, leading=True)
+    return made, real.take_inputs(worker(**given), made, 100, 0, leading=True)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +79,7 @@ def test_an_optional_input_is_absent_beyond_its_age():
             made = slot("Spread", ("force", {}), ("friction", {"optional": True, "waits": False}))
             put(made, 0, FORCE, 100)
             put(made, 1, FORCE, 100 - age)
-            gathered = real._gather(worker(links=links), made, 100, 0, leading=True)
+            gathered = real.take_inputs(worker(links=links), made, 100, 0, leading=True)
             assert gathered is not None and (gathered[1] is None) == absent
 
 
@@ -86,7 +87,7 @@ def test_an_optional_input_is_absent_beyond_its_age():
 def test_a_device_is_without_torque_beyond_its_age(age, absent):
     made = slot("Source", ("torque", {"loop": True, "optional": True}))
     put(made, 0, TORQUE, 100 - age)
-    gathered = real._gather(worker(links=5), made, 100, 0, leading=True)
+    gathered = real.take_inputs(worker(links=5), made, 100, 0, leading=True)
     assert gathered is not None and (gathered[0] is None) == absent
 
 
@@ -114,7 +115,7 @@ def test_a_step_waits_for_its_inputs_until_the_deadline_and_no_longer(monkeypatc
             if clock[0] == comes:
                 put(made, 1, FORCE, 100)
 
-        gathered = real._gather(worker(wait=wait), made, 100, 5 * MS, leading=True)
+        gathered = real.take_inputs(worker(wait=wait), made, 100, 5 * MS, leading=True)
         return [message.tick for message in gathered], clock[0]
 
     assert gather(3 * MS, True) == ([100, 100], 3 * MS)
@@ -126,7 +127,7 @@ def test_a_missing_driving_message_means_no_step():
     made = slot("Drag", ("pose", {}), ("force", {"waits": False}))
     put(made, 0, POSE, 99)
     put(made, 1, FORCE, 100)
-    assert real._gather(worker(), made, 100, 0, leading=False) is None
+    assert real.take_inputs(worker(), made, 100, 0, leading=False) is None
     assert made.health.held == 0
 
 
@@ -181,7 +182,7 @@ def test_a_run_that_lacks_an_input_counts_as_lost_once(monkeypatch):
     here.send = here.check_orders = here.housekeep = lambda *_: None
     ticks = iter(range(26))
     monkeypatch.setattr(real, "_follow", lambda *_: (next(ticks), 0))
-    monkeypatch.setattr(real, "_gather", lambda *_: None)
+    monkeypatch.setattr(real, "take_inputs", lambda *_: None)
     real.run_real(here, 0)
     assert made.health.lost == 3
 
@@ -228,14 +229,14 @@ def test_a_stopped_run_ends_at_its_next_tick(monkeypatch):
 def test_messages_of_a_dead_sender_are_not_used():
     made, _ = drag(0)
     made.inputs[1].dead = True
-    assert real._gather(worker(), made, 100, 0, leading=True) is None
+    assert real.take_inputs(worker(), made, 100, 0, leading=True) is None
 
 
 def test_the_input_of_a_loop_is_from_the_previous_tick():
     made = slot("Source", ("torque", {"loop": True}))
     put(made, 0, TORQUE, 99)
     put(made, 0, TORQUE, 100)
-    assert real._gather(worker(), made, 100, 0, leading=True)[0].tick == 99
+    assert real.take_inputs(worker(), made, 100, 0, leading=True)[0].tick == 99
 
 
 class Here(SimpleNamespace):
@@ -276,7 +277,7 @@ def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):
 
     monkeypatch.setattr(real, "sleep_until", sleep)
     monkeypatch.setattr(real, "now", lambda: here.clock[0])
-    monkeypatch.setattr(real, "_gather", gather)
+    monkeypatch.setattr(real, "take_inputs", gather)
     real.run_real(here, origin)
     assert here.sent == [(0, 0), (1, 0), (0, 1), (0, 2), (1, 2)]
     ticks = (0, 0, 1, 2, 2, 3)
@@ -307,7 +308,7 @@ def test_a_node_does_not_wait_for_a_stopped_optional_sender(monkeypatch):
             waited.append(feed)
             clock[0] += MS
 
-        real._gather(worker(wait=wait), made, 100, MS, leading=True)
+        real.take_inputs(worker(wait=wait), made, 100, MS, leading=True)
         return len(waited)
 
     assert gather("optional", 1) == 1 and gather("optional", 7) == 1
@@ -323,7 +324,7 @@ def test_a_stall_of_the_node_ages_its_inputs_only_for_hardware(hardware, absent)
     made.node.hardware = hardware
     put(made, 0, FORCE, 100)
     put(made, 1, FORCE, 68)
-    gathered = real._gather(worker(), made, 100, 0, leading=True)
+    gathered = real.take_inputs(worker(), made, 100, 0, leading=True)
     assert gathered is not None and (gathered[1] is None) == absent
 
 
@@ -331,7 +332,7 @@ def test_an_output_after_the_period_is_overdue(monkeypatch):
     here = Here(last=0)
     monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
     monkeypatch.setattr(real, "now", lambda: here.clock[0])
-    monkeypatch.setattr(real, "_gather", lambda *given: [None])
+    monkeypatch.setattr(real, "take_inputs", lambda *given: [None])
     here.slots[0].node.step = lambda torque, **given: here.clock.__setitem__(0, MS - 30_000) or POSE
     here.slots[0].takes(here.slots[0].counts)
     real.run_real(here, 0)
@@ -367,7 +368,7 @@ def test_a_wait_ends_when_its_sender_dies_or_the_run_stops():
             setattr(made.inputs[1] if ends == "dead" else here, ends, True)
 
         here.wait = wait
-        assert real._gather(here, made, 100, 1 << 62, leading=True) is None
+        assert real.take_inputs(here, made, 100, 1 << 62, leading=True) is None
         assert len(waits) == 1
 
 

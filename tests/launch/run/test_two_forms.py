@@ -151,7 +151,7 @@ def test_a_step_takes_the_same_messages(monkeypatch):
         one = Row(rng)
         monkeypatch.setattr(real, "permitted_age", lambda job, slot, port, one=one: one.permitted[port])
         worker = SimpleNamespace(job=SimpleNamespace(rate=one.rate), stopping=False)
-        expected = real._gather(worker, one.slot, one.tick, 0, True)
+        expected = real.take_inputs(worker, one.slot, one.tick, 0, True)
         found = one.words[6:]
         complete = gather(one.row.ctypes.data, 5, one.clock.ctypes.data, found.ctypes.data)
         assert bool(complete) == (expected is not None)

@@ -1,0 +1,212 @@
+"""A graph by the rules of the real clock in virtual time: each node runs as in a separate process, with messages that
+are late, lost or not sent. Only tick numbers count, so the result does not depend on the machine."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from heapq import heapify, heappop, heappush
+from itertools import count
+from typing import Any
+
+from msgspec.structs import replace
+
+from palpate.engine.slot import Input, Slot, make
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.plan import plan
+from palpate.launch.load.recording import set_recording
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.wire.wires import blocked_by
+from palpate.launch.run.work.real import take_inputs
+from palpate.launch.run.work.worker import end_inputs
+from palpate.messages import Message, Pose, Torque
+from palpate.nodes.device import Simulated
+
+Lost = Callable[[str, str, int], bool]
+"""Whether the message of a stream to a node is lost at a tick."""
+Fate = Callable[[str, str, int], tuple[int, ...]]
+"""Delays [ticks] of the copies of a message of a stream to a node: empty if it is lost, two if it is duplicated."""
+
+
+ELSEWHERE: Any = object()
+"""The stream of another process."""
+
+
+def nothing(stream: str, reader: str, tick: int) -> bool:
+    """Lose no message."""
+    return False
+
+
+class _Clock:
+    """What a step needs of a worker: virtual time [ns], which passes while it waits for a message in vain."""
+
+    stopping = False
+
+    def __init__(self, job: Any) -> None:
+        self.job, self.at, self.period = job, 0, round(1e9 / job.rate)
+
+    def now(self) -> int:
+        return self.at
+
+    def wait(self, feed: object, deadline: int | None = None) -> None:
+        self.at += self.period
+
+
+class Chain:
+    """The nodes of a launch file, message by message.
+
+    late    delay of a message [ticks]
+    lost    which messages are lost
+    fate    delays of the messages; by default according to `late` and `lost`
+    sent    callback for every sent message
+    halted  whether a node is stopped at a tick, as by SIGSTOP
+    events  what happened last, if it is a deque: tick, event, node or stream
+    rate    [Hz]
+    """
+
+    def __init__(self, launch: LaunchFile, late: int = 0, lost: Lost = nothing) -> None:
+        launch = launch.but(place="fused")
+        graph = launch.load()
+        set_recording(graph, None)
+        job = next(job for job in jobs(plan(graph), launch.placement(plan(graph)), clock="real") if job.leads)
+        assert {given.name for given in job.nodes} == set(plan(graph).order)
+        self.slots = [Slot(given, make(given), ()) for given in job.nodes]
+        for slot in self.slots:
+            slot.wire({})
+            for port in slot.inputs:
+                port.feed = ELSEWHERE  # no message arrives while a step waits
+            slot.start()
+        self.readers: dict[str, list[tuple[str, Input]]] = {}
+        for slot in self.slots:
+            for port in slot.inputs:
+                self.readers.setdefault(port.stream, []).append((slot.name, port))
+        self.clock = _Clock(job)
+        self.rate: float = job.rate
+        self.events: deque[tuple[int, str, str]] | None = None
+        self.late, self.lost = late, lost
+        self.fate: Fate | None = None
+        self.way: list[tuple[int, int, Input, Message]] = []
+        self._sent = count()
+        self.sent: Callable[[str, Message], None] = lambda stream, message: None
+        self.halted: Callable[[str, int], bool] = lambda node, tick: False
+        self.begin()
+
+    def begin(self) -> None:
+        """Restart, with the existing kernels and meshes."""
+        for slot in self.slots:
+            slot.begin()
+            slot.due = 0
+            slot.blocked = False
+            for port in slot.inputs:
+                port.queue.clear()
+                port.message = None
+                port.dead = not port.stream
+        self.way.clear()
+        self.tick = self.clock.at = 0
+        self.ran = {slot.name: -1 for slot in self.slots}
+
+    def run(self, ticks: int, stopped: str = "") -> None:
+        """Run some ticks; without a node, if it is named."""
+        for _ in range(ticks):
+            self._tick([slot for slot in self.slots if slot.name != stopped])
+
+    def play(self, poses: Iterable[Pose]) -> None:
+        """Run the nodes after the first pose of the graph, with these poses in its place, one for each tick."""
+        first = next(slot for slot in self.slots if any(output.kind is Pose for output in slot.outputs))
+        stream = next(output.stream for output in first.outputs if output.kind is Pose)
+        after = [slot for slot in self.slots if slot is not first and not slot.node.paced]
+        for pose in poses:
+            self._send(stream, replace(pose, tick=self.tick, time=self.tick * self.clock.period))
+            self._tick(after)
+
+    def _tick(self, slots: Sequence[Slot]) -> None:
+        self._arrive()
+        for slot in slots:
+            if not slot.blocked and not self.halted(slot.name, self.tick):
+                self._step(slot)
+                self._arrive()
+        self.tick += 1
+
+    def stall(self, ticks: int) -> None:
+        """No node is scheduled for this number of ticks."""
+        self._note("stall", f"{ticks} ticks")
+        self.tick += ticks
+
+    def die(self, name: str) -> None:
+        """A node ends; its readers are notified at once, and those that require it wait."""
+        self._note("dies", name)
+        self._death({name}, back=False)
+        self.slot(name).blocked = True
+
+    def revive(self, name: str) -> None:
+        """The node returns with its initial state."""
+        self._note("returns", name)
+        slot = self.slot(name)
+        slot.begin()
+        slot.node.replaces()
+        self.ran[name] = self.tick - 1
+        self.way = [entry for entry in self.way if entry[2] not in slot.inputs]
+        heapify(self.way)
+        self._death({name}, back=True)
+        slot.blocked = False
+
+    def _death(self, nodes: set[str], back: bool) -> None:
+        end_inputs(self.slots, nodes, blocked_by([self.clock.job], nodes), back)
+
+    def slot(self, name: str) -> Slot:
+        return next(slot for slot in self.slots if slot.name == name)
+
+    def _arrive(self) -> None:
+        while self.way and self.way[0][0] <= self.tick:
+            _, _, port, message = heappop(self.way)
+            port.put(message)
+
+    def _send(self, stream: str, message: Message) -> None:
+        for reader, port in self.readers.get(stream, ()):
+            ways = self._fate(stream, reader, message.tick)
+            if ways != (0,):
+                self._note(f"late {ways}" if ways else "lost", f"{stream} -> {reader}")
+            for late in ways:
+                if late == 0:
+                    port.put(message)
+                else:
+                    heappush(self.way, (self.tick + late, next(self._sent), port, message))
+
+    def _fate(self, stream: str, reader: str, tick: int) -> tuple[int, ...]:
+        if self.fate is not None:
+            return self.fate(stream, reader, tick)
+        return () if self.lost(stream, reader, tick) else (self.late,)
+
+    def _step(self, slot: Slot) -> None:
+        driver = slot.driver
+        tick = self.tick
+        if driver is not None:
+            if not driver.queue or driver.queue[-1].tick <= self.ran[slot.name]:
+                return
+            tick = driver.queue[-1].tick
+        messages = take_inputs(self.clock, slot, tick, self.clock.at + self.clock.period, leading=True)
+        if messages is None:
+            self._note("waits", slot.name)
+        else:
+            slot.due = tick + slot.every
+            slot.step(tick, tick * self.clock.period, messages, 1.0 / self.rate)
+            self.ran[slot.name] = tick
+            for output in slot.outputs:
+                if output.last is not None:
+                    self.sent(output.stream, output.last)
+                    self._send(output.stream, output.last)
+
+    def _note(self, event: str, where: str) -> None:
+        if self.events is not None:
+            self.events.append((self.tick, event, where))
+
+    @property
+    def device(self) -> Slot:
+        """The paced node."""
+        return next(slot for slot in self.slots if slot.node.paced)
+
+    def torque(self) -> float:
+        """The largest torque that the device uses after its last step."""
+        node, held, sent = self.device.node, self.device.inputs[0].message, self.device.outputs[0].last
+        if isinstance(node, Simulated):
+            return float(max(map(abs, node.own["applied"])))
+        there = isinstance(held, Torque) and sent is not None and sent.used[0] >= 0
+        return max(map(abs, held.torques)) if there else 0.0  # type: ignore[union-attr]

@@ -1,0 +1,96 @@
+"""`palpate bench faults`: what it finds, and that it finds what is planted."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from palpate.cli.__main__ import app
+from palpate.launch.run.work import worker
+from palpate.studies.faults import search as searching
+from palpate.studies.faults.chain import Chain
+from palpate.studies.faults.fault import Fault
+from palpate.studies.faults.judge import judge, needed_nodes
+from palpate.studies.faults.search import search
+from palpate.studies.faults.touch import feel
+
+runner = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def touched():
+    """A touch, its nodes, and what is felt without faults."""
+    (one,) = searching._seeds(60, 1)
+    return one[1:]
+
+
+def between(begin, end):
+    return lambda tick, felt: begin <= tick < end
+
+
+def scores(touched, *faults):
+    touch, run, base = touched
+    return judge(run, touch, faults, base)
+
+
+def middle(touched):
+    """A tick at which the finger presses, before the last rest."""
+    touch, run, _ = touched
+    forces = []
+    feel(run, round((touch.duration - 0.35) * touch.rate), lambda tick, felt: forces.append(felt.force))
+    return max(range(len(forces)), key=forces.__getitem__)
+
+
+def test_random_faults_break_nothing():
+    results = search(60, 3)
+    assert results.seeds == 3 and not results.broken.total(), results
+
+
+def test_a_seed_has_the_same_faults_and_forces_alone():
+    alone, after = search(63, 1), search(62, 2)
+    assert all(found in after.worst[name] for name, listed in alone.worst.items() for found in listed)
+
+
+def test_the_device_needs_all_nodes_but_friction(touched):
+    _, run, _ = touched
+    assert needed_nodes(run) >= {"finger", "collision", "contact", "tissue", "controller", "statics"}
+    assert "friction" not in needed_nodes(run)
+
+
+def test_an_input_that_never_expires_is_found(touched, monkeypatch):
+    at = middle(touched)
+    stopped = Fault("stops", "controller", "", between(at, at + 80), "")
+    assert not any(score.broken for score in scores(touched, stopped).values())
+    monkeypatch.setattr(worker, "HELD", 10.0)
+    monkeypatch.setattr(worker, "RELEASED", 10.0)
+    assert scores(touched, stopped)["silence"].broken
+
+
+def test_a_node_that_does_not_return_is_found(touched, monkeypatch):
+    at = middle(touched)
+    dead = Fault("restarts", "contact", "", between(at, at + 15), "")
+    assert not any(score.broken for score in scores(touched, dead).values())
+    monkeypatch.setattr(Chain, "revive", lambda run, name: None)
+    assert scores(touched, dead)["return"].broken
+
+
+def test_a_broken_seed_is_reduced_and_printed_with_its_last_events(tmp_path, monkeypatch):
+    monkeypatch.setattr(worker, "HELD", 10.0)
+    monkeypatch.setattr(worker, "RELEASED", 10.0)
+    stops = Fault("stops", "controller", "", between(150, 10**6), "from 150 on")
+    lost = Fault("lost", "tissue", "contact", between(155, 158), "155..158")
+    monkeypatch.setattr(searching, "draw_faults", lambda *given: [lost, stops])
+    done = runner.invoke(
+        app, ["bench", "faults", "--seeds", "1", "--seed", "60", "-o", str(tmp_path / "out"), "--json"]
+    )
+    assert done.exit_code == 1
+    worst = json.loads(done.stdout)["worst"][0]
+    assert worst["faults"] == ["stops controller from 150 on"] and "palpate run" in worst["command"]
+    assert (tmp_path / "out" / "faults.txt").read_text().count("palpate bench faults --seed 60 --seeds 1") >= 1
+
+
+@pytest.mark.long
+@pytest.mark.timeout(7200)
+def test_many_random_faults_break_nothing():
+    results = search(1000, 300)
+    assert not results.broken.total(), [f for listed in results.worst.values() for f in listed if f.score.broken]
