@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.faults import GraphError
+from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.scratch import ScratchFolder
 from palpate.physics.writable import check_folder
@@ -51,7 +52,7 @@ ENGINE = (
 class Built:
     """A folder.
 
-    variants  number of them;  left_out  nodes that do not run, with the reason
+    variants  number of them;  left_out  nodes and bodies that do not run, with the reason
     code, first, whole  [bytes] of the compressed code, of what the page loads at first, of the folder
     """
 
@@ -84,7 +85,7 @@ def build(
     scratch = ScratchFolder("web")
     try:
         found = _all_variants(places, Path(scratch.name), bodies, begin, measure)
-        store, entries, left_out, code = _build_variants(found, name, begin)
+        store, entries, left_out, code = _build_variants(found, name, bodies, begin)
     finally:
         scratch.cleanup()
     first = next(entry for entry in entries if entry["first"])
@@ -145,17 +146,12 @@ class _Store:
 
 
 def _build_variants(
-    found: Sequence[Variant], name: str, begin: Callable[[str], Callable[[float], None]]
+    found: Sequence[Variant], name: str, wished: Sequence[str], begin: Callable[[str], Callable[[float], None]]
 ) -> tuple[_Store, list[dict[str, Any]], dict[str, str], str]:
-    """The files of all variants, their entries in the list of the page, the nodes that do not run, and the code."""
+    """The files of all variants, their entries in the list of the page, what is left out, and the code."""
     store, entries = _Store(), list[dict[str, Any]]()
     with ExitStack() as running:
-        done = begin("starting the nodes")
-        runs: list[tuple[Variant, Started]] = []
-        for number, variant in enumerate(found):
-            with contextlib.nullcontext() if variant.first else contextlib.suppress(GraphError):  # it is not offered
-                runs.append((variant, running.enter_context(started(variant.launch))))
-            done((number + 1) / len(found))
+        runs, refused = _start(found, wished, running, begin("starting the nodes"))
         done = begin("compiling to WebAssembly")
         program = compile_program(run.segment for _, run in runs)
         done(1.0)
@@ -173,7 +169,30 @@ def _build_variants(
             store.needs[digest] = [part["hash"] for part in about["parts"]] + [about["mesh"]]
             entries.append({**variant.choice, "hash": digest, "program": about["recording"]["program"]})
             done((number + 1) / len(runs))
-        return store, entries, runs[0][1].left_out, store.add(program.code.code)
+        return store, entries, runs[0][1].left_out | refused, store.add(program.code.code)
+
+
+def _start(
+    found: Sequence[Variant], wished: Sequence[str], running: ExitStack, done: Callable[[float], None]
+) -> tuple[list[tuple[Variant, Started]], dict[str, str]]:
+    """The variants that start, and the bodies that do not, with the reason.
+
+    NodeError, GraphError: the first one does not, or one with a body of `wished`, the names of the bodies to offer.
+    """
+    runs: list[tuple[Variant, Started]] = []
+    refused: dict[str, str] = {}
+    for number, variant in enumerate(found):
+        body = variant.body.rpartition(".")[2]
+        try:
+            runs.append((variant, running.enter_context(started(variant.launch))))
+        except (GraphError, NodeError) as error:
+            asked = variant.case is None and body in [name.rpartition(".")[2] for name in wished]
+            if variant.first or (asked and isinstance(error, NodeError)):
+                raise
+            if variant.case is None:
+                refused.setdefault(body, str(error).splitlines()[0])
+        done((number + 1) / len(found))
+    return runs, {body: why for body, why in refused.items() if all(body not in run.body for run, _ in runs)}
 
 
 def _identity(code: bytes, parts: Sequence[dict[str, Any]]) -> str:
