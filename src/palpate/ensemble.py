@@ -14,6 +14,7 @@ from palpate.bases import build_for_each, depends
 from palpate.compiler import kernel_cache
 from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
+from palpate.engine.job import NodeJob
 from palpate.engine.schedule import nanoseconds
 from palpate.gradients.gradient import Gradient
 from palpate.launch.load.arguments import Organ, check_over, check_path, check_texts, describe_run
@@ -42,8 +43,11 @@ from palpate.messages.record import layout
 from palpate.nodes.base import plain, settings
 from palpate.physics.errors import ArgumentError, PalpateWarning, RunError
 from palpate.records.lane_store import NOTES, KeptField, LaneStore, as_coordinate
+from palpate.records.lerobot.frames import Frames
+from palpate.records.lerobot.lanes import LaneEpisodes, lane_sources
 from palpate.records.samples import Samples
 
+FORMS = "zarr", "lerobot"  # of results on the disk
 TOLERANCE = 1e-4
 """[1] Largest error of a derivative over its RMS."""
 SHOWN = 3  # number of failed lanes that a warning lists
@@ -66,6 +70,8 @@ class Ensemble:
 
     GraphError, ArgumentError: invalid arguments; raised before anything runs.
     """
+
+    memory: Memory
 
     def __init__(
         self,
@@ -106,6 +112,7 @@ class Ensemble:
             raise ArgumentError(f"{graph}: the graph has no duration; pass duration=2.0 [s]")
         base = launch.load()
         self.notes, self._launch, self._base = LaneNotes(), launch, base
+        self._watch: Callable[[int, Sequence[NodeJob]], None] | None = None  # takes each lane before it runs
         self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
         self.over = {_path(path, base): _each(path, given, lanes) for path, given in over.items()}
         several = range(lanes) if any(map(depends, self.over)) else range(1)
@@ -140,13 +147,25 @@ class Ensemble:
 
     def _check_lane(self, lane: int) -> Prepared:
         """A lane. GraphError, ArgumentError: it is refused."""
-        return self._prepared[lane] if lane < len(self._prepared) else self._lane(lane)
+        one = self._prepared[lane] if lane < len(self._prepared) else self._lane(lane)
+        if self._watch is not None:
+            self._watch(lane, one.job.nodes)
+        return one
 
     def settings(self, lane: int) -> str:
         """The settings of a lane that differ from the graph, as text."""
         return describe_values(self._values(lane))
 
-    def run(self, *, out: str | Path | None = None, quiet: bool = False, executor: Executor | None = None) -> Any:
+    def run(
+        self,
+        *,
+        out: str | Path | None = None,
+        form: str = "zarr",
+        fps: int = 30,
+        touch_rate: float = 150.0,
+        quiet: bool = False,
+        executor: Executor | None = None,
+    ) -> Any:
         """Run all lanes from the start.
 
         Returns an xarray Dataset with the dimensions `lane` and `time` [s], and `axis` for vectors. Without xarray it
@@ -159,6 +178,9 @@ class Ensemble:
 
         out    folder of a zarr store to write, in bounded memory for any number of lanes. Ctrl-C keeps whole blocks of
                lanes; the same call continues an unfinished store. The Dataset reads from it
+        form   of `out`: "zarr", or "lerobot", a data set for robot learning with an episode for each lane that does not
+               fail (docs/lerobot.md), whose folder is returned; `keep` then selects nothing
+        fps, touch_rate  of this set: rates of the frames and of the touch samples [Hz]
         quiet  no progress bar
         executor  what computes blocks of lanes, anything with `submit`: an executor of `concurrent.futures`, mpi4py or
                loky, a `dask.distributed.Client`; None: the threads of this process. The results are the same
@@ -166,7 +188,11 @@ class Ensemble:
         ArgumentError: the results do not fit into the memory, or `out` has something else. RunError: all lanes failed.
         KeyboardInterrupt: Ctrl-C, within 0.1 s.
         """
-        time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
+        if form not in FORMS:
+            raise ArgumentError(f"form: found {form!r}, expected one of {', '.join(FORMS)}")
+        if form == "lerobot":
+            return self._run_episodes(out, Frames(fps, float(touch_rate)), quiet, executor)
+        time = self._times()
         self._check_room(out is None)
         if out is None:
             columns, errors, notes = self._in_memory(quiet, executor)
@@ -224,8 +250,36 @@ class Ensemble:
         more._check_room(True)
         columns, errors, _ = more._in_memory(quiet, executor)
         more._report()
-        time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
-        return work.dataset(columns, errors, time, [field.unit for field in self._fields])
+        return work.dataset(columns, errors, self._times(), [field.unit for field in self._fields])
+
+    def _times(self) -> np.ndarray:
+        """Times of the kept values [s]."""
+        return np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
+
+    def _run_episodes(self, out: str | Path | None, frames: Frames, quiet: bool, executor: Executor | None) -> Path:
+        """Run all lanes, and write each as an episode of a new data set; returns its folder."""
+        if out is None:
+            raise ArgumentError("form='lerobot': found no `out`, expected the folder of the data set")
+        folder = check_path("out", out)
+        sources, left = lane_sources(self._base)
+        if left:
+            warnings.warn(f"{self.name}: {', '.join(left)}: not in the data set, because lanes keep no fields of "
+                          "variable length; export recordings instead", PalpateWarning, stacklevel=3)  # fmt: skip
+        more: Ensemble = Ensemble.__new__(Ensemble)
+        keep = [f"{stream}.{name}" for stream, name in sources.fields]
+        more._prepare(self.name, self._launch, self.count, self.over, keep, self._every, self._threads)
+        more._check_room(False)
+        about = {"graph": self.name, "identity": more._identity(), "units": self._units}
+        written = LaneEpisodes(
+            folder, self._base, sources, frames, self._times(), self.count, self.over,
+            lambda lane: more._check_lane(lane).job.nodes, about,
+        )  # fmt: skip
+        more._watch = written.watch
+        more._run(written.write, quiet, executor, range(0, self.count, more._size), more._size)
+        self.notes, self.memory = more.notes, more.memory
+        more._report()
+        warn(more.notes)
+        return folder
 
     def _in_memory(self, quiet: bool, executor: Executor | None) -> tuple[list[np.ndarray], list[str], list[str]]:
         """The kept fields of all lanes, their errors and their notes."""

@@ -30,6 +30,7 @@ DIRECTLY = {
     "src/palpate/views/surface/off_screen.py": "a temporary folder, read by a child process",
     "src/palpate/views/surface/render.py": "the same, written by the child process",
     "src/palpate/views/page/steered.py": "a temporary folder of the page",
+    "src/palpate/records/lerobot/writer.py": "a folder of the set; its files are renamed when all are complete",
     "src/palpate/web/folder.py": "a folder under a temporary name, which is renamed when it is complete",
     "src/palpate/web/program.py": "a temporary folder of a measurement",
     "src/palpate/studies/peers/calculix.py": "a temporary folder, read by CalculiX",

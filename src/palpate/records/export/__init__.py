@@ -12,6 +12,7 @@ FORMATS = {
     "foxglove": ("foxglove", ".foxglove.mcap"),
     "parquet": ("tables", "-parquet"),
     "csv": ("tables", "-csv"),
+    "lerobot": ("lerobot", "-lerobot"),
     "wav": ("vibration", ".wav"),
     "hjif": ("vibration", ".hjif"),
     "nwb": ("nwb", ".nwb"),
@@ -30,15 +31,18 @@ def export(
     *,
     every: int | None = None,
     subject: Mapping[str, str] | None = None,
+    fps: int | None = None,
+    touch_rate: float | None = None,
 ) -> list[Path]:
     """Write a recording in another format; returns the files.
 
     to       one of FORMATS: foxglove (MCAP with JSON channels), parquet, csv (a file per stream), wav, hjif,
-             nwb, gltf
+             nwb, gltf, lerobot (a folder)
     out      file or folder; None: next to the recording
     streams  streams to write; empty: all
     every    write every n-th message; None: all
     subject  nwb: what is known of the subject, by the names of NWB (subject_id, age, sex, species, ...)
+    fps, touch_rate  lerobot: rates of the frames and of the touch samples [Hz]; None: 30 and 150
 
     RecordingError: an argument is invalid, or a package is missing.
     """
@@ -50,12 +54,17 @@ def export(
     write = getattr(import_module(f"{__name__}.{module}"), f"write_{to}")
     target = out or recording.path.with_name(recording.path.stem + ending)
     if every and to not in THINNED:
-        raise RecordingError(f"--every: a file of type {target.suffix} needs every message; leave it out")
+        raise RecordingError(f"--every: --to {to} needs every message; leave it out")
     if target.exists() and target.samefile(recording.path):
         raise RecordingError(f"{target} is the recording itself; name another file with --out")
     if subject and to != "nwb":
         raise RecordingError(f"--subject: found --to {to}, expected --to nwb; other formats have no subject")
-    given = {"subject": subject or {}} if to == "nwb" else {}
+    given: dict[str, object] = {"subject": subject or {}} if to == "nwb" else {}
+    rates = {name: rate for name, rate in (("fps", fps), ("touch_rate", touch_rate)) if rate is not None}
+    if rates and to != "lerobot":
+        option = next(iter(rates)).replace("_", "-")
+        raise RecordingError(f"--{option}: found --to {to}, expected --to lerobot; other formats have no frames")
+    given |= rates
     return write(recording, target, tuple(streams) or tuple(recording.streams), every, **given)
 
 

@@ -1,5 +1,6 @@
 """`palpate export`: a recording in the formats of other tools, or as a complete recording."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -18,10 +19,10 @@ def export(
     to: Annotated[
         str,
         typer.Option(
-            help="foxglove, parquet, csv; wav, hjif: a texture; nwb: spikes; gltf: organ; mcap: a complete recording."
+            help="foxglove, parquet, csv, lerobot; wav, hjif: texture; nwb: spikes; gltf: organ; mcap: whole recording."
         ),
     ],
-    out: Annotated[Path | None, out_option("Folder (parquet, csv) or file; default: next to FILE.")] = None,
+    out: Annotated[Path | None, out_option("Folder (parquet, csv, lerobot) or file; default: next to FILE.")] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[
         int | None,
@@ -33,6 +34,10 @@ def export(
             help="With --to nwb: subject_id=S1, age=P30Y, sex=F, species=...; may be repeated.", metavar="KEY=VALUE"
         ),
     ] = None,
+    fps: Annotated[int | None, typer.Option(help="With --to lerobot: frames per second; default: 30.", min=1)] = None,
+    touch_rate: Annotated[
+        float | None, typer.Option(help="With --to lerobot: touch samples per second; default: 150.", min=1)
+    ] = None,
     full: Annotated[
         bool, typer.Option("--full", help="With --to mcap, of a recording of sources: compute and write all messages.")
     ] = False,
@@ -41,11 +46,11 @@ def export(
 ) -> None:
     """Write a recording for other tools, or repair a truncated one.
 
-    Writes MCAP with JSON (Foxglove, PlotJuggler), Parquet or CSV; the vibration of a texture as sound (WAV) or as MPEG
-    haptics (.hjif, ISO/IEC 23090-31); the spikes of afferents as NWB; the organ's surface with its stiffness, friction
-    and texture as glTF (MPEG_haptic_material). With --to mcap: a complete recording from the
-    readable part of a truncated or damaged one. Exit code 1 if a message that --full computes differs from the
-    recorded one; the messages before it are written.
+    Writes MCAP with JSON (Foxglove, PlotJuggler), Parquet or CSV; poses and touch as a data set of LeRobot; the
+    vibration of a texture as sound (WAV) or as MPEG haptics (.hjif, ISO/IEC 23090-31); the spikes of afferents as NWB;
+    the organ's surface with its stiffness, friction and texture as glTF (MPEG_haptic_material). With --to mcap: a
+    complete recording from the readable part of a truncated or damaged one. Exit code 1 if a message that --full
+    computes differs from the recorded one; the messages before it are written.
     """
     if to == MCAP:
         if stream or every:
@@ -60,13 +65,15 @@ def export(
 
     one_of("--to", to, *FORMATS, MCAP)
     recording = Recording(file)
-    written = write(recording, to, out, stream or (), every=every, subject=_pairs(subject or []))
+    written = write(
+        recording, to, out, stream or (), every=every, subject=_pairs(subject or []), fps=fps, touch_rate=touch_rate
+    )
     if as_json:
         files = [str(path) for path in written]
         print_json({"ok": True, "files": files, "complete": recording.complete, "ending": recording.ending})
         return
     size = sum(path.stat().st_size for path in written)
-    where = written[0] if len(written) == 1 else written[0].parent
+    where = os.path.commonpath(written)
     say(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB", wrap=True)
     if not recording.complete:
         say(recording.ending, "yellow")
