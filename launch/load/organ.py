@@ -10,9 +10,11 @@ import numpy as np
 
 from palpate.engine.faults import Location
 from palpate.launch.load.files import Override
+from palpate.launch.load.labelled.table import tissue_of
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Vector3
-from palpate.nodes.base.surface import REFINE, OnSurface, Placed, surface_mesh
+from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.surface import REFINE, OnSurface, Placed, rotation_matrix, surface_mesh
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.mesh import Mesh, heights, summit
 
@@ -46,12 +48,12 @@ def place_organ(
     MeshError: a graph without a surface and a hand, a segmentation that cannot be used. SettingError: the mesh is
     unusable.
     """
-    given_as = organ.file
+    given_as, (label, nodule) = organ.file, organ.labelled()
     organ, made = organ.as_mesh()
     # Settings of the user's surface apply to the organ; the path was written for the scene's surface without them.
     unit, piece = organ.in_unit(), organ.setting
     turned = read(overrides)
-    graph = read([o for o in overrides if not _of_surface(o)])
+    graph = read([o for o in overrides if not _names([o], "scene.surface")])
     scene = graph.scene
     node = next((n for n in graph.nodes.values() if issubclass(n.cls, Placed) and "thickness" in n.settings), None)
     surface = scene.get("surface")
@@ -85,13 +87,36 @@ def place_organ(
         values["scene", "hand"] = scene["hand"] | _hand(path, points)
         narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""
         text += f", and the hand's path follows it{narrower}"
+    if nodule is not None:
+        at = (
+            _vector(turned.nodes[node.name].settings["position"])
+            if _names(overrides, "scene.surface.position")
+            else moved
+        )
+        lying = Mesh(mesh.vertices + at, mesh.triangles)
+        found, more = nodule.settings(lying, rotation_matrix(rotation), np.asarray(at))
+        values |= _take_nodule(turned, found)
+        made = (*made, *more)
+    if (tissue := tissue_of(label)) and not _names(overrides, "scene.tissue"):
+        made = (*made, f"label {label} has the tissue of the scene; published: --set scene.tissue={tissue}")
     place = Location(f"--organ {given_as}")
     return [Override(keys, YamlSource(value, {(): place})) for keys, value in values.items()], (*made, text)
 
 
-def _of_surface(override: str | Override) -> bool:
-    target = override.partition("=")[0].strip() if isinstance(override, str) else ".".join(override.keys)
-    return target.startswith("scene.surface")
+def _take_nodule(graph: Graph, found: dict[str, Any]) -> dict[tuple[str, ...], Any]:
+    """The settings of a nodule, in the scene's part `nodule`, or on the bodies that have one. MeshError: none has."""
+    if isinstance(graph.scene.get("nodule"), dict):
+        return {("scene", "nodule", key): value for key, value in found.items()}
+    bodies = [name for name, node in graph.nodes.items() if issubclass(node.cls, WithNodule)]
+    if not bodies:
+        raise MeshError(f"--label: no body of {graph.path.stem} has a nodule; take MassSpring, or a label without `+`")
+    return {(body, key): value for body in bodies for key, value in found.items()}
+
+
+def _names(overrides: Sequence[str | Override], target: str) -> bool:
+    """Whether the user sets this value of the scene, or one of its parts."""
+    keys = [o.partition("=")[0].strip() if isinstance(o, str) else ".".join(o.keys) for o in overrides]
+    return any(f"{key}.".startswith(f"{target}.") for key in keys)
 
 
 def _vector(given: Any) -> Vector3:

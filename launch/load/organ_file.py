@@ -3,6 +3,7 @@
 organ: liver.stl                                  # relative to the file with this line, or to the working directory
 organ: {file: liver.stl, unit: mm, piece: 2}
 organ: {file: seg.nii.gz, label: liver}           # a label of a segmentation: its number or its name
+organ: {file: seg.nii.gz, label: liver+tumour}    # the second one is a nodule inside of the first
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.faults import NOWHERE, Fault, GraphError, Location, choices
+from palpate.launch.load.labelled.nodule import Nodule
 from palpate.physics.errors import MeshError
 from palpate.physics.segmentation.endings import ending_of
 from palpate.units.header import factor
@@ -28,7 +30,8 @@ class OrganFile:
 
     unit   of a mesh: m, cm or mm; None: the only one in which its size is plausible
     piece  1: its largest separate piece, 2: the second largest ...; "all": every piece; None: all but small islands
-    label  of a segmentation: number or name; None: its only one
+    label  of a segmentation: number or name; liver+tumour: the second is a nodule inside of the first; None: its
+           only one
     """
 
     file: Path
@@ -63,6 +66,15 @@ class OrganFile:
             raise MeshError(f"--unit: {self.file} is a segmentation, whose header has the unit. Leave it out")
         stored = store_surface(self.file, self.label)
         return OrganFile(stored.path, "m", self.piece), stored.notes
+
+    def labelled(self) -> tuple[str, Nodule | None]:
+        """The label as the file writes it, "" without one, and the nodule that it names. MeshError: as of `as_mesh`."""
+        if not ending_of(self.file):
+            return "", None
+        from palpate.physics.segmentation.stored import store_surface
+
+        stored = store_surface(self.file, self.label)
+        return stored.organ, stored.inside and Nodule(stored.inside, stored.organ, str(self.file))
 
     @property
     def setting(self) -> int:

@@ -28,6 +28,7 @@ NEEDED = (
 )  # fmt: skip
 MORE = ("n", "spread", "doi", "remark", "relaxation", "scene")
 GRADES = {"P": "published", "S": "transcribed", "R": "computed from data", "assumed": "assumed"}
+OF_LABELS = ("labels", "inside")  # keys of the table that `labels` reads
 PLAIN = ("alpha", "b")  # parameters without a unit
 RATIO = 0.499  # Poisson's ratio if the record has no bulk modulus
 
@@ -82,6 +83,8 @@ def _records(folder: Path) -> tuple[dict[str, tuple[dict[str, Any], Location]], 
     for path in sorted(folder.glob("*.yaml")):
         source = read(path)
         left_out |= source.data.pop("left_out", {})
+        for key in OF_LABELS:
+            source.data.pop(key, None)
         for name, record in source.data.items():
             if name in found:
                 raise GraphError([Fault(f"tissue {name!r}: twice", "", source.place(name))])

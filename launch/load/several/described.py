@@ -3,20 +3,26 @@
 organs:
   - {name: liver, file: liver.stl, unit: mm, position: [0, 0, 0.128], tissue: liver-human}
   - {name: kidney, file: seg.nii.gz, label: 2}       # labels of one segmentation keep their places
+  - {file: seg.nii.gz, label: prostate+tumour}       # the second label is a nodule inside of the first
   - {surface: sphere, name: ball, position: [0, 0, 0.084], tissue: {young: 40 kPa}}
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from palpate.engine.faults import Fault, Faults, GraphError, choices
+from palpate.launch.load.labelled.nodule import Nodule
+from palpate.launch.load.labelled.table import tissue_of
 from palpate.launch.load.organ_file import organ_of
+from palpate.launch.load.several.reach import placed_mesh
 from palpate.launch.load.tissues import fill_in
 from palpate.launch.load.values.source import YamlSource, merge
 from palpate.messages.wording import written
 from palpate.physics.errors import PalpateError
+from palpate.physics.segmentation.endings import JOIN
 
 ORGANS = "organs"  # key of a scene
 FILE = ("file", "unit", "piece", "label")
@@ -25,33 +31,55 @@ KEYS = ("name", "surface", *FILE, *PLACE, "tissue")
 MOST = 16
 
 
-def take_organs(scene: YamlSource, faults: Faults) -> tuple[list[str] | None, tuple[str, ...]]:
+def take_organs(scene: YamlSource, faults: Faults) -> tuple[list[str] | None, tuple[str, ...], dict[str, Nodule]]:
     """Replace the list of organs in a scene by a part for each, named like the organ, with its `surface`, over that of
     the scene, and its `tissue`, without one that of the scene. Returns the names in the order of the list, None without
-    a list, and what was changed for segmentations.
+    a list, what was changed for segmentations, and the nodules of organs by their names.
 
     A fault for each entry that cannot be used.
     """
     given = scene.data.get(ORGANS)
     if given is None:
-        return None, ()
+        return None, (), {}
     place = scene.place(ORGANS)
     if not (isinstance(given, list) and 1 <= len(given) <= MOST):
         faults.add(f"organs: found {written(given)}, expected a list of 1 to {MOST} organs", "", place)
-        return None, ()
+        return None, (), {}
     entries = [YamlSource(entry, _places(scene, number)) for number, entry in enumerate(given)]
     scene.drop((ORGANS,))
     del scene.data[ORGANS]
     names: list[str] = []
     notes: list[str] = []
+    nodules: dict[str, Nodule] = {}
     for entry in entries:
         read = faults.keep(_read, entry, scene, names)
         if read is not None:
-            name, part, made = read
+            name, part, made, nodule = read
             scene.put((name,), part)
+            nodules |= {} if nodule is None else {name: nodule}
             names.append(name)
             notes += made
-    return names, tuple(notes)
+    return names, tuple(notes), nodules
+
+
+def add_nodules(nodules: Mapping[str, Nodule], scene: YamlSource, faults: Faults) -> tuple[str, ...]:
+    """Put the nodules of organs into their tissues, where these do not set them, at the places that the organs have
+    now. Returns notes; a fault for each nodule that cannot be in its organ."""
+    notes: list[str] = []
+    for name, nodule in nodules.items():
+        mesh, rotation, position = placed_mesh(scene.data[name].get("surface"))
+        if mesh is None:
+            continue  # the nodes report why
+        try:
+            found, more = nodule.settings(mesh, rotation, position)
+        except PalpateError as error:
+            faults.add(f"organs: {error}", "", scene.place(name))
+            continue
+        notes += more
+        for key, value in found.items():
+            if key not in scene.data[name]["tissue"]:
+                scene.put((name, "tissue", key), YamlSource(value, {(): scene.place(name)}))
+    return tuple(notes)
 
 
 def _places(scene: YamlSource, number: int) -> dict[tuple[Any, ...], Any]:
@@ -60,8 +88,10 @@ def _places(scene: YamlSource, number: int) -> dict[tuple[Any, ...], Any]:
     return {(): scene.place(*head)} | found
 
 
-def _read(entry: YamlSource, scene: YamlSource, names: list[str]) -> tuple[str, YamlSource, tuple[str, ...]]:
-    """Name, part of the scene and notes of one organ. GraphError: it cannot be used."""
+def _read(
+    entry: YamlSource, scene: YamlSource, names: list[str]
+) -> tuple[str, YamlSource, tuple[str, ...], Nodule | None]:
+    """Name, part of the scene, notes and nodule of one organ. GraphError: it cannot be used."""
     data, place = entry.data, entry.place()
     if not isinstance(data, dict):
         raise GraphError([Fault(f"organs: found {written(data)}, expected {{file: liver.stl, unit: mm}}", "", place)])
@@ -72,12 +102,13 @@ def _read(entry: YamlSource, scene: YamlSource, names: list[str]) -> tuple[str, 
         raise GraphError([Fault("organs: expected either `file` or `surface` of each organ", "", place)])
     surface: dict[str, Any] = {"spacing": 0}  # a contact of organs needs all vertices
     notes: tuple[str, ...] = ()
-    stem = data.get("surface")
+    nodule, label, stem = None, "", data.get("surface")
     if "file" in data:
         organ = organ_of({key: data[key] for key in FILE if key in data}, entry.place("file"))
-        stem = str(data.get("label") or organ.stem)
+        stem = str(data.get("label") or organ.stem).split(JOIN)[0].strip()
         try:
             organ.check()
+            label, nodule = organ.labelled()
             organ, notes = organ.as_mesh()
             surface |= {"surface": str(organ.file.absolute()), "file_unit": organ.in_unit(), "piece": organ.setting}
         except PalpateError as error:
@@ -92,6 +123,9 @@ def _read(entry: YamlSource, scene: YamlSource, names: list[str]) -> tuple[str, 
         what = "an organ" if name in names else "a part of the scene"
         raise GraphError([Fault(f"organs: {what} has the name {name!r}", "Give it another `name`.", place)])
     surface |= {key: data[key] for key in PLACE if key in data}
+    if "tissue" not in data and (tissue := tissue_of(label)):
+        entry.put(("tissue",), YamlSource(tissue, {(): place}))
+        notes = (*notes, f"organs: {name} has the tissue {tissue}, for its label {label}; `tissue:` changes it")
     fill_in(entry, "tissue")
     part = YamlSource({}, {(): place})
     part.put(("surface",), YamlSource(surface, {(): place} | {(key,): entry.place(key) for key in surface}))
@@ -101,4 +135,4 @@ def _read(entry: YamlSource, scene: YamlSource, names: list[str]) -> tuple[str, 
     if not isinstance(part.data["tissue"], dict):
         text = f"organs: found the tissue {written(data.get('tissue'))} of {name}, expected a name or a mapping"
         raise GraphError([Fault(text, "`tissue: liver-human`, or {young: 19 kPa}", entry.place("tissue"))])
-    return name, part, notes
+    return name, part, notes, nodule

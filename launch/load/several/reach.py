@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from palpate.engine.faults import Faults
 from palpate.launch.load.several.lines import Pair
@@ -12,6 +14,9 @@ from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Vector3
 from palpate.physics.errors import PalpateError
 from palpate.units.quantity import UnitError, convert
+
+if TYPE_CHECKING:
+    from palpate.physics.geometry.mesh import Mesh
 
 PLACED = (("position", "m"), ("rotation", "rad"))
 
@@ -66,6 +71,21 @@ def _surface(given: Any) -> Surface | None:
     unit, refine = str(given.get("file_unit", OnSurface.file_unit)), _number(given, "refine", OnSurface.refine)
     name = str(given.get("surface"))
     return name, count, position, rotation, unit, piece, refine, content_of(name)
+
+
+def placed_mesh(given: Any) -> tuple[Mesh | None, np.ndarray, np.ndarray]:
+    """The surface of an organ where it lies [m], its rotation (3,3) and position [m] (3). None: it cannot be read."""
+    from palpate.nodes.base.surface import rotation_matrix, surface_mesh
+
+    known = _surface(given)
+    if known is None:
+        return None, np.eye(3), np.zeros(3)
+    name, count, position, rotation, unit, piece, refine, _ = known
+    try:
+        mesh = surface_mesh(name, count, position, rotation, unit, piece=piece, refine=refine)
+        return mesh, rotation_matrix(rotation), np.array(position)
+    except (PalpateError, ValueError):
+        return None, np.eye(3), np.zeros(3)
 
 
 def _vector(given: Any, unit: str) -> Vector3:

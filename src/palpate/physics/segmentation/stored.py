@@ -9,7 +9,7 @@ import hashlib
 import json
 import re
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from palpate.compiler.trust import make_folder, may_read, user_cache
 from palpate.physics.archive import replacing
@@ -17,20 +17,23 @@ from palpate.physics.errors import MeshError
 from palpate.physics.geometry.mesh import write_ply
 from palpate.physics.readable import check_file
 from palpate.physics.segmentation.endings import ending_of
-from palpate.physics.segmentation.image import choose_label
+from palpate.physics.segmentation.inclusion import Inclusion, choose_organ, inclusion_of
 from palpate.physics.segmentation.read import read_labels
 from palpate.physics.segmentation.surface import label_surface
 from palpate.physics.segmentation.voxels import MOST_FILE
 
-VERSION = 2  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
+VERSION = 3  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
 
 
 class StoredSurface(NamedTuple):
-    """A mesh file in metres, what it shows, and what was changed on the way."""
+    """A mesh file in metres, what it shows, what was changed on the way, the organ's label, and its nodule, if the
+    label names one."""
 
     path: Path
     name: str
     notes: tuple[str, ...]
+    organ: str = ""
+    inside: Inclusion | None = None
 
 
 def store_surface(file: Path, label: int | str | None) -> StoredSurface:
@@ -40,19 +43,21 @@ def store_surface(file: Path, label: int | str | None) -> StoredSurface:
     if (stored := _read(kept, about)) is not None:
         return stored
     image = read_labels(file)
-    segment = choose_label(image, label)
-    made = label_surface(image, segment)
+    joined, segment, within = choose_organ(image, label)
+    made = label_surface(joined, segment)
+    inside = None if within is None else inclusion_of(image, within, segment)
     name = f"label {segment} of {file}"
     first = (
         f"{name}: {1e6 * made.volume:.4g} cm³ of voxels of {' x '.join(f'{1e3 * side:.3g}' for side in image.spacing)} "
         f"mm, its surface encloses {made.enclosed / made.volume - 1.0:+.2%}"
     )
-    found = StoredSurface(kept, name, (first, *(f"{file}: {note}" for note in made.notes)))
+    notes = (first, *(f"{file}: {note}" for note in made.notes))
+    found = StoredSurface(kept, name, notes, str(segment), inside)
     try:
         make_folder(kept.parent)
         write_ply(kept, made.mesh)
         with replacing(about) as part:
-            text = json.dumps({"name": name, "notes": found.notes, "sha256": _hash(kept)})
+            text = json.dumps({**found._asdict(), "path": None, "sha256": _hash(kept)})
             part.write_text(text, encoding="utf-8")
     except OSError as error:
         raise MeshError(f"{file}: its surface cannot be stored in {kept.parent}: {error.strerror}") from None
@@ -66,10 +71,19 @@ def _read(kept: Path, about: Path) -> StoredSurface | None:
     try:
         stored = json.loads(about.read_text(encoding="utf-8"))
         if stored["sha256"] == _hash(kept):
-            return StoredSurface(kept, str(stored["name"]), tuple(map(str, stored["notes"])))
+            inside = None if stored["inside"] is None else _inclusion(*stored["inside"])
+            return StoredSurface(
+                kept, str(stored["name"]), tuple(map(str, stored["notes"])), str(stored["organ"]), inside
+            )
     except (OSError, ValueError, LookupError, TypeError):
         pass  # it is made again
     return None
+
+
+def _inclusion(name: Any, centre: Any, radius: Any, notes: Any) -> Inclusion:
+    """ValueError, TypeError: other values than those of an inclusion."""
+    x, y, z = map(float, centre)
+    return Inclusion(str(name), (x, y, z), float(radius), tuple(map(str, notes)))
 
 
 def _hash(file: Path) -> str:

@@ -16,7 +16,8 @@ from palpate.physics.geometry.felt.bridge import Felt, close_surface
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.segmentation.endings import ending_of
-from palpate.physics.segmentation.image import LabelImage, Segment, choose_label
+from palpate.physics.segmentation.image import LabelImage, Segment
+from palpate.physics.segmentation.inclusion import Inclusion, choose_organ
 from palpate.physics.segmentation.isosurface import enclosed_volume
 from palpate.physics.segmentation.read import read_labels
 from palpate.views.pictures.style import FINGER, NORMAL, REGION_A, REGION_B, TISSUE, figure, look, save
@@ -42,6 +43,7 @@ class Shown:
     felt       where the finger does not enter; None: it touches everything, or this is unknown
     thickness  [m] smallest, and its place [m] (3)
     image      the segmentation and the segment; None: the organ is a mesh file
+    nodule     label inside of the organ, as a sphere; None: the label names none
     """
 
     name: str
@@ -50,6 +52,7 @@ class Shown:
     thickness: tuple[float, np.ndarray]
     image: tuple[LabelImage, Segment] | None
     notes: tuple[str, ...]
+    nodule: Inclusion | None = None
 
 
 def describe_organ(organ: OrganFile, width: float = WIDTH) -> Shown:
@@ -61,12 +64,13 @@ def describe_organ(organ: OrganFile, width: float = WIDTH) -> Shown:
     image = None
     if ending_of(organ.file):
         labels = read_labels(organ.file)
-        image = labels, choose_label(labels, organ.label)
+        image = choose_organ(labels, organ.label)[:2]
     try:
         felt = close_surface(mesh, 0.5 * width)
     except (MeshError, ImportError) as error:
         felt, notes = None, (*notes, f"it is not known where the finger does not fit: {error}")
-    return Shown(str(organ.file), mesh, felt, _thickness(mesh), image, notes)
+    nodule = organ.labelled()[1]
+    return Shown(str(organ.file), mesh, felt, _thickness(mesh), image, notes, nodule and nodule.sphere)
 
 
 def _thickness(mesh: Mesh) -> tuple[float, np.ndarray]:
@@ -97,6 +101,8 @@ def rows(shown: Shown) -> dict[str, Any]:
     }  # fmt: skip
     if shown.image is not None:
         found["volume of the voxels m3"] = shown.image[0].volume(shown.image[1])
+    if shown.nodule is not None:
+        found |= {"nodule radius m": shown.nodule.radius, "nodule at m": list(shown.nodule.centre)}
     if shown.felt is not None:
         found |= {"bridged m2": shown.felt.area, "bridge m": shown.felt.depth, "bridge at m": shown.felt.place.tolist()}
     return found
@@ -112,6 +118,8 @@ def draw_organ(shown: Shown, width: float, path: Path) -> Path:
 
 
 def _fill(out: Figure, shown: Shown, width: float) -> Figure:
+    from matplotlib.patches import Circle
+
     panels = out.subplots(2, 2).ravel()
     corners = shown.mesh.vertices[shown.mesh.triangles]
     weight = np.linalg.norm(shown.mesh.face_vectors, axis=1)
@@ -126,6 +134,11 @@ def _fill(out: Figure, shown: Shown, width: float) -> Figure:
             _draw_section(axes, shown.felt.mesh, axis, middle, FINGER, 2.6, f"felt by a finger of {1e3 * width:.3g} mm")
         _draw_section(axes, shown.mesh, axis, middle, TISSUE, 1.2, "surface")
         axes.plot(*1e3 * shown.thickness[1][[across, up]], "v", color=NORMAL, markersize=6, label="thinnest place")
+        if shown.nodule is not None:
+            centre, radius = 1e3 * np.array(shown.nodule.centre), 1e3 * shown.nodule.radius
+            axes.add_patch(
+                Circle((centre[across], centre[up]), radius, fill=False, color=FINGER, ls="--", label="nodule")
+            )
         axes.set(xlim=1e3 * np.array([low[across], high[across]]), ylim=1e3 * np.array([low[up], high[up]]),
                  xlabel=f"{right} [mm]", ylabel=f"{above} [mm]", aspect="equal",
                  title=f"{seen}, through {1e3 * middle[axis]:.3g} mm".lstrip(", "))  # fmt: skip
@@ -208,5 +221,9 @@ def _text(shown: Shown, width: float) -> str:
         )
     else:
         lines.append(f"a finger of {1e3 * width:.3g} mm fits everywhere")
+    if shown.nodule is not None:
+        at = ", ".join(f"{1e3 * x:.3g}" for x in shown.nodule.centre)
+        lines.append(f"nodule: label {shown.nodule.name}, radius {1e3 * shown.nodule.radius:.3g} mm, at ({at}) mm")
+        lines += list(shown.nodule.notes)
     lines += [note.removeprefix(f"{shown.name}: ") for note in shown.notes[1:]]
     return "\n".join(textwrap.fill(line, 62, subsequent_indent="   ") for line in lines)

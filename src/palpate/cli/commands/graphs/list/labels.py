@@ -17,15 +17,18 @@ def labels(
 ) -> None:
     """List the labels of a segmentation: name, volume and extent.
 
-    Each can be an organ: `palpate run kidney --organ FILE --label LABEL`.
+    Each can be an organ: `palpate run kidney --organ FILE --label LABEL`. With `--label liver+tumour` the tumour is a
+    nodule in the liver.
     """
+    from palpate.launch.load.labelled.table import tissue_of
     from palpate.physics.segmentation.image import extents
     from palpate.physics.segmentation.read import read_labels
 
     image = read_labels(file)
     found = [
         {"label": segment.number, "name": segment.name, "voxels": image.count(segment), "volume m3":
-         image.volume(segment), "extent m": sides.tolist(), "centre m": centre.tolist()}
+         image.volume(segment), "extent m": sides.tolist(), "centre m": centre.tolist(),
+         "tissue": tissue_of(segment.name)}
         for segment, sides, centre in extents(image)
     ]  # fmt: skip
     spacing = image.spacing.tolist()
@@ -34,10 +37,10 @@ def labels(
         return
     rows = [
         (str(each["label"]), each["name"], f"{1e6 * each['volume m3']:.4g}", _mm(each["extent m"], " x "),
-         _mm(each["centre m"], ", "))
+         _mm(each["centre m"], ", "), each["tissue"] or "")
         for each in found
     ]  # fmt: skip
-    heads = (">label", "name", ">volume [cm³]", "extent [mm]", "centre: right, front, head [mm]")
+    heads = (">label", "name", ">volume [cm³]", "extent [mm]", "centre: right, front, head [mm]", "published tissue")
     console().print(table(heads, rows, fixed=heads[:1]))
     say(f"voxels of {_mm(spacing, ' x ')} mm; palpate run kidney --organ {file} --label LABEL touches one", wrap=True)
     for note in image.notes:

@@ -1,0 +1,94 @@
+"""A label inside of an organ, such as a tumour, as the sphere that a body has as its nodule.
+
+`liver+tumour` names the organ and the label inside of it. The organ then contains both; the sphere has the volume and
+the centre of the largest connected part of the second one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import binary_dilation, find_objects
+from scipy.ndimage import label as find_pieces
+
+from palpate.physics.errors import MeshError
+from palpate.physics.segmentation.endings import JOIN
+from palpate.physics.segmentation.image import LabelImage, Segment, choose_label
+
+LONG = 1.5  # [1] ratio of the longest to the shortest axis above which a sphere is a poor picture of a part
+LEAST = 8  # voxels
+SHARE = 0.9  # [1] of the voxels in the largest part, below which the others are named
+
+
+class Inclusion(NamedTuple):
+    """A sphere in an organ.
+
+    name    of the label
+    centre  [m] (3), x to the right, y to the front, z to the head
+    radius  [m] of the sphere of the same volume
+    notes   what the sphere leaves out
+    """
+
+    name: str
+    centre: tuple[float, float, float]
+    radius: float
+    notes: tuple[str, ...] = ()
+
+
+def choose_organ(image: LabelImage, label: int | str | None) -> tuple[LabelImage, Segment, Segment | None]:
+    """The image, the segment of an organ, and the segment inside of it. A label with `+` is two of them, unless the
+    file has a label of this name; the voxels of the second are then also voxels of the first.
+
+    MeshError: a label is missing or not unique, or there are more than two.
+    """
+    text = str(label).strip()
+    if JOIN not in text or any(text.casefold() == each.name.casefold() for each in image.segments):
+        return image, choose_label(image, label), None
+    names = [name.strip() for name in text.split(JOIN)]
+    if len(names) > 2 or not all(names):
+        raise MeshError(
+            f"{image.file}: found the label {text!r}, expected an organ and one label inside of it, such as "
+            "liver+tumour; a body has one nodule"
+        )
+    organ, inside = (choose_label(image, name) for name in names)
+    if organ == inside:
+        raise MeshError(f"{image.file}: found the label {text!r}, which names {organ} twice")
+    layers = image.layers.copy()
+    layers[organ.layer][image.mask(inside)] = organ.value
+    listed = image.listed or tuple(image.segments)
+    joined = LabelImage(image.file, layers, image.affine, listed, image.names, image.notes)
+    return joined, organ, inside
+
+
+def inclusion_of(image: LabelImage, segment: Segment, organ: Segment) -> Inclusion:
+    """The sphere of a segment of an image. MeshError: it has too few voxels, or does not touch the organ."""
+    box = find_objects(image.layers[segment.layer])[segment.value - 1]
+    pieces, count = find_pieces(image.layers[segment.layer][box] == segment.value, np.ones((3, 3, 3)))
+    sizes = np.bincount(pieces.ravel())[1:]
+    most = int(sizes.argmax())
+    if sizes[most] < LEAST:
+        raise MeshError(
+            f"{image.file}: the label {segment} has {sizes[most]} connected voxels, expected at least {LEAST} of a "
+            "nodule"
+        )
+    index = np.argwhere(pieces == most + 1) + [side.start for side in box]
+    low, high = np.maximum(index.min(axis=0) - 1, 0), index.max(axis=0) + 2
+    near = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+    part = np.zeros(image.layers.shape[1:], bool)[near]
+    part[tuple((index - low).T)] = True
+    if not (image.layers[organ.layer][near] == organ.value)[binary_dilation(part)].any():
+        raise MeshError(f"{image.file}: the label {segment} does not touch {organ}, expected a label inside of it")
+    points = index @ image.affine[:, :3].T + image.affine[:, 3]
+    centre = points.mean(axis=0)
+    volume = len(points) * float(abs(np.linalg.det(image.affine[:, :3])))
+    radius = (0.75 * volume / np.pi) ** (1.0 / 3.0)
+    # A solid ellipsoid has the variance a^2/5 along an axis a; a voxel of side h adds h^2/12.
+    spread = np.cov(points.T, bias=True) + image.affine[:, :3] @ image.affine[:, :3].T / 12.0
+    axes = np.sqrt(5.0 * np.linalg.eigvalsh(spread))
+    notes = []
+    if count > 1 and sizes[most] < SHARE * sizes.sum():
+        notes.append(f"{count} separate parts, of which the largest, {sizes[most] / sizes.sum():.0%}, is the nodule")
+    if axes[2] > LONG * axes[0]:
+        sides = " x ".join(f"{2e3 * side:.3g}" for side in axes[::-1])
+        notes.append(f"about {sides} mm, where the nodule is a sphere of the same volume")
+    x, y, z = centre.tolist()
+    return Inclusion(str(segment), (x, y, z), radius, tuple(notes))
