@@ -110,6 +110,15 @@ def _fault(record: Mapping[str, Any]) -> str:
     return "" if math.isclose(made, shear, rel_tol=2e-3) else f"shear {shear:g} Pa, its law has {made:g} Pa at rest"
 
 
+def spread_of(record: Mapping[str, Any]) -> float:
+    """Published spread of the modulus over its value [1]; 0 if none is given. It is that of the parameter `young`, or
+    of a single `c10`, where the record has one, else of the shear modulus."""
+    given = record["parameters"]
+    single = "young" if "young" in given else "c10" if "c10" in given and "c01" not in given else ""
+    value = given[single] if single else record["shear"]
+    return convert(str(record.get("spread", "0 Pa")), "Pa") / convert(str(value), "Pa")
+
+
 def bodies(record: Mapping[str, Any]) -> dict[str, str]:
     """The part of a record that each kind of body uses."""
     rest = "modulus at rest" + ("" if record["law"] in ("linear", "neo_hooke") else ", stiffening left out")

@@ -20,6 +20,7 @@ from palpate.gradients.gradient import Gradient
 from palpate.launch.load.arguments import Organ, check_over, check_path, check_texts, describe_run
 from palpate.launch.load.dependencies import digest
 from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.values.distributions import draw, is_law, law_of, quantiles
 from palpate.launch.run.busy import free_memory
 from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneTask, block_size
 from palpate.launch.run.lane_runner import LaneKeep, Memory
@@ -62,11 +63,12 @@ class Ensemble:
     graph      name of a shipped launch file or graph, or a path; all its nodes are compiled
     lanes      number of runs
     over       settings that differ: a path in the form of `--set`, "tissue.stiffness", with an array or list of one
-               value per lane, or one value for all lanes
+               value per lane, one value for all lanes, or a distribution, {"uniform": [130, 390]} (docs/studies.md)
     keep       fields that `run` returns, "stream.field"
     every      keep every n-th tick
     scene, duration, organ, sets, nodes  see `palpate.run`
     threads    number of threads; None: one per core
+    seed       of the distributions, which are sampled together, by a Sobol sequence
 
     GraphError, ArgumentError: invalid arguments; raised before anything runs.
     """
@@ -86,16 +88,23 @@ class Ensemble:
         sets: Sequence[str] = (),
         every: int = 1,
         threads: int | None = None,
+        seed: int = 0,
         **nodes: str | Mapping[str, Any],
     ) -> None:
-        for name, value in (("lanes", lanes), ("every", every), ("threads", threads)):
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
-                raise ArgumentError(f"{name}: found {value!r}, expected a whole number from 1")
+        for name, value, least in (
+            ("lanes", lanes, 1),
+            ("every", every, 1),
+            ("threads", threads, 1),
+            ("seed", seed, 0),
+        ):
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
+                raise ArgumentError(f"{name}: found {value!r}, expected a whole number from {least}")
         check_over(over or {})
         keep = [keep] if isinstance(keep, str) else keep
         check_texts("keep", keep, "contact.force")
         launch = describe_run(graph, scene=scene, duration=duration, sets=sets, nodes=nodes, organ=organ)
-        self._prepare(graph, launch, lanes, over or {}, keep, every, threads)
+        self._laws, self._seed = {path: str(given) for path, given in (over or {}).items() if is_law(given)}, seed
+        self._prepare(graph, launch, lanes, _drawn(over or {}, lanes, seed), keep, every, threads)
 
     def _prepare(
         self,
@@ -269,7 +278,8 @@ class Ensemble:
         keep = [f"{stream}.{name}" for stream, name in sources.fields]
         more._prepare(self.name, self._launch, self.count, self.over, keep, self._every, self._threads)
         more._check_room(False)
-        about = {"graph": self.name, "identity": more._identity(), "units": self._units}
+        about: dict[str, Any] = {"graph": self.name, "identity": more._identity(), "units": self._units}
+        about |= {"distributions": self._laws, "seed": self._seed}
         written = LaneEpisodes(
             folder, self._base, sources, frames, self._times(), self.count, self.over,
             lambda lane: more._check_lane(lane).job.nodes, about,
@@ -427,6 +437,7 @@ class Ensemble:
 def ensemble_of(launch: LaunchFile, keep: Sequence[str], lanes: int = 1) -> Ensemble:
     """The lanes of a run that is described already. GraphError, ArgumentError: it is refused."""
     made = Ensemble.__new__(Ensemble)
+    made._laws, made._seed = {}, 0
     made._prepare(launch.graph.stem, launch, lanes, {}, keep, 1, None)
     return made
 
@@ -472,6 +483,16 @@ def _unit(path: str, base: Graph) -> str:
     known = [settings(spec.cls)] if spec is not None else [settings(each.cls) for each in base.nodes.values()]
     units = {found[name].unit for found in known if name in found}
     return units.pop() if len(units) == 1 else ""
+
+
+def _drawn(over: Mapping[str, Any], lanes: int, seed: int) -> dict[str, Any]:
+    """The settings with a value for each lane in place of each distribution. ArgumentError: one is invalid."""
+    laws = {path: given for path, given in over.items() if is_law(given)}
+    if not laws:
+        return dict(over)
+    frozen = [law if hasattr(law, "ppf") else law_of(path, *next(iter(law.items())))[0] for path, law in laws.items()]
+    shares = quantiles("sobol", len(laws), lanes, seed).T
+    return {**over, **{path: draw(*pair) for path, pair in zip(laws, zip(frozen, shares, strict=True), strict=True)}}
 
 
 def _each(path: str, given: Any, lanes: int) -> Values:

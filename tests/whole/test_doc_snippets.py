@@ -18,7 +18,7 @@ PARTS = {
 }
 """Pages whose blocks do not run one after the other, and why."""
 SMALLER = {"1_000_000": "20", "390, 200]": "390, 3]", "Executor(32)": "Executor(2)", "num_envs=256": "num_envs=4",
-           "lanes=256": "lanes=4", "390, 256)": "390, 4)"}  # fmt: skip
+           "lanes=256": "lanes=4", "390, 256)": "390, 4)", "(256, 3)": "(4, 3)"}  # fmt: skip
 """Numbers of touches, environments and processes in the pages, and those of the test."""
 IDS = [where for where, _ in PYTHON]
 

@@ -12,11 +12,12 @@ from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.launchfile import find as find_launch
 from palpate.launch.load.organ_file import OrganFile
+from palpate.launch.load.values.distributions import round_values
 from palpate.launch.load.values.source import YamlSource
 from palpate.nodes.base import settings
 from palpate.studies.files import graph_of
 from palpate.studies.psychophysics.file import ConstantBlock, Experiment, StaircaseBlock
-from palpate.studies.sweeps.axes import GRIDS, round_values
+from palpate.studies.sweeps.axes import GRIDS
 from palpate.studies.sweeps.checks import path as full_path
 from palpate.studies.sweeps.point import overrides
 from palpate.units.quantity import UnitError, convert

@@ -7,7 +7,6 @@
 
 import json
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,19 +14,21 @@ from typing import Any
 
 import numpy as np
 
+from palpate.launch.load.values.distributions import (
+    EXPECTED,
+    draw,
+    law_of,
+    numbers_of,
+    quantiles,
+    round_values,
+    short_text,
+)
 from palpate.nodes.base import plain
 from palpate.physics.errors import ArgumentError
-from palpate.units.quantity import UnitError, parse, split
 
 GRIDS: dict[str, Any] = {"linspace": np.linspace, "geomspace": np.geomspace}
 DESIGNS = ("sobol", "lhs", "random")
-DIGITS = 10
 MOST = 1_000_000  # Maximum number of values of one axis
-EDGE = 0.01  # [1] The quantiles EDGE and 1 - EDGE replace the bounds of an unbounded distribution
-EXPECTED = (
-    "a list of values, {linspace: [low, high, number]}, geomspace, {named: {name: value}}, or a distribution: "
-    "{uniform: [low, high]}, {norm: [mean, deviation]}, or any other of scipy.stats"
-)
 
 
 @dataclass(frozen=True)
@@ -58,23 +59,23 @@ def axis(name: str, given: Any) -> Axis:
         return _sample_values(paths, given, ())
     if isinstance(given, Mapping):
         if len(given) != 1:
-            raise ArgumentError(f"over {name}: found {_short(dict(given))}, expected {EXPECTED}")
+            raise ArgumentError(f"over {name}: found {short_text(dict(given))}, expected {EXPECTED}")
         ((kind, how),) = given.items()
         if kind in GRIDS:
-            (low, high, count), texts = _numbers(name, how, 3)
+            (low, high, count), texts = numbers_of(name, how, 3)
             if count > MOST:
                 raise ArgumentError(f"over {name}: found {count:,.0f} values, expected up to {MOST:,}")
             if count != int(count) or count < 1 or (kind == "geomspace" and low * high <= 0):
-                raise ArgumentError(f"over {name}: found {_short(how)}, expected [low, high, number of values]")
+                raise ArgumentError(f"over {name}: found {short_text(how)}, expected [low, high, number of values]")
             given = round_values(GRIDS[kind](low, high, int(count)))
             return _listed_values(name, paths, given.tolist(), None, texts)
         if kind == "named" and isinstance(how, Mapping):
             return _listed_values(name, paths, list(how.values()), [str(key) for key in how], ())
-        return _sample_values(paths, *_law(name, str(kind), how))
+        return _sample_values(paths, *law_of(name, str(kind), how))
     if isinstance(given, np.ndarray):
         given = given.tolist()
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
-        raise ArgumentError(f"over {name}: found {_short(given)}, expected {EXPECTED}")
+        raise ArgumentError(f"over {name}: found {short_text(given)}, expected {EXPECTED}")
     return _listed_values(name, paths, list(given), None, ())
 
 
@@ -83,7 +84,9 @@ def _listed_values(name: str, paths: tuple[str, ...], given: list[Any], names: l
     values = []
     for row in rows:
         if not isinstance(row, Sequence) or isinstance(row, str) or len(row) != len(paths):
-            raise ArgumentError(f"over {name}: found {_short(row)}, expected {len(paths)} values in a list, one a path")
+            raise ArgumentError(
+                f"over {name}: found {short_text(row)}, expected {len(paths)} values in a list, one a path"
+            )
         values.append(tuple(plain(value) for value in row))
     labels = [tuple(map(label, row)) for row in values] if names is None else [(n,) * len(paths) for n in names]
     if len(set(map(repr, labels))) < len(labels):
@@ -100,55 +103,8 @@ def _sample_values(paths: tuple[str, ...], law: Any, texts: tuple[str, ...]) -> 
     return Axis(paths, law=law, texts=texts)
 
 
-def _law(name: str, kind: str, how: Any) -> tuple[Any, tuple[str, ...]]:
-    """A distribution of scipy.stats by name; `uniform` takes its two bounds. ArgumentError: it is invalid."""
-    import scipy.stats
-
-    known = getattr(scipy.stats, kind, None)
-    if not isinstance(known, scipy.stats.rv_continuous):
-        raise ArgumentError(f"over {name}: found {_short({kind: how})}, expected {EXPECTED}")
-    if isinstance(how, Mapping):
-        numbers, texts = _numbers(name, list(how.values()), len(how))
-        law = known(**dict(zip(how, numbers, strict=True)))
-    else:
-        numbers, texts = _numbers(name, how, None)
-        if kind == "uniform" and len(numbers) == 2:
-            numbers[1] -= numbers[0]
-        law = known(*numbers)
-    if not np.isfinite(law.ppf([EDGE, 0.5, 1.0 - EDGE])).all():
-        raise ArgumentError(f"over {name}: found {_short({kind: how})}, which scipy.stats.{kind} cannot be")
-    return law, texts
-
-
-def _numbers(name: str, given: Any, count: int | None) -> tuple[list[float], tuple[str, ...]]:
-    """Numbers, with texts with a unit converted to SI, and these texts. ArgumentError: another kind of value."""
-    numbers, texts = [], []
-    try:
-        for value in given if isinstance(given, Sequence) and not isinstance(given, str) else [None]:
-            if isinstance(value, str):
-                number, unit = split(value)
-                texts.append(value)
-                value = float(number * parse(unit).factor) if unit else float(number)
-            numbers.append(float(value))  # type: ignore[arg-type]
-    except (UnitError, TypeError, ValueError):
-        numbers = []
-    if not numbers or not all(map(math.isfinite, numbers)) or (count is not None and len(numbers) != count):
-        raise ArgumentError(f"over {name}: found {_short(given)}, expected {count or 'some'} numbers in a list")
-    return numbers, tuple(texts)
-
-
-def round_values(values: np.ndarray) -> np.ndarray:
-    """Round to `DIGITS` significant digits, so that other processors and versions of scipy give the same points."""
-    return np.array([float(f"{value:.{DIGITS}g}") for value in values])
-
-
 def label(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | str) else json.dumps(value)
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) < 80 else f"{text[:76]} ..."
 
 
 @dataclass(frozen=True)
@@ -182,13 +138,8 @@ class Space:
     @cached_property
     def drawn(self) -> np.ndarray:
         """Values (samples, distributions) of the sampled paths."""
-        columns = []
-        for law, share in zip([one.law for one in self.sampled], self.cube.T, strict=True):
-            values = law.ppf(share)
-            columns.append(
-                round_values(np.where(np.isfinite(values), values, law.ppf(np.clip(share, EDGE, 1.0 - EDGE))))
-            )
-        return np.column_stack(columns)
+        laws = [one.law for one in self.sampled]
+        return np.column_stack([draw(law, shares) for law, shares in zip(laws, self.cube.T, strict=True)])
 
     @cached_property
     def cube(self) -> np.ndarray:
@@ -198,14 +149,7 @@ class Space:
             from palpate.studies.sweeps.sensitivity import cube
 
             return cube(self.design.split()[1], count, self.samples, seed)
-        if self.design == "random":
-            return np.random.default_rng(seed).random((self.samples, count))
-        from scipy.stats import qmc
-
-        with warnings.catch_warnings():  # about numbers of samples that are not powers of 2
-            warnings.simplefilter("ignore", UserWarning)
-            kind = qmc.Sobol if self.design == "sobol" else qmc.LatinHypercube
-            return kind(count, seed=seed).random(self.samples)
+        return quantiles(self.design, count, self.samples, seed)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.engine.faults import NOWHERE
-from palpate.launch.load.tissues import material, settings, tissues
+from palpate.launch.load.tissues import material, settings, spread_of, tissues
 from palpate.physics.contact.under_finger import FINGER_RADIUS
 from palpate.physics.materials.hyperelastic import poisson_of, rest_moduli
 from palpate.units.quantity import convert
@@ -74,7 +74,8 @@ def _draw_law(
 
 
 def _label(name: str, record: Mapping[str, Any]) -> str:
-    rate, spread = str(record["rate"]), f" ± {record['spread']}" if "spread" in record else ""
+    of_shear = spread_of(record) * convert(str(record["shear"]), "Pa") / 1e3 if "spread" in record else 0.0
+    rate, spread = str(record["rate"]), f" ± {of_shear:.2g} kPa" if of_shear else ""
     state = f"{record['state']}, {rate}" if rate not in ("not read", "any") else record["state"]
     if record["grade"] == "assumed":
         state = record["source"]
@@ -90,11 +91,6 @@ def plane_modulus(record: Mapping[str, Any]) -> float:
     """E/(1 - nu²) = 2 G/(1 - nu) [Pa] at rest of a record."""
     shear, bulk = rest_moduli(material(record))
     return 2.0 * shear / (1.0 - poisson_of(shear, bulk))
-
-
-def spread_of(record: Mapping[str, Any]) -> float:
-    """Published spread of the modulus over its value [1]; 0 if none is given."""
-    return convert(str(record.get("spread", "0 Pa")), "Pa") / convert(str(record["shear"]), "Pa")
 
 
 def patch_force(law: Mapping[str, Any], depth: np.ndarray) -> np.ndarray:
