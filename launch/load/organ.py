@@ -20,6 +20,7 @@ from palpate.physics.geometry.mesh import Mesh, heights, summit
 
 if TYPE_CHECKING:
     from palpate.engine.graph import Graph
+    from palpate.launch.load.labelled.nodule import Nodule
     from palpate.launch.load.organ_file import OrganFile
 
 FINGER = 8e-3  # [m] radius around the top of the organ that must support the finger
@@ -27,6 +28,7 @@ STEEPEST = 10e-3
 """[m] Largest difference in height between the organ and the scene's surface under the hand's path."""
 SCALES = tuple(k / 10 for k in range(10, -1, -1))
 """[1] Horizontal scales of the path, in order: the first for which the organ lies under the whole path is used."""
+POSITION = "scene.surface.position"
 BETWEEN = 5  # points checked between two points of the path
 
 
@@ -88,29 +90,27 @@ def place_organ(
         narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""
         text += f", and the hand's path follows it{narrower}"
     if nodule is not None:
-        at = (
-            _vector(turned.nodes[node.name].settings["position"])
-            if _names(overrides, "scene.surface.position")
-            else moved
-        )
-        lying = Mesh(mesh.vertices + at, mesh.triangles)
-        found, more = nodule.settings(lying, rotation_matrix(rotation), np.asarray(at))
-        values |= _take_nodule(turned, found)
-        made = (*made, *more)
+        at = _vector(turned.nodes[node.name].settings["position"] if _names(overrides, POSITION) else moved)
+        taken, more = _take_nodule(turned, nodule, Mesh(mesh.vertices + at, mesh.triangles), rotation, at)
+        values, made = values | taken, (*made, *more)
     if (tissue := tissue_of(label)) and not _names(overrides, "scene.tissue"):
         made = (*made, f"label {label} has the tissue of the scene; published: --set scene.tissue={tissue}")
     place = Location(f"--organ {given_as}")
     return [Override(keys, YamlSource(value, {(): place})) for keys, value in values.items()], (*made, text)
 
 
-def _take_nodule(graph: Graph, found: dict[str, Any]) -> dict[tuple[str, ...], Any]:
-    """The settings of a nodule, in the scene's part `nodule`, or on the bodies that have one. MeshError: none has."""
+def _take_nodule(
+    graph: Graph, nodule: Nodule, mesh: Mesh, rotation: Vector3, position: Vector3
+) -> tuple[dict[tuple[str, ...], Any], tuple[str, ...]]:
+    """The settings of a nodule in an organ at this place, in the scene's part `nodule` or on the bodies that have one,
+    and notes. MeshError: none has."""
+    found, notes = nodule.settings(mesh, rotation_matrix(rotation), np.array(position))
     if isinstance(graph.scene.get("nodule"), dict):
-        return {("scene", "nodule", key): value for key, value in found.items()}
+        return {("scene", "nodule", key): value for key, value in found.items()}, notes
     bodies = [name for name, node in graph.nodes.items() if issubclass(node.cls, WithNodule)]
     if not bodies:
         raise MeshError(f"--label: no body of {graph.path.stem} has a nodule; take MassSpring, or a label without `+`")
-    return {(body, key): value for body in bodies for key, value in found.items()}
+    return {(body, key): value for body in bodies for key, value in found.items()}, notes
 
 
 def _names(overrides: Sequence[str | Override], target: str) -> bool:

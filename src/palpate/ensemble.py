@@ -20,7 +20,7 @@ from palpate.gradients.gradient import Gradient
 from palpate.launch.load.arguments import Organ, check_over, check_path, check_texts, describe_run
 from palpate.launch.load.dependencies import digest
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.load.values.distributions import draw, is_law, law_of, quantiles
+from palpate.launch.load.values.distributions import is_law, law_of, quantiles, values_at
 from palpate.launch.run.busy import free_memory
 from palpate.launch.run.lane_blocks import Block, LaneBlocks, LaneTask, block_size
 from palpate.launch.run.lane_runner import LaneKeep, Memory
@@ -492,7 +492,10 @@ def _drawn(over: Mapping[str, Any], lanes: int, seed: int) -> dict[str, Any]:
         return dict(over)
     frozen = [law if hasattr(law, "ppf") else law_of(path, *next(iter(law.items())))[0] for path, law in laws.items()]
     shares = quantiles("sobol", len(laws), lanes, seed).T
-    return {**over, **{path: draw(*pair) for path, pair in zip(laws, zip(frozen, shares, strict=True), strict=True)}}
+    return {
+        **over,
+        **{path: values_at(*pair) for path, pair in zip(laws, zip(frozen, shares, strict=True), strict=True)},
+    }
 
 
 def _each(path: str, given: Any, lanes: int) -> Values:

@@ -120,7 +120,7 @@ def quantiles(design: str, count: int, samples: int, seed: int) -> np.ndarray:
         return np.asarray(kind(count, seed=seed).random(samples))
 
 
-def draw(law: Any, shares: np.ndarray) -> np.ndarray:
+def values_at(law: Any, shares: np.ndarray) -> np.ndarray:
     """The values of a distribution at quantiles [1] (n); those at infinite bounds are at `EDGE` and 1 - `EDGE`."""
     values = law.ppf(shares)
     return round_values(np.where(np.isfinite(values), values, law.ppf(np.clip(shares, EDGE, 1.0 - EDGE))))

@@ -16,12 +16,12 @@ import numpy as np
 
 from palpate.launch.load.values.distributions import (
     EXPECTED,
-    draw,
     law_of,
     numbers_of,
     quantiles,
     round_values,
     short_text,
+    values_at,
 )
 from palpate.nodes.base import plain
 from palpate.physics.errors import ArgumentError
@@ -139,7 +139,7 @@ class Space:
     def drawn(self) -> np.ndarray:
         """Values (samples, distributions) of the sampled paths."""
         laws = [one.law for one in self.sampled]
-        return np.column_stack([draw(law, shares) for law, shares in zip(laws, self.cube.T, strict=True)])
+        return np.column_stack([values_at(law, shares) for law, shares in zip(laws, self.cube.T, strict=True)])
 
     @cached_property
     def cube(self) -> np.ndarray:
