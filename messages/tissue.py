@@ -5,7 +5,7 @@ from typing import Annotated, Self
 import msgspec
 import numpy as np
 
-from palpate.messages.base import NO_FLOATS, Floats, Ints, Message, Sparse, Vector, Vector3, always_sent
+from palpate.messages.base import NO_FLOATS, Floats, Ints, Sparse, Vector, Vector3, always_sent
 
 NO_INTS = np.zeros(0, dtype="<i4")
 NO_LAWS, NO_SLOPES, NO_COUPLING = np.zeros((0, 5)), np.zeros((0, 12)), np.zeros((0, 0))
@@ -80,12 +80,19 @@ class Surface(Sparse):
         return msgspec.structs.replace(made, **law, **several, shape_operator=(0.0,) * 9)
 
 
-class Support(Message):
-    """Where the elastic foundation of an organ is, against its place at the start; the organ moves with it.
+class Support(Sparse):
+    """Where the elastic foundation of an organ, or the organ on its bed, is against its place at the start.
 
-    displacement  [m]   (3)  of the foundation
-    velocity      [m/s] (3)  mean velocity since the previous step
+    displacement  [m]     (3)  of the foundation, or of the organ's centre
+    velocity      [m/s]   (3)  mean velocity since the previous step
+    rotation      [rad]   (r)  vector of the rotation about the centre; r = 3, or 0 if it does not rotate, and then the
+                               last three are omitted on the wire
+    spin          [rad/s] (r)  angular velocity
+    centre        [m]     (r)  centre of the organ at the start
     """
 
     displacement: Annotated[Vector3, "m"]
     velocity: Annotated[Vector3, "m/s"]
+    rotation: Annotated[Floats, "rad", ("r",)] = NO_FLOATS
+    spin: Annotated[Floats, "rad/s", ("r",)] = NO_FLOATS
+    centre: Annotated[Floats, "m", ("r",)] = NO_FLOATS

@@ -13,6 +13,7 @@ from palpate.messages.ledger import PARTS
 from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import kernel
+from palpate.physics.bodies.floating.turning import turned, turned_back
 from palpate.physics.contact import ledger
 
 ZERO = (0.0, 0.0, 0.0)
@@ -48,12 +49,30 @@ def of_organs(others, between):
 
 @kernel
 def step_of(own, support):
-    """Motion [m] (3) of a foundation since the last message."""
+    """Motion [m] (3) of a foundation since the last message, its rotation before, and whether it has a new one."""
+    before = vector(own.turn)
     if support.count == 0 or not nth(support, 0).there:
-        return ZERO
+        return ZERO, before, False
+    given = nth(support, 0)
     x, y, z = vector(own.at)
-    put(own.at, vector(nth(support, 0).displacement))
-    return own.at[0] - x, own.at[1] - y, own.at[2] - z
+    put(own.at, vector(given.displacement))
+    moved = own.at[0] - x, own.at[1] - y, own.at[2] - z
+    if given.rotation.shape[0] == 0:
+        return moved, before, False
+    put(own.turn, vector(floats(given.rotation)))
+    put(own.centre, vector(floats(given.centre)))
+    return turned_back(before, moved), before, True
+
+
+@kernel
+def moved_at(own, place, moved, before, turns):
+    """Motion [m] (3) of a foundation at a place [m] (3) of the organ, in its frame."""
+    if not turns:
+        return moved
+    c, now = vector(own.centre), vector(own.turn)
+    arm = (place[0] - c[0], place[1] - c[1], place[2] - c[2])
+    to = turned_back(before, turned(now, arm))
+    return moved[0] + to[0] - arm[0], moved[1] + to[1] - arm[1], moved[2] + to[2] - arm[2]
 
 
 class Energy(CompiledNode):
@@ -77,7 +96,8 @@ class Energy(CompiledNode):
 
     State = {
         "account": ledger.LEDGER, "past": TABLE,
-        "at": (3,), "lent": (), "carried": ARRAY,  # [m] the foundation; [J] its work on the fingers, and all of it
+        "at": (3,), "turn": (3,), "centre": (3,),  # [m] the foundation, [rad] its rotation, [m] about this point
+        "lent": (), "carried": ARRAY,  # [J] its work on the fingers, and all of it
         "tripped": bool, "by": int, "most": (), "time": int,  # row of the part that tripped it, its energy, time [ns]
     }  # fmt: skip
     conditions = {"tripped": "tripped"}
@@ -109,12 +129,13 @@ class Energy(CompiledNode):
         body: Annotated[Surface | None, Wants("stored")],
         others: Annotated[list[Surface | None], Wants("stored")],
         between: Annotated[list[OrganContact | None], Wants("stored", "dissipated", "generated", "carried")],
-        support: Annotated[list[Support | None], Wants("displacement")],
+        support: Annotated[list[Support | None], Wants("displacement", "rotation", "centre")],
         out: Out[Ledger],
         dt,
     ):
         account, past, count = own.account, _moments_of(own.past), force.count
-        moved, lent, moves = step_of(own, support), 0.0, support.count > 0
+        moved, before, turns = step_of(own, support)
+        lent, moves = 0.0, support.count > 0
         whole = body.there and contact.count >= count and pose.count >= count
         for i in range(count):
             whole = whole and nth(contact, i).there and nth(pose, i).there
@@ -135,7 +156,9 @@ class Energy(CompiledNode):
             elsewhere, given, held, carried, push = of_organs(others, between)
             moves = moves or push
             if stepped:
-                lent = ledger.carry(account, past, moved)
+                for i in range(count):
+                    way = moved_at(own, vector(nth(pose, i).position), moved, before, turns)
+                    lent += ledger.carry(account, past, i, way)
                 own.lent += lent
             ledger.end(account, past, stepped, stored_energy(body.stored), elsewhere, given, held, carried)
         else:

@@ -1,20 +1,36 @@
-"""The prescribed motion of organs, and the finger in their frame (docs/equations/moving-organs.md)."""
+"""Organs that move, as prescribed or on a bed of springs, and the finger in their frame
+(docs/equations/moving-organs.md)."""
 
-from typing import Annotated, Literal
+import json
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import floats, integers, put, vector
-from palpate.messages import Pose, Vector3
+from palpate.compiler.records import floats, integers, lend, nth, put, vector
+from palpate.messages import Contact, Force, Friction, Pose, Surface, Vector3
+from palpate.messages.record import ROOM
 from palpate.messages.tissue import Support
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Out, SettingError, Wants
 from palpate.nodes.base.absence import PACE, keep_pace
 from palpate.nodes.base.kernels import kernel
+from palpate.nodes.base.surface import OnThinnedSurface
+from palpate.nodes.contact.joint import law_for
+from palpate.nodes.contact.series import LAW
 from palpate.nodes.device.path import Segment, ends_of, points_of, shapes_of
 from palpate.physics.bodies.carried import displacement
+from palpate.physics.bodies.floating.added_inertia import added_inertia, contact_stiffness
+from palpate.physics.bodies.floating.solid import centre_of
+from palpate.physics.bodies.floating.spring_bed import FIELDS, MOTION, Constants, plus, scaled
+from palpate.physics.bodies.floating.spring_bed import step as move
+from palpate.physics.bodies.floating.turning import cross, moment_on, spin, turned, turned_back
+from palpate.physics.bodies.floating.twisting import twist
 
 REST: Vector3 = (0.0, 0.0, 0.0)
+GRAVITY = 9.80665  # [m/s^2] standard gravity
+HEAVY = 0.1  # [1] Added mass over that of an organ above which a note is printed
+NO_LAW = 1  # fault: more contacts than laws of fingers
+RIGID = (0.0, 0.0, 0.0, 0.0, 0.0)  # terminal law of a body that has sent none
 
 
 class Moving(CompiledNode):
@@ -68,13 +84,15 @@ class Moving(CompiledNode):
 
 
 class Relative(CompiledNode):
-    """The finger in the frame of organs that move: its pose less the displacement of their foundation.
+    """The finger in the frame of organs that move: its pose less the displacement of their foundation, turned back by
+    the rotation of an organ on its bed.
 
     Collision, contact, friction, controller and energy balance then work in this frame, in which the organs are at
-    rest. The forces are the same in both.
+    rest. The forces are the same in both, but for the rotation (support.Absolute).
     """
 
-    State = {"at": (3,)}  # [m] displacement of the last support, which stays while it is missing
+    State = {"at": (3,), "turn": (3,), "centre": (3,)}
+    """Of the last support, which stays while it is missing: displacement [m], rotation [rad] about this point [m]."""
 
     @kernel
     def compute(own, pose: Pose, support: Support | None, out: Out[Pose], dt):
@@ -86,3 +104,185 @@ class Relative(CompiledNode):
             out.position[i] = pose.position[i] - own.at[i]
             if support.there:
                 out.velocity[i] -= support.velocity[i]
+        if support.there and support.rotation.shape[0] > 0:
+            put(own.turn, vector(floats(support.rotation)))
+            put(own.centre, vector(floats(support.centre)))
+        r, c = vector(own.turn), vector(own.centre)
+        if r == REST:
+            return
+        arm = (out.position[0] - c[0], out.position[1] - c[1], out.position[2] - c[2])
+        if support.there and support.spin.shape[0] > 0:
+            x, y, z = cross(vector(floats(support.spin)), arm)
+            put(out.velocity, (out.velocity[0] - x, out.velocity[1] - y, out.velocity[2] - z))
+        x, y, z = turned_back(r, arm)
+        put(out.position, (c[0] + x, c[1] + y, c[2] + z))
+        put(out.velocity, turned_back(r, vector(out.velocity)))
+
+
+class Absolute(CompiledNode):
+    """The force on a hand that is computed in the frame of an organ which rotates, in that of the world."""
+
+    State = {"turn": (3,)}  # [rad] rotation of the last support, which stays while it is missing
+
+    @kernel
+    def compute(own, force: Force, support: Annotated[Support | None, Wants("rotation")], out: Out[Force], dt):
+        if support.there and support.rotation.shape[0] > 0:
+            put(own.turn, vector(floats(support.rotation)))
+        out.delayed, out.state, out.energy = force.delayed, force.state, force.energy
+        put(out.force, turned(vector(own.turn), vector(force.force)))
+
+
+@kernel
+def pressed(own, contact, friction, pose, body, dt):
+    """Force [N] (3) of all fingers on an organ, and moment on its rotation vector [N m] (3); stiffness of their
+    contacts in all [N/m] and against rotation [N m/rad]. Fingers do not rotate."""
+    force = moment = REST
+    stiffness = turning = 0.0
+    r, laws = vector(own.motion.turn), len(floats(body.laws))
+    rates = turned_back(r, spin(r, vector(own.motion.rate)))
+    tips, sticks, twists = floats(own.tip_laws), floats(own.stick_laws), floats(own.twist_laws)
+    for i in range(contact.count):
+        each, place, c = nth(contact, i), nth(pose, i).position, own.centre
+        n, a, f = vector(each.normal), vector(each.lateral_force), each.force
+        on = (-f * n[0] - a[0], -f * n[1] - a[1], -f * n[2] - a[2])
+        if i < friction.count and nth(friction, i).there:
+            on = plus(on, vector(nth(friction, i).force))
+        arm = (place[0] - c[0], place[1] - c[1], place[2] - c[2])
+        limit, wide = twists[i, 0] * f, twists[i, 1]
+        spring, damper = wide * (sticks[i, 0] + f * sticks[i, 2]), wide * (sticks[i, 1] + f * sticks[i, 3])
+        wring = 0.0
+        if limit > 0.0:
+            about = rates[0] * n[0] + rates[1] * n[1] + rates[2] * n[2]
+            wring, own.twisted[i] = twist(own.twisted[i], about, spring, damper, limit, dt)
+            turning += spring + damper / dt
+        else:
+            own.twisted[i] = 0.0
+        force, moment = plus(force, on), plus(plus(moment, cross(arm, on)), scaled(-wring, n))
+        law = law_for(body, i < laws, i) if body.there else RIGID
+        stiff = contact_stiffness(f, each.compression, each.indentation, tips[i], sticks[i], law, dt)
+        stiffness += stiff
+        turning += stiff * (arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2])
+    return turned(r, force), moment_on(r, turned(r, moment)), stiffness, turning
+
+
+class SpringBed(CompiledNode):
+    """An organ as a rigid mass with six freedoms on a bed of springs and dampers, moved by the fingers
+    (docs/equations/moving-organs.md).
+
+    moves      name of its body; the loader connects it with the contacts of the body (scene key `beds`)
+    mass       of the organ, homogeneous in its surface
+    stiffness, damping  of the bed along `up`
+    shear      stiffness and damping across `up` over those along it; 2/3: an incompressible half-space (Mindlin 1949)
+    footprint  radius of the disc on which the organ lies, which resists tilt and twist
+    up         direction out of the bed, against gravity
+    attached   true: the bed pulls too; false: the organ lies on it by its weight, can be lifted off and dropped
+    friction   of a loose organ on its bed
+    shape      surface of the organ, as JSON; set by the loader
+    tips, sticks, twists  of the fingers in the order of the contacts, set by the loader: laws of the fingertips (5) and
+               of their friction (4), from which the stable step follows (`physics.bodies.floating.added_inertia`);
+               greatest moment per newton [m] and mean square radius [m²] of the patches, which resist twist
+               (`floating.twisting`)
+
+    A contact answers to the motion of a step in the next one. While fingers press, the step therefore adds mass to the
+    organ, T² times the stiffness of the contacts; a note reports more than a tenth of its mass.
+    """
+
+    moves: Annotated[tuple[str, ...], "1"] = ()
+    mass: Annotated[float, "kg", msgspec.Meta(ge=1e-6, le=1e3)]
+    stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0, le=1e9)]
+    damping: Annotated[float, "N s/m", msgspec.Meta(ge=0, le=1e9)] = 0.0
+    shear: Annotated[float, "1", msgspec.Meta(gt=0, le=1e3)] = 2.0 / 3.0
+    footprint: Annotated[float, "m", msgspec.Meta(gt=0, le=10)] = 0.03
+    up: Annotated[Vector3, "1"] = (0.0, 0.0, 1.0)
+    attached: Annotated[bool, "1"] = True
+    friction: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.3
+    shape: Annotated[str, "1"] = ""
+    tips: Annotated[tuple[tuple[float, ...], ...], "1"] = ()
+    sticks: Annotated[tuple[tuple[float, ...], ...], "1"] = ()
+    twists: Annotated[tuple[tuple[float, ...], ...], "1"] = ()
+
+    State = {
+        "bed": FIELDS, "axis": (3,), "centre": (3,), "motion": MOTION, "added": (2,), "heaviest": (),
+        "tip_laws": TABLE, "stick_laws": TABLE, "twist_laws": TABLE, "twisted": (ROOM,), "pace": PACE,
+        "turned": ARRAY, "spins": ARRAY, "middle": ARRAY,  # of the message that is sent
+    }  # fmt: skip
+    """The constants; u; centre of mass at the start [m]; inertia that the step adds [kg], [kg m²], and its largest
+    mass; `tips`, `sticks` and `twists`; twist of each patch [rad]."""
+
+    def start(self) -> None:
+        super().start()
+        length = float(np.linalg.norm(self.up))
+        if not length > 0.0:
+            raise SettingError(
+                "setting 'up': found [0, 0, 0], expected the direction out of the bed, such as [0, 0, 1]"
+            )
+        centre, gyration = self._solid()
+        bed = Constants(
+            self.mass, self.mass * gyration**2, 0.0 if self.attached else GRAVITY * self.mass, self.stiffness,
+            self.damping, self.shear * self.stiffness, self.shear * self.damping, self.footprint, self.friction,
+            self.attached,
+        )  # fmt: skip
+        for name, value in bed._asdict().items():
+            self.own["bed"][name] = value
+        self.own["axis"], self.own["centre"] = np.divide(self.up, length), centre
+        for name, value in (("turned", np.zeros(3)), ("spins", np.zeros(3)), ("middle", centre)):
+            self.hold(name, value)
+        self.hold("tip_laws", np.array(self.tips, float).reshape(-1, 5))
+        self.hold("stick_laws", np.array(self.sticks, float).reshape(-1, 4))
+        self.hold("twist_laws", np.array(self.twists, float).reshape(-1, 2))
+
+    def _solid(self) -> tuple[np.ndarray, float]:
+        """Centre [m] (3) and radius of gyration [m] of the organ. SettingError: `shape` is no surface."""
+        if not self.shape:
+            raise SettingError("setting 'shape': empty; leave it out, it is set when the graph is loaded")
+        try:
+            given = json.loads(self.shape)
+        except ValueError:
+            raise SettingError(
+                "setting 'shape': found no JSON; leave it out, it is set when the graph is loaded"
+            ) from None
+        return centre_of(OnThinnedSurface(**given).whole())
+
+    @kernel
+    def compute(
+        own,
+        contact: Annotated[list[Contact], Wants("normal", "force", "compression", "indentation", "lateral_force")],
+        friction: Annotated[list[Friction | None], Wants("force")],
+        pose: Annotated[list[Pose], Wants("position")],
+        body: Annotated[Surface | None, Wants(*LAW, "laws")],
+        out: Out[Support],
+        dt,
+    ):
+        if contact.count > own.tip_laws.shape[0]:
+            own.fault = NO_LAW
+            return
+        if keep_pace(own.pace, dt):
+            dt = own.pace.usual
+        force, moment, stiffness, turning = pressed(own, contact, friction, pose, body, dt)
+        before = own.added[0], own.added[1]
+        own.added[0], own.added[1] = added_inertia(before[0], stiffness, dt), added_inertia(before[1], turning, dt)
+        own.heaviest = max(own.heaviest, own.added[0])
+        motion = own.motion
+        move(own.bed, vector(own.axis), motion, force, moment, before, (own.added[0], own.added[1]), dt)
+        put(out.displacement, vector(motion.at))
+        put(out.velocity, vector(motion.speed))
+        put(floats(own.turned), vector(motion.turn))
+        put(floats(own.spins), spin(vector(motion.turn), vector(motion.rate)))
+        lend(out.rotation, own.turned)
+        lend(out.spin, own.spins)
+        lend(out.centre, own.middle)
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        return InputError(
+            messages[0][0],
+            f"found {len(messages[0])} contacts, expected at most {len(self.tips)}, the laws in the setting `tips`; a "
+            "graph that is loaded sets it",
+        )
+
+    def notes(self) -> list[str]:
+        if (most := float(self.known["heaviest"])) > HEAVY * self.mass:
+            self._note_once(
+                f"SpringBed: while fingers press, the step adds up to {1e3 * most:.3g} g to the mass of the organ, "
+                f"{1e3 * self.mass:.3g} g, so that it is accelerated more slowly; a higher rate adds less"
+            )
+        return super().notes()

@@ -16,6 +16,7 @@ from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.checks.agreeing import agree
 from palpate.launch.load.checks.carried import add_motions
+from palpate.launch.load.checks.floating import place_fingers
 from palpate.launch.load.checks.ideal import remove_imperfections
 from palpate.launch.load.checks.overlapping import overlaps
 from palpate.launch.load.checks.several_organs import share_organs
@@ -243,6 +244,7 @@ def _check_force_path(
     }
     agree(may, connections, places, faults)
     place_bodies(may, connections, faults)
+    place_fingers(may, connections, faults)
     share_organs(may, connections)
     for balance, delay in device_delays(may, connections, rate):
         if "delay" not in places[balance.name]:

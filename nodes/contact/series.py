@@ -122,7 +122,11 @@ class Series(CompiledNode):
         if "whole" in self.State:
             self.hold("whole", np.zeros(1))
         finger.begin(self.own["finger"])
-        self.own["law"] = laws.kernel_form(self._elastic(), self.finger_damping)
+        self.own["law"] = self.finger_form()
+
+    def finger_form(self) -> np.ndarray:
+        """The fingertip's law and its damping (5), see `physics.contact.series.kernel_form`."""
+        return laws.kernel_form(self._elastic(), self.finger_damping)
 
     def _elastic(self) -> laws.ElasticLaw:
         if self.finger_law in PEOPLE:

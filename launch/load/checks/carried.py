@@ -1,12 +1,15 @@
-"""The scene's key `motions`: organs that move with their foundations, and all that touches them in their frame.
+"""The scene's keys `motions` and `beds`: organs that move, and all that touches them in their frame.
 
     motions:
       breathing: {moves: [liver, kidney], amplitude: [0, 11 mm, 0], period: 4 s, waveform: breathing}
+    beds:
+      bed: {moves: [spleen], mass: 150 g, stiffness: 100 N/m, damping: 4 N s/m, attached: false}
 
-A motion is a node of its name, a support.Moving. Each finger that touches a moved body gets a support.Relative: its
-pose in the frame of the body, which replaces the pose for the collision and for all nodes that read the contact.
-Contacts of organs get the supports of their bodies, and an energy balance that of its body. The graph without the key
-is unchanged.
+A motion is a node of its name, a support.Moving; a bed, on which fingers move an organ, a support.SpringBed with the
+contacts of the organ, whose controllers get a support.Absolute. Each finger that touches a moved body gets a
+support.Relative: its pose in the frame of the body, which replaces the pose for the collision and for all nodes that
+read the contact. Contacts of organs get the supports of their bodies, and an energy balance that of its body. The graph
+without these keys is unchanged.
 """
 
 from __future__ import annotations
@@ -17,15 +20,19 @@ from typing import Any
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.launch.load.classes import ClassError, find_class
-from palpate.launch.load.files import MOTIONS as KEY
+from palpate.launch.load.files import BEDS, MOTIONS
 from palpate.launch.load.values.source import YamlSource
-from palpate.messages import Contact, Contacts, Ledger, Load, Message, Pose, Proximity, Surface
+from palpate.messages import Contact, Contacts, Force, Friction, Ledger, Load, Message, Pose, Proximity, Surface
 from palpate.messages.contact import OrganContact
 from palpate.messages.wording import written
 from palpate.nodes.base import Node, Observer, inputs, outputs
 from palpate.nodes.base.carrier import Carrier
 
-EXAMPLE = "`motions: {breathing: {moves: [tissue], amplitude: [0, 11 mm, 0], period: 4 s, waveform: breathing}}`"
+KINDS = {MOTIONS: "support.Moving", BEDS: "support.SpringBed"}
+EXAMPLES = {
+    MOTIONS: "`motions: {breathing: {moves: [tissue], amplitude: [0, 11 mm, 0], period: 4 s, waveform: breathing}}`",
+    BEDS: "`beds: {bed: {moves: [tissue], mass: 150 g, stiffness: 100 N/m, damping: 4 N s/m, attached: false}}`",
+}
 Frames = frozenset[str | None]
 """Motions of the organs that a contact belongs to; None: an organ that does not move."""
 
@@ -54,48 +61,65 @@ class _Line:
 
 
 def add_motions(graph: YamlSource, scene: YamlSource, faults: Faults) -> list[str]:
-    """Add the motions of a scene to a graph. Returns notes."""
-    given, nodes = scene.data.get(KEY), graph.data.get("nodes")
-    if given in (None, {}):
-        scene.data.pop(KEY, None)
-    if not given or not isinstance(nodes, dict):
-        return []
-    if not isinstance(given, dict):
-        faults.add(f"{KEY}: found {written(given)}, expected a mapping of names to motions", EXAMPLE, scene.place(KEY))
+    """Add the motions and beds of a scene to a graph. Returns notes."""
+    nodes = graph.data.get("nodes")
+    given = {key: scene.data.get(key) for key in KINDS}
+    for key in KINDS:
+        if given[key] in (None, {}):
+            scene.data.pop(key, None)
+    if not any(given.values()) or not isinstance(nodes, dict):
         return []
     lines = {line.name: line for line in _lines(nodes)}
     moved: dict[str, str] = {}
-    for name, motion in given.items():
-        if _is_motion(nodes.get(name)):
-            continue  # the graph of a recording has the lines already
-        place = scene.place(KEY, name)
-        if name in nodes:
-            faults.add(f"{KEY}: {name!r} is the name of a node", "Another name for the motion.", place)
+    for key, named in given.items():
+        if named and not isinstance(named, dict):
+            text = f"{key}: found {written(named)}, expected a mapping of names to {key}"
+            faults.add(text, EXAMPLES[key], scene.place(key))
             continue
-        for body in _bodies(name, motion, lines, place, faults):
-            if moved.setdefault(body, name) != name:
-                faults.add(f"{KEY}: {body!r} is moved by {moved[body]!r} and {name!r}", "One motion for each body: a "
-                           "motion has both a wave and a `path`.", place)  # fmt: skip
-        _put(graph, name, {"use": "support.Moving", "with": f"${KEY}.{name}"}, place)
-    return list(_Wiring(graph, lines, moved, scene.place(KEY)).connect(faults)) if moved else []
+        for name, motion in (named or {}).items():
+            _add_motion(key, name, motion, moved, lines, graph, scene.place(key, name), faults)
+    return list(_Wiring(graph, lines, moved, scene).connect(faults)) if moved else []
 
 
-def _is_motion(line: Any) -> bool:
-    return isinstance(line, dict) and line.get("use") == "support.Moving"
+def _add_motion(
+    key: str, name: str, motion: Any, moved: dict[str, str], lines: Mapping[str, _Line], graph: YamlSource,
+    place: Location, faults: Faults,
+) -> None:  # fmt: skip
+    """Add a motion or bed to a graph, and to `moved` for each of its bodies."""
+    nodes = graph.data["nodes"]
+    if _use(nodes.get(name)) == KINDS[key]:
+        return  # the graph of a recording has the lines already
+    if name in nodes:
+        faults.add(f"{key}: {name!r} is the name of a node", f"Another name in {key!r}.", place)
+        return
+    for body in _bodies(key, name, motion, lines, place, faults):
+        if moved.setdefault(body, name) != name:
+            faults.add(f"{key}: {body!r} is moved by {moved[body]!r} and {name!r}", "One motion or bed for each "
+                       "body: a motion has both a wave and a `path`.", place)  # fmt: skip
+    _put(graph, name, {"use": KINDS[key], "with": f"${key}.{name}"}, place)
 
 
-def _bodies(name: str, motion: Any, lines: Mapping[str, _Line], place: Location, faults: Faults) -> Iterator[str]:
-    """The bodies that a motion moves. A fault for each that the graph lacks."""
+def _use(line: Any) -> Any:
+    return line.get("use") if isinstance(line, dict) else None
+
+
+def _bodies(
+    key: str, name: str, motion: Any, lines: Mapping[str, _Line], place: Location, faults: Faults
+) -> Iterator[str]:
+    """The bodies that a motion or bed moves. A fault for each that the graph lacks, and for a bed of several."""
     moves = motion.get("moves") if isinstance(motion, dict) else None
     if not (isinstance(moves, list) and moves):
-        faults.add(f"{KEY}: {name!r} has no list `moves`", EXAMPLE, place)
+        faults.add(f"{key}: {name!r} has no list `moves`", EXAMPLES[key], place)
+        return
+    if key == BEDS and len(moves) > 1:
+        faults.add(f"{key}: {name!r} moves {len(moves)} organs, expected 1", "A bed for each organ.", place)
         return
     known = [each.name for each in lines.values() if each.sends(Surface) and not each.sends(Contact)]
     for body in moves:
         if body in known:
             yield body
         else:
-            text = f"{KEY}: {name!r} moves {written(body)}, which is no body of the graph"
+            text = f"{key}: {name!r} moves {written(body)}, which is no body of the graph"
             faults.add(text, choices("Bodies", str(body), known), place)
 
 
@@ -119,24 +143,36 @@ def _names(value: Any) -> list[str]:
     return [name.partition(".")[0] for name in named if isinstance(name, str)]
 
 
+def _renamed(value: Any, old: str, new: str) -> Any:
+    """A sender as written, with another node."""
+    if isinstance(value, dict):
+        return value | {"from": _renamed(value.get("from"), old, new)}
+    head, dot, stream = value.partition(".") if isinstance(value, str) else ("", "", "")
+    return new + dot + stream if head == old else value
+
+
 def _put(graph: YamlSource, name: str, line: dict[str, Any], place: Location) -> None:
     graph.put(("nodes", name), YamlSource(line, {(): place}))
 
 
 class _Wiring:
-    """Connects motions to a graph. moved: the motion of each body that moves."""
+    """Connects motions and beds to a graph. moved: the motion or bed of each body that moves."""
 
-    def __init__(self, graph: YamlSource, lines: dict[str, _Line], moved: dict[str, str], place: Location) -> None:
-        self.graph, self.lines, self.moved, self.place = graph, lines, moved, place
+    def __init__(self, graph: YamlSource, lines: dict[str, _Line], moved: dict[str, str], scene: YamlSource) -> None:
+        self.graph, self.lines, self.moved = graph, lines, moved
+        self.place = scene.place(MOTIONS if scene.data.get(MOTIONS) else BEDS)
         self._frames: dict[str, Frames] = {}
 
     def connect(self, faults: Faults) -> Iterator[str]:
-        """Change the inputs of all nodes that touch a moved body. Yields notes."""
+        """Change the inputs of all nodes that touch a moved body, and give the beds theirs. Yields notes."""
+        for body, name in self.moved.items():
+            if self._is_bed(name):
+                self._press(name, body, faults)
         for line in self.lines.values():
             if line.sends(Proximity):
                 frames = self._of_collision(line)
                 if len(frames) > 1:
-                    faults.add(f"{KEY}: {line.name!r} collides with organs that move differently",
+                    faults.add(f"{line.name!r} collides with organs that move differently",
                                "One collision for each organ.", self.place, node=line.name)  # fmt: skip
                     continue
             elif line.ports(Contact) and not line.sends(Contact):
@@ -145,6 +181,9 @@ class _Wiring:
                 frames = frozenset()
             if frames == {None} or not line.ports(Pose):
                 pass
+            elif len(frames) > 1 and any(self._is_bed(str(motion)) for motion in frames):
+                faults.add(f"{BEDS}: the finger of {line.name!r} touches several organs, one of which is on a bed",
+                           "One organ for each finger.", self.place, node=line.name)  # fmt: skip
             elif len(frames) > 1:
                 yield (
                     f"{line.name}: the organs of its finger move differently, so that it counts the work of their "
@@ -152,11 +191,61 @@ class _Wiring:
                 )
             elif frames:
                 self._see_from(line, *frames)
+                if line.sends(Force) and self._is_bed(str(*frames)):
+                    self._turn_force(line, str(*frames))
             if line.sends(OrganContact):
                 self._support_sides(line)
             if line.sends(Ledger):
                 for motion in {self.moved.get(self._origin(body)) for body in _names(line.given("body"))} - {None}:
-                    self._set(line, "support", motion)
+                    self._set(line, "support", self._support(str(motion)))
+
+    def _is_bed(self, name: str) -> bool:
+        return _use(self.graph.data["nodes"].get(name)) == KINDS[BEDS]
+
+    def _support(self, motion: str) -> Any:
+        """The sender of a motion as written: that of a bed is the answer to the contacts of the last step."""
+        return {"from": motion, "loop": True} if self._is_bed(motion) else motion
+
+    def _press(self, bed: str, body: str, faults: Faults) -> None:
+        """Connect a bed with the contacts of its body and their friction, in the order of the loads."""
+        contacts: list[str] = []
+        frictions: list[str] = []
+        poses: list[Any] = []
+        for load in self.lines[body].senders(Load):
+            line = self.lines.get(self._origin(load))
+            contact = line.senders(Contact) if line else []
+            if line is None or not contact:
+                faults.add(f"{BEDS}: {bed!r} moves {body!r}, on which {load!r} presses, not a finger: organs that "
+                           "touch each other do not move by their contact",
+                           "Without this organ in `moves`, or a motion of `motions`.", self.place)  # fmt: skip
+                return
+            contacts += contact
+            frictions += line.senders(Friction)
+            poses += [self._relative(pose, bed) for pose in self._poses(contact[0])]
+        given = {"contact": contacts, "friction": frictions, "pose": poses, "body": {"from": body, "loop": True}}
+        for port, senders in given.items():
+            self.graph.put(("nodes", bed, "in", port), YamlSource(senders, {(): self.place}))
+
+    def _poses(self, contact: str) -> list[Any]:
+        """The poses, as written, that the collision of a contact reads."""
+        near = self.lines[self._origin(contact)].senders(Proximity) if self._origin(contact) in self.lines else []
+        collisions = [self.lines[self._origin(name)] for name in near[:1] if self._origin(name) in self.lines]
+        return [line.given(port) for line in collisions for port in line.ports(Pose)[:1]]
+
+    def _turn_force(self, line: _Line, bed: str) -> None:
+        """Give the readers of a force in the frame of an organ that rotates, except energy balances, that of the
+        world."""
+        name = f"{line.name}-world"
+        given = {"force": line.name, "support": self._support(bed)}
+        _put(self.graph, name, {"use": "support.Absolute", "in": given}, self.place)
+        for reader in self.lines.values():
+            if reader.sends(Ledger):
+                continue
+            for port, given in list((reader.data.get("in") or {}).items()):
+                several = given if isinstance(given, list) else [given]
+                if line.name in _names(several):
+                    seen = [_renamed(one, line.name, name) for one in several]
+                    self._set(reader, port, seen if isinstance(given, list) else seen[0])
 
     def frames(self, name: str) -> Frames:
         """The motions of the organs of a contact."""
@@ -199,7 +288,7 @@ class _Wiring:
         """The node that sends a pose, as written, in the frame of a motion."""
         name = f"{_names(pose)[0]}-{motion}"
         if name not in self.graph.data["nodes"]:
-            line = {"use": "support.Relative", "in": {"pose": pose, "support": motion}}
+            line = {"use": "support.Relative", "in": {"pose": pose, "support": self._support(motion)}}
             _put(self.graph, name, line, self.place)
         return name
 
@@ -210,7 +299,7 @@ class _Wiring:
                 continue
             bodies = [each.name for each in self.lines.values() if side.name in each.senders(Load)]
             for motion in {self.moved.get(body) for body in bodies} - {None}:
-                self._set(line, f"{side.data.get('side', 'first')}_support", motion)
+                self._set(line, f"{side.data.get('side', 'first')}_support", self._support(str(motion)))
 
     def _set(self, line: _Line, port: str, sender: Any) -> None:
         self.graph.put(("nodes", line.name, "in", port), YamlSource(sender, {(): self.place}))

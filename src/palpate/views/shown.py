@@ -14,12 +14,13 @@ import numpy as np
 from palpate.engine.imports import full_name
 from palpate.engine.parts import SUPPORT, Link, parts
 from palpate.engine.plan import Plan
-from palpate.messages import Contact, Friction, Load, Message, Proximity, Surface, Vector3
+from palpate.messages import Contact, Friction, Load, Message, Proximity, Surface
 from palpate.messages.contact import Neighbour, OrganContact
 from palpate.messages.tissue import Support
 from palpate.nodes.base.surface import complete
 from palpate.physics.geometry.mesh import Mesh
 from palpate.records.stored import Stored
+from palpate.views.carried import Carried
 from palpate.views.errors import PageError, PictureError
 
 NO_MOVES: Mapping[str, str] = MappingProxyType({})
@@ -110,7 +111,7 @@ def links_of(recording: Stored) -> tuple[list[Link], Streams]:
 
 
 def moves_of_plan(planned: Plan) -> dict[str, str]:
-    """The stream of the motion of each body that moves (support.Moving)."""
+    """The stream of the motion of each body that moves (support.Moving, support.SpringBed)."""
     nodes = planned.graph.nodes
     return {
         body: name for name in planned.order if Support in nodes[name].streams.values()
@@ -221,12 +222,12 @@ class Bodies:
             displacement=np.concatenate([s.displacement for s in every]), **more,
         )  # fmt: skip
 
-    def carried(self, newest: Mapping[str, Message]) -> list[tuple[int, int, Vector3]]:
-        """First vertex, end, and displacement [m] (3) of each body that has moved with its foundation."""
+    def carried(self, newest: Mapping[str, Message]) -> list[tuple[int, int, Carried]]:
+        """First vertex, end, and motion of each body that has moved."""
         moved = []
         for first, mesh, stream in zip(self._first, self.meshes, self.supports, strict=False):
             if isinstance(support := newest.get(stream), Support):
-                moved.append((first, first + len(mesh.vertices), support.displacement))
+                moved.append((first, first + len(mesh.vertices), Carried.by(support)))
         return moved
 
     def pressed_area(self, newest: Mapping[str, Load]) -> dict[str, list]:

@@ -21,9 +21,10 @@ W_c = -sum p.dw + F.dx, is dissipated or stored in the bristles (`physics.contac
 rest of the work of the fingers.
 
 An organ may move with its foundation by d (`physics.bodies.carried`). Positions are then those in its frame, x - d, in
-which all works but that of the hand are the same; -F.d(x - d) is the work of hand and foundation together, of which
-the foundation does F.dd. Through contacts with other organs, the foundations do the work W_d, which organs and contacts
-receive.
+which all works but that of the hand are the same; -F.d(x - d) is the work of hand and foundation together, of which the
+foundation does F.dd. One that rotates by R about c (`physics.bodies.floating`) has the positions p = c + R'(x - d - c)
+and forces in its frame, and does F.(R'dd + (R'(R + dR) - 1)(p - c)). Through contacts with other organs, the
+foundations do the work W_d, which organs and contacts receive.
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.
 Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
@@ -117,13 +118,10 @@ def add_finger(ledger: Record, past: Record, finger: int, along: Vector3, fricti
 
 
 @kernel
-def carry(ledger: Record, past: Record, moved: Vector3):
-    """Work [J] of a foundation that moved by `moved` [m] (3) in the step that ends, with the forces that acted on the
-    hands. Before `end`."""
-    work = 0.0
-    for finger in range(ledger.fingers):
-        work += dot(past[(ledger.newest - ledger.moments) % len(past), finger].force, moved)
-    return work
+def carry(ledger: Record, past: Record, finger: int, moved: Vector3):
+    """Work [J] of a foundation that moved by `moved` [m] (3) at a finger in the step that ends, with the force that
+    acted on the hand. Before `end`."""
+    return dot(past[(ledger.newest - ledger.moments) % len(past), finger].force, moved)
 
 
 @kernel

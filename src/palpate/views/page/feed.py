@@ -31,11 +31,13 @@ from palpate.messages import (
     Proximity,
     Spikes,
     Surface,
+    Vector3,
     unpack,
 )
 from palpate.messages.tissue import Support
 from palpate.messages.vibration import Vibration
 from palpate.physics.geometry.mesh import Mesh
+from palpate.views.carried import STILL, Carried
 from palpate.views.page.steered import Touched
 
 EVERY = (Contact, Vibration, Health)  # of these all messages are decoded; of the others the last one before a frame
@@ -193,8 +195,29 @@ def picture(
         now(last, touched.thickness) | curve for last, curve in zip(every, curves or [{}] * len(every), strict=True)
     )
     moved = bodies.carried(newest)
-    head = head | first | {"others": others} | bodies.pressed_area(loads) | ({"carried": moved} if moved else {})
-    return frame(head, bodies.surface(shapes))
+    shifted = [(start, end, by.way) for start, end, by in moved if not by.turn]
+    head = head | first | {"others": others} | bodies.pressed_area(loads) | ({"carried": shifted} if shifted else {})
+    return frame(head, _turned(bodies.surface(shapes), bodies.mesh.vertices, moved))
+
+
+def _turned(surface: Surface | None, vertices: np.ndarray, moved: list[tuple[int, int, Carried]]) -> Surface | None:
+    """The surface with the displacements [m] of all vertices of the bodies that rotate, in the frame of the world."""
+    if surface is None or not any(by.turn for _, _, by in moved):
+        return surface
+    turning = [(first, end, by) for first, end, by in moved if by.turn]
+    nodes = np.unique(np.concatenate([surface.nodes, *(np.arange(first, end) for first, end, _ in turning)]))
+    at = np.searchsorted(nodes, surface.nodes)
+    field, fine = np.zeros((len(nodes), 3)), {}
+    field[at] = surface.displacement
+    for first, end, by in turning:
+        here = (nodes >= first) & (nodes < end)
+        rest = vertices[nodes[here]]
+        field[here] = by.points(rest + field[here]) - rest
+    for name in ("pressure", "slipped"):
+        if len(given := getattr(surface, name)):
+            fine[name] = np.zeros(len(nodes), given.dtype)
+            fine[name][at] = given
+    return msgspec.structs.replace(surface, nodes=nodes.astype(np.int32), displacement=field, **fine)
 
 
 def kinds_of(touched: Touched) -> dict[str, type[Message]]:
@@ -217,22 +240,29 @@ def frame(head: dict[str, Any], surface: Surface | None) -> bytes:
                   np.asarray(pressure, "<f4"))  # fmt: skip
 
 
+def _in_world(organ: Carried, vector: Vector3) -> Vector3 | list[float]:
+    """A vector of the frame of an organ."""
+    turned: list[float] = organ.vectors(np.array(vector)).tolist()
+    return turned if organ.turn else vector
+
+
 def now(last: Last, thickness: float) -> dict[str, Any]:
     """The last message of each type as plain data for the page; thickness [m] of the fingertip."""
     contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
     assert isinstance(contact, Contact)
-    head: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
-    if isinstance(support := last.get(Support), Support):
-        head["foot"] = [x + d for x, d in zip(contact.foot, support.displacement, strict=True)]
+    support = last.get(Support)
+    organ = Carried.by(support) if isinstance(support, Support) else STILL
+    head: dict[str, Any] = {"time": contact.time * 1e-9, "normal": _in_world(organ, contact.normal)}
+    head["foot"] = organ.points(np.array(contact.foot)).tolist() if organ != STILL else contact.foot
     head |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
     if isinstance(near, Proximity) and isinstance(pose, Pose):
         distance = thickness - contact.compression
-        head["tip"] = [p - distance * n for p, n in zip(pose.position, near.normal, strict=True)]
-        head["up"] = near.normal
+        head["up"] = _in_world(organ, near.normal)
+        head["tip"] = [p - distance * n for p, n in zip(pose.position, head["up"], strict=True)]
     if isinstance(friction := last.get(Friction), Friction):
         head |= {"stick": friction.stick, "drag": sum(f * f for f in friction.force) ** 0.5}
     if isinstance(force := last.get(Force), Force):
-        head |= {"force": force.force, "state": force.state, "energy": force.energy}
+        head |= {"force": _in_world(organ, force.force), "state": force.state, "energy": force.energy}
     if isinstance(band := last.get(ForceBand), ForceBand):
         head |= {"band": [band.quantiles[0], band.quantiles[-1]] if band.quantiles else None, "mean": band.mean}
     if isinstance(vibration := last.get(Vibration), Vibration):

@@ -74,8 +74,7 @@ class TouchStreams:
         read once."""
         if name not in self._tables:
             usual = (self.stream_of(kind) for kind in USUAL)
-            organs = (*self._finger.near, *filter(None, self._finger.supports))
-            names = {name, *filter(None, usual), *organs} - self._tables.keys()
+            names = {name, *filter(None, usual), *self._finger.near} - self._tables.keys()
             for stream, columns in self.recording.tables(names, self.read, texts=True).items():
                 self._tables[stream] = columns if len(columns["tick"]) else None
         return self._tables[name]
@@ -99,10 +98,10 @@ class TouchStreams:
         return [columns for columns in every if columns is not None]
 
     @cached_property
-    def motions(self) -> list[Columns | None]:
-        """Of each of these streams, the columns of the motion in whose frame it is; None: of an organ at rest."""
+    def motions(self) -> list[str]:
+        """Of each of these streams, the stream of the motion in whose frame it is; "": of an organ at rest."""
         pairs = zip(self._finger.near, self._finger.supports, strict=True)
-        return [self._table(motion) if motion else None for near, motion in pairs if self._table(near) is not None]
+        return [motion for near, motion in pairs if self._table(near) is not None]
 
     def at(self, kind: type[Message], ticks: list[int], stream: str | None = None) -> dict[int, Any]:
         """The messages of a type at these ticks, by tick, from a stream (default: the finger's); decodes only these."""

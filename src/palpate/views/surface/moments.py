@@ -10,6 +10,7 @@ from palpate.messages import Force, Surface
 from palpate.messages.tissue import Support
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.mesh import Mesh
+from palpate.views.carried import STILL, Carried
 from palpate.views.errors import PictureError
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 from palpate.views.shown import Bodies, links_of, moves_of
@@ -149,7 +150,9 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
     time = _at(at, touch.contact, "time", 0.0)
     motions = {stream: touch.at(Support, ticks, stream) for stream in dict.fromkeys(shown.supports) if stream}
     by_finger = [_finger(each, at) for each in touch.fingers]
-    feet, tips, normals, forces, loads, depths = (np.stack(columns, 1) for columns in zip(*by_finger, strict=True))
+    feet, tips, normals, forces, loads, depths, nearest = (
+        np.stack(columns, 1) for columns in zip(*by_finger, strict=True)
+    )
     moments = []
     for k, tick in enumerate(at.tolist()):
         surface = shown.surface({stream: found[tick] for stream, found in by_body.items() if tick in found})
@@ -157,10 +160,20 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
         field = displace_vertices(surface, len(shown.mesh.vertices))
         along = mean_drag(shown.mesh.vertices, field, feet[k], normals[k]) * (loads[k] > 0.0)[:, None]
         for first, end, moved in shown.carried({s: found[tick] for s, found in motions.items() if tick in found}):
-            field[first:end] += moved
-        moments.append(
-            Instant(float(time[k]), surface, field, tips[k] + along, normals[k], forces[k], loads[k], depths[k])
+            rest = shown.mesh.vertices[first:end]
+            field[first:end] = (
+                moved.points(rest + field[first:end]) - rest if moved.turn else field[first:end] + moved.way
+            )
+        frames = [
+            _frame(finger.motions, int(organ), motions, tick)
+            for finger, organ in zip(touch.fingers, nearest[k], strict=True)
+        ]
+        ends = np.array([frame.points(tip) for frame, tip in zip(frames, tips[k] + along, strict=True)])
+        out, pushes = (
+            np.array([frame.vectors(one) for frame, one in zip(frames, each, strict=True)])
+            for each in (normals[k], forces[k])
         )
+        moments.append(Instant(float(time[k]), surface, field, ends, out, pushes, loads[k], depths[k]))
     return moments
 
 
@@ -178,16 +191,24 @@ def mean_drag(vertices: np.ndarray, displacement: np.ndarray, feet: np.ndarray, 
 
 
 def _finger(touch: TouchStreams, at: np.ndarray) -> list[np.ndarray]:
-    """Foot point, tip, normal, force on the hand (n,3), normal force and indentation (n) of a finger at ticks (n)."""
-    contact, nowhere = touch.contact, (np.nan, np.nan, np.nan)
+    """Foot point, tip, normal, force on the hand (n,3), normal force, indentation and index of the nearest organ (n) of
+    a finger at ticks (n)."""
+    contact, nowhere, tips = touch.contact, (np.nan, np.nan, np.nan), _tips(touch)
     return [
         _at(at, contact, "foot", nowhere),
-        _at(at, _tips(touch), "tip", nowhere),
+        _at(at, tips, "tip", nowhere),
         _at(at, contact, "normal", (0.0, 0.0, 1.0)),
         _at(at, touch[Force], "force", (0.0, 0.0, 0.0)),
         _at(at, contact, "force", 0.0),
         _at(at, contact, "indentation", 0.0),
+        _at(at, tips, "organ", 0),
     ]
+
+
+def _frame(supports: list[str], organ: int, motions: dict[str, dict[int, Any]], tick: int) -> Carried:
+    """The motion of the organ under a finger, whose motions are those of these streams."""
+    support = motions.get(supports[organ], {}).get(tick) if organ < len(supports) else None
+    return Carried.by(support) if support is not None else STILL
 
 
 def _at(at: np.ndarray, columns: Columns | None, name: str, absent: Any) -> np.ndarray:
@@ -215,8 +236,8 @@ def _all_contacts(touch: TouchStreams) -> Columns:
 
 
 def _tips(touch: TouchStreams) -> Columns | None:
-    """End of the compressed fingertip: gap - h0 + s1 (in contact -s2) above the foot point on the nearest organ, which
-    moves with its foundation."""
+    """End of the compressed fingertip: gap - h0 + s1 (in contact -s2) above the foot point on the nearest organ, in the
+    frame of this organ, the index of which is `organ`."""
     if touch.contact is None or not touch.near:
         return None
     contact, *organs = together(touch.contact, *touch.near)
@@ -225,9 +246,8 @@ def _tips(touch: TouchStreams) -> Columns | None:
     gap, approach, foot, normal = (
         np.array([near[name] for near in organs])[nearest, rows] for name in ("gap", "approach", "foot", "normal")
     )
-    moved = [_at(contact["tick"], motion, "displacement", (0.0, 0.0, 0.0)) for motion in touch.motions]
-    foot = foot + np.array(moved)[nearest, rows]
     if not (approach > 0.0).any():
         return None
     thickness = float(np.median((gap + approach)[approach > 0.0]))
-    return {"tick": contact["tick"], "tip": foot + (gap - thickness + contact["compression"])[:, None] * normal}
+    tip = foot + (gap - thickness + contact["compression"])[:, None] * normal
+    return {"tick": contact["tick"], "tip": tip, "organ": nearest}

@@ -1,0 +1,98 @@
+"""The surface of an organ on a bed (support.SpringBed), and the laws of the fingers that press it, from which follows
+its stable step."""
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from palpate.engine.faults import Faults
+from palpate.engine.graph import NodeSpec
+from palpate.launch.load.contact_paths import MESH
+from palpate.launch.load.wiring import Wire
+from palpate.messages import Contact, Contacts, Friction, Load, Surface
+from palpate.messages.tissue import Support
+from palpate.nodes.base import inputs, outputs
+from palpate.physics.bodies.floating.twisting import mean_radii
+from palpate.physics.contact.spread import kernel_values
+
+NO_STICK, NO_TWIST = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0)
+RINGS = 1000  # of the mean radii of a patch
+
+
+def place_fingers(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:
+    """Set `shape` of each bed, the surface of its body, and `tips`, `sticks` and `twists`, the laws of the fingertips
+    at its contacts, of their friction, and how their patches resist twist.
+
+    A fault for a body without a mesh, and for each contact or friction whose stiffness is unknown.
+    """
+    wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
+    for name, spec in nodes.items():
+        if not (Support in outputs(spec.cls) and any(port.type is Contact for port in inputs(spec.cls))):
+            continue
+        spec.settings["shape"] = next((_shape(w.producer, nodes, faults) for w in _of(name, Surface, wires)), "")
+        tips = [_tip(_solver(w.producer, wires), nodes, faults) for w in _of(name, Contact, wires)]
+        sticks = [_stick(w.producer, nodes, faults) for w in _of(name, Friction, wires)]
+        twists = [
+            _twist(touch.producer, rub.producer, nodes, wires)
+            for touch, rub in zip(_of(name, Contact, wires), _of(name, Friction, wires), strict=False)
+        ]
+        spec.settings["tips"] = tuple(tips)
+        spec.settings["sticks"] = (*sticks, *[NO_STICK] * (len(tips) - len(sticks)))
+        spec.settings["twists"] = (*twists, *[NO_TWIST] * (len(tips) - len(twists)))
+
+
+def _of(name: str, kind: type, wires: list[Wire]) -> list[Wire]:
+    return [w for w in wires if w.consumer == name and issubclass(w.port.type, kind)]
+
+
+def _shape(body: str, nodes: dict[str, NodeSpec], faults: Faults) -> str:
+    given = nodes[body].settings
+    if "surface" not in given:
+        text = f"is a {nodes[body].use} without a mesh, whose inertia on a bed is unknown"
+        faults.add(text, "deformation.ReducedFE, BeamBundle, MassSpring or Rigid.", nodes[body].place, node=body)
+        return ""
+    return json.dumps({key: given[key] for key in MESH if key in given}, sort_keys=True)
+
+
+def _solver(contact: str, wires: list[Wire]) -> str:
+    """The node that solves a contact: itself, or the joint that it is a share of."""
+    return next((w.producer for w in _of(contact, Contacts, wires)), contact)
+
+
+def _tip(name: str, nodes: dict[str, NodeSpec], faults: Faults) -> tuple[float, ...]:
+    spec = nodes[name]
+    if not hasattr(spec.cls, "finger_form"):
+        faults.add(
+            f"presses an organ on a bed, but the stiffness of a {spec.use} is unknown, on which its step depends",
+            "contact.Series, Joint or Backed.", spec.place, node=name,
+        )  # fmt: skip
+        return (0.0,) * 5
+    made: Any = spec.cls(**spec.settings)
+    return tuple(map(float, made.finger_form()))
+
+
+def _stick(name: str, nodes: dict[str, NodeSpec], faults: Faults) -> tuple[float, ...]:
+    """Spring [N/m] and damper [N s/m] of a friction without load, and their rise per newton."""
+    spec = nodes[name]
+    law: Any = getattr(spec.cls, "law", None)
+    if not hasattr(law, "stick"):
+        faults.add(
+            f"rubs an organ on a bed, but the law of {spec.use} has no `stick`, from which its stable step follows",
+            "friction.LuGre, ElastoPlastic or Coulomb.", spec.place, node=name,
+        )  # fmt: skip
+        return NO_STICK
+    made = law(**{field: spec.settings[field] for field in law._fields})
+    free, pressed = made.stick(0.0), made.stick(1.0)
+    return (*free, *(one - none for one, none in zip(pressed, free, strict=True)))
+
+
+def _twist(contact: str, friction: str, nodes: dict[str, NodeSpec], wires: list[Wire]) -> tuple[float, ...]:
+    """Greatest moment per newton [m] and mean square radius [m²] of the patch of a finger; 0 for a point."""
+    spreads = [w.consumer for w in wires if w.producer == contact and Load in outputs(nodes[w.consumer].cls)]
+    patch, rough = next((nodes[name].settings for name in spreads), {}), nodes[friction].settings
+    if not ("radius" in patch and "kernel" in patch):
+        return NO_TWIST
+    mean, square = mean_radii(kernel_values(patch["kernel"], (np.arange(RINGS) + 0.5) / RINGS), patch["radius"])
+    return float(rough.get("mu", rough.get("mu_slide", 0.0))) * mean, square

@@ -1,0 +1,1 @@
+"""A rigid organ that fingers move on its bed."""
