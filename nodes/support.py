@@ -280,9 +280,9 @@ class SpringBed(CompiledNode):
         )
 
     def notes(self) -> list[str]:
-        if (most := float(self.known["heaviest"])) > HEAVY * self.mass:
+        if self.known["heaviest"] > HEAVY * self.mass:
             self._note_once(
-                f"SpringBed: while fingers press, the step adds up to {1e3 * most:.3g} g to the mass of the organ, "
+                f"SpringBed: while fingers press, the step adds more than {100 * HEAVY:g} % to the mass of the organ, "
                 f"{1e3 * self.mass:.3g} g, so that it is accelerated more slowly; a higher rate adds less"
             )
         return super().notes()

@@ -96,7 +96,8 @@ def _add_motion(
         if moved.setdefault(body, name) != name:
             faults.add(f"{key}: {body!r} is moved by {moved[body]!r} and {name!r}", "One motion or bed for each "
                        "body: a motion has both a wave and a `path`.", place)  # fmt: skip
-    _put(graph, name, {"use": KINDS[key], "with": f"${key}.{name}"}, place)
+    if key == MOTIONS:  # a bed follows all that holds its last message, see `_Wiring.connect`
+        _put(graph, name, {"use": KINDS[key], "with": f"${key}.{name}"}, place)
 
 
 def _use(line: Any) -> Any:
@@ -160,14 +161,12 @@ class _Wiring:
 
     def __init__(self, graph: YamlSource, lines: dict[str, _Line], moved: dict[str, str], scene: YamlSource) -> None:
         self.graph, self.lines, self.moved = graph, lines, moved
+        self.beds = set(scene.data.get(BEDS) or ()).intersection(moved.values())
         self.place = scene.place(MOTIONS if scene.data.get(MOTIONS) else BEDS)
         self._frames: dict[str, Frames] = {}
 
     def connect(self, faults: Faults) -> Iterator[str]:
         """Change the inputs of all nodes that touch a moved body, and give the beds theirs. Yields notes."""
-        for body, name in self.moved.items():
-            if self._is_bed(name):
-                self._press(name, body, faults)
         for line in self.lines.values():
             if line.sends(Proximity):
                 frames = self._of_collision(line)
@@ -181,7 +180,7 @@ class _Wiring:
                 frames = frozenset()
             if frames == {None} or not line.ports(Pose):
                 pass
-            elif len(frames) > 1 and any(self._is_bed(str(motion)) for motion in frames):
+            elif len(frames) > 1 and frames & self.beds:
                 faults.add(f"{BEDS}: the finger of {line.name!r} touches several organs, one of which is on a bed",
                            "One organ for each finger.", self.place, node=line.name)  # fmt: skip
             elif len(frames) > 1:
@@ -191,20 +190,20 @@ class _Wiring:
                 )
             elif frames:
                 self._see_from(line, *frames)
-                if line.sends(Force) and self._is_bed(str(*frames)):
+                if line.sends(Force) and frames & self.beds:
                     self._turn_force(line, str(*frames))
             if line.sends(OrganContact):
                 self._support_sides(line)
             if line.sends(Ledger):
                 for motion in {self.moved.get(self._origin(body)) for body in _names(line.given("body"))} - {None}:
                     self._set(line, "support", self._support(str(motion)))
-
-    def _is_bed(self, name: str) -> bool:
-        return _use(self.graph.data["nodes"].get(name)) == KINDS[BEDS]
+        for body, name in self.moved.items():
+            if name in self.beds:
+                self._press(name, body, faults)
 
     def _support(self, motion: str) -> Any:
         """The sender of a motion as written: that of a bed is the answer to the contacts of the last step."""
-        return {"from": motion, "loop": True} if self._is_bed(motion) else motion
+        return {"from": motion, "loop": True} if motion in self.beds else motion
 
     def _press(self, bed: str, body: str, faults: Faults) -> None:
         """Connect a bed with the contacts of its body and their friction, in the order of the loads."""
@@ -221,13 +220,12 @@ class _Wiring:
                 return
             contacts += contact
             frictions += line.senders(Friction)
-            poses += [self._relative(pose, bed) for pose in self._poses(contact[0])]
-        given = {"contact": contacts, "friction": frictions, "pose": poses, "body": {"from": body, "loop": True}}
-        for port, senders in given.items():
-            self.graph.put(("nodes", bed, "in", port), YamlSource(senders, {(): self.place}))
+            poses += self._poses(contact[0])
+        given = {"contact": contacts, "friction": frictions, "pose": poses, "body": body}
+        _put(self.graph, bed, {"use": KINDS[BEDS], "in": given, "with": f"${BEDS}.{bed}"}, self.place)
 
     def _poses(self, contact: str) -> list[Any]:
-        """The poses, as written, that the collision of a contact reads."""
+        """The pose, as written, that the collision of a contact reads: in the frame of its organ."""
         near = self.lines[self._origin(contact)].senders(Proximity) if self._origin(contact) in self.lines else []
         collisions = [self.lines[self._origin(name)] for name in near[:1] if self._origin(name) in self.lines]
         return [line.given(port) for line in collisions for port in line.ports(Pose)[:1]]
