@@ -31,7 +31,7 @@ def place_fingers(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fau
     for name, spec in nodes.items():
         if not (Support in outputs(spec.cls) and any(port.type is Contact for port in inputs(spec.cls))):
             continue
-        spec.settings["shape"] = next((_shape(w.producer, nodes, faults) for w in _of(name, Surface, wires)), "")
+        spec.settings["shape"] = next((_shape(w.producer, nodes, wires, faults) for w in _of(name, Surface, wires)), "")
         tips = [_tip(_solver(w.producer, wires), nodes, faults) for w in _of(name, Contact, wires)]
         sticks = [_stick(w.producer, nodes, faults) for w in _of(name, Friction, wires)]
         twists = [
@@ -47,11 +47,13 @@ def _of(name: str, kind: type, wires: list[Wire]) -> list[Wire]:
     return [w for w in wires if w.consumer == name and issubclass(w.port.type, kind)]
 
 
-def _shape(body: str, nodes: dict[str, NodeSpec], faults: Faults) -> str:
-    given = nodes[body].settings
-    if "surface" not in given:
+def _shape(body: str, nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> str:
+    """The settings of the surface of a body, or of one that its loads name, as JSON."""
+    named = [body, *(w.producer for w in _of(body, Load, wires))]
+    given: dict[str, Any] = next((nodes[name].settings for name in named if "surface" in nodes[name].settings), {})
+    if not given:
         text = f"is a {nodes[body].use} without a mesh, whose inertia on a bed is unknown"
-        faults.add(text, "deformation.ReducedFE, BeamBundle, MassSpring or Rigid.", nodes[body].place, node=body)
+        faults.add(text, "deformation.ReducedFE, or loads by spread.Kernel.", nodes[body].place, node=body)
         return ""
     return json.dumps({key: given[key] for key in MESH if key in given}, sort_keys=True)
 
