@@ -81,7 +81,7 @@ class Surface(Sparse):
 
 
 class Support(Sparse):
-    """Where the elastic foundation of an organ, or the organ on its bed, is against its place at the start.
+    """Where the elastic foundation of an organ, or the organ on its foundation, is against its place at the start.
 
     displacement  [m]     (3)  of the foundation, or of the organ's centre
     velocity      [m/s]   (3)  mean velocity since the previous step

@@ -1,4 +1,4 @@
-"""Organs that move, as prescribed or on a bed of springs, and the finger in their frame
+"""Organs that move, as prescribed or on a foundation of springs, and the finger in their frame
 (docs/equations/moving-organs.md)."""
 
 import json
@@ -20,9 +20,9 @@ from palpate.nodes.contact.series import LAW
 from palpate.nodes.device.path import Segment, ends_of, points_of, shapes_of
 from palpate.physics.bodies.carried import displacement
 from palpate.physics.bodies.floating.added_inertia import added_inertia, contact_stiffness
+from palpate.physics.bodies.floating.foundation import FIELDS, MOTION, Constants, plus, scaled
+from palpate.physics.bodies.floating.foundation import step as move
 from palpate.physics.bodies.floating.solid import centre_of
-from palpate.physics.bodies.floating.spring_bed import FIELDS, MOTION, Constants, plus, scaled
-from palpate.physics.bodies.floating.spring_bed import step as move
 from palpate.physics.bodies.floating.turning import cross, moment_on, spin, turned, turned_back
 from palpate.physics.bodies.floating.twisting import twist
 
@@ -85,10 +85,10 @@ class Moving(CompiledNode):
 
 class Relative(CompiledNode):
     """The finger in the frame of organs that move: its pose less the displacement of their foundation, turned back by
-    the rotation of an organ on its bed.
+    the rotation of an organ on its foundation.
 
     Collision, contact, friction, controller and energy balance then work in this frame, in which the organs are at
-    rest. The forces are the same in both, but for the rotation (support.Absolute).
+    rest. The forces are the same in both, except for the rotation (support.Absolute).
     """
 
     State = {"at": (3,), "turn": (3,), "centre": (3,)}
@@ -165,18 +165,18 @@ def pressed(own, contact, friction, pose, body, dt):
     return turned(r, force), moment_on(r, turned(r, moment)), stiffness, turning
 
 
-class SpringBed(CompiledNode):
-    """An organ as a rigid mass with six freedoms on a bed of springs and dampers, moved by the fingers
+class Foundation(CompiledNode):
+    """An organ as a rigid mass with six freedoms on a foundation of springs and dampers, moved by the fingers
     (docs/equations/moving-organs.md).
 
-    moves      name of its body; the loader connects it with the contacts of the body (scene key `beds`)
+    moves      name of its body; the loader connects it with the contacts of the body (scene key `foundations`)
     mass       of the organ, homogeneous in its surface
-    stiffness, damping  of the bed along `up`
+    stiffness, damping  of the foundation along `up`
     shear      stiffness and damping across `up` over those along it; 2/3: an incompressible half-space (Mindlin 1949)
     footprint  radius of the disc on which the organ lies, which resists tilt and twist
-    up         direction out of the bed, against gravity
-    attached   true: the bed pulls too; false: the organ lies on it by its weight, can be lifted off and dropped
-    friction   of a loose organ on its bed
+    up         direction out of the foundation, against gravity
+    attached   true: the foundation pulls too; false: the organ lies on it by its weight, can be lifted off and dropped
+    friction   of a loose organ on its foundation
     shape      surface of the organ, as JSON; set by the loader
     tips, sticks, twists  of the fingers in the order of the contacts, set by the loader: laws of the fingertips (5) and
                of their friction (4), from which the stable step follows (`physics.bodies.floating.added_inertia`);
@@ -184,7 +184,7 @@ class SpringBed(CompiledNode):
                (`floating.twisting`)
 
     A contact answers to the motion of a step in the next one. While fingers press, the step therefore adds mass to the
-    organ, T² times the stiffness of the contacts; a note reports more than a tenth of its mass.
+    organ, T² times the stiffness of the contacts; a note reports more than 10 % of its mass.
     """
 
     moves: Annotated[tuple[str, ...], "1"] = ()
@@ -202,7 +202,7 @@ class SpringBed(CompiledNode):
     twists: Annotated[tuple[tuple[float, ...], ...], "1"] = ()
 
     State = {
-        "bed": FIELDS, "axis": (3,), "centre": (3,), "motion": MOTION, "added": (2,), "heaviest": (),
+        "constants": FIELDS, "axis": (3,), "centre": (3,), "motion": MOTION, "added": (2,), "heaviest": (),
         "tip_laws": TABLE, "stick_laws": TABLE, "twist_laws": TABLE, "twisted": (ROOM,), "pace": PACE,
         "turned": ARRAY, "spins": ARRAY, "middle": ARRAY,  # of the message that is sent
     }  # fmt: skip
@@ -214,16 +214,16 @@ class SpringBed(CompiledNode):
         length = float(np.linalg.norm(self.up))
         if not length > 0.0:
             raise SettingError(
-                "setting 'up': found [0, 0, 0], expected the direction out of the bed, such as [0, 0, 1]"
+                "setting 'up': found [0, 0, 0], expected the direction out of the foundation, such as [0, 0, 1]"
             )
         centre, gyration = self._solid()
-        bed = Constants(
+        base = Constants(
             self.mass, self.mass * gyration**2, 0.0 if self.attached else GRAVITY * self.mass, self.stiffness,
             self.damping, self.shear * self.stiffness, self.shear * self.damping, self.footprint, self.friction,
             self.attached,
         )  # fmt: skip
-        for name, value in bed._asdict().items():
-            self.own["bed"][name] = value
+        for name, value in base._asdict().items():
+            self.own["constants"][name] = value
         self.own["axis"], self.own["centre"] = np.divide(self.up, length), centre
         for name, value in (("turned", np.zeros(3)), ("spins", np.zeros(3)), ("middle", centre)):
             self.hold(name, value)
@@ -263,7 +263,7 @@ class SpringBed(CompiledNode):
         own.added[0], own.added[1] = added_inertia(before[0], stiffness, dt), added_inertia(before[1], turning, dt)
         own.heaviest = max(own.heaviest, own.added[0])
         motion = own.motion
-        move(own.bed, vector(own.axis), motion, force, moment, before, (own.added[0], own.added[1]), dt)
+        move(own.constants, vector(own.axis), motion, force, moment, before, (own.added[0], own.added[1]), dt)
         put(out.displacement, vector(motion.at))
         put(out.velocity, vector(motion.speed))
         put(floats(own.turned), vector(motion.turn))
@@ -282,7 +282,7 @@ class SpringBed(CompiledNode):
     def notes(self) -> list[str]:
         if self.known["heaviest"] > HEAVY * self.mass:
             self._note_once(
-                f"SpringBed: while fingers press, the step adds more than {100 * HEAVY:g} % to the mass of the organ, "
+                f"Foundation: while fingers press, the step adds more than {100 * HEAVY:g} % to the mass of the organ, "
                 f"{1e3 * self.mass:.3g} g, so that it is accelerated more slowly; a higher rate adds less"
             )
         return super().notes()

@@ -18,6 +18,8 @@ LAW = "terminal law K, n, c, s_free, s_prev: a row of `Surface.laws`, whose form
 SLOPES = "a row of `Surface.slopes`: gradient (3) and shape operator (9), whose form the message defines"
 WRENCH = "force and torque of a sensor, three axes each"
 TENSOR = "components of a tensor or of derivatives, in the order of the docstring"
+TIP = "law of a fingertip and its damping, whose form `physics.contact.series.kernel_form` defines"
+STICK = "spring and damper of a friction without load, then their rise per newton: a row of the setting `sticks`"
 SERIES = "coefficients of a formula, by their order"
 FIELDS = "packed: work fields of the solver over the vertices or modes, named where they are unpacked; to be converted"
 ROW = "packed: a row with several quantities; to be converted"
@@ -32,6 +34,7 @@ TABLES: dict[str, dict[str, str]] = {
     "nodes/deformation/mass_spring.py": {"laws": LAW, "slopes": SLOPES},
     "nodes/deformation/reduced_answer.py": {"row": ROW, "slopes": SLOPES},
     "nodes/deformation/rigid.py": {"laws": LAW},
+    "nodes/support.py": {"sticks": STICK},
     "nodes/sensor/force_torque.py": {"reported": WRENCH, "true": WRENCH},
     "nodes/tactile/relief.py": {"answer": TENSOR},
     "src/palpate/compiler/angles.py": {"a": SERIES},
@@ -50,6 +53,7 @@ TABLES: dict[str, dict[str, str]] = {
     "src/palpate/physics/bodies/condensed_contacts.py": {"fields": FIELDS, "room": FIELDS},
     "src/palpate/physics/bodies/condensed_field.py": {"fields": FIELDS},
     "src/palpate/physics/bodies/condensed_step.py": {"fields": FIELDS, "sums": ROW},
+    "src/palpate/physics/bodies/floating/added_inertia.py": {"law": LAW, "tip": TIP, "stick": STICK},
     "src/palpate/physics/bodies/hat_distances.py": {"rule": "three barycentric coordinates of a point, and its weight"},
     "src/palpate/physics/bodies/mass_spring.py": {"out": SLOPES},
     "src/palpate/physics/bodies/patch.py": {"reach": ROW},

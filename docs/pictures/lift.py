@@ -37,7 +37,7 @@ def main(folder: Path) -> Path:
         touch = TouchStreams(recording, whole=True)
         shown = bodies_of(touch)
         moments = instants_at(touch, shown, list(TICKS))
-        bed = [unpack(payload, Support) for _, _, payload in recording.payloads("bed")]
+        base = [unpack(payload, Support) for _, _, payload in recording.payloads("foundation")]
         hands = sum(
             np.array([unpack(p, Force).force for _, _, p in recording.payloads(f"controller-{finger}-world")])
             for finger in FINGERS
@@ -57,13 +57,13 @@ def main(folder: Path) -> Path:
             axis.set_yticklabels([])
         else:
             axis.set(ylabel="height [mm]")
-    time = 1e-3 * np.arange(len(bed))
-    at, turn = (np.array([getattr(each, name) for each in bed]) for name in ("displacement", "rotation"))
+    time = 1e-3 * np.arange(len(base))
+    at, turn = (np.array([getattr(each, name) for each in base]) for name in ("displacement", "rotation"))
     places, forces = figure.add_subplot(grid[1, :]), figure.add_subplot(grid[2, :])
     for axis, label in ((0, "along the kidney"), (1, "along the grip"), (2, "up")):
         places.plot(time, 1e3 * at[:, axis], label=label)
     places.plot(time, np.degrees(np.linalg.norm(turn, axis=1)), ":", color="0.3", label="rotation [degrees]")
-    places.axhline(5.0, color="0.6", linestyle="--", label="leaves the bed")
+    places.axhline(5.0, color="0.6", linestyle="--", label="leaves the foundation")
     places.set(ylabel="displacement [mm]")
     forces.plot(time[: len(grip)], grip, label="grip force")
     forces.plot(time[: len(hands)], -hands[:, 2], label="lift by both fingers")

@@ -26,6 +26,7 @@ RUNS = {
     ("nodule", "afferents"): 0.35,
     ("palpate-two", None): 0.4,
     ("pinch", None): 0.45,
+    ("pinch", "lift"): 0.6,
     ("organs", None): 0.3,
     ("neighbours", None): 0.75,
     ("texture", None): 0.35,

@@ -1,12 +1,12 @@
-"""The scene's keys `motions` and `beds`: organs that move, and all that touches them in their frame.
+"""The scene's keys `motions` and `foundations`: organs that move, and all that touches them in their frame.
 
     motions:
       breathing: {moves: [liver, kidney], amplitude: [0, 11 mm, 0], period: 4 s, waveform: breathing}
-    beds:
-      bed: {moves: [spleen], mass: 150 g, stiffness: 100 N/m, damping: 4 N s/m, attached: false}
+    foundations:
+      foundation: {moves: [spleen], mass: 150 g, stiffness: 100 N/m, damping: 4 N s/m, attached: false}
 
-A motion is a node of its name, a support.Moving; a bed, on which fingers move an organ, a support.SpringBed with the
-contacts of the organ, whose controllers get a support.Absolute. Each finger that touches a moved body gets a
+A motion is a node of its name, a support.Moving; a foundation, on which fingers move an organ, a support.Foundation
+with the contacts of the organ, whose controllers get a support.Absolute. Each finger that touches a moved body gets a
 support.Relative: its pose in the frame of the body, which replaces the pose for the collision and for all nodes that
 read the contact. Contacts of organs get the supports of their bodies, and an energy balance that of its body. The graph
 without these keys is unchanged.
@@ -20,7 +20,7 @@ from typing import Any
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.launch.load.classes import ClassError, find_class
-from palpate.launch.load.files import BEDS, MOTIONS
+from palpate.launch.load.files import FOUNDATIONS, MOTIONS
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Contact, Contacts, Force, Friction, Ledger, Load, Message, Pose, Proximity, Surface
 from palpate.messages.contact import OrganContact
@@ -28,10 +28,10 @@ from palpate.messages.wording import written
 from palpate.nodes.base import Node, Observer, inputs, outputs
 from palpate.nodes.base.carrier import Carrier
 
-KINDS = {MOTIONS: "support.Moving", BEDS: "support.SpringBed"}
+KINDS = {MOTIONS: "support.Moving", FOUNDATIONS: "support.Foundation"}
 EXAMPLES = {
     MOTIONS: "`motions: {breathing: {moves: [tissue], amplitude: [0, 11 mm, 0], period: 4 s, waveform: breathing}}`",
-    BEDS: "`beds: {bed: {moves: [tissue], mass: 150 g, stiffness: 100 N/m, damping: 4 N s/m, attached: false}}`",
+    FOUNDATIONS: "`foundations: {foundation: {moves: [tissue], mass: 150 g, stiffness: 100 N/m, attached: false}}`",
 }
 Frames = frozenset[str | None]
 """Motions of the organs that a contact belongs to; None: an organ that does not move."""
@@ -61,7 +61,7 @@ class _Line:
 
 
 def add_motions(graph: YamlSource, scene: YamlSource, faults: Faults) -> list[str]:
-    """Add the motions and beds of a scene to a graph. Returns notes."""
+    """Add the motions and foundations of a scene to a graph. Returns notes."""
     nodes = graph.data.get("nodes")
     given = {key: scene.data.get(key) for key in KINDS}
     for key in KINDS:
@@ -85,7 +85,7 @@ def _add_motion(
     key: str, name: str, motion: Any, moved: dict[str, str], lines: Mapping[str, _Line], graph: YamlSource,
     place: Location, faults: Faults,
 ) -> None:  # fmt: skip
-    """Add a motion or bed to a graph, and to `moved` for each of its bodies."""
+    """Add a motion or foundation to a graph, and to `moved` for each of its bodies."""
     nodes = graph.data["nodes"]
     if _use(nodes.get(name)) == KINDS[key]:
         return  # the graph of a recording has the lines already
@@ -94,9 +94,9 @@ def _add_motion(
         return
     for body in _bodies(key, name, motion, lines, place, faults):
         if moved.setdefault(body, name) != name:
-            faults.add(f"{key}: {body!r} is moved by {moved[body]!r} and {name!r}", "One motion or bed for each "
+            faults.add(f"{key}: {body!r} is moved by {moved[body]!r} and {name!r}", "One motion or foundation for each "
                        "body: a motion has both a wave and a `path`.", place)  # fmt: skip
-    if key == MOTIONS:  # a bed follows all that holds its last message, see `_Wiring.connect`
+    if key == MOTIONS:  # a foundation follows all that holds its last message, see `_Wiring.connect`
         _put(graph, name, {"use": KINDS[key], "with": f"${key}.{name}"}, place)
 
 
@@ -107,13 +107,13 @@ def _use(line: Any) -> Any:
 def _bodies(
     key: str, name: str, motion: Any, lines: Mapping[str, _Line], place: Location, faults: Faults
 ) -> Iterator[str]:
-    """The bodies that a motion or bed moves. A fault for each that the graph lacks, and for a bed of several."""
+    """The bodies that a motion or foundation moves. A fault for each that the graph lacks, and for several on one."""
     moves = motion.get("moves") if isinstance(motion, dict) else None
     if not (isinstance(moves, list) and moves):
         faults.add(f"{key}: {name!r} has no list `moves`", EXAMPLES[key], place)
         return
-    if key == BEDS and len(moves) > 1:
-        faults.add(f"{key}: {name!r} moves {len(moves)} organs, expected 1", "A bed for each organ.", place)
+    if key == FOUNDATIONS and len(moves) > 1:
+        faults.add(f"{key}: {name!r} moves {len(moves)} organs, expected 1", "A foundation for each organ.", place)
         return
     known = [each.name for each in lines.values() if each.sends(Surface) and not each.sends(Contact)]
     for body in moves:
@@ -157,16 +157,16 @@ def _put(graph: YamlSource, name: str, line: dict[str, Any], place: Location) ->
 
 
 class _Wiring:
-    """Connects motions and beds to a graph. moved: the motion or bed of each body that moves."""
+    """Connects motions and foundations to a graph. moved: the motion or foundation of each body that moves."""
 
     def __init__(self, graph: YamlSource, lines: dict[str, _Line], moved: dict[str, str], scene: YamlSource) -> None:
         self.graph, self.lines, self.moved = graph, lines, moved
-        self.beds = set(scene.data.get(BEDS) or ()).intersection(moved.values())
-        self.place = scene.place(MOTIONS if scene.data.get(MOTIONS) else BEDS)
+        self.foundations = set(scene.data.get(FOUNDATIONS) or ()).intersection(moved.values())
+        self.place = scene.place(MOTIONS if scene.data.get(MOTIONS) else FOUNDATIONS)
         self._frames: dict[str, Frames] = {}
 
     def connect(self, faults: Faults) -> Iterator[str]:
-        """Change the inputs of all nodes that touch a moved body, and give the beds theirs. Yields notes."""
+        """Change the inputs of all nodes that touch a moved body, and give the foundations theirs. Yields notes."""
         for line in self.lines.values():
             if line.sends(Proximity):
                 frames = self._of_collision(line)
@@ -180,8 +180,8 @@ class _Wiring:
                 frames = frozenset()
             if frames == {None} or not line.ports(Pose):
                 pass
-            elif len(frames) > 1 and frames & self.beds:
-                faults.add(f"{BEDS}: the finger of {line.name!r} touches several organs, one of which is on a bed",
+            elif len(frames) > 1 and frames & self.foundations:
+                faults.add(f"{FOUNDATIONS}: the finger of {line.name!r} touches several organs, one on a foundation",
                            "One organ for each finger.", self.place, node=line.name)  # fmt: skip
             elif len(frames) > 1:
                 yield (
@@ -190,7 +190,7 @@ class _Wiring:
                 )
             elif frames:
                 self._see_from(line, *frames)
-                if line.sends(Force) and frames & self.beds:
+                if line.sends(Force) and frames & self.foundations:
                     self._turn_force(line, str(*frames))
             if line.sends(OrganContact):
                 self._support_sides(line)
@@ -198,15 +198,15 @@ class _Wiring:
                 for motion in {self.moved.get(self._origin(body)) for body in _names(line.given("body"))} - {None}:
                     self._set(line, "support", self._support(str(motion)))
         for body, name in self.moved.items():
-            if name in self.beds:
-                self._press(name, body, faults)
+            if name in self.foundations:
+                self._add_foundation(name, body, faults)
 
     def _support(self, motion: str) -> Any:
-        """The sender of a motion as written: that of a bed is the answer to the contacts of the last step."""
-        return {"from": motion, "loop": True} if motion in self.beds else motion
+        """The sender of a motion as written: that of a foundation is the answer to the contacts of the last step."""
+        return {"from": motion, "loop": True} if motion in self.foundations else motion
 
-    def _press(self, bed: str, body: str, faults: Faults) -> None:
-        """Connect a bed with the contacts of its body and their friction, in the order of the loads."""
+    def _add_foundation(self, foundation: str, body: str, faults: Faults) -> None:
+        """Connect a foundation with the contacts of its body and their friction, in the order of the loads."""
         contacts: list[str] = []
         frictions: list[str] = []
         poses: list[Any] = []
@@ -214,15 +214,20 @@ class _Wiring:
             line = self.lines.get(self._origin(load))
             contact = line.senders(Contact) if line else []
             if line is None or not contact:
-                faults.add(f"{BEDS}: {bed!r} moves {body!r}, on which {load!r} presses, not a finger: organs that "
-                           "touch each other do not move by their contact",
+                faults.add(f"{FOUNDATIONS}: {foundation!r} moves {body!r}, on which {load!r} presses, not a finger: "
+                           "organs that touch each other do not move by their contact",
                            "Without this organ in `moves`, or a motion of `motions`.", self.place)  # fmt: skip
                 return
             contacts += contact
             frictions += line.senders(Friction)
             poses += self._poses(contact[0])
         given = {"contact": contacts, "friction": frictions, "pose": poses, "body": body}
-        _put(self.graph, bed, {"use": KINDS[BEDS], "in": given, "with": f"${BEDS}.{bed}"}, self.place)
+        _put(
+            self.graph,
+            foundation,
+            {"use": KINDS[FOUNDATIONS], "in": given, "with": f"${FOUNDATIONS}.{foundation}"},
+            self.place,
+        )
 
     def _poses(self, contact: str) -> list[Any]:
         """The pose, as written, that the collision of a contact reads: in the frame of its organ."""
@@ -230,11 +235,11 @@ class _Wiring:
         collisions = [self.lines[self._origin(name)] for name in near[:1] if self._origin(name) in self.lines]
         return [line.given(port) for line in collisions for port in line.ports(Pose)[:1]]
 
-    def _turn_force(self, line: _Line, bed: str) -> None:
+    def _turn_force(self, line: _Line, foundation: str) -> None:
         """Give the readers of a force in the frame of an organ that rotates, except energy balances, that of the
         world."""
         name = f"{line.name}-world"
-        given = {"force": line.name, "support": self._support(bed)}
+        given = {"force": line.name, "support": self._support(foundation)}
         _put(self.graph, name, {"use": "support.Absolute", "in": given}, self.place)
         for reader in self.lines.values():
             if reader.sends(Ledger):

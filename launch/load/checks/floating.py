@@ -1,5 +1,5 @@
-"""The surface of an organ on a bed (support.SpringBed), and the laws of the fingers that press it, from which follows
-its stable step."""
+"""The surface of an organ that fingers move (support.Foundation), and the laws of these fingers, from which follows its
+stable step."""
 
 import json
 from collections.abc import Iterable
@@ -14,16 +14,14 @@ from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, Friction, Load, Surface
 from palpate.messages.tissue import Support
 from palpate.nodes.base import inputs, outputs
-from palpate.physics.bodies.floating.twisting import mean_radii
-from palpate.physics.contact.spread import kernel_values
 
 NO_STICK, NO_TWIST = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0)
 RINGS = 1000  # of the mean radii of a patch
 
 
 def place_fingers(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:
-    """Set `shape` of each bed, the surface of its body, and `tips`, `sticks` and `twists`, the laws of the fingertips
-    at its contacts, of their friction, and how their patches resist twist.
+    """Set `shape` of each foundation, the surface of its body, and `tips`, `sticks` and `twists`, the laws of the
+    fingertips at its contacts, of their friction, and how their patches resist twist.
 
     A fault for a body without a mesh, and for each contact or friction whose stiffness is unknown.
     """
@@ -52,7 +50,7 @@ def _shape(body: str, nodes: dict[str, NodeSpec], wires: list[Wire], faults: Fau
     named = [body, *(w.producer for w in _of(body, Load, wires))]
     given: dict[str, Any] = next((nodes[name].settings for name in named if "surface" in nodes[name].settings), {})
     if not given:
-        text = f"is a {nodes[body].use} without a mesh, whose inertia on a bed is unknown"
+        text = f"is a {nodes[body].use} without a mesh, whose inertia on a foundation is unknown"
         faults.add(text, "deformation.ReducedFE, or loads by spread.Kernel.", nodes[body].place, node=body)
         return ""
     return json.dumps({key: given[key] for key in MESH if key in given}, sort_keys=True)
@@ -67,7 +65,7 @@ def _tip(name: str, nodes: dict[str, NodeSpec], faults: Faults) -> tuple[float, 
     spec = nodes[name]
     if not hasattr(spec.cls, "finger_form"):
         faults.add(
-            f"presses an organ on a bed, but the stiffness of a {spec.use} is unknown, on which its step depends",
+            f"presses an organ on a foundation, whose step needs the stiffness of a {spec.use}, which is unknown",
             "contact.Series, Joint or Backed.", spec.place, node=name,
         )  # fmt: skip
         return (0.0,) * 5
@@ -81,7 +79,7 @@ def _stick(name: str, nodes: dict[str, NodeSpec], faults: Faults) -> tuple[float
     law: Any = getattr(spec.cls, "law", None)
     if not hasattr(law, "stick"):
         faults.add(
-            f"rubs an organ on a bed, but the law of {spec.use} has no `stick`, from which its stable step follows",
+            f"rubs an organ on a foundation, whose step needs `stick` of the law of {spec.use}",
             "friction.LuGre, ElastoPlastic or Coulomb.", spec.place, node=name,
         )  # fmt: skip
         return NO_STICK
@@ -96,5 +94,8 @@ def _twist(contact: str, friction: str, nodes: dict[str, NodeSpec], wires: list[
     patch, rough = next((nodes[name].settings for name in spreads), {}), nodes[friction].settings
     if not ("radius" in patch and "kernel" in patch):
         return NO_TWIST
+    from palpate.physics.bodies.floating.twisting import mean_radii  # only now: it imports the compiler
+    from palpate.physics.contact.spread import kernel_values
+
     mean, square = mean_radii(kernel_values(patch["kernel"], (np.arange(RINGS) + 0.5) / RINGS), patch["radius"])
     return float(rough.get("mu", rough.get("mu_slide", 0.0))) * mean, square

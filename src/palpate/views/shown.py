@@ -111,7 +111,7 @@ def links_of(recording: Stored) -> tuple[list[Link], Streams]:
 
 
 def moves_of_plan(planned: Plan) -> dict[str, str]:
-    """The stream of the motion of each body that moves (support.Moving, support.SpringBed)."""
+    """The stream of the motion of each body that moves (support.Moving, support.Foundation)."""
     nodes = planned.graph.nodes
     return {
         body: name for name in planned.order if Support in nodes[name].streams.values()

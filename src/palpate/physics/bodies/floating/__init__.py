@@ -1,1 +1,1 @@
-"""A rigid organ that fingers move on its bed."""
+"""A rigid organ that fingers move on its foundation."""

@@ -1,4 +1,4 @@
-"""A rigid organ on its bed: closed forms, equilibrium, energy, limits of a loose organ, stable delayed contacts."""
+"""A rigid organ on its foundation: closed forms, equilibrium, energy, a loose organ, stable delayed contacts."""
 
 import numpy as np
 import pytest
@@ -7,14 +7,14 @@ from scipy.spatial.transform import Rotation
 
 from palpate.compiler.fields import blank_record
 from palpate.physics.bodies.floating.added_inertia import added_inertia, contact_stiffness
-from palpate.physics.bodies.floating.spring_bed import FIELDS, MOTION, Constants, energy, step
+from palpate.physics.bodies.floating.foundation import FIELDS, MOTION, Constants, mechanical_energy, step
 
 UP, NONE, G = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 9.80665
 KIDNEY = Constants(0.15, 0.15 * 0.02**2, 0.0, 200.0, 1.5, 130.0, 1.0, 0.03, 0.3, True)
 LOOSE = KIDNEY._replace(weight=0.15 * G, attached=False)
 
 
-def bed(given):
+def base(given):
     return blank_record(FIELDS, **given._asdict())
 
 
@@ -27,7 +27,7 @@ def still(**values):
 
 def run(given, now, count, dt, force=NONE, moment=NONE, rise=0):
     """Places; force and moment rise over the first `rise` steps."""
-    made, path = bed(given), []
+    made, path = base(given), []
     for k in range(count):
         share = min((k + 1) / rise, 1.0) if rise else 1.0
         push, turn = (tuple(share * x for x in each) for each in (force, moment))
@@ -44,10 +44,10 @@ def decay(time, mass, stiffness, damping):
 
 
 @pytest.mark.parametrize("axis, stiffness, damping", [
-    (2, 200.0, 1.5), (0, 130.0, 1.0),  # along and across the bed
+    (2, 200.0, 1.5), (0, 130.0, 1.0),  # along and across the foundation
     (3, 200.0 * 0.03**2 / 4, 1.5 * 0.03**2 / 4), (5, 130.0 * 0.03**2 / 2, 1.0 * 0.03**2 / 2),  # tilt and twist
 ])  # fmt: skip
-def test_an_organ_that_is_let_go_swings_as_a_damped_oscillator_to_first_order(axis, stiffness, damping):
+def test_an_organ_that_is_let_go_oscillates_as_a_damped_oscillator_to_first_order(axis, stiffness, damping):
     errors = []
     for dt in (1e-3, 5e-4, 2.5e-4):
         begin = np.zeros(6)
@@ -70,10 +70,10 @@ def test_a_constant_force_and_moment_displace_it_by_their_compliances():
     np.testing.assert_allclose(end, expected, rtol=1e-9)
 
 
-def test_it_depends_on_the_direction_of_the_bed_only_against_that_of_the_forces():
+def test_it_depends_on_the_direction_of_the_foundation_only_against_that_of_the_forces():
     turn = Rotation.from_rotvec([0.4, -1.1, 2.0])
     for given in (KIDNEY, LOOSE):
-        one, other, made = still(), still(), bed(given)
+        one, other, made = still(), still(), base(given)
         rng = np.random.default_rng(5)
         for _ in range(300):
             force, moment = rng.normal(0.0, 0.8, 3), rng.normal(0.0, 0.02, 3)
@@ -85,8 +85,8 @@ def test_it_depends_on_the_direction_of_the_bed_only_against_that_of_the_forces(
             np.testing.assert_allclose(other[name], turn.apply(one[name]), rtol=1e-9, atol=1e-12)
 
 
-def draw(rng):
-    """A random organ and bed: 0.1 g to 1 kg, beds of 1 N/m to 1 MN/m, loose or attached."""
+def draw_organ(rng):
+    """A random organ and foundation: 0.1 g to 1 kg, foundations of 1 N/m to 1 MN/m, loose or attached."""
     mass, stiffness, shear = 10.0 ** rng.uniform(-4, 0), 10.0 ** rng.uniform(0, 6), rng.uniform(0.1, 2.0)
     damping = rng.choice([0.0, 10.0 ** rng.uniform(-3, 3)])
     attached = bool(rng.integers(2))
@@ -99,15 +99,15 @@ def draw(rng):
 def with_added(given, now, added):
     """H of the module: the energy with the added inertias, from which F.dd + Q.dr must not be exceeded."""
     extra = added[0] * np.dot(now.speed, now.speed) + added[1] * np.dot(now.rate, now.rate)
-    return energy(bed(given), UP, now) + 0.5 * extra
+    return mechanical_energy(base(given), UP, now) + 0.5 * extra
 
 
 def test_no_step_gives_more_energy_than_the_forces_work():
-    """Random beds and forces, contacts that come and go, at 100 Hz to 10 kHz: each step, not only the sum."""
+    """Random foundations and forces, contacts that come and go, at 100 Hz to 10 kHz: each step, not only the sum."""
     rng, lifted, slid = np.random.default_rng(11), 0, 0
     for _ in range(150):
-        given, now, added = draw(rng), still(), (0.0, 0.0)
-        dt, made = 10.0 ** rng.uniform(-4, -2), bed(given)
+        given, now, added = draw_organ(rng), still(), (0.0, 0.0)
+        dt, made = 10.0 ** rng.uniform(-4, -2), base(given)
         size, spread = 10.0 ** rng.uniform(-2, 1) * (given.weight or 1.0), rng.uniform(0.001, 0.05)
         for _ in range(60):
             touched = rng.random() < 0.7
@@ -156,8 +156,8 @@ def test_a_dropped_organ_falls_freely_lands_and_rests():
 
 
 def spectral_radius(given, stiff, damper, arm, added, dt):
-    """Of the step of an organ on a linear bed, pressed by a spring and damper at `arm` that answers a step later."""
-    made, columns = bed(given), []
+    """Of the step of an organ on a linear foundation, with a spring and damper at `arm` that answers a step later."""
+    made, columns = base(given), []
     for column in np.eye(15):
         at, turn, speed, rate, last = column.reshape(5, 3)
         now = still(at=at, turn=turn, bend=turn, speed=speed, rate=rate, shear=at * (1, 1, 0))
@@ -173,7 +173,7 @@ def test_a_damped_contact_that_answers_a_step_later_is_stable_for_any_mass_and_s
     """Eigenvalues of the coupled step; without the added inertia many are outside the unit circle."""
     rng, grown = np.random.default_rng(2), 0
     for _ in range(60):
-        given = draw(rng)._replace(attached=True, weight=0.0)
+        given = draw_organ(rng)._replace(attached=True, weight=0.0)
         stiff, damper, arm = 10.0 ** rng.uniform(1, 5), 10.0 ** rng.uniform(-2, 2), rng.normal(0.0, 0.03, 3)
         whole = dt * dt * (stiff + damper / dt)
         assert spectral_radius(given, stiff, damper, arm, (whole, whole * float(arm @ arm)), dt) < 1.0 + 1e-9
