@@ -24,6 +24,7 @@ MOST = {
     "m": (1e3, "1000 times the reach of an arm"),
     "m/s": (5e3, "1000 times the fastest motion that kinematics accept"),
     "rad": (1e4, "1000 turns"),
+    "rad/s": (1e5, "16 000 turns per second"),
     "N/m": (1e7, "1 mm of a solid of 10 GPa"),
     "Pa": (1e10, "10 kN on 1 mm^2"),
     "J": (1e7, "10 kN over 1 km"),
