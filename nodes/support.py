@@ -209,13 +209,15 @@ class Foundation(CompiledNode):
     """The constants; u; centre of mass at the start [m]; inertia that the step adds [kg], [kg m²], and its largest
     mass; `tips`, `sticks` and `twists`; twist of each patch [rad]."""
 
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        if not 0.0 < np.linalg.norm(self.up) < np.inf:
+            raise SettingError(
+                f"setting 'up': found {list(self.up)}, expected the direction out of the foundation, such as [0, 0, 1]"
+            )
+
     def start(self) -> None:
         super().start()
-        length = float(np.linalg.norm(self.up))
-        if not length > 0.0:
-            raise SettingError(
-                "setting 'up': found [0, 0, 0], expected the direction out of the foundation, such as [0, 0, 1]"
-            )
         centre, gyration = self._solid()
         base = Constants(
             self.mass, self.mass * gyration**2, 0.0 if self.attached else GRAVITY * self.mass, self.stiffness,
@@ -224,7 +226,7 @@ class Foundation(CompiledNode):
         )  # fmt: skip
         for name, value in base._asdict().items():
             self.own["constants"][name] = value
-        self.own["axis"], self.own["centre"] = np.divide(self.up, length), centre
+        self.own["axis"], self.own["centre"] = np.divide(self.up, np.linalg.norm(self.up)), centre
         for name, value in (("turned", np.zeros(3)), ("spins", np.zeros(3)), ("middle", centre)):
             self.hold(name, value)
         self.hold("tip_laws", np.array(self.tips, float).reshape(-1, 5))

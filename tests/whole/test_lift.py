@@ -290,6 +290,7 @@ def test_without_the_key_the_graph_has_no_foundation():
     ("{foundation: {moves: [tissue], mass: 0.1, stiffness: -1}}", "stiffness"),
     ("{foundation: {moves: [tissue], mass: 0.1, stiffness: .nan}}", "stiffness"),
     ("{foundation: {moves: [tissue], mass: 0.1, stiffness: 100, spring: 3}}", "spring"),
+    ("{foundation: {moves: [tissue], mass: 0.1, stiffness: 100, up: [0, 0, 0]}}", "expected the direction out"),
     ("{foundation: {moves: [tissue, tissue], mass: 0.1, stiffness: 100}}", "moves 2 organs"),
     ("{joint: {moves: [tissue], mass: 0.1, stiffness: 100}}", "is the name of a node"),
     ("{a: {moves: [tissue], mass: 1, stiffness: 9}, b: {moves: [tissue], mass: 1, stiffness: 9}}", "by 'a' and 'b'"),
@@ -310,12 +311,6 @@ def test_organs_with_neighbours_on_a_foundation_are_refused(graph, foundation, t
         )
 
 
-def test_a_foundation_without_a_direction_is_refused_when_it_starts():
-    node = Foundation(mass=0.1, stiffness=100.0, up=(0.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="found \\[0, 0, 0\\]"):
-        node.start()
-
-
 @NOTES
 def test_lanes_of_an_ensemble_with_different_foundations_have_the_bytes_of_single_runs(tmp_path):
     stiff = [255.0, 600.0]
@@ -329,3 +324,8 @@ def test_lanes_of_an_ensemble_with_different_foundations_have_the_bytes_of_singl
         for stream, name in (("foundation", "displacement"), ("controller-thumb-world", "force")):
             want = column(found[stream], name)
             assert np.array_equal(answers[f"{stream}.{name}"][lane], want) and np.abs(want).max() > 1e-4
+
+
+def test_a_foundation_that_would_move_the_organ_in_jumps_is_refused():
+    with pytest.raises(GraphError, match="every: 5"):
+        load("pinch", scene="lift", overrides=["foundation.every=5"])

@@ -23,12 +23,18 @@ def place_fingers(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fau
     """Set `shape` of each foundation, the surface of its body, and `tips`, `sticks` and `twists`, the laws of the
     fingertips at its contacts, of their friction, and how their patches resist twist.
 
-    A fault for a body without a mesh, and for each contact or friction whose stiffness is unknown.
+    A fault for a body without a mesh, for each contact or friction whose stiffness is unknown, and for a foundation
+    that does not run in each tick.
     """
     wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
     for name, spec in nodes.items():
         if not (Support in outputs(spec.cls) and any(port.type is Contact for port in inputs(spec.cls))):
             continue
+        if spec.every != 1:
+            faults.add(
+                f"has `every: {spec.every}`, so that the organ would jump under the fingers", "`every: 1`",
+                spec.place, node=name,
+            )  # fmt: skip
         spec.settings["shape"] = next((_shape(w.producer, nodes, wires, faults) for w in _of(name, Surface, wires)), "")
         tips = [_tip(_solver(w.producer, wires), nodes, faults) for w in _of(name, Contact, wires)]
         sticks = [_stick(w.producer, nodes, faults) for w in _of(name, Friction, wires)]
