@@ -32,6 +32,7 @@ def unpacked(data):
     return head, arrays
 
 
+WAYS = {"pinch": [[0.002, 0.034, 0.004], [0.0, -0.034, 0.0]]}  # [m]
 REDUCED = ["--set", "tissue.use=deformation.ReducedFE"]
 
 
@@ -41,13 +42,14 @@ REDUCED = ["--set", "tissue.use=deformation.ReducedFE"]
         ("kidney", []),
         ("kidney", ["--scene", "breathing"]),
         pytest.param("kidney", REDUCED, marks=pytest.mark.long),
+        pytest.param("pinch", ["--scene", "lift"], marks=pytest.mark.long),
         pytest.param("organs", [], marks=pytest.mark.long),
         pytest.param("palpate-two", [], marks=pytest.mark.long),
     ],
 )
 def test_a_frame_is_that_of_a_run_with_the_same_messages(graph, options, tmp_path):
     assert build(tmp_path / "site", graph, *options, "--body", "MassSpring").exit_code == 0
-    assert in_node.run_script(tmp_path, "draw_in_node.mjs", TICK + 1) is None
+    assert in_node.run_script(tmp_path, "draw_in_node.mjs", TICK + 1, json.dumps(WAYS.get(graph, []))) is None
     replayed = CliRunner().invoke(app, ["replay", str(tmp_path / "page.mcap"), "--check", "--json"])
     assert replayed.exit_code == 0 and json.loads(replayed.stdout)["ok"], replayed.output
     recording = Recording(tmp_path / "page.mcap")
@@ -56,6 +58,8 @@ def test_a_frame_is_that_of_a_run_with_the_same_messages(graph, options, tmp_pat
     for stream, kind in kinds_of(touched).items():
         data = [payload for _, time, payload in recording.payloads(stream) if time == TICK * 10**6]
         newest[stream] = unpack(data[0], kind)
+    if "lift" in options:
+        assert np.linalg.norm(newest["foundation"].rotation) > 1e-3
     curves = [{"t": [], "f": [], "s": []} for _ in touched.fingers]
     expected, shapes = unpacked(picture({"kind": "frame", "late": 0}, newest, touched, curves))
     found, arrays = unpacked((tmp_path / "frame").read_bytes())

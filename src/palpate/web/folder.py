@@ -39,6 +39,7 @@ ENGINE = (
     "worker.js",
     "tick.js",
     "frames.js",
+    "carried.js",
     "fill.js",
     "recording.js",
     "replay.js",

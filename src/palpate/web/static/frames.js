@@ -1,5 +1,6 @@
 // Frames of a tick for the page: the same message as `feed.frame` makes from a run in other processes.
 
+import { Carried, STILL } from "/carried.js";
 import { Filled } from "/fill.js";
 
 // The head of a message to the page.
@@ -28,8 +29,8 @@ export function frame(tick, shown, curves, measured, filled) {
   const [first, ...others] = shown.fingers.map((finger, k) => ({ ...now(tick, finger, nearest(tick, shown, k), shown.thickness), ...curves[k] }));
   const { nodes, displacement, pressure, slipped } = surface(tick, shown, filled);
   const head = { kind: "frame", ...measured, ...first, others, ...pressed(tick, shown) };
-  const moved = shown.carried.filter(([, , motion]) => tick.has(motion)).map(([begin, end, motion]) => [begin, end, tick.read(motion, "displacement")]);
-  if (moved.length) head.carried = moved;
+  const moved = shown.carried.map(([begin, end, motion]) => [begin, end, Carried.by(tick, motion)]).filter(([, , by]) => by && !by.turn);
+  if (moved.length) head.carried = moved.map(([begin, end, by]) => [begin, end, by.way]);
   if (slipped) head.slipped = slipped;
   return packed(head, nodes, displacement, pressure);
 }
@@ -43,18 +44,18 @@ function nearest(tick, { near, supports }, finger) {
 // The last messages of a finger as plain data, as `feed.now`.
 function now(tick, finger, [near, motion], thickness) {
   const { Contact, Pose, Friction, Force, ForceBand, Pointed, Pins, Spikes, Vibration } = finger, read = (name, field) => tick.read(name, field);
+  const organ = Carried.by(tick, motion) ?? STILL;
   const head = {
-    time: tick.when(Contact), normal: read(Contact, "normal"), foot: read(Contact, "foot"),
+    time: tick.when(Contact), normal: organ.vector(read(Contact, "normal")), foot: organ.point(read(Contact, "foot")),
     load: read(Contact, "force"), depth: read(Contact, "indentation"), squeeze: read(Contact, "compression"),
   };
-  if (motion && tick.has(motion)) head.foot = read(motion, "displacement").map((d, i) => head.foot[i] + d);
   const close = near ?? finger.Proximity;
   if (close && Pose && tick.has(close) && tick.has(Pose)) {
-    head.up = read(close, "normal");
+    head.up = organ.vector(read(close, "normal"));
     head.tip = read(Pose, "position").map((p, i) => p - (thickness - head.squeeze) * head.up[i]);
   }
   if (Friction && tick.has(Friction)) Object.assign(head, { stick: read(Friction, "stick"), drag: Math.hypot(...read(Friction, "force")) });
-  if (Force && tick.has(Force)) Object.assign(head, { force: read(Force, "force"), state: read(Force, "state"), energy: read(Force, "energy") });
+  if (Force && tick.has(Force)) Object.assign(head, { force: organ.vector(read(Force, "force")), state: read(Force, "state"), energy: read(Force, "energy") });
   if (ForceBand && tick.has(ForceBand)) {
     const quantiles = read(ForceBand, "quantiles");
     Object.assign(head, { band: quantiles.length ? [quantiles[0], quantiles.at(-1)] : null, mean: read(ForceBand, "mean") });
@@ -70,10 +71,13 @@ function now(tick, finger, [near, motion], thickness) {
 }
 
 // The displaced vertices of all bodies on the joint mesh, with pressure and slip if all bodies send them.
-function surface(tick, { bodies, first }, filled) {
+function surface(tick, { bodies, first, carried }, filled) {
   const sent = bodies.map((name, k) => ({ name, begin: first[k], fill: filled[k] })).filter(({ name }) => tick.has(name));
   for (const one of sent) {
-    const read = (field) => tick.read(one.name, field), nodes = read("nodes"), moved = read("displacement"), all = one.fill.fill(nodes, moved);
+    const read = (field) => tick.read(one.name, field), nodes = read("nodes"), moved = read("displacement");
+    const by = Carried.by(tick, carried.find(([begin]) => begin === one.begin)?.[2]);
+    let all = one.fill.fill(nodes, moved);
+    if (by?.turn) all = by.field(one.fill.vertices, all ?? spread(nodes, moved, one.fill.count, 3));
     one.nodes = all ? Int32Array.from({ length: all.length / 3 }, (_, v) => v) : nodes;
     one.displacement = all ?? moved;
     for (const field of ["pressure", "slipped"]) {
@@ -97,9 +101,10 @@ function surface(tick, { bodies, first }, filled) {
   };
 }
 
-function spread(nodes, values, count) {
-  const all = new Float64Array(count);
-  nodes.forEach((node, k) => { all[node] = values[k]; });
+// Values of some vertices, `each` for each, as those of all; 0 for the others.
+function spread(nodes, values, count, each = 1) {
+  const all = new Float64Array(each * count);
+  nodes.forEach((node, k) => { for (let i = 0; i < each; i++) all[each * node + i] = values[each * k + i]; });
   return all;
 }
 
