@@ -102,7 +102,7 @@ class LaneTask:
 
     launch: LaunchFile
     first: Mapping[str, Any]
-    extremes: Mapping[str, tuple[float, ...]]
+    extremes: Mapping[str, tuple[Any, ...]]
     lanes: int
     size: int
     keep: LaneKeep

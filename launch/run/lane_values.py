@@ -44,9 +44,13 @@ def digest_values(values: Values) -> list[Any]:
     return [len(values), seen.hexdigest(), [each for each in files if each[1]]]
 
 
-def extremes(values: Values) -> tuple[float, ...]:
+def extremes(values: Values) -> tuple[Any, ...]:
     """The least and the greatest of the values of a path, and 0 if it is one of the values; () unless all are finite
-    floats."""
+    floats. Of lists of as many floats the lists of the least and of the greatest numbers."""
+    if not isinstance(values, np.ndarray) and _are_lists(values):
+        each = np.array(values)
+        zero = (each == 0.0).any(axis=0) & (each != 0.0).any(axis=0)  # a number that may switch an effect on
+        return () if zero.any() else (each.min(axis=0).tolist(), each.max(axis=0).tolist())
     if isinstance(values, np.ndarray):
         if values.dtype.kind != "f" or values.ndim != 1 or not np.isfinite(values).all():
             return ()
@@ -54,6 +58,17 @@ def extremes(values: Values) -> tuple[float, ...]:
     if not all(type(value) is float and math.isfinite(value) for value in values):
         return ()
     return tuple({min(values), max(values)} | {0.0} & set(values))
+
+
+def _are_lists(values: Sequence[Any]) -> bool:
+    """Whether all values are lists of the same number of finite floats, and not empty."""
+    if not len(values) or not isinstance(values[0], list) or not values[0]:
+        return False
+    return all(
+        isinstance(value, list) and len(value) == len(values[0])
+        and all(type(number) is float and math.isfinite(number) for number in value)
+        for value in values
+    )  # fmt: skip
 
 
 class Preparation:
@@ -66,7 +81,7 @@ class Preparation:
     values are written to these settings without loading the graph again; the nodes' constructors check them.
     """
 
-    def __init__(self, load: Callable[[Mapping[str, Any]], Prepared], extremes: Mapping[str, tuple[float, ...]]):
+    def __init__(self, load: Callable[[Mapping[str, Any]], Prepared], extremes: Mapping[str, tuple[Any, ...]]):
         self._load, self._extremes = load, {path: values for path, values in extremes.items() if values}
         self._known: dict[str, Prepared] = {}
         self._groups: dict[str, list[Any]] = {}
@@ -139,7 +154,7 @@ class LanePreparation:
         launch: LaunchFile,
         keep: Sequence[tuple[str, str]],
         first: Mapping[str, Any],
-        extremes: Mapping[str, tuple[float, ...]],
+        extremes: Mapping[str, tuple[Any, ...]],
     ) -> None:
         self._launch, self._keep, self._lane, self._values = launch, keep, 0, first
         self._begin, self._over = 0, dict[str, Values]()
@@ -196,7 +211,7 @@ def identity(one: Prepared) -> list[Any]:
     return [msgspec.to_builtins(one.job, enc_hook=str), sorted(files_of(one.graph))]
 
 
-def _follows(base: Prepared, other: Prepared, usual: float, value: float) -> set[tuple[int, str]] | None:
+def _follows(base: Prepared, other: Prepared, usual: Any, value: Any) -> set[tuple[int, str]] | None:
     """The settings (index of the node, name) that equal `usual` in `base` and `value` in `other`; None if the two
     differ in anything else."""
     if other.structure != base.structure:

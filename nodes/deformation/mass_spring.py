@@ -10,10 +10,11 @@ from palpate.compiler.exact import exp, log, row_times
 from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
+from palpate.messages.fields import Vector
 from palpate.nodes.base import ARRAY, TABLE, Agrees, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, unknown_vertex
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.nodes.base.measured_map import measured_factor
+from palpate.nodes.base.measured_map import measured_factor, read_map
 from palpate.nodes.base.samples import oldest
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies import mass_spring as springs
@@ -27,6 +28,7 @@ from palpate.physics.contact.terminal import indentation
 from palpate.physics.nearest import nearest, tree_of
 
 NotNegative = msgspec.Meta(ge=0)
+MORE = 1.1  # [1] Distance of a vertex from a foot over the radius of its patch, within which it may be loaded
 
 _body_of = unpacking(springs.NodalBody)
 _courses_of, _ground_of = array_of(element_type(end_rate.COURSE)), array_of(springs.GROUND)
@@ -111,6 +113,9 @@ class MassSpring(MeshBody):
 
     measured_map: Annotated[str, "1"] = ""
     """File of `palpate fit map`, whose factor multiplies K at the places that it covers."""
+    map_factors: Annotated[Vector, "1"] = ()
+    """Factors of the places of `measured_map`, in its order, instead of those of its file; so they can vary, be fitted,
+    and have derivatives (docs/backwards.md)."""
 
     energy = Part(
         "energy", "stored",
@@ -142,7 +147,9 @@ class MassSpring(MeshBody):
         if self.area != "fixed":
             self._notes.append("MassSpring: its force law K s^n stays; scene.surface.area changes only its surface")
         mapped = self.stiffness_map == "basis"
-        self._hardness = self.hardness() if self.nodule_radius > 0.0 or mapped or self.measured_map else None
+        self._hardness = (
+            self.hardness() if self.nodule_radius > 0.0 or mapped or self.measured_map or self.map_factors else None
+        )
         if self._hardness is not None:
             self.hold("hard", self._hardness)
         if self._hardness is not None and mapped:
@@ -167,10 +174,26 @@ class MassSpring(MeshBody):
         cannot be used."""
         factor = super().hardness()
         if self.measured_map:
-            factor = factor * measured_factor(self.measured_map, self.mesh().vertices)
+            factor = factor * measured_factor(self.measured_map, self.mesh().vertices, self.map_factors)
+        elif self.map_factors:
+            raise SettingError("setting 'map_factors': found factors without places, expected a measured_map too")
         if self.stiffness_map == "basis":
             factor = factor * exp((2.0 * self.exponent - 1.0) * log(self._field()[0]))
         return factor
+
+    def out_of_reach(self, setting: str, feet: np.ndarray) -> np.ndarray:
+        """Which numbers of a list setting no load has at these feet [m] (n,3): bool, one for each number.
+
+        A place of the map has an effect only through the vertices that it is nearest to. Those loaded lie within the
+        radius of the patch; some more count as loaded, because a motion that changes a little reaches farther.
+        """
+        if setting != "map_factors":
+            return np.zeros(len(getattr(self, setting)), bool)
+        vertices, law = self.mesh().vertices, self.area_law()
+        place = read_map(self.measured_map, vertices).place
+        reach = MORE * (float(law.radii[-1]) if len(law.forces) else self.radius)
+        loaded = nearest(tree_of(feet), vertices)[0][:, 0] < reach if len(feet) else np.zeros(len(vertices), bool)
+        return ~np.isin(np.arange(len(self.map_factors)), place[loaded])
 
     def between(
         self,

@@ -254,10 +254,12 @@ class Ensemble:
             self._base, [f"{stream}.{field.name}" for stream, field in self._keep], by, self.over,
             self.count, self._prepared[0].job, reduce or {}, scale, tolerance,
         )  # fmt: skip
-        more = Ensemble.__new__(Ensemble)
-        more._prepare(self.name, self._launch, work.lanes, work.over, work.keep, self._every, self._threads)
-        more._check_room(True)
-        columns, errors, _ = more._in_memory(quiet, executor)
+        if work.scout:
+            columns, errors = self._other_lanes(self.count, self.over, work.scout, quiet, executor)[:2]
+            work.leave_out(columns, errors)
+        columns, errors, more = self._other_lanes(work.lanes, work.over, work.keep, quiet, executor)
+        if work.take_back(columns, errors):
+            columns, errors, more = self._other_lanes(work.lanes, work.over, work.keep, quiet, executor)
         more._report()
         return work.dataset(columns, errors, self._times(), [field.unit for field in self._fields])
 
@@ -290,6 +292,16 @@ class Ensemble:
         more._report()
         warn(more.notes)
         return folder
+
+    def _other_lanes(
+        self, lanes: int, over: Mapping[str, Any], keep: Sequence[str], quiet: bool, executor: Executor | None
+    ) -> tuple[list[np.ndarray], list[str], "Ensemble"]:
+        """The fields and errors of other lanes of this graph, with the ensemble that they are."""
+        more = Ensemble.__new__(Ensemble)
+        more._prepare(self.name, self._launch, lanes, over, keep, self._every, self._threads)
+        more._check_room(True)
+        columns, errors, _ = more._in_memory(quiet, executor)
+        return columns, errors, more
 
     def _in_memory(self, quiet: bool, executor: Executor | None) -> tuple[list[np.ndarray], list[str], list[str]]:
         """The kept fields of all lanes, their errors and their notes."""

@@ -10,6 +10,7 @@ from palpate.engine.graph import Graph
 from palpate.engine.job import Job
 from palpate.gradients.lanes import Differences, events_of, reduce, reduction_of
 from palpate.gradients.parameters import Parameter, find_parameter, scales_of
+from palpate.gradients.reach import Reach
 from palpate.launch.load.checks.ideal import describe_jumps
 from palpate.launch.run.lane_values import Values, value_of
 from palpate.messages.record import layout
@@ -41,6 +42,7 @@ class Gradient:
         running = {node.name for node in job.nodes}
         scales = scales_of(scale, by)
         self.parameters = [find_parameter(graph, path, running, scales.get(path)) for path in by]
+        self._places = {id(each): place for place, each in enumerate(self.parameters)}
         self._reductions = {name: reduction_of(name, given, keep) for name, given in reductions.items()}
         self._tolerance, self._fields, self._over, self._count = tolerance, list(keep), over, count
         self._jumps = describe_jumps(graph, [name for name in graph.nodes if name in running])
@@ -53,10 +55,45 @@ class Gradient:
             if kind not in "f" and path not in {self._fields[place] for place, _ in self._reductions.values()}:
                 raise ArgumentError(f"keep {path!r}: found a field without decimals, which has no derivative")
         self._work = [Differences(self.parameters, self._values(lane)) for lane in range(count)]
+        self._reach = Reach(graph, self.parameters)
         if self._jumps:
             for work in self._work:
                 work.rows = work.rows[:1]
-        self.lanes = sum(len(work.rows) for work in self._work)
+
+    @property
+    def lanes(self) -> int:
+        """Number of lanes."""
+        return sum(len(work.rows) for work in self._work)
+
+    @property
+    def scout(self) -> list[str]:
+        """Fields of the lanes of the ensemble that `leave_out` needs; [] if it would leave out nothing."""
+        return [] if self._jumps else self._reach.keep
+
+    def leave_out(self, columns: Sequence[np.ndarray], errors: Sequence[str]) -> None:
+        """Give no lanes to parameters that the touches cannot reach.
+
+        columns  of the fields of `scout`, (lanes, rows, ...)
+        """
+        for lane, work in enumerate(self._work):
+            if not errors[lane]:
+                touch = {path: column[lane] for path, column in zip(self.scout, columns, strict=True)}
+                without = frozenset(self._reach.unreached(touch))
+                self._work[lane] = Differences(work.parameters, work.values, without=without)
+
+    def take_back(self, columns: Sequence[np.ndarray], errors: Sequence[str]) -> bool:
+        """Give lanes to all parameters again where one that was left out has an effect; whether one has.
+
+        columns  of the kept fields, (lanes, rows, ...)
+        """
+        begin, found = 0, False
+        for lane, work in enumerate(self._work):
+            checks = [begin + number for number, row in enumerate(work.rows) if row.check]
+            same = all(np.array_equal(column[begin], column[at], True) for column in columns for at in checks)
+            if not same or any(errors[at] for at in checks):
+                self._work[lane], found = Differences(work.parameters, work.values), True
+            begin += len(work.rows)
+        return found
 
     def _values(self, lane: int) -> list[float]:
         """The values of the parameters in a lane of the ensemble."""
@@ -76,13 +113,19 @@ class Gradient:
             path: [value_of(values, lane) for lane, _, _ in rows] for path, values in self._over.items()
         }
         for target, several in targets.items():
-            given = found.get(target)
-            column = []
-            for number, (_, work, row) in enumerate(rows):
-                value = None if given is None else given[number]
+            given, column = found.get(target), []
+            base: list[Any] = []
+            for number, (lane, work, row) in enumerate(rows):
+                if lane == len(base):  # the values of this lane, once
+                    value = None if given is None else given[number]
+                    for each in several:
+                        value = each.put(work.values[self._places[id(each)]], value)
+                    base.append(value)
+                value = base[lane]
                 for each in several:
-                    place = self.parameters.index(each)
-                    value = each.put(work.value(row, place), value)
+                    place = self._places[id(each)]
+                    if row.parameter == place or (row.check and place in work.without):
+                        value = each.put(work.value(row, place), value)
                 column.append(value)
             found[target] = np.array(column) if not several[0].inside else column
         return found

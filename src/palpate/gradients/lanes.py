@@ -21,34 +21,41 @@ EVENTS: Mapping[tuple[type[Message], str], str] = {
     (Contact, "force"): "contact made or lost", (Friction, "stick"): "stick to slip",
 }  # fmt: skip
 """Fields whose change from 0 is an event after which results may have a kink."""
+UNLIKE = 0.618  # [1] By how much moves of numbers without effect differ, so that none cancels another
 NEAR = 2  # rows between an event in one of the lanes and a point that does not settle
 
 
 @dataclass(frozen=True)
 class Row:
-    """One lane: the parameter that it moves, None: none; number of the step; direction."""
+    """One lane: the parameter that it moves, None: none; number of the step; direction; whether it moves all parameters
+    that the touch cannot reach."""
 
     parameter: int | None
     step: int = 0
     sign: int = 0
+    check: bool = False
 
 
 @dataclass
 class Differences:
     """The lanes of one touch that the derivatives by some parameters need.
 
-    values  (parameters) [their unit] where the derivatives are taken
-    rows    what each lane moves; the first moves nothing
+    values   (parameters) [their unit] where the derivatives are taken
+    without  parameters that the touch cannot reach (`reach`), so that they have no lane but one that moves all of them
+    rows     what each lane moves; the first moves nothing
     """
 
     parameters: Sequence[Parameter]
     values: Sequence[float]
     count: int = len(STEPS)
+    without: frozenset[int] = frozenset()
     rows: list[Row] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.rows = [Row(None)]
+        self.rows = [Row(None)] + [Row(None, check=True)] * bool(self.without)
         for place, (parameter, value) in enumerate(zip(self.parameters, self.values, strict=True)):
+            if place in self.without:
+                continue
             side = parameter.side(self.step(place), value)
             signs = (side,) if side else (1, -1)
             self.rows += [Row(place, step, sign) for sign in signs for step in range(self.count)]
@@ -59,11 +66,19 @@ class Differences:
 
     def value(self, row: Row, place: int) -> float:
         """The value of a parameter in a lane."""
+        if row.check and place in self.without:
+            side = self.parameters[place].side(self.step(place), self.values[place]) or (-1) ** place
+            return self.values[place] + side * self.step(place) * (1.0 + UNLIKE * place) / (
+                1.0 + UNLIKE * len(self.values)
+            )
         move = row.sign * STEPS[row.step] * self.step(place) if row.parameter == place else 0.0
         return self.values[place] + move
 
     def derivative(self, results: np.ndarray, place: int, tolerance: float) -> Derivative:
         """The derivative of results (lanes, n, ...) by a parameter."""
+        if place in self.without:
+            nothing = np.zeros(results.shape[1:])
+            return Derivative(nothing, nothing, np.ones(nothing.shape, bool))
         mine = [number for number, row in enumerate(self.rows) if row.parameter == place]
         signs = [self.rows[number].sign for number in mine]
         step, scale, base = self.step(place), self.parameters[place].scale, results[0]

@@ -39,7 +39,7 @@ _ready: list[tuple[Any, LaneRunner]] = []  # by kept fields and number of ticks;
 def preparation(
     launched: Callable[[Mapping[str, Any]], LaunchFile],
     keep: Sequence[Kept],
-    extremes: Mapping[str, tuple[float, ...]],
+    extremes: Mapping[str, tuple[Any, ...]],
 ) -> Preparation:
     """Prepares points for a lane. Its calls raise GraphError if the graph of a point is invalid, and ArgumentError if
     it cannot run as a lane, because a node or an observer is in Python or a kept field has a variable length.

@@ -36,7 +36,7 @@ class PointTask:
     launch: LaunchFile
     keep: tuple[Kept, ...]
     limit: float | None = None
-    extremes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    extremes: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     base: str = ""
 
     def run(self, values: Mapping[str, Any], record: Path | None = None) -> LaunchFile:
