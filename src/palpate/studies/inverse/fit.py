@@ -13,6 +13,7 @@ from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, LEVEL, Estimat
 from palpate.models.fit.tissue.residuals import inflation
 from palpate.physics.errors import ArgumentError
 from palpate.studies.inverse.measured import Measured
+from palpate.studies.inverse.priors import read_priors
 from palpate.studies.inverse.problem import RunProblem
 
 STARTS = 3
@@ -50,12 +51,13 @@ class RunFit:
 
 def fit_run(
     measured: Sequence[Measured], free: Sequence[str], separate: Sequence[str] = (), held_out: Sequence[Measured] = (),
-    starts: int = STARTS, scale: dict[str, float] | None = None,
+    starts: int = STARTS, scale: dict[str, float] | None = None, priors: Sequence[str] = (),
     report: Callable[[float], None] = lambda share: None,
 ) -> RunFit:  # fmt: skip
     """Fit parameters to recordings by bounded least squares from several starts.
 
     free    paths of the parameters;  separate  those with a value for each recording
+    priors  of parameters, "tissue.stiffness=normal:200,30", see `priors.read_priors`
     report  called with shares of the work that are done
 
     ArgumentError, GraphError: a parameter or a recording does not fit.
@@ -65,6 +67,7 @@ def fit_run(
     separate = [*separate, *loose]
     if unknown := [path for path in separate if path not in (*free, *loose)]:
         raise ArgumentError(f"--each {unknown[0]}: expected one of the free parameters: {', '.join(free)}")
+    known = read_priors(priors, parameters, measured[0].launch.load()) if priors else {}
     problem = RunProblem(measured, parameters, separate)
     try:
         begins = problem.begins(starts)
@@ -75,19 +78,22 @@ def fit_run(
         x, rough = min(found, key=lambda pair: pair[1])
         agreeing = float(np.mean([cost <= 1.05 * rough + 1e-12 for _, cost in found]))
         problem.weigh(x)
-        x, _ = problem.search(x, loose=False)
+        problem.believe(known, x)
+        begins = [x, problem.priors.middles(x)] if problem.priors else [x]
+        x = min((problem.search(begin, loose=False) for begin in begins), key=lambda pair: pair[1])[0]
         report(0.2)
         fitted = estimate(problem, profiles=False, begin=[x])
         fitted.starts = agreeing
         slopes = problem.jacobian(x)
-        _widen_to_profiles(problem, fitted, slopes)
+        alone = problem.priors.combine(fitted, slopes) if problem.priors else []
+        _widen_to_profiles(problem, fitted, problem.with_priors(slopes, x))
         report(0.15)
         open_ = _open(problem, fitted, slopes)
         rms = _rms(problem, fitted)
         others = _held_out(problem, held_out, fitted)
         return RunFit(
             parameters, fitted, open_, _couples(fitted, open_), list(measured), rms, others,
-            sum(each.count for each in problem.forward), _notes(problem, fitted), slopes,
+            sum(each.count for each in problem.forward), [*alone, *_notes(problem, fitted)], slopes,
         )  # fmt: skip
     finally:
         problem.close()
@@ -124,8 +130,11 @@ def _widen_to_profiles(problem: RunProblem, fitted: Estimate, slopes: np.ndarray
     x, size = fitted.at, len(fitted.at)
     low, high = problem.bounds
     least = float(np.sum(problem.residuals(x) ** 2))
-    reach = float(student.ppf(0.5 + LEVEL / 2, fitted.effective[0] - size)) * fitted.errors
-    gram = np.linalg.pinv(slopes.T @ slopes, rcond=1e-18)
+    quantile = float(student.ppf(0.5 + LEVEL / 2, fitted.effective[0] - size))
+    reach = (problem.priors.quantiles if problem.priors else quantile) * fitted.errors
+    unit = np.linalg.norm(slopes, axis=0)
+    unit[unit == 0.0] = 1.0
+    gram = np.linalg.pinv((slopes / unit).T @ (slopes / unit), rcond=1e-15) / np.outer(unit, unit)
     rows = [(i, side) for i in range(size) for side in (-1.0, 1.0) if 0.0 < reach[i] < WIDEST * 2.0]
     if not rows:
         return
@@ -165,15 +174,16 @@ def _open(problem: RunProblem, fitted: Estimate, slopes: np.ndarray) -> dict[str
     quantile = float(student.ppf(0.5 + LEVEL / 2, fitted.effective[0] - len(fitted.at)))
     for i, p in enumerate(problem.parameters):
         scale = problem._scales()[i]
+        believed = problem.priors is not None and problem.priors.known[i] is not None
         size = float(np.abs(slopes[:, i]).max()) * scale
         wide = quantile * float(fitted.errors[i]) / scale
         low, high = problem.bounds
         at_limit = min(fitted.at[i] - low[i], high[i] - fitted.at[i]) < 1e-4 * (high[i] - low[i])
-        if size < NO_EFFECT:
+        if size < NO_EFFECT and not believed:
             found[p.name] = "the motion has no effect of it"
         elif at_limit and not _is_limit(problem, i, fitted.at[i]):
             found[p.name] = f"the search ends at its bound, {p.value(fitted.at[i]):.4g} {p.unit}"
-        elif wide > WIDEST or (fitted.is_open(p) and not at_limit):
+        elif not believed and (wide > WIDEST or (fitted.is_open(p) and not at_limit)):
             found[p.name] = f"its interval is as wide as {fitted.intervals[p.name].low:.3g} to " \
                             f"{fitted.intervals[p.name].high:.3g} {p.unit}"  # fmt: skip
     return found

@@ -1,7 +1,7 @@
 """Least squares of the fields of a graph in lanes: residuals and Jacobian of recordings over free parameters."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -15,9 +15,11 @@ from palpate.launch.run.work.compiling import compiling
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Problem
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.noise import step_of
+from palpate.models.fit.tissue.residuals import inflation
 from palpate.models.fit.tissue.rigs import Parameter as Unknown
 from palpate.physics.errors import ArgumentError
 from palpate.studies.inverse.measured import Measured
+from palpate.studies.inverse.priors import Prior, Priors, check_range
 
 RANGE = 30.0  # [1] Largest factor of a positive parameter from its start
 REACH = 10.0  # Largest change of another parameter, in scales
@@ -107,6 +109,21 @@ class RunProblem(Problem):
                 f"{LEAST_PER_UNKNOWN * len(unknowns)}: a longer recording, or a later --until"
             )
         self._at: tuple[bytes, list[np.ndarray]] | None = None
+        self.priors: Priors | None = None
+        """Whose rows follow those of the fields."""
+
+    def believe(self, known: Mapping[str, Prior], x: np.ndarray) -> None:
+        """Add the priors of parameters by path, with the residuals at x. ArgumentError: they do not fit."""
+        if not known:
+            return
+        each: list[Prior | None] = [None] * len(self.parameters)
+        for places in self.places:
+            for number, place in zip(self.numbers, places, strict=True):
+                each[place] = known.get(number.path)
+        check_range(self.parameters, {k: prior for k, prior in enumerate(each) if prior is not None})
+        parts = [(f - p.force) * w for f, p, w in zip(self.law_forces(x), self.presses, self.weight, strict=True)]
+        variance = float(np.mean(np.concatenate(parts) ** 2))
+        self.priors = Priors(self.parameters, each, math.sqrt(variance * inflation(parts, len(x))))
 
     def weigh(self, x: np.ndarray) -> None:
         """Weigh each field by its noise, the RMS of its residuals at x, instead of its peak."""
@@ -123,6 +140,10 @@ class RunProblem(Problem):
     def other_minima(self, x: np.ndarray) -> list[np.ndarray]:
         """None: the starts of the search are spread over the range of each parameter."""
         return []
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        found = super().residuals(x)
+        return found if self.priors is None else np.concatenate([found, self.priors.residuals(x)])
 
     def points(self, k: int, several: np.ndarray) -> np.ndarray:
         """The values of the parameters of a recording at these unknowns (n, unknowns)."""
@@ -145,7 +166,10 @@ class RunProblem(Problem):
     def all_residuals(self, several: np.ndarray) -> np.ndarray:
         """Weighted residuals (n, values) at these unknowns."""
         parts = [(f - p.force) * w for f, p, w in zip(self.many(several), self.presses, self.weight, strict=True)]
-        return np.nan_to_num(np.concatenate(parts, axis=1), nan=FAILED)
+        found = np.nan_to_num(np.concatenate(parts, axis=1), nan=FAILED)
+        if self.priors is None:
+            return found
+        return np.concatenate([found, [self.priors.residuals(x) for x in several]], axis=1)
 
     def law_slopes(self, x: np.ndarray, here: Sequence[np.ndarray], free: np.ndarray) -> np.ndarray:
         """(values, unknowns) Derivatives by central differences, one-sided at a limit."""
@@ -196,11 +220,16 @@ class RunProblem(Problem):
         return found.x, 2.0 * float(found.cost)
 
     def slopes_at(self, x: np.ndarray) -> np.ndarray:
-        """(values, unknowns) Derivatives of the weighted fields by forward differences."""
-        return self._slopes(x, self.law_forces(x), STEP, both=False)
+        """(values, unknowns) Derivatives of the residuals by forward differences."""
+        return self.with_priors(self._slopes(x, self.law_forces(x), STEP, both=False), x)
+
+    def with_priors(self, slopes: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Derivatives of the weighted fields with those of the priors."""
+        return slopes if self.priors is None else np.concatenate([slopes, self.priors.slopes(x)])
 
     def solve(self, x: np.ndarray, fixed: int = -1) -> tuple[np.ndarray, float]:
-        return x, float(np.sum(self.residuals(x) ** 2))
+        """The point itself: `estimate` takes the minimum that is known, and the fields without priors."""
+        return x, float(np.sum(super().residuals(x) ** 2))
 
     def close(self) -> None:
         """Stop the nodes of all recordings."""

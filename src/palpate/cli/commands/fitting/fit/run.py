@@ -21,6 +21,12 @@ def run(
     ],
     to: Annotated[list[str] | None, typer.Option(help="A recorded field to explain.")] = None,
     each: Annotated[list[str] | None, typer.Option(help="A free setting that each recording has for itself.")] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Prior of a free setting: NAME=normal:MEAN,DEVIATION, NAME=lognormal:MEDIAN,FACTOR, or a tissue."
+        ),
+    ] = None,
     holdout: Annotated[list[Path] | None, typer.Option(help="A recording that is predicted, not fitted.")] = None,
     graph: Annotated[str | None, typer.Option(help="A graph instead of the recorded one.")] = None,
     scene: Annotated[str | None, typer.Option(help="A scene instead of the recorded one.")] = None,
@@ -56,7 +62,9 @@ def run(
     read = [read_run(path, fields, graph, scene, sets or (), length) for path in paths]
     others = [read_run(path, fields, graph, scene, sets or (), length) for path in holdout or []]
     with steps(f"fit run: {len(names)} settings, {len(read)} recordings", 1, silent=as_json, timed=False) as done:
-        fit = fit_run(read, names, each or (), others, starts, report=lambda share: done("runs", share))
+        fit = fit_run(
+            read, names, each or (), others, starts, priors=prior or (), report=lambda share: done("runs", share)
+        )
         planned = plan_touches(fit, read[0]) if plan or fit.open_ else []
     result = write_run_fit(fit, planned, out)
     if as_json:
