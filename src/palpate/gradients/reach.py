@@ -6,6 +6,7 @@ and must have the same bits as the lane that moves nothing. Otherwise all number
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,8 @@ class Reach:
             feet = [
                 columns[f"{stream}.foot"][columns[f"{stream}.force"] != 0.0] for stream in _contacts(self._graph, name)
             ]
-            away = spec.cls(**spec.settings).out_of_reach(setting, np.unique(np.concatenate(feet), axis=0))
+            body: Any = spec.cls(**spec.settings)
+            away = body.out_of_reach(setting, np.unique(np.concatenate(feet), axis=0))
             found += [place for place in places if away[self._parameters[place].inside[0]]]
         return found
 
