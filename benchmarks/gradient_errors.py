@@ -46,7 +46,7 @@ def force_of(graph) -> str | None:
         if name in (layout(kind).names or ()) and layout(kind)[name].base.fields is None
         and layout(kind)[name].base.kind == "f"
     ]  # fmt: skip
-    return min(named, key=lambda path: ("ontact" not in path, named.index(path)), default=None)
+    return min(named, key=lambda path: ("contact" not in path.lower(), named.index(path)), default=None)
 
 
 def settings_of(graph, name: str, sets: list[str], running: set[str]) -> list[str]:
