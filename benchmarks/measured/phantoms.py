@@ -59,7 +59,7 @@ def main() -> None:
     folder = parser(__doc__).parse_args().folder
     if folder is None or not (folder / f"{SILICONES[0]}_A1.csv").is_file():
         sys.exit(
-            f"give the folder with {SILICONES[0]}_A1.csv and the others; the first lines of this file say from where"
+            f"give the folder with {SILICONES[0]}_A1.csv and the others; its source is in the first lines of this script"
         )
     warnings.simplefilter("ignore", palpate.PalpateWarning)
     for silicone in SILICONES:
