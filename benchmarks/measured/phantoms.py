@@ -58,9 +58,7 @@ def shown(value: float, low: float, high: float, factor: float = 1e-3) -> str:
 def main() -> None:
     folder = parser(__doc__).parse_args().folder
     if folder is None or not (folder / f"{SILICONES[0]}_A1.csv").is_file():
-        sys.exit(
-            f"give the folder with {SILICONES[0]}_A1.csv and the others; its source is in the first lines of this script"
-        )
+        sys.exit(f"give the folder with {SILICONES[0]}_A1.csv and the others; this script names its source")
     warnings.simplefilter("ignore", palpate.PalpateWarning)
     for silicone in SILICONES:
         files = [folder / f"{silicone}_A{k}.csv" for k in PRESSES]
