@@ -2,12 +2,14 @@
 
 While a device, its connection or its process is silent, its hand continues to move. Without this rule the finger would
 then jump by the whole distance in one step, through the organ or deep into it, and damping would turn the jump into a
-force spike. A place p with velocity v follows the device at q with velocity w,
+force spike. A place p with velocity v follows the device, which was at q - w T and moves to q with the velocity w in a
+step of T. With the distance e = q - w T - p at its begin,
 
-    u = w + (q - p) min(1/LAG, speed/|q - p|),      v' = (u - v)/T, |v'| <= LARGEST,      p' = v
+    u = w + e r/(1 + r T),  r = min(1/LAG, speed/|e|),      v' = (u - v)/T, |v'| <= LARGEST,      p' = v
 
 so that it moves at most `speed` faster than the device, begins and ends without a jump of the velocity, and is exact
-again after it has come within `NEAR`. From a distance d this takes about d/speed + 8 LAG.
+again after it has come within `NEAR`. From a distance d this takes about d/speed + 8 LAG. As r T/(1 + r T) < 1, it does
+not pass the device in a long step either, as where few samples arrive.
 """
 
 import math
@@ -38,9 +40,10 @@ def catch_up(state: Record, at: Vector3, moves: Vector3, speed: float, dt: float
     at, moves  [m], [m/s] (3) its place and velocity;  speed [m/s] largest speed relative to it
     """
     p, v = vector(state.place), vector(state.velocity)
-    x, y, z = at[0] - p[0], at[1] - p[1], at[2] - p[2]
+    x, y, z = at[0] - moves[0] * dt - p[0], at[1] - moves[1] * dt - p[1], at[2] - moves[2] * dt - p[2]
     away = math.sqrt(x * x + y * y + z * z)
     rate = min(1.0 / LAG, speed / away) if away > 0.0 else 1.0 / LAG
+    rate /= 1.0 + rate * dt
     ax, ay, az = moves[0] + rate * x - v[0], moves[1] + rate * y - v[1], moves[2] + rate * z - v[2]
     change = math.sqrt(ax * ax + ay * ay + az * az)
     if away <= NEAR and change <= LARGEST * dt:
