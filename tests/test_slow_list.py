@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 
 def test_slow_tests_are_listed_and_the_cheapest_of_each_file_stays():
     costs = {
-        "a.py::fast": 0.1, "a.py::slow": 3.0, "a.py::slower": 9.0,
+        "a.py::fast": 0.1, "a.py::slow": 1.5, "a.py::slower": 9.0,
         "b.py::cases[1]": 2.0, "b.py::cases[2]": 0.2, "b.py::cases[3]": 1.0,
         "c.py::all[1]": 20.0, "c.py::all[2]": 30.0,
     }  # fmt: skip

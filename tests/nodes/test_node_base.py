@@ -141,5 +141,11 @@ def test_every_default_is_within_its_limits(use):
 def test_a_node_that_never_started_has_no_notes_and_can_be_stopped(entry):
     """A run that fails before its start collects the notes of all its nodes, and stops them."""
     missing = {name: one for name, one in settings(entry.cls).items() if one.default is ...}
-    node = entry.cls(**{name: ("x",) if "tuple" in str(one.type) else "x" for name, one in missing.items()})
+    given = {"tuple": ("x",), "float": 1.0}  # else a word
+    node = entry.cls(
+        **{
+            name: next((value for kind, value in given.items() if kind in str(one.type)), "x")
+            for name, one in missing.items()
+        }
+    )
     assert (node.notes(), node.condition(), node.stop(), node.notes()) == ([], "", None, [])

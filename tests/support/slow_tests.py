@@ -21,7 +21,7 @@ import pytest
 LIST = Path(__file__).parents[1] / "slow.txt"
 LIMIT = 0.5
 """Processor time of a test and the processes below it, with its share of the fixtures of its file [s]."""
-STAYS = 4.0
+STAYS = 2.0
 """The cheapest slow test of a file stays below this processor time [s]."""
 HEADER = f"""\
 # Tests that cost more than {LIMIT:g} s of processor time. `./check.sh` leaves them out, `./check.sh --all` and a run of
