@@ -40,6 +40,7 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.views.carried import STILL, Carried
 from palpate.views.page.steered import Touched
 
+NO_VERTICES = np.zeros((0, 3))
 EVERY = (Contact, Vibration, Health)  # of these all messages are decoded; of the others the last one before a frame
 KEPT = 20_000  # limit of buffered messages of a finger: 2 s of nine streams at 1 kHz
 DRAINED = 400_000
@@ -195,29 +196,9 @@ def picture(
         now(last, touched.thickness) | curve for last, curve in zip(every, curves or [{}] * len(every), strict=True)
     )
     moved = bodies.carried(newest)
-    shifted = [(start, end, by.way) for start, end, by in moved if not by.turn]
-    head = head | first | {"others": others} | bodies.pressed_area(loads) | ({"carried": shifted} if shifted else {})
-    return frame(head, _turned(bodies.surface(shapes), bodies.mesh.vertices, moved))
-
-
-def _turned(surface: Surface | None, vertices: np.ndarray, moved: list[tuple[int, int, Carried]]) -> Surface | None:
-    """The surface with the displacements [m] of all vertices of the bodies that rotate, in the frame of the world."""
-    if surface is None or not any(by.turn for _, _, by in moved):
-        return surface
-    turning = [(first, end, by) for first, end, by in moved if by.turn]
-    nodes = np.unique(np.concatenate([surface.nodes, *(np.arange(first, end) for first, end, _ in turning)]))
-    at = np.searchsorted(nodes, surface.nodes)
-    field, fine = np.zeros((len(nodes), 3)), {}
-    field[at] = surface.displacement
-    for first, end, by in turning:
-        here = (nodes >= first) & (nodes < end)
-        rest = vertices[nodes[here]]
-        field[here] = by.points(rest + field[here]) - rest
-    for name in ("pressure", "slipped"):
-        if len(given := getattr(surface, name)):
-            fine[name] = np.zeros(len(nodes), given.dtype)
-            fine[name][at] = given
-    return msgspec.structs.replace(surface, nodes=nodes.astype(np.int32), displacement=field, **fine)
+    ways = [(start, end, by.way, *([by.turn] if by.turn else [])) for start, end, by in moved]
+    head = head | first | {"others": others} | bodies.pressed_area(loads) | ({"carried": ways} if ways else {})
+    return frame(head, bodies.surface(shapes))
 
 
 def kinds_of(touched: Touched) -> dict[str, type[Message]]:
@@ -306,31 +287,50 @@ def pack_message(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, s
     return struct.pack("<I", len(text)) + text + indices.tobytes() + first.tobytes() + second.tobytes()
 
 
-def binary(data: bytes) -> bytes:
-    """The record for external renderers, without JSON, of a mesh or frame of the page (`pack_message`)."""
-    (length,) = struct.unpack_from("<I", data)
-    head = msgspec.json.decode(data[4 : 4 + length])
-    first, second, _ = (4 * size for size in head["sizes"])
-    indices, values = data[4 + length : 4 + length + first], data[4 + length + first : 4 + length + first + second]
+def binary(data: bytes, vertices: np.ndarray = NO_VERTICES) -> bytes:
+    """The record for external renderers, without JSON, of a mesh or frame of the page (`pack_message`).
+
+    vertices  [m] (V,3) of the mesh, for frames in which a body rotates
+    """
+    head, indices, values = _parts(data)
     if head["kind"] == "mesh":
         counts = len(head.get("fingers", (0,))), len(values) // 12, len(indices) // 12
         return MESH.pack(b"PLPM", VERSION, *counts, head.get("thickness", 0.0), 0) + values + indices
-    indices, values = _with_motion(head, indices, values)
+    indices, values = _with_motion(head, indices, values, vertices)
     fingers = [head, *head["others"]]
     begin = FRAME.pack(b"PLPF", VERSION, len(fingers), len(indices) // 4, head["late"], head["time"])
     return b"".join((begin, *map(_finger, fingers), indices, values))
 
 
-def _with_motion(head: dict[str, Any], indices: bytes, values: bytes) -> tuple[bytes, bytes]:
-    """Vertices and displacements with all vertices of the bodies that moved with their foundation."""
+def vertices_of(data: bytes) -> np.ndarray | None:
+    """The vertices [m] (V,3) of a mesh of the page; None: it is a frame."""
+    head, _, values = _parts(data)
+    return np.frombuffer(values, "<f4").reshape(-1, 3).astype(float) if head["kind"] == "mesh" else None
+
+
+def _parts(data: bytes) -> tuple[dict[str, Any], bytes, bytes]:
+    """Head and the first two arrays of a message to the page."""
+    (length,) = struct.unpack_from("<I", data)
+    head = msgspec.json.decode(data[4 : 4 + length])
+    first, second, _ = (4 * size for size in head["sizes"])
+    return head, data[4 + length : 4 + length + first], data[4 + length + first : 4 + length + first + second]
+
+
+def _with_motion(head: dict[str, Any], indices: bytes, values: bytes, vertices: np.ndarray) -> tuple[bytes, bytes]:
+    """Vertices and displacements in the world, with all vertices of the bodies that moved."""
     if not head.get("carried"):
         return indices, values
     nodes, moved = np.frombuffer(indices, "<u4"), np.frombuffer(values, "<f4").reshape(-1, 3)
-    every = np.unique(np.concatenate([nodes, *(np.arange(first, end) for first, end, _ in head["carried"])]))
+    every = np.unique(np.concatenate([nodes, *(np.arange(first, end) for first, end, *_ in head["carried"])]))
     field = np.zeros((len(every), 3))
     field[np.searchsorted(every, nodes)] = moved
-    for first, end, way in head["carried"]:
-        field[(every >= first) & (every < end)] += way
+    for first, end, way, *turn in head["carried"]:
+        here = (every >= first) & (every < end)
+        if turn:
+            rest = vertices[every[here]]
+            field[here] = Carried(way, tuple(turn[0])).points(rest + field[here]) - rest
+        else:
+            field[here] += way
     return every.astype("<u4").tobytes(), field.astype("<f4").tobytes()
 
 

@@ -18,6 +18,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
+import numpy as np
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers, MultipleValuesError
 from websockets.exceptions import ConnectionClosed
@@ -25,7 +26,7 @@ from websockets.http11 import Request, Response
 
 from palpate.physics.errors import PalpateError
 from palpate.views.errors import PageError
-from palpate.views.page.feed import RATE, FrameSource, binary
+from palpate.views.page.feed import RATE, FrameSource, binary, vertices_of
 
 HOST, ANY = "127.0.0.1", "0.0.0.0"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -44,6 +45,18 @@ KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 PATIENCE = 30.0  # [s] timeout of opening and closing the server
 _USER = os.getuid() if hasattr(os, "getuid") else None  # of this process
 RELOAD = 2.0  # [s] without a page after which the page counts as closed, not reloaded
+
+
+def _renderer() -> Callable[[bytes], bytes]:
+    """The form of the messages for a renderer, which gets the mesh before the frames."""
+    known: list[np.ndarray] = [np.zeros((0, 3))]
+
+    def form(data: bytes) -> bytes:
+        if (vertices := vertices_of(data)) is not None:
+            known[0] = vertices
+        return binary(data, known[0])
+
+    return form
 
 
 class PageServer:
@@ -129,7 +142,7 @@ class PageServer:
     async def _talk(self, connection: ServerConnection) -> None:
         assert connection.request is not None
         renders = urlsplit(connection.request.path).path == RENDERERS
-        writer = asyncio.create_task(self._show(connection, binary if renders else bytes))
+        writer = asyncio.create_task(self._show(connection, _renderer() if renders else bytes))
         self._pages += 1
         self._render(renders)
         try:

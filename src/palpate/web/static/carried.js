@@ -25,16 +25,6 @@ export class Carried {
 
   // A point [m] of the organ's frame in the world.
   point(at) { return this.vector(at).map((x, i) => x + this.way[i]); }
-
-  // The displacements [m] of all vertices (three numbers each) of a body in the world, from those in its frame.
-  field(vertices, moved) {
-    const all = new Float32Array(vertices.length);
-    for (let v = 0; v < vertices.length; v += 3) {
-      const at = this.point([0, 1, 2].map((i) => vertices[v + i] + moved[v + i]));
-      for (let i = 0; i < 3; i++) all[v + i] = at[i] - vertices[v + i];
-    }
-    return all;
-  }
 }
 
 export const STILL = new Carried([0, 0, 0]);

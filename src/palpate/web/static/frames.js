@@ -29,8 +29,8 @@ export function frame(tick, shown, curves, measured, filled) {
   const [first, ...others] = shown.fingers.map((finger, k) => ({ ...now(tick, finger, nearest(tick, shown, k), shown.thickness), ...curves[k] }));
   const { nodes, displacement, pressure, slipped } = surface(tick, shown, filled);
   const head = { kind: "frame", ...measured, ...first, others, ...pressed(tick, shown) };
-  const moved = shown.carried.map(([begin, end, motion]) => [begin, end, Carried.by(tick, motion)]).filter(([, , by]) => by && !by.turn);
-  if (moved.length) head.carried = moved.map(([begin, end, by]) => [begin, end, by.way]);
+  const moved = shown.carried.map(([begin, end, motion]) => [begin, end, Carried.by(tick, motion)]).filter(([, , by]) => by);
+  if (moved.length) head.carried = moved.map(([begin, end, by]) => [begin, end, by.way, ...(by.turn ? [by.turn] : [])]);
   if (slipped) head.slipped = slipped;
   return packed(head, nodes, displacement, pressure);
 }
@@ -71,13 +71,10 @@ function now(tick, finger, [near, motion], thickness) {
 }
 
 // The displaced vertices of all bodies on the joint mesh, with pressure and slip if all bodies send them.
-function surface(tick, { bodies, first, carried }, filled) {
+function surface(tick, { bodies, first }, filled) {
   const sent = bodies.map((name, k) => ({ name, begin: first[k], fill: filled[k] })).filter(({ name }) => tick.has(name));
   for (const one of sent) {
-    const read = (field) => tick.read(one.name, field), nodes = read("nodes"), moved = read("displacement");
-    const by = Carried.by(tick, carried.find(([begin]) => begin === one.begin)?.[2]);
-    let all = one.fill.fill(nodes, moved);
-    if (by?.turn) all = by.field(one.fill.vertices, all ?? spread(nodes, moved, one.fill.count, 3));
+    const read = (field) => tick.read(one.name, field), nodes = read("nodes"), moved = read("displacement"), all = one.fill.fill(nodes, moved);
     one.nodes = all ? Int32Array.from({ length: all.length / 3 }, (_, v) => v) : nodes;
     one.displacement = all ?? moved;
     for (const field of ["pressure", "slipped"]) {
@@ -101,10 +98,9 @@ function surface(tick, { bodies, first, carried }, filled) {
   };
 }
 
-// Values of some vertices, `each` for each, as those of all; 0 for the others.
-function spread(nodes, values, count, each = 1) {
-  const all = new Float64Array(each * count);
-  nodes.forEach((node, k) => { for (let i = 0; i < each; i++) all[each * node + i] = values[each * k + i]; });
+function spread(nodes, values, count) {
+  const all = new Float64Array(count);
+  nodes.forEach((node, k) => { all[node] = values[k]; });
   return all;
 }
 

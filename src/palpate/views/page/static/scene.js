@@ -116,7 +116,7 @@ export class Scene {
     this.rest = places; this.restNormals = normals; this.triangles = triangles;
     this.places = places.slice(); this.normals = normals.slice(); this.values = new Float32Array(places.length / 3);
     this.moved = new Uint32Array(0);
-    this.still = places; this.carried = "";
+    this.still = places; this.stillNormals = normals; this.carried = ""; this.turns = [];
     this.weights = null;
     const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
     places.forEach((x, i) => { low[i % 3] = Math.min(low[i % 3], x); high[i % 3] = Math.max(high[i % 3], x); });
@@ -126,20 +126,25 @@ export class Scene {
     this.shape(this.organ, this.places, this.normals, triangles);
   }
 
-  // Move bodies with their foundations: [first vertex, end, displacement] of each. `still` are the vertices without deformation.
+  // Move bodies: [first vertex, end, displacement, rotation matrix row by row if it rotates] of each. `still` are the vertices
+  // without deformation.
   carry(bodies) {
     if (this.carried === (this.carried = JSON.stringify(bodies))) return;
-    this.still = this.rest.slice();
+    this.still = this.rest.slice(); this.stillNormals = this.restNormals.slice(); this.turns = bodies.filter((body) => body[3]);
+    for (const [first, end, , turn] of this.turns) {
+      for (const vectors of [this.still, this.stillNormals]) for (let k = 3 * first; k < 3 * end; k += 3) rotate(vectors, k, turn);
+    }
     for (const [first, end, way] of bodies) for (let k = 3 * first; k < 3 * end; k++) this.still[k] += way[k % 3];
-    this.places.set(this.still);
+    this.places.set(this.still); this.normals.set(this.stillNormals);
   }
 
   // Displace some vertices; all others are at rest. Normals are recomputed at the displaced vertices.
   deform(nodes, displacement, values) {
     for (const i of this.moved) {
-      for (let c = 3 * i; c < 3 * i + 3; c++) { this.places[c] = this.still[c]; this.normals[c] = this.restNormals[c]; }
+      for (let c = 3 * i; c < 3 * i + 3; c++) { this.places[c] = this.still[c]; this.normals[c] = this.stillNormals[c]; }
     }
     this.values.fill(0);
+    if (this.turns.length) displacement = this.turned(nodes, displacement);
     nodes.forEach((i, k) => {
       for (let c = 0; c < 3; c++) this.places[3 * i + c] = this.still[3 * i + c] + displacement[3 * k + c];
       this.values[i] = values[k];
@@ -148,6 +153,16 @@ export class Scene {
     if (nodes.length) this.smooth(new Set(nodes));
     this.fill(this.organ, "place", this.places); this.fill(this.organ, "normal", this.normals);
     this.fill(this.organ, "value", this.values);
+  }
+
+  // Displacements of vertices of bodies that rotate, in the world.
+  turned(nodes, displacement) {
+    const moved = displacement.slice();
+    nodes.forEach((i, k) => {
+      const turn = this.turns.find(([first, end]) => first <= i && i < end)?.[3];
+      if (turn) rotate(moved, 3 * k, turn);
+    });
+    return moved;
   }
 
   // Colour vertices other than the displaced ones: those that carry load.
@@ -344,6 +359,12 @@ export function painted(pairs, wish) {
     for (const v of values) if (v > most) most = v;
   }
   return { most, text: kind.text(most), what: of === wish ? kind.name ?? "" : `displacement (this body sends no ${wish})` };
+}
+
+// Rotate the vector at a place of an array by a matrix, row by row.
+function rotate(vectors, k, r) {
+  const x = vectors[k], y = vectors[k + 1], z = vectors[k + 2];
+  for (let i = 0; i < 3; i++) vectors[k + i] = r[3 * i] * x + r[3 * i + 1] * y + r[3 * i + 2] * z;
 }
 
 // Whether each edge has a triangle on both sides. The back faces of a closed surface are never visible, and a software renderer
