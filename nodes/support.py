@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.exact import length
 from palpate.compiler.records import floats, integers, lend, nth, put, vector
 from palpate.messages import Contact, Force, Friction, Pose, Surface, Vector3
 from palpate.messages.record import ROOM
@@ -211,7 +212,7 @@ class Foundation(CompiledNode):
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        if not 0.0 < np.linalg.norm(self.up) < np.inf:
+        if not 0.0 < length(np.array(self.up)) < np.inf:
             raise SettingError(
                 f"setting 'up': found {list(self.up)}, expected the direction out of the foundation, such as [0, 0, 1]"
             )
@@ -226,7 +227,7 @@ class Foundation(CompiledNode):
         )  # fmt: skip
         for name, value in base._asdict().items():
             self.own["constants"][name] = value
-        self.own["axis"], self.own["centre"] = np.divide(self.up, np.linalg.norm(self.up)), centre
+        self.own["axis"], self.own["centre"] = np.divide(self.up, length(np.array(self.up))), centre
         for name, value in (("turned", np.zeros(3)), ("spins", np.zeros(3)), ("middle", centre)):
             self.hold(name, value)
         self.hold("tip_laws", np.array(self.tips, float).reshape(-1, 5))

@@ -49,8 +49,8 @@ EXEMPT = {
     "src/palpate/physics/device/stability.py:": "studies of stability",
     "src/palpate/physics/device/stick.py:": "notes about a resting finger",
     **{
-        f"src/palpate/physics/segmentation/{name}.py:": "makes a mesh file, by libraries that are not pinned"
-        for name in ("boxed", "dicom", "image", "isosurface", "read", "smoothed", "surface")
+        f"src/palpate/physics/segmentation/{name}.py:": "makes a mesh file or nodule, by libraries that are not pinned"
+        for name in ("boxed", "dicom", "image", "inclusion", "isosurface", "read", "smoothed", "surface")
     },
     "src/palpate/physics/table_books.py:matlab_lines": "a table of measurements, which no replay reads",
     "src/palpate/physics/display/shape_display.py:": "a power of whole numbers",

@@ -6,6 +6,7 @@ V/20 (aa' + bb' + cc' + ss'), s = a + b + c (F. Tonon, J. Math. Stat. 1 (2005) 8
 
 import numpy as np
 
+from palpate.compiler.exact import einsum
 from palpate.physics.geometry.mesh import Mesh
 
 
@@ -15,12 +16,12 @@ def centre_of(mesh: Mesh) -> tuple[np.ndarray, float]:
     middle = mesh.vertices.mean(axis=0)
     if mesh.closed:
         a, b, c = (mesh.vertices[mesh.triangles[:, i]] - middle for i in range(3))
-        volume = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+        volume = einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
         total, s = volume.sum(), a + b + c
-        centre = volume @ s / (4.0 * total)
-        square = volume @ sum((x * x).sum(axis=1) for x in (a, b, c, s)) / (20.0 * total) - centre @ centre
+        centre = (volume[:, None] * s).sum(axis=0) / (4.0 * total)
+        square = (volume * sum((x * x).sum(axis=1) for x in (a, b, c, s))).sum() / (20.0 * total)
     else:
         at = mesh.vertices - middle
-        centre = mesh.areas @ at / mesh.areas.sum()
-        square = mesh.areas @ (at * at).sum(axis=1) / mesh.areas.sum() - centre @ centre
-    return middle + centre, float(np.sqrt(2.0 / 3.0 * square))
+        centre = (mesh.areas[:, None] * at).sum(axis=0) / mesh.areas.sum()
+        square = (mesh.areas * (at * at).sum(axis=1)).sum() / mesh.areas.sum()
+    return middle + centre, float(np.sqrt(2.0 / 3.0 * (square - (centre * centre).sum())))

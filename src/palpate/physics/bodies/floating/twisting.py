@@ -19,8 +19,8 @@ from palpate.compiler.kernel import kernel
 def mean_radii(pressure: np.ndarray, radius: float) -> tuple[float, float]:
     """<rho> [m] and <rho²> [m²] of a patch: its pressure (n) at the middles of n rings of the radius [m]."""
     rho = radius * (np.arange(len(pressure)) + 0.5) / len(pressure)
-    share = pressure * rho / (pressure @ rho)
-    return float(share @ rho), float(share @ (rho * rho))
+    share = pressure * rho / (pressure * rho).sum()
+    return float((share * rho).sum()), float((share * rho * rho).sum())
 
 
 @kernel
