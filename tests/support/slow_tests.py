@@ -23,6 +23,8 @@ LIMIT = 0.5
 """Processor time of a test and the processes below it, with its share of the fixtures of its file [s]."""
 STAYS = 2.0
 """The cheapest slow test of a file stays below this processor time [s]."""
+ALWAYS = ("tests/test_", "tests/compiler/test_reproducible.py::test_python_code_on_the_way")
+"""Begins of the names of checks of the whole source, which any change may break: they always run."""
 HEADER = f"""\
 # Tests that cost more than {LIMIT:g} s of processor time. `./check.sh` leaves them out, `./check.sh --all` and a run of
 # a named file do not. Written by `./check.sh --all --measure` (tests/support/slow_tests.py).
@@ -128,7 +130,7 @@ def choose(costs: dict[str, float]) -> list[str]:
     cases = defaultdict(set)
     for test, cost in costs.items():
         cases[test.split("[")[0]].add(test)
-        if cost > LIMIT:
+        if cost > LIMIT and not test.startswith(ALWAYS):
             files[test.split("::")[0]].append((cost, test))
     slow = set()
     for found in files.values():
