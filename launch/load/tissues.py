@@ -119,6 +119,12 @@ def spread_of(record: Mapping[str, Any]) -> float:
     return convert(str(record.get("spread", "0 Pa")), "Pa") / convert(str(value), "Pa")
 
 
+def deviation_of(record: Mapping[str, Any]) -> float:
+    """Published standard deviation of the modulus over its value [1]; 0 if none is given, or if the spread is that
+    between quartiles, which is 1.35 times as wide for a normal distribution."""
+    return 0.0 if "quartile" in str(record.get("remark", "")) else spread_of(record)
+
+
 def bodies(record: Mapping[str, Any]) -> dict[str, str]:
     """The part of a record that each kind of body uses."""
     rest = "modulus at rest" + ("" if record["law"] in ("linear", "neo_hooke") else ", stiffening left out")

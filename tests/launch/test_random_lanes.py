@@ -61,6 +61,7 @@ def test_a_published_spread_is_that_of_the_record(tissue):
 @pytest.mark.parametrize(("given", "words"), [
     ({"published": "liver"}, "expected a tissue with a published spread"),
     ({"published": "brain-human-cortex"}, "expected a tissue with a published spread"),
+    ({"published": "prostate-human-in-vivo"}, "standard deviation"),  # its record has the quartiles
     ({"norm": [1, -1]}, "which scipy.stats.norm cannot be"), ({"norm": ["2 parsecs", 1]}, "expected some numbers"),
 ])  # fmt: skip
 def test_a_wrong_law_is_one_line(given, words):

@@ -70,16 +70,17 @@ def law_of(name: str, kind: str, how: Any) -> tuple[Any, tuple[str, ...]]:
 
 
 def _published(name: str, how: Any) -> Any:
-    """The normal distribution of a setting that is proportional to the modulus of a published tissue, with the spread
-    of its record between subjects or specimens, cut at `LEAST` of the mean."""
+    """The normal distribution of a setting that is proportional to the modulus of a published tissue, with the standard
+    deviation of its record between subjects or specimens, cut at `LEAST` of the mean."""
     from scipy.stats import truncnorm
 
-    from palpate.launch.load.tissues import settings, spread_of, tissues
+    from palpate.launch.load.tissues import deviation_of, settings, tissues
 
-    known = {tissue: record for tissue, record in tissues()[0].items() if "spread" in record and "scene" not in record}
+    records = tissues()[0].items()
+    known = {tissue: record for tissue, record in records if deviation_of(record) and "scene" not in record}
     if how not in known:
-        text = f"over {name}: found {short_text({PUBLISHED: how})}, expected a tissue with a published spread. "
-        raise ArgumentError(text + choices("Tissues", str(how), list(known)))
+        text = f"over {name}: found {short_text({PUBLISHED: how})}, expected a tissue with a published spread, as a "
+        raise ArgumentError(text + "standard deviation. " + choices("Tissues", str(how), list(known)))
     record, setting = known[str(how)], name.rpartition(".")[2]
     usual = settings(str(how), Location(name)).get(setting)
     if setting not in ("young", "stiffness") or not isinstance(usual, float):
@@ -87,7 +88,7 @@ def _published(name: str, how: Any) -> Any:
             f"over {name}: found {short_text({PUBLISHED: how})}, which is a modulus; expected a path to `young` of "
             "ReducedFE or `stiffness` of MassSpring"
         )
-    share = spread_of(record)
+    share = deviation_of(record)
     return truncnorm((LEAST - 1.0) / share, np.inf, loc=usual, scale=share * usual)
 
 

@@ -58,8 +58,10 @@ class Fault:
         return f"{self.kind} {self.where}{to} {self.words}".replace("  ", " ")
 
 
-def suffer(run: Chain, faults: Sequence[Fault], ticks: int) -> Felt:
-    """One touch with these faults."""
+def suffer(
+    run: Chain, faults: Sequence[Fault], ticks: int, watch: Callable[[int, Felt], None] = lambda tick, felt: None
+) -> Felt:
+    """One touch with these faults; `watch` is called before each tick, when it is known which of them last."""
 
     def each(tick: int, felt: Felt) -> None:
         for fault in faults:
@@ -68,10 +70,11 @@ def suffer(run: Chain, faults: Sequence[Fault], ticks: int) -> Felt:
                 run.stall(fault.length)
             if fault.kind == "restarts" and fault.lasts != before:
                 dead = any(f.lasts for f in faults if f.kind == "restarts" and f.where == fault.where)
-                if fault.lasts and not run.slot(fault.where).blocked:
+                if fault.lasts:
                     run.die(fault.where)
                 elif not dead:
                     run.revive(fault.where)
+        watch(run.tick, felt)
 
     def fate(stream: str, reader: str, tick: int) -> tuple[int, ...]:
         for fault in faults:

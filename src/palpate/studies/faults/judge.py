@@ -41,8 +41,12 @@ def judge(run: Chain, touch: Touch, faults: Sequence[Fault], base: Felt) -> Scor
     """
     ticks = round(touch.duration * touch.rate)
     silence, energy = _Silence(run, faults), _Energy(run)
-    watches = [Fault("watches", "", "", watch, "") for watch in (silence.look, energy.look)]
-    felt = suffer(run, [*faults, *watches], ticks)
+
+    def watch(tick: int, felt: Felt) -> None:
+        silence.look(tick, felt)
+        energy.look(tick, felt)
+
+    felt = suffer(run, faults, ticks, watch)
     worst = felt.worst / touch.rate
     if not all(map(math.isfinite, (felt.contact, felt.change, felt.energy))):
         return {"finite": Score(math.inf, worst, math.nan, 0.0)}
@@ -68,8 +72,7 @@ def _over(value: float, bound: float, time: float) -> Score:
 
 
 class _Silence:
-    """The torque after a node has stopped for longer than `SILENCE`. `look` is called before each tick, after the
-    faults of this tick are known, and is no fault."""
+    """The torque after a node has stopped for longer than `SILENCE`; `look` is called before each tick."""
 
     def __init__(self, run: Chain, faults: Sequence[Fault]) -> None:
         self.run, self.faults = run, faults
@@ -78,7 +81,7 @@ class _Silence:
         self.since: dict[str, int] = {}
         self.score = Score(0.0, 0.0, 0.0, 0.0)
 
-    def look(self, tick: int, felt: Felt) -> bool:
+    def look(self, tick: int, felt: Felt) -> None:
         if not felt.places:
             self.since.clear()
         gone = {f.where for f in self.faults if f.lasts and f.kind in ("stops", "restarts")} & self.needed
@@ -87,7 +90,6 @@ class _Silence:
             torque = self.run.torque()
             if torque > 0.0:
                 self.score = Score(math.inf, tick / self.run.rate, torque, 0.0)
-        return False
 
 
 class _Energy:
@@ -99,15 +101,14 @@ class _Energy:
         self.begin = 0.0  # [J] absorbed when the outage began, if negative
         self.score = Score(0.0, 0.0, 0.0, ENERGY)
 
-    def look(self, tick: int, felt: Felt) -> bool:
+    def look(self, tick: int, felt: Felt) -> None:
         outage = float(self.controller.own["outage"])
         if outage == 0.0:
             self.begin = min(felt.taken, 0.0)
-            return False
+            return
         bound = ENERGY + POWER * max(outage - PATIENCE, 0.0)
         score = _over(self.begin - felt.taken, bound, tick / self.rate)
         self.score = max(self.score, score, key=lambda one: one.score)
-        return False
 
 
 def needed_nodes(run: Chain) -> set[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from palpate.physics.archive import replace_text
 from palpate.studies.faults.fault import KINDS
-from palpate.studies.faults.search import INVARIANTS, Found, Results
+from palpate.studies.faults.search import Found, Results
 
 ABOUT = {
     "contact": "the contact force is at most 1.2 times that without faults, or of the same motion",
@@ -35,14 +35,15 @@ def text(results: Results, count: int) -> str:
         "",
         f"{'invariant':10}{'broken':>8}{'worst':>8}  what holds",
     ]
-    for name in INVARIANTS:
+    for name in ABOUT:
         most = results.worst[name][0].score.score if results.worst.get(name) else 0.0
         lines.append(f"{name:10}{results.broken[name]:>8}{most:>8.3g}  {ABOUT[name]}")
     lines += ["", "The nearest to their bounds:", ""]
     for found in worst(results, count):
         s, unit = found.score, UNITS[found.invariant]
+        bound = f"bound {s.bound:.4g}" if s.least is None else f"at least {s.least:.4g}"
         lines += [
-            f"{found.invariant}: {s.value:.4g} {unit} at {s.time:.4f} s, bound {s.bound:.4g} {unit} ({s.score:.3g} x)",
+            f"{found.invariant}: {s.value:.4g} {unit} at {s.time:.4f} s, {bound} {unit} ({s.score:.3g} x)",
             *(f"    {fault}" for fault in found.faults),
             f"    palpate bench faults --seed {found.seed} --seeds 1",
             f"    {found.touch.command()}",
@@ -60,12 +61,12 @@ def plain(results: Results, count: int) -> dict[str, Any]:
         "invariants": [
             {"name": name, "about": ABOUT[name], "broken": results.broken[name],
              "worst": results.worst[name][0].score.score if results.worst.get(name) else 0.0}
-            for name in INVARIANTS
+            for name in ABOUT
         ],
         "worst": [
             {"invariant": f.invariant, "seed": f.seed, "score": f.score.score, "value": f.score.value,
-             "bound": f.score.bound, "time": f.score.time, "faults": f.faults, "command": f.touch.command(),
-             "events": f.events}
+             "bound": f.score.bound, "least": f.score.least, "time": f.score.time, "faults": f.faults,
+             "command": f.touch.command(), "events": f.events}
             for f in worst(results, count)
         ],
     }  # fmt: skip

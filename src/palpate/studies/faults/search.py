@@ -19,7 +19,6 @@ BLOCK = 20  # seeds of one touch, whose nodes are started once
 LEAST = 0.2  # [N] of the contact force of a touch
 KEPT = 10
 EVENTS = 50
-INVARIANTS = ("contact", "change", "energy", "silence", "return", "finite")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from scipy.stats import t as student
 from palpate.engine.faults import NOWHERE, choices
 from palpate.engine.graph import Graph
 from palpate.gradients.parameters import Parameter
-from palpate.launch.load.tissues import settings, tissues
+from palpate.launch.load.tissues import deviation_of, settings, tissues
 from palpate.models.fit.tissue.estimate import LEVEL, Estimate
 from palpate.models.fit.tissue.rigs import Parameter as Unknown
 from palpate.physics.errors import ArgumentError
@@ -173,14 +173,14 @@ def _of_tissue(where: str, parameter: Parameter, name: str, graph: Graph) -> Pri
     if name not in records:
         raise ArgumentError(f"{where}: expected {FORMS}; no tissue {name!r}. {choices('Tissues', name, records)}")
     record, values, setting = records[name], settings(name, NOWHERE), parameter.target.rpartition(".")[2]
-    if "spread" not in record or len(record["parameters"]) != 1 or "quartile" in str(record.get("remark", "")):
+    ratio = deviation_of(record)
+    if not ratio or len(record["parameters"]) != 1:
         raise ArgumentError(f"{where}: {name} has no published standard deviation of one modulus; expected {FORMS}")
     node = graph.nodes.get(parameter.node)
     unlike = node is not None and node.settings.get("exponent", 1.0) != values.get("exponent", 1.0)
     if setting not in values or setting == "exponent" or (setting == "stiffness" and unlike):
         why = f"exponent {values['exponent']:g}" if setting == "stiffness" else f"{', '.join(values)}"
         raise ArgumentError(f"{where}: the published modulus of {name} determines {why}, not this setting")
-    ratio = convert(str(record["spread"]), "Pa") / convert(str(next(iter(record["parameters"].values()))), "Pa")
     mean = values[setting]
     for key in parameter.inside:
         mean = mean[key]
