@@ -302,10 +302,9 @@ def binary(data: bytes, vertices: np.ndarray = NO_VERTICES) -> bytes:
     return b"".join((begin, *map(_finger, fingers), indices, values))
 
 
-def vertices_of(data: bytes) -> np.ndarray | None:
-    """The vertices [m] (V,3) of a mesh of the page; None: it is a frame."""
-    head, _, values = _parts(data)
-    return np.frombuffer(values, "<f4").reshape(-1, 3).astype(float) if head["kind"] == "mesh" else None
+def vertices_of(mesh: bytes) -> np.ndarray:
+    """The vertices [m] (V,3) of a mesh of the page."""
+    return np.frombuffer(_parts(mesh)[2], "<f4").reshape(-1, 3).astype(float)
 
 
 def _parts(data: bytes) -> tuple[dict[str, Any], bytes, bytes]:

@@ -10,7 +10,6 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable
 from http import HTTPStatus
 from importlib import resources
 from pathlib import Path
@@ -18,7 +17,6 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
-import numpy as np
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers, MultipleValuesError
 from websockets.exceptions import ConnectionClosed
@@ -26,7 +24,7 @@ from websockets.http11 import Request, Response
 
 from palpate.physics.errors import PalpateError
 from palpate.views.errors import PageError
-from palpate.views.page.feed import RATE, FrameSource, binary, vertices_of
+from palpate.views.page.feed import NO_VERTICES, RATE, FrameSource, binary, vertices_of
 
 HOST, ANY = "127.0.0.1", "0.0.0.0"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -45,18 +43,6 @@ KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 PATIENCE = 30.0  # [s] timeout of opening and closing the server
 _USER = os.getuid() if hasattr(os, "getuid") else None  # of this process
 RELOAD = 2.0  # [s] without a page after which the page counts as closed, not reloaded
-
-
-def _renderer() -> Callable[[bytes], bytes]:
-    """The form of the messages for a renderer, which gets the mesh before the frames."""
-    known: list[np.ndarray] = [np.zeros((0, 3))]
-
-    def form(data: bytes) -> bytes:
-        if (vertices := vertices_of(data)) is not None:
-            known[0] = vertices
-        return binary(data, known[0])
-
-    return form
 
 
 class PageServer:
@@ -142,7 +128,7 @@ class PageServer:
     async def _talk(self, connection: ServerConnection) -> None:
         assert connection.request is not None
         renders = urlsplit(connection.request.path).path == RENDERERS
-        writer = asyncio.create_task(self._show(connection, _renderer() if renders else bytes))
+        writer = asyncio.create_task(self._show(connection, renders))
         self._pages += 1
         self._render(renders)
         try:
@@ -171,10 +157,10 @@ class PageServer:
         except (msgspec.MsgspecError, PalpateError) as error:
             return [msgspec.json.encode({"kind": "refused", "text": str(error)}).decode()]
 
-    async def _show(self, connection: ServerConnection, form: Callable[[bytes], bytes]) -> None:
-        """Send new messages, converted by `form`. A slow page skips frames."""
+    async def _show(self, connection: ServerConnection, renders: bool) -> None:
+        """Send new messages, to a renderer in the form of `binary`. A slow page skips frames."""
         mesh = frame = b""
-        status, figures, source = None, None, self.source
+        status, figures, vertices, source = None, None, NO_VERTICES, self.source
         with contextlib.suppress(ConnectionClosed):
             while source.status is not None:
                 news = (source.status, source.keep, source.panel)
@@ -188,10 +174,11 @@ class PageServer:
                     await connection.send(msgspec.json.encode({"kind": "figures", "figures": figures}).decode())
                 elif source.mesh is not mesh:
                     mesh = source.mesh
-                    await connection.send(form(mesh))
+                    vertices = vertices_of(mesh) if renders else NO_VERTICES
+                    await connection.send(binary(mesh) if renders else mesh)
                 elif source.frame is not frame and mesh:
                     frame = source.frame
-                    await connection.send(form(frame))
+                    await connection.send(binary(frame, vertices) if renders else frame)
                 else:
                     async with self._news:
                         with contextlib.suppress(TimeoutError):
