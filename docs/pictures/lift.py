@@ -18,6 +18,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Force, unpack
 from palpate.messages.tissue import Support
+from palpate.nodes.support import GRAVITY
 from palpate.records.reader import Recording
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.moments import bodies_of, instants_at
@@ -30,7 +31,10 @@ def main(folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
         file = Path(scratch) / "lift.mcap"
-        outcome = execute(find("pinch").but(scene="lift", place="fused", record=file, duration=4.0))
+        launch = find("pinch").but(scene="lift", place="fused", record=file, duration=4.0)
+        organ = launch.load().nodes["foundation"].settings
+        weight = GRAVITY * organ["mass"]
+        outcome = execute(launch)
         if not outcome.result.ok:
             raise SystemExit("\n".join(map(str, outcome.result.deaths)))
         recording = Recording(file)
@@ -51,7 +55,7 @@ def main(folder: Path) -> Path:
         place = 1e3 * (rest + moment.displacement)
         axis.tripcolor(place[:, 1], place[:, 2], shown.mesh.triangles, place[:, 0], shading="gouraud", cmap="copper")
         axis.plot(*(1e3 * moment.tips[:, 1:]).T, "o", color="C0", markersize=9)
-        axis.axhline(63.0, color="0.6")
+        axis.axhline(1e3 * rest[:, 2].min(), color="0.6")
         axis.set(title=f"{moment.time:.2f} s", aspect="equal", xlim=(-42, 46), ylim=(55, 125), xticks=[])
         if k:
             axis.set_yticklabels([])
@@ -63,11 +67,11 @@ def main(folder: Path) -> Path:
     for axis, label in ((0, "along the kidney"), (1, "along the grip"), (2, "up")):
         places.plot(time, 1e3 * at[:, axis], label=label)
     places.plot(time, np.degrees(np.linalg.norm(turn, axis=1)), ":", color="0.3", label="rotation [degrees]")
-    places.axhline(5.0, color="0.6", linestyle="--", label="leaves the foundation")
+    places.axhline(1e3 * weight / organ["stiffness"], color="0.6", linestyle="--", label="leaves the foundation")
     places.set(ylabel="displacement [mm]")
     forces.plot(time[: len(grip)], grip, label="grip force")
     forces.plot(time[: len(hands)], -hands[:, 2], label="lift by both fingers")
-    forces.axhline(0.13 * 9.80665, color="0.6", linestyle="--", label="weight")
+    forces.axhline(weight, color="0.6", linestyle="--", label="weight")
     forces.set(ylabel="force [N]", xlabel="time [s]")
     for each in (places, forces):
         each.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=9)
