@@ -87,6 +87,16 @@ def test_fingers_on_opposite_sides_of_a_thin_organ_press_against_each_other():
     assert pinched[:, 2] == approx(s2, rel=1e-9)
 
 
+@pytest.mark.parametrize("start", [0.0, 1.0, 5.0])
+def test_of_two_fingers_at_one_place_the_one_that_leaves_has_no_force(start):
+    """Newton's steps and single sweeps cycled at 0.013 N; by the equations of two fingers, one of them alone."""
+    _, laws, coupling = organ([0.016875, 0.016875, 0.0], near=1e-3)
+    approach, before = [9.3977e-3, 10.90625e-3, 5e-3], [0.421875e-3, 1.84375e-3, 0.0]
+    found = solved(approach, laws, coupling, before, 1e-4, start=start)
+    alone = solved(approach[1:], laws[1:], coupling[1:, 1:], before[1:], 1e-4)
+    assert found[0, 0] == 0.0 and found[1:] == approx(alone, rel=1e-12)
+
+
 @settings(max_examples=200, deadline=None)
 @given(data=st.data())
 def test_the_solution_is_finite_never_negative_and_independent_of_the_start(data):

@@ -8,7 +8,9 @@ with F1_i the fingertip's law (`physics.contact.series`). For a linear body of c
 may O be negative: a negative sum shifts s_free. f is the fixed point of f_i = phi_i(sum_j O_ij f_j), phi_i one scalar
 solve, decreasing with slope -t_i, 0 <= t_i < 1. Newton's matrix is I + t O, regular for positive definite C. Where a
 Newton step does not reduce the residual, one Gauss-Seidel sweep replaces it, which converges for symmetric positive
-definite C (as the projected one does: O. Mangasarian, J. Optim. Theory Appl. 22 (1977) 465-485).
+definite C (as the projected one does: O. Mangasarian, J. Optim. Theory Appl. 22 (1977) 465-485). Both together may
+cycle where fingers nearly coincide and one of them leaves; after `CYCLES` such sweeps there are therefore twice as many
+as before each time, until they find who is in contact.
 """
 
 import numpy as np
@@ -20,6 +22,7 @@ from palpate.physics.contact.series import balance
 
 EXACT = 1e-13  # [1] Convergence tolerance: change of the forces over their sum
 MOST_STEPS = 60
+CYCLES, MOST_SWEEPS = 16, 64
 
 
 @ieee_kernel
@@ -68,7 +71,7 @@ def joint_step(
     """
     count = len(approach)
     matrix, miss, best = np.zeros((count, count)), np.zeros(count), force.copy()
-    least = np.inf
+    least, failed = np.inf, 0
     for _ in range(MOST_STEPS):
         worst = total = 0.0
         for i in range(count):
@@ -89,7 +92,9 @@ def joint_step(
                 continue
         for i in range(count):
             force[i] = best[i]
-        for i in range(count):
-            _one(i, _others(i, coupling, force), approach, dt, before, finger, laws, out)
-            force[i] = out[i, 0]
+        failed += 1
+        for _ in range(min(2 ** max(failed - CYCLES, 0), MOST_SWEEPS)):
+            for i in range(count):
+                _one(i, _others(i, coupling, force), approach, dt, before, finger, laws, out)
+                force[i] = out[i, 0]
         least = np.inf
