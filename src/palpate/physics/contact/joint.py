@@ -9,7 +9,7 @@ may O be negative: a negative sum shifts s_free. f is the fixed point of f_i = p
 solve, decreasing with slope -t_i, 0 <= t_i < 1. Newton's matrix is I + t O, regular for positive definite C. Where a
 Newton step does not reduce the residual, one Gauss-Seidel sweep replaces it, which converges for symmetric positive
 definite C (as the projected one does: O. Mangasarian, J. Optim. Theory Appl. 22 (1977) 465-485). Both together may
-cycle where fingers nearly coincide and one of them leaves; after `CYCLES` such sweeps there are therefore twice as many
+cycle where fingers nearly coincide and one of them leaves; after `CYCLES` of these sweeps there are twice as many
 as before each time, until they find who is in contact.
 """
 
