@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from palpate.messages.base import Message, Vector, Vector3
+from palpate.messages.base import NO_FLOATS, Floats, Message, Sparse, Vector, Vector3
 from palpate.messages.fields import OneOf
 
 
@@ -34,17 +34,20 @@ class Pointed(Message):
     sample: Annotated[int, "1"] = 0
 
 
-class Pose(Message):
+class Pose(Sparse):
     """The fingertip's bone edge in the world frame.
 
     position  [m]   (3)  position
     velocity  [m/s] (3)  filtered over measured time stamps
     dt        [s]   ()   time since the previous sample, measured
+    behind    [m]   (b)  vector from the position to the place of the device, while the pose follows it after an outage;
+                         b = 3, otherwise 0, and then the field is omitted on the wire
     """
 
     position: Annotated[Vector3, "m"]
     velocity: Annotated[Vector3, "m/s"]
     dt: Annotated[float, "s"]
+    behind: Annotated[Floats, "m", ("b",)] = NO_FLOATS
 
 
 class Force(Message):

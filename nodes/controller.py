@@ -7,7 +7,7 @@ import msgspec
 from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import CompiledNode, Ideal, Out, Wants
-from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, fade_value, keep_pace, step_gain
+from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, fade_value, gap_of, keep_pace, step_gain
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.device.controller import (
     GAINS,
@@ -181,7 +181,7 @@ class Haptic(CompiledNode):
         own,
         contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "lateral_force")],
         friction: Annotated[Friction | None, Wants("force")],
-        pose: Annotated[Pose | None, Wants("position", "velocity")],
+        pose: Annotated[Pose | None, Wants("position", "velocity", "behind")],
         ledger: Annotated[Ledger | None, Wants("tripped")],
         device: Annotated[DeviceState | None, Wants("homed")],
         out: Out[Force],
@@ -221,6 +221,7 @@ class Haptic(CompiledNode):
             share *= own.open
         # passive force within the device's limits (physics.device.controller)
         state.withheld = 1.0 - share
+        put(state.behind, gap_of(pose))
         # a surface that another finger lifts is touched above its place at rest
         a, approach = contact.lateral_force, contact.compression + max(contact.indentation, 0.0)
         rubbing = (p[0] - a[0], p[1] - a[1], p[2] - a[2])

@@ -6,10 +6,10 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import array_of, form, put, unpacking, vector
+from palpate.compiler.records import array_of, floats, form, lend_first, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Ideal, Out, Wants
-from palpate.nodes.base.absence import PACE, keep_pace
+from palpate.nodes.base.absence import PACE, gap_of, keep_pace
 from palpate.nodes.base.kernels import kernel
 from palpate.physics.device.average import MOST, READINGS
 from palpate.physics.device.catch_up import CATCH_UP, catch_up
@@ -33,7 +33,8 @@ class _Tracker(CompiledNode):
 
     An outage is a time without samples of more than 9 ms and three usual steps, or a position that the device cannot
     have reached in one step at `speed_limit`. The pose then continues from its last place and moves to the device
-    (`physics.device.catch_up`): no force jumps, and the finger does not pass through the organ in one step.
+    (`physics.device.catch_up`): no force jumps, and the finger does not pass through the organ in one step. Until it
+    is there, the message has the vector to the device, `behind`.
     """
 
     origin: Annotated[Vector3, "m", Agrees(DeviceState, Pose)] = ZERO
@@ -46,13 +47,14 @@ class _Tracker(CompiledNode):
         "track": TRACK, "window": ARRAY,
         "clock": int, "last": (3,),  # [ns] of the last sample; the last position [m]
         "known": bool, "pace": PACE, "behind": CATCH_UP,  # whether there was a sample; the time between samples
-        "outages": int,
+        "gap": ARRAY, "outages": int,  # [m] (3) from the pose to the device
     }  # fmt: skip
     home = ZERO
 
     def start(self) -> None:
         super().start()
         self.hold("window", np.zeros(self.average + 1, READINGS))
+        self.hold("gap", np.zeros(3))
         track = self.own["track"]
         track["reading"] = track["pose"] = self.own["last"] = self.home
 
@@ -67,9 +69,10 @@ class _Tracker(CompiledNode):
 
 @kernel
 def send(own, seen, age, out):
-    """Send a pose of `physics.device.tracking.pose` in the world frame; `age` [ns] of its sample."""
+    """Send a pose, as of `follow`, in the world frame; `age` [ns] of its sample."""
     out.delayed = age
     x, y, z, vx, vy, vz, out.dt = seen
+    lend_first(out.behind, own.gap, 3 if own.behind.active else 0)
     put(own.last, (x, y, z))
     put(out.position, (x + own.origin[0], y + own.origin[1], z + own.origin[2]))
     put(out.velocity, (vx, vy, vz))
@@ -83,6 +86,15 @@ def follow(own, seen, before, dt):
 
     Without an outage this is `seen`. After one it stays at the last place, and follows the device.
     """
+    place = follower(own, seen, before, dt)
+    if own.behind.active:
+        put(floats(own.gap), (seen[0] - place[0], seen[1] - place[1], seen[2] - place[2]))
+    return place
+
+
+@kernel
+def follower(own, seen, before, dt):
+    """The pose of `follow`, without the vector to the device."""
     behind, last, stamp = own.behind, vector(own.last), own.track.stamp
     if not own.known:
         own.known = own.track.filled
@@ -183,8 +195,8 @@ class Cartesian(_Tracker):
 class FalconStatics(CompiledNode):
     """Torques of a Falcon for the commanded force: G^-T F, scaled together to the motors' limit.
 
-    Zero without a force. Without a pose the node sends no message, and the device releases its motors. `origin`: as in
-    kinematics.FalconKinematics.
+    G is that of the place of the device, also while the pose follows it after an outage. Zero without a force. Without
+    a pose the node sends no message, and the device releases its motors. `origin`: as in kinematics.FalconKinematics.
     """
 
     origin: Annotated[Vector3, "m", Agrees(DeviceState, Pose)] = ZERO
@@ -199,15 +211,14 @@ class FalconStatics(CompiledNode):
     def compute(
         own,
         force: Annotated[Force | None, Wants("force")],
-        pose: Annotated[Pose, Wants("position")],
+        pose: Annotated[Pose, Wants("position", "behind")],
         out: Out[Torque],
         dt,
     ):
         torques = ZERO
         if force.there:
-            f, p, o = force.force, pose.position, own.origin
-            _, t0, t1, t2 = torque_kernel(
-                geometry_of(own.geometry), f[0], f[1], f[2], p[0] - o[0], p[1] - o[1], p[2] - o[2]
-            )
+            f, p, o, b = force.force, pose.position, own.origin, gap_of(pose)
+            x, y, z = p[0] - o[0] + b[0], p[1] - o[1] + b[1], p[2] - o[2] + b[2]
+            _, t0, t1, t2 = torque_kernel(geometry_of(own.geometry), f[0], f[1], f[2], x, y, z)
             torques = (t0, t1, t2)
         put(out.torques, torques)

@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.exact import length
-from palpate.compiler.records import floats, integers, lend, nth, put, vector
+from palpate.compiler.records import floats, integers, lend, lend_first, nth, put, vector
 from palpate.messages import Contact, Force, Friction, Pose, Surface, Vector3
 from palpate.messages.record import ROOM
 from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Out, SettingError, Wants
-from palpate.nodes.base.absence import PACE, keep_pace
+from palpate.nodes.base.absence import PACE, gap_of, keep_pace
 from palpate.nodes.base.kernels import kernel
 from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.nodes.contact.joint import law_for
@@ -92,8 +92,13 @@ class Relative(CompiledNode):
     rest. The forces are the same in both, except for the rotation (support.Absolute).
     """
 
-    State = {"at": (3,), "turn": (3,), "centre": (3,)}
-    """Of the last support, which stays while it is missing: displacement [m], rotation [rad] about this point [m]."""
+    State = {"at": (3,), "turn": (3,), "centre": (3,), "gap": ARRAY}
+    """Of the last support, which stays while it is missing: displacement [m], rotation [rad] about this point [m]. `gap`
+    [m]: from the pose to the device."""
+
+    def start(self) -> None:
+        super().start()
+        self.hold("gap", np.zeros(3))
 
     @kernel
     def compute(own, pose: Pose, support: Support | None, out: Out[Pose], dt):
@@ -109,6 +114,8 @@ class Relative(CompiledNode):
             put(own.turn, vector(floats(support.rotation)))
             put(own.centre, vector(floats(support.centre)))
         r, c = vector(own.turn), vector(own.centre)
+        put(floats(own.gap), turned_back(r, gap_of(pose)))
+        lend_first(out.behind, own.gap, pose.behind.shape[0])
         if r == REST:
             return
         arm = (out.position[0] - c[0], out.position[1] - c[1], out.position[2] - c[2])

@@ -5,6 +5,7 @@ Kernels on groups of a state: `PACE`, `GAIN`, `FADED`.
 
 from typing import Any
 
+from palpate.compiler.records import floats, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 
 FALL = 4e-3
@@ -27,6 +28,14 @@ If messages return before the value is zero, its difference `rest` from the new 
 def begin(gain: Any, fall: float, rise: float) -> None:
     """Initialize a gain to 1."""
     gain["value"], gain["fall"], gain["rise"] = 1.0, fall, rise
+
+
+@kernel
+def gap_of(pose):
+    """Vector [m] (3) from a `Pose` to the place of the device; zero unless it follows the device after an outage."""
+    if pose.behind.shape[0] == 0:
+        return 0.0, 0.0, 0.0
+    return vector(floats(pose.behind))
 
 
 @kernel

@@ -46,6 +46,14 @@ def test_random_faults_break_nothing():
     assert results.seeds == 3 and not results.broken.total(), results
 
 
+def test_a_pose_that_follows_the_device_gives_the_hand_no_energy():
+    """Seed 171 lost samples of a fast device: the contact's force rose without motion of the hand. The observer counted
+    the motion of the pose as work of the hand, and the display gave out 6 mJ."""
+    results = search(171, 1)
+    assert not results.broken.total(), results
+    assert max(found.score.score for found in results.worst["energy"]) < 0.8
+
+
 def test_a_seed_has_the_same_faults_and_forces_alone():
     alone, after = search(63, 1), search(62, 2)
     assert all(found in after.worst[name] for name, listed in alone.worst.items() for found in listed)

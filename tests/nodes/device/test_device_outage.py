@@ -12,12 +12,13 @@ import pytest
 
 from palpate.drivers.guard import HORIZON, DeviceSample, ahead
 from palpate.launch.testing import FakeBus
-from palpate.messages import DeviceState, Surface
+from palpate.messages import DeviceState, Force, Pose, Surface
 from palpate.nodes.collision import Nurbs
 from palpate.nodes.contact import Series
 from palpate.nodes.device.hardware import state
-from palpate.nodes.kinematics import Cartesian
+from palpate.nodes.kinematics import Cartesian, FalconStatics
 from palpate.physics.device.catch_up import LAG, LARGEST, NEAR
+from palpate.physics.device.falcon import HOME
 
 MS = 1_000_000
 T = 1e-3
@@ -129,6 +130,37 @@ def test_without_an_outage_the_pose_is_that_of_the_kinematics_alone(pause):
     assert [pose.position for pose in seen] == [pose.position for pose in free]
     assert [pose.velocity for pose in seen] == [pose.velocity for pose in free]
     assert not FakeBus(Cartesian()).node.notes()
+
+
+@pytest.mark.parametrize("seed", range(SHORT))
+def test_after_an_outage_the_pose_has_the_vector_to_the_device(seed):
+    """The place that the device has sent; none before the outage and after the pose has arrived."""
+    pause, places = drawn(seed)
+    given = answers(places, pause)
+    seen, _ = poses(given, origin=(0.01, -0.02, 0.03))
+    follows = [tick for tick, pose in enumerate(seen) if len(pose.behind)]
+    assert all(tick >= PAUSE_AT for tick in follows) and len(follows) < TICKS - PAUSE_AT
+    for tick in follows:
+        device = np.add(given[tick].position, (0.01, -0.02, 0.03))
+        np.testing.assert_allclose(np.add(seen[tick].position, seen[tick].behind), device, atol=1e-12)
+    if float(np.linalg.norm(places[PAUSE_AT + pause] - places[PAUSE_AT - 1])) > 0.01:
+        assert follows
+
+
+def test_the_motors_of_a_falcon_get_the_torques_of_its_place_while_the_pose_follows_it():
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        place, force = HOME + rng.uniform(-0.02, 0.02, 3), tuple(rng.uniform(-2.0, 2.0, 3))
+        behind = rng.uniform(-0.01, 0.01, 3)
+        wanted = Force(force=force, state="contact", energy=0.0)
+        at, then = (
+            FakeBus(FalconStatics(), pose=pose).publish(wanted)[0]
+            for pose in (
+                Pose(position=tuple(place), velocity=(0.0, 0.0, 0.0), dt=T),
+                Pose(position=tuple(place - behind), velocity=(0.0, 0.0, 0.0), dt=T, behind=behind),
+            )
+        )
+        np.testing.assert_allclose(then.torques, at.torques, rtol=1e-9)
 
 
 def test_the_outage_is_reported_once():

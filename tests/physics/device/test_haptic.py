@@ -372,3 +372,27 @@ def test_after_an_outage_a_limited_force_rises_at_rest_by_ten_newtons_per_second
     assert RECOVERY == 10.0
     assert forces[1] == approx(LEAP / COUNT * 1e-3 + outage * 10.0 * T * (forces[1] > LEAP / COUNT * 1e-3 * 1.001))
     assert forces[101] - forces[1] == approx(outage * 10.0 * 100 * T)
+
+
+def test_only_the_motion_of_the_hand_counts_while_the_position_follows_it_after_an_outage():
+    """E = -∫ F·dx of the device, by a sum outside the kernel; a device at rest absorbs nothing, whatever the position
+    does, and nothing pushes it."""
+    rng = np.random.default_rng(8)
+    for moves in (0.0, 1.0):
+        state, past = buffers(0)
+        device = np.cumsum(moves * rng.uniform(-1e-4, 1e-4, (200, 3)), axis=0)
+        gap = np.linspace(5e-3, 0.0, 200)[:, None] * (0.3, 0.2, -1.0)
+        energy, last = 0.0, np.zeros(3)
+        for k in range(200):
+            state["behind"] = gap[k]
+            place = device[k] - gap[k]
+            push = 50.0 * (5e-3 - gap[k, 2]) if k else 0.0  # the first step is at rest
+            if k:
+                energy -= last @ (device[k] - device[k - 1])
+            *force, _, seen = haptic(
+                gains(), state, past, push, UP, STILL, 5e-3, tuple(place), (0.1, 0.1, -0.3), T
+            )
+            last = np.array(force)
+            assert seen == approx(energy, abs=1e-12)
+            if not moves:
+                assert np.hypot(*last[:2]) == 0.0, "a damping force that no motion has caused"

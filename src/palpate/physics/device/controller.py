@@ -24,6 +24,9 @@ it is at most
 Only when the motion turns round it ends at once. After an outage and until contact ends it also rises at most at the
 rate `rise`.
 
+The observer counts the motion of the hand. After an outage the position follows the device; this motion raises the
+contact's force, but no hand does its work, so only the place of the device counts.
+
 The damping acts on the last difference of positions, the velocity that the observer uses; a filtered velocity lags too
 much for a stiff wall. A displacement of about one encoder count is mostly rounding and would make the force noisy:
 there the filtered velocity is used, with less damping because of its longer delay.
@@ -52,6 +55,7 @@ STATE = {
     "started": bool, "contact": bool,  # whether a step has been made; the mode
     "withheld": (),  # [1] fraction of the contact force that is withheld
     "position": (3,), "force": (3,),  # [m], [N] of the last step
+    "behind": (3,),  # [m] from the position to the device, while the position follows it after an outage
     "anchor": (3,), "offset": (3,),  # [m] where free motion began; [N] decaying difference of the two laws
     "touched": (3,), "approach": (),  # [m] position and approach when last touching
     "energy": (), "rise": (),  # [J] observed; [N/s] bound on the rise of the added damping, 0: none
@@ -299,7 +303,7 @@ def haptic(
     """One step of the controller, see the equations above: (fx, fy, fz [N], in contact, E [J]). Updates the state.
 
     gains                `GAINS`
-    state                `STATE`, changed in place
+    state                `STATE`, changed in place; `behind` is an input
     past                 `Past`, changed in place
     normal_force  [N]    f_n along n [1] (3)
     friction      [N]    f_t (3) of the finger on the tissue
@@ -321,14 +325,16 @@ def haptic(
     if not state.started:
         state.started = True
         for i in range(3):
-            state.anchor[i] = state.position[i] = state.counted[i] = state.dragged[i] = position[i]
+            state.anchor[i] = state.position[i] = state.dragged[i] = position[i]
+            state.counted[i] = position[i] + state.behind[i]
         for row in range(len(past.time)):
             for i in range(3):
                 past.position[row, i] = position[i]
     # 2. passivity observer: the energy that the force has generated since the start, by positions
     before = remember(state, past, dt)
     if gains.observes:
-        wx, wy, wz = observe(state, past.force[before], x, y, z, dt, gains.resolution)
+        bx, by, bz = vector(state.behind)
+        wx, wy, wz = observe(state, past.force[before], x + bx, y + by, z + bz, dt, gains.resolution)
     # Ignore a single late step: its lag would lower the stiffness, and a hand at rest would lose part of its force.
     last = state.last
     usual = last if 0.0 < 3.0 * last < dt else dt
@@ -359,7 +365,9 @@ def haptic(
         fz += damped * n[2] - share * friction[2]
     # 5. passivity controller: a damper on the measured velocity w dissipates the generated energy
     if gains.passive:
-        bx, by, bz = brake(gains, state, (wx, wy, wz), velocity, way, lag, usual, dt)
+        follows = vector(state.behind) != (0.0, 0.0, 0.0)  # the velocity of the hand is not known
+        slow = (wx, wy, wz) if follows else velocity
+        bx, by, bz = brake(gains, state, (wx, wy, wz), slow, way, lag, usual, dt)
         fx, fy, fz = fx + bx, fy + by, fz + bz
     # 6. limits of force and of its rate
     fx, fy, fz = clamp(fx, fy, fz, gains.limit)
