@@ -11,6 +11,7 @@ from polygon_files import L_SHAPE, as_obj, as_ply, prism
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.mesh_file import flaws
 from palpate.nodes.base.mesh_formats import FORMATS, read_file
+from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.indices import check_indices
 
 trimesh = pytest.importorskip("trimesh")
@@ -84,6 +85,7 @@ def strips() -> tuple[list[int], np.ndarray]:
 
 
 TETRAHEDRON = np.array([(0, 0, 0), (0, 20, 0), (20, 0, 0), (0, 0, 20)], float)
+FOUR = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]
 VERTEX = "element vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
 
 
@@ -122,6 +124,34 @@ def test_what_follows_the_last_element_is_ignored_and_counted(tmp_path, form):
     found, notes, _ = corners_of(tmp_path / "given.ply", whole + b"and more\n")
     np.testing.assert_array_equal(found, plain)
     assert notes == [f"{'1 lines' if form == 'ascii' else '9 bytes'} after its last element are ignored"]
+
+
+@pytest.mark.parametrize("word", ["-1.#IND", "1.#QNAN", "-nan(ind)", "nan"])
+def test_properties_of_a_text_ply_file_that_are_not_read_may_be_no_numbers(tmp_path, word):
+    """Normals of triangles without area, as a program on Windows writes them; in a coordinate the word is refused."""
+    plain, _, _ = corners_of(tmp_path / "plain.obj", as_obj(TETRAHEDRON, FOUR))
+    head = f"format ascii 1.0\n{VERTEX.format(4)}property float nx\nelement face 4\n"
+    head += "property list uchar int vertex_indices\nproperty float quality\n"
+    body = "".join(f"{x} {y} {z} {word}\n" for x, y, z in TETRAHEDRON)
+    body += "".join(f"3 {a} {b} {c} {word}\n" for a, b, c in FOUR)
+    found, notes, _ = corners_of(tmp_path / "given.ply", ply(head, body.encode()))
+    np.testing.assert_array_equal(found, plain)
+    assert notes == []
+    path = tmp_path / "wrong.ply"
+    path.write_bytes(ply(head, body.replace("20.0", word, 1).encode()))
+    with pytest.raises(SettingError, match="not a finite number: vertex 2"):
+        surface_mesh(str(path), 0, file_unit="mm")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be"])
+@pytest.mark.parametrize("ending", [".obj", ".ply", ".stl"])
+def test_a_byte_order_mark_of_a_text_is_read(tmp_path, ending, encoding):
+    data = READ[ending]["polygons" if ending == ".obj" else "text"]
+    plain, _, _ = corners_of(tmp_path / f"plain{ending}", data)
+    mark = "\ufeff" if encoding == "utf-16-be" else ""
+    found, notes, _ = corners_of(tmp_path / f"given{ending}", (mark + data.decode()).encode(encoding))
+    np.testing.assert_array_equal(found, plain)
+    assert notes == []
 
 
 PLY_TYPES = {
@@ -343,6 +373,7 @@ READ = {
         "a count of 0": STL[:80] + bytes(4) + STL[84:],
         "trailing bytes": STL + b"more",
         "no last line": STL_TEXT.rpartition(b"endsolid")[0],
+        "a byte order mark": b"\xef\xbb\xbf" + STL_TEXT,
         "several solids": STL_TEXT.rstrip() + b"\n" + STL_TEXT,
     },
     ".ply": {
@@ -358,6 +389,12 @@ READ = {
             b"0 0 0\n0 1 0\n1 0 0\n3 0 1 2\n",
         ),
         "other elements and properties": random_ply(np.random.default_rng(0))[0],
+        "normals that are no numbers": ply(
+            f"format ascii 1.0\n{VERTEX.format(3)}property float nx\nelement face 1\n"
+            "property list uchar int vertex_indices\n",
+            b"0 0 0 -1.#IND\n0 1 0 0\n1 0 0 nan\n3 0 1 2\n",
+        ),
+        "a byte order mark": b"\xef\xbb\xbf" + PLAIN_PLY,
         "trailing bytes": PLAIN_PLY + b"more\n",
         "lines that end with CR": PLAIN_PLY.replace(b"\n", b"\r"),
         "lines that end with CR LF": PLAIN_PLY.replace(b"\n", b"\r\n"),

@@ -17,6 +17,7 @@ from palpate.nodes.base.mesh_formats.obj import read_obj
 from palpate.nodes.base.mesh_formats.ply import read_ply
 from palpate.nodes.base.mesh_formats.polygons import FileMesh, PolygonError, triangulate
 from palpate.nodes.base.mesh_formats.stl import read_stl
+from palpate.nodes.base.mesh_formats.words import without_mark
 from palpate.physics.readable import check_file
 from palpate.physics.segmentation.endings import FORMATS as SEGMENTATIONS
 from palpate.physics.segmentation.endings import ending_of
@@ -48,6 +49,8 @@ def read_file(path: str) -> tuple[np.ndarray, np.ndarray, list[str], str]:
             f" segmentation: {', '.join(SEGMENTATIONS)}. {AGAIN}"
         )
     data = _bytes(file, path)
+    if not stl.is_binary(data[: stl.HEAD], len(data)):
+        data = without_mark(data)
     other = _content_of(data)
     try:
         mesh = READERS[ending](data)

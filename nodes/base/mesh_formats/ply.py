@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.nodes.base.mesh_formats.polygons import FileMesh
-from palpate.nodes.base.mesh_formats.words import numbers, plain_lines, shown, wrong_word
+from palpate.nodes.base.mesh_formats.words import numbers_or_nan, plain_lines, shown, wrong_word
 from palpate.physics.indices import check_indices
 
 LONGEST_HEAD = 1 << 20  # [bytes]
@@ -223,7 +223,7 @@ def _text_rows(lines: list[bytes], element: Element) -> Columns:
         raise _too_few(element, len(lines))
     words = b" ".join(lines).split()
     try:
-        values = numbers(words)
+        values = numbers_or_nan(words)
     except ValueError:
         raise ValueError(f"the rows of {element.name} have {wrong_word(words, float)}, expected numbers") from None
     if not element.lists:

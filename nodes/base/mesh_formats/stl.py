@@ -26,7 +26,7 @@ def is_binary(head: bytes, size: int) -> bool:
 
 def read_stl(data: bytes) -> FileMesh:
     """The mesh in the bytes of a file. ValueError: what is wrong."""
-    if not is_binary(data[:HEAD], len(data)) and re.match(rb"(\xef\xbb\xbf)?\s*solid", data, re.IGNORECASE):
+    if not is_binary(data[:HEAD], len(data)) and re.match(rb"\s*solid", data, re.IGNORECASE):
         lines = data.replace(b"\r", b"\n")
         if _FACETS.search(lines):
             return _text(lines)

@@ -1,13 +1,25 @@
 """Words of a text file as numbers, in memory that grows with the file, however long one of its words is."""
 
+import re
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Sequence
 
 import numpy as np
+
+_UNDEFINED = re.compile(rb"[+-]?(1[.,]#\w+|nan\(\w*\))", re.IGNORECASE)
 
 
 def numbers(words: Sequence[bytes]) -> np.ndarray:
     """Words as float64 (n). ValueError: one of them is no number; see `wrong_word`."""
     return np.fromiter(map(float, words), np.float64, len(words))
+
+
+def numbers_or_nan(words: Sequence[bytes]) -> np.ndarray:
+    """As `numbers`; NaN for what the C library of Windows prints for an undefined number: `-1.#IND`, `-nan(ind)`."""
+    try:
+        return numbers(words)
+    except ValueError:
+        return numbers([b"nan" if _UNDEFINED.fullmatch(word) else word for word in words])
 
 
 def integers(words: Sequence[bytes]) -> np.ndarray:
@@ -35,6 +47,16 @@ def shown(word: bytes) -> str:
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
+def without_mark(data: bytes) -> bytes:
+    """A text in UTF-8 without the byte order mark with which it begins, also of UTF-16; other bytes as they are."""
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        try:
+            return data.decode("utf-16").encode()
+        except UnicodeError:
+            return data
+    return data.removeprefix(BOM_UTF8)
+
+
 def plain_lines(data: bytes) -> list[bytes]:
-    """Lines of a text: of any system (LF, CR LF, CR), without a byte order mark."""
-    return data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+    """Lines of a text of any system: LF, CR LF, CR."""
+    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
