@@ -84,6 +84,21 @@ def test_the_interval_includes_minima_that_are_nearly_as_good(case, number):
     assert outcome.result == "inside" and outcome.apart == 1.0
 
 
+@pytest.mark.parametrize(
+    ("case", "seed", "number", "name", "least"),
+    [("ball layer prony:2", 9, 0, "time_1", 100.0), ("ball layer prony:3", 11, 17, "share_3", 0.9)],
+)
+def test_prony_terms_that_a_record_does_not_determine_have_wide_intervals(case, seed, number, name, least):
+    """The first share may be 0, so that its time is anything (it ended 1.95 times below the true one); and profiles
+    ended where the search of a trial had been lost in the valley of fewer terms (`time_3` 1.5 times off)."""
+    press = draw_press(case, seed, number)
+    measured = prepare_press("p", press.time, press.depth, press.force)
+    found = fit_tissue([measured], press.case.rig, press.case.law, press.case.relaxation).estimate.intervals
+    for key, interval in found.items():
+        assert interval.low <= press.case.truth[key] <= interval.high, key
+    assert found[name].high > least
+
+
 def test_a_search_resumes_and_counts_strata(tmp_path, monkeypatch):
     made = []
 

@@ -28,7 +28,7 @@ from palpate.physics.table_cells import (
 )
 from palpate.physics.table_numbers import check_dialect, decimal_sign, number, with_point
 from palpate.physics.table_text import text_lines
-from palpate.physics.table_times import LARGE, clock_seconds, from_first, is_clock, stamp_unit
+from palpate.physics.table_times import DAY, LARGE, are_days, clock_seconds, from_first, is_clock, stamp_unit
 from palpate.physics.table_units import Units
 from palpate.units.header import factor
 from palpate.units.symbols import UnitError
@@ -137,13 +137,19 @@ class Table:
             self.clocks[k] = "s"
             self.skipped.append(f"column {name!r} has times of day: they count from the first row")
             return clock_seconds(cells)
-        if not np.abs(read).max() > LARGE:
+        days = not self.units.of(k) and are_days(read)
+        if not days and not np.abs(read).max() > LARGE:
             return read
+        exact = from_first([with_point(cell, decimal) for _, cell in cells])
+        if days:
+            self.clocks[k] = "s"
+            self.skipped.append(f"column {name!r} has no unit; as dates its numbers are days")
+            return DAY * exact
         unit = "" if self.units.of(k) else stamp_unit(float(read[0]))
         if unit:
             self.clocks[k] = unit
             self.skipped.append(f"column {name!r} has no unit; as dates its numbers are {unit} since 1970")
-        return from_first([with_point(cell, decimal) for _, cell in cells])
+        return exact
 
     def _check_count(self, line: int, row: Sequence[str]) -> None:
         """ValueError: a row has cells without a column, so that cells and columns may be shifted."""

@@ -3,7 +3,7 @@
 Only the differences of times matter, so the result counts from the first row: `1710504000123456789` (ROS),
 `10:22:01.5`, `22:01.5`, `10:22:01 PM`, `2024-03-15T10:22:01.5Z`, `15.03.2024 10:22:01,5`. A time of day that falls by
 more than 12 h has passed midnight. A number of a column without a unit has the unit in which it is a date from 2001 to
-2100.
+2100; of days, as Excel and MATLAB count them, only if the rows would be less than `FASTEST` apart in seconds.
 """
 
 import re
@@ -16,6 +16,8 @@ import numpy as np
 DAY, HALF = 86400.0, 43200.0  # [s]
 EPOCH = (978307200.0, 4102444800.0)  # [s] since 1970, of the years 2001 and 2100
 STAMPS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+DAYS = ((36892.0, 73051.0), (730852.0, 767011.0))  # [days] of the same years: Excel, MATLAB (datenum)
+FASTEST = 5e-6  # [s] Time between rows that no press has; as days it is 0.4 s
 LARGE = 1e6  # Numbers above are subtracted before they are rounded to 53 bits
 CLOCK = re.compile(
     r"(?:(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)"
@@ -71,3 +73,10 @@ def from_first(numbers: Sequence[str]) -> np.ndarray:
 def stamp_unit(first: float) -> str:
     """The unit in which a number is a date from 2001 to 2100; "" if it is none."""
     return next((unit for unit, scale in STAMPS.items() if EPOCH[0] * scale <= first <= EPOCH[1] * scale), "")
+
+
+def are_days(numbers: np.ndarray) -> bool:
+    """Whether numbers (n,) without a unit are dates in days, `45366.432100` (Excel) or `739326.432100` (MATLAB)."""
+    if len(numbers) < 2 or not any(low <= numbers[0] <= high for low, high in DAYS):
+        return False
+    return bool(0.0 < float(np.median(np.diff(numbers))) < FASTEST)

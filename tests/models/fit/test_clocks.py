@@ -30,6 +30,8 @@ CLOCKS = {
     "microseconds since 1970": ("t", [str(1710547199123456 + round(1e6 * t)) for t in TIME]),
     "ROS": ("t", list(map(str, NANOSECONDS))),
     "rosbag": ("%time", list(map(str, NANOSECONDS))),
+    "days of Excel": ("t", [f"{45366.9995 + t / 86400:.11f}" for t in TIME]),
+    "days of MATLAB": ("time", ["739326" + f"{0.9995 + t / 86400:.11f}"[1:] for t in TIME]),
     "LSL": ("t [s]", [f"{3812345.678 + t:.6f}" for t in TIME]),
     "LSL, milliseconds": ("t [ms]", [f"{3812345678.9 + 1e3 * t:.3f}" for t in TIME]),
     "hh:mm:ss, midnight": ("t", clock("%H:%M:%S.%f")),
@@ -87,6 +89,12 @@ def test_a_clock_that_may_be_wrong_is_refused_and_left_out_on_demand(tmp_path, t
         read(path)
     press = read(path, "time=")
     assert press.time is None and press.depth == approx(1e-3 * DEPTH, abs=1e-9)
+
+
+@pytest.mark.parametrize(("first", "step"), [(45366.0, 0.02), (45366.0, 2e-5), (12.0, 1e-7), (739326.0, 1e-4)])
+def test_seconds_are_not_taken_for_days(tmp_path, first, step):
+    press = read(saved(tmp_path, "t", [f"{first + step * k:.9f}" for k in range(60)]))
+    assert np.ptp(press.time) == approx(59 * step, rel=1e-3)
 
 
 def test_a_unit_of_the_header_is_not_overruled_by_the_size_of_a_stamp(tmp_path):

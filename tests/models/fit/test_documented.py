@@ -10,7 +10,7 @@ from pytest import approx
 from palpate.models.fit.specimens import INDENTERS, PRESSES, SPECIMENS
 from palpate.models.fit.tissue.table import NAMES, OTHERS
 from palpate.physics.table_text import BINARY
-from palpate.physics.table_times import is_clock, stamp_unit
+from palpate.physics.table_times import are_days, is_clock, stamp_unit
 from palpate.studies.presses import PressReader
 from palpate.units.header import factor, split_unit
 from palpate.units.quantity import parse
@@ -51,7 +51,7 @@ def test_words_headers_clocks_and_angles_are_read():
         if cell not in ("Y_Unit_Label",):
             assert split_unit(cell) == ("Load", "N"), cell
     for cell in listed("times of a clock"):
-        assert is_clock(cell) or stamp_unit(float(cell)), cell
+        assert is_clock(cell) or stamp_unit(float(cell)) or are_days(float(cell) + 1e-6 * np.arange(9.0)), cell
 
 
 def _fits(word, si):

@@ -93,6 +93,8 @@ def whole(value):
         (lines(head=["t", *HEAD[1:]]), "row 1, column 't': no unit; in s its rows would be 10 s apart.*UNIT"),
         (lines(head=["d [um]", "d [um]", "F [uN]"]), "--columns indentation=1$"),
         (lines(head=["t [ms]", "d [um]", "Load (g)"]), "a mass; expected a force. If it shows a weight: --unit .*=gf"),
+        (lines(head=["t [ms]", "d [um]", "Load (Kg)"]), "'Kg' is unknown; .* If it shows a weight: --unit force=kgf$"),
+        (lines(head=["t [ms]", "d [kg]", "F [N]"]), "a mass; expected a length$"),
         (lines(head=["t [ms]", "d [um]", "F [V]"]), "a voltage; expected a force$"),
         (lines().replace("\n300.000", "\n30\x000.000"), r"found the character '\\x00' in row 32"),
         (b"PK\x03\x04xl/workbook.xml", "workbook .*CSV"),

@@ -79,6 +79,50 @@ def test_a_remedy_that_is_followed_gives_the_right_press_or_another_refusal(tmp_
     assert not [text for text in texts if re.search(r"--unit \S+=(?!UNIT|gf|kgf)", text)]
 
 
+PAIRS = ("Specimen", "Organ", "Mouse ID", "tissue", "Material", "Datei", "group", "Well", "rate (mm/s)", "Versuch, Nr.",
+         "Press", "site")  # fmt: skip
+"""Names of a column that says which of two specimens a row is of."""
+
+
+def draw_two(rng):
+    """Text of a table with two specimens, one twice as stiff, below each other or side by side, and options."""
+    back = bool(rng.uniform() < 0.6)
+    path = np.r_[DEPTH, DEPTH[::-1]] if back else DEPTH
+    force = np.r_[FORCE, FORCE[::-1]] if back else FORCE
+    time = [f"{0.01 * k:.2f}" for k in range(len(path))]
+    if rng.uniform() < 0.2:  # days of Excel
+        time = [f"{45366.25 + 0.01 * k / 86400.0:.10f}" for k in range(len(path))]
+    presses = [[f"{t}\t{1e3 * d:.5f}\t{size * f:.8f}" for t, d, f in zip(time, path, force, strict=True)]
+               for size in (1.0, 2.0)]  # fmt: skip
+    head, options = "time\tdepth [mm]\tforce [N]", []
+    if rng.uniform() < 0.25:
+        return "\n".join([f"{head}\t{head}", *map("\t".join, zip(*presses, strict=True))]) + "\n", options, False
+    name, labels = str(rng.choice(PAIRS)), ("1", "2") if rng.uniform() < 0.5 else ("A", "B")
+    lines = [f"{label}\t{row}" for label, rows in zip(labels, presses, strict=True) for row in rows]
+    if rng.uniform() < 0.3:
+        options = ["force=4", "indentation=3"]
+    return "\n".join([f"{name}\t{head}", *lines]) + "\n", options, True
+
+
+def test_no_specimen_of_two_is_lost_and_none_has_the_force_of_the_other(tmp_path):
+    """Each remedy followed: both presses, one of them where the user chose its columns, or another refusal."""
+    rng = np.random.default_rng(80)
+    path, texts, read = tmp_path / "press.csv", [], 0
+    for number in range(150):
+        text, named, both = draw_two(rng)
+        path.write_text(text, encoding="utf-8")
+        presses = list(follow(path, named, [], 3, texts))
+        peaks = {round(float(np.ptp(press.force)) / np.ptp(FORCE)) for press in presses}
+        assert peaks == {1, 2} if both else peaks <= {1, 2}, (number, text[:60], named, texts[-2:])
+        for press in presses:
+            read += 1
+            assert np.ptp(press.depth) == approx(np.ptp(DEPTH), rel=1e-3), (number, text[:60])
+            assert np.diff(press.time) == approx(0.01, rel=2e-3), (number, text[:60])
+            size = round(float(np.ptp(press.force)) / np.ptp(FORCE))
+            assert np.ptp(press.force) == approx(size * np.ptp(FORCE), rel=2e-3)
+    assert read > 150 and any("with a press for each" in text for text in texts)
+
+
 @pytest.mark.parametrize("offset", [-0.5, 3.0])
 def test_a_zero_of_the_sensor_is_no_wrong_sign(tmp_path, offset):
     path = tmp_path / "press.csv"

@@ -57,6 +57,27 @@ def test_two_indenters_are_refused_with_the_column(tmp_path, name):
         read_presses(saved(tmp_path, lines), {}, {})
 
 
+@pytest.mark.parametrize("name", ["Organ", "Mouse ID", "Material", "filename", "rate"])
+@pytest.mark.parametrize("back", [False, True])
+def test_a_column_of_another_name_with_a_press_for_each_value_is_refused_with_it(tmp_path, name, back):
+    """The second press counted as rows after the deepest one, where each of them returns."""
+    lines = [f"{HEAD},{name}"] + [f"{r},{k}" for k, s in (("A", 1.0), ("B", 2.0)) for r in rows(s, back)]
+    path = saved(tmp_path, lines)
+    chosen = name if name != "Mouse ID" else "4"
+    with pytest.raises(SessionError, match=f"column '{name}': found A, B, .* --columns specimen={chosen} fits each"):
+        read_presses(path, {}, {})
+    assert peaks(read_presses(path, {"specimen": chosen}, {})) == approx([0.2435, 0.487], rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["Cycle", "Segment", "temperature"])
+def test_a_column_that_divides_a_press_or_measures_something_is_no_specimen(tmp_path, name):
+    """Cycles of one specimen; a slow sensor that changes in the middle of a press."""
+    change, cells = 60 if name == "temperature" else 120, rows(1.0, True) + rows(1.0, True)
+    lines = [f"{0.01 * k:.2f},{row.partition(',')[2]},{36 + (k >= change)}" for k, row in enumerate(cells)]
+    (press,) = read_presses(saved(tmp_path, [f"{HEAD},{name}", *lines]), {}, {})
+    assert np.ptp(press.force) == approx(0.2435, rel=0.01)
+
+
 def test_a_repeated_header_begins_a_press_or_a_segment(tmp_path):
     two = [HEAD, *rows(1.0, True), "", "second specimen", HEAD, *rows(2.0, True)]
     presses = read_presses(saved(tmp_path, two), {}, {})

@@ -4,7 +4,7 @@ Presses of one specimen are fitted together, since they repeat one measurement; 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +24,8 @@ SPECIMENS = (*BODIES, "site", "location")
 """Columns whose values are fitted one by one: another body, or another place of it, has another stiffness."""
 INDENTERS = ("indenter", "probe", "tip", "ball", "cantilever", "radius", "diameter", "tip radius", "tip diameter")
 """Columns that identify the indenter; a file with several values mixes several indenters."""
+PARTS = ("cycle", "loop", "segment", "phase", "step", "stage", "direction", "state", "mode", "ramp", "set", "part")
+"""Columns that divide a measurement of one specimen; its first press is fitted."""
 ADDED = ("id", "no", "nr", "num", "number", "name", "label", "index", "code")  # words that a name may end in
 LEAST_ROWS = 10  # fewer rows of each value: the column counts rows
 COUNTING = 0.8  # [1] Share of rows in which a number rises from which on it counts the rows of several parts
@@ -79,6 +81,38 @@ def check_one_indenter(path: object, table: Table) -> None:
             f"{path}: column {table.cells[k].strip()!r}: pressed by {several}: two indenters mixed; save the rows of "
             "each in its file, and fit each separately"
         )
+
+
+def check_unnamed_bodies(path: object, table: Table, used: Collection[int], depth: np.ndarray) -> None:
+    """SessionError: a column with a name that is none of `PRESSES`, such as `Organ` or `Mouse`, has a press for each of
+    its values, of which only one would be fitted.
+
+    used   columns that are read
+    depth  (n,) of all rows
+    """
+    if not len(depth):
+        return
+    low, span = float(depth.min()), float(np.ptp(depth))
+    for k, name in enumerate(map(plain_name, table.names)):
+        values = _values(table, k)[: len(depth)]
+        begins = [0, *(i for i in range(1, len(values)) if values[i] != values[i - 1])]
+        labels = [values[i] for i in begins]
+        known = k in used or name in (*PRESSES, *INDENTERS, *PARTS) or "" in labels
+        if known or len(labels) < 2 or len(set(labels)) < len(labels) or LEAST_ROWS * len(labels) > len(depth):
+            continue
+        parts = np.split(depth, begins[1:])
+        if all(len(part) >= LEAST_ROWS and _is_press(part, low, span) for part in parts):
+            named = table.names[k] if re.fullmatch(r"\w+", table.names[k]) else str(k + 1)
+            named = named if table.names.count(named) == 1 else str(k + 1)
+            raise SessionError(
+                f"{path}: column {table.cells[k].strip()!r}: found {', '.join(labels[:5])}, with a press for each; "
+                f"--columns specimen={named} fits each alone, or save the rows of each in its file"
+            )
+
+
+def _is_press(depth: np.ndarray, low: float, span: float) -> bool:
+    """Whether a part (n,) of a record begins above the surface and rises; least depth and range of the record."""
+    return bool(depth[0] <= low + LOW * span and depth.max() - depth[0] > RISE * span)
 
 
 def check_one_body(path: object, table: Table, what: str) -> None:
@@ -137,7 +171,7 @@ def block_presses(table: Table, lines: Sequence[int], depth: np.ndarray) -> np.n
     out = np.zeros(len(depth), int)
     for k in range(int(block.max()) + 1):
         here = depth[block == k]
-        if k and len(here) and here[0] <= low + LOW * span and here.max() - here[0] > RISE * span:
+        if k and len(here) and _is_press(here, low, span):
             press += 1
         out[block == k] = press
     note = f"{press + 1} presses" if press else "segments of one press"

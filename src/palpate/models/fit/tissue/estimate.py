@@ -18,12 +18,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import noise, relaxing, separable
 from palpate.models.fit.tissue.measured import MeasuredPress
+from palpate.models.fit.tissue.profile import Interval, include_profiles, linear_interval
 from palpate.models.fit.tissue.residuals import inflation, runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
 
@@ -32,7 +33,6 @@ INDISTINGUISHABLE = 0.97  # [1] Correlation above which two parameters cannot be
 LEVEL = 0.95
 LEAST_PER_UNKNOWN = 3  # Rows per unknown that a fit needs
 STEEPEST = 1e12  # [1] Limit of a derivative of a residual
-ENDS = 1e-3  # [1] Accuracy of the ends of a profile, over half the width of the linear interval
 APART, LIKELY = (
     1e-2,
     3.0,
@@ -41,19 +41,6 @@ STEP = 1e-6  # finite-difference step of a Jacobian, in search coordinates
 LEAST_EFFECTIVE = 3.0
 """Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
 the error of its parameters; the report describes the misfit separately."""
-
-
-@dataclass
-class Interval:
-    """95 % interval of a parameter: the widest of the linear interval, the profile likelihood interval (nan: no limit
-    on that side) and the interval from the scatter between presses."""
-
-    value: float
-    low: float
-    high: float
-    profile: tuple[float, float] = (math.nan, math.nan)
-    curve: list[tuple[float, float]] = field(default_factory=list)
-    presses: list[float] = field(default_factory=list)
 
 
 @dataclass
@@ -305,7 +292,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
     """Fit from several starts, or from those in `begin` alone, with intervals.
 
     A likelihood may have several minima, as that of Prony terms in a short record. The interval includes the profiles
-    from all those that the interval's level does not exclude.
+    from all those that the interval's level does not exclude (`profile`).
 
     SessionError: fewer than `LEAST_PER_UNKNOWN` rows per unknown.
     """
@@ -335,12 +322,11 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
     cov, effective = _coloured_covariance(problem, forces, pressed, weighted, J, bread, plain, effective)
     errors, ratio = np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov) / np.maximum(np.diag(plain), 1e-300))
     quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
-    # sum of squares of the profile at the ends of each interval
-    levels = least * (1.0 + (quantile * ratio) ** 2 / (count / tau - size)) if profiles else None
-    intervals = {
-        p.name: _interval(problem, minima, i, quantile * cov[:, i] / max(float(errors[i]), 1e-300), levels)
-        for i, p in enumerate(problem.parameters)
-    }
+    toward = quantile * cov / np.maximum(errors, 1e-300)
+    intervals = {p.name: linear_interval(problem, x, i, toward[i, i]) for i, p in enumerate(problem.parameters)}
+    if profiles:
+        levels = least * (1.0 + (quantile * ratio) ** 2 / (count / tau - size))
+        include_profiles(problem, minima, toward, levels, list(intervals.values()))
     return Estimate(
         problem.parameters, intervals, problem.touches(x), problem.names, cov / np.outer(errors, errors),
         float(sizes[0] / max(sizes[-1], 1e-300)), forces, pressed, residuals, (effective, count), converged,
@@ -356,36 +342,6 @@ def _search_minima(problem: Problem, begin: Sequence[np.ndarray]) -> tuple[list[
     converged = sum(squares <= least * 1.01 + 1e-12 for _, squares in found) / len(found)
     found += [problem.solve(np.clip(each, *problem.bounds)) for each in problem.other_minima(best)]
     return _distinct(found, len(problem.parameters)), converged
-
-
-def _interval(
-    problem: Problem, minima: Sequence[tuple[np.ndarray, float]], i: int, toward: np.ndarray, levels: np.ndarray | None
-) -> Interval:
-    """Linear interval of parameter i, widened to the profile likelihood intervals from all minima that its level of the
-    squares does not exclude.
-
-    toward  change of all unknowns from the minimum to the end of the linear interval
-    levels  of all unknowns; None: only the linear interval
-    """
-    (x, least), p = minima[0], problem.parameters[i]
-    reach, (low, high) = float(toward[i]), problem.bounds
-    ends = [min(max(float(x[i]) + side * reach, low[i]), high[i]) for side in (-1, 1)]
-    out = Interval(p.value(float(x[i])), p.value(ends[0]), p.value(ends[1]))
-    if levels is None:
-        return out
-    level, along = float(levels[i]), toward / max(reach, 1e-300)
-    profile, points = _profile(problem, minima[0], i, along, reach, least, level)
-    for y, squares in minima[1:]:
-        if squares < level and (y[i] < profile[0] or y[i] > profile[1]):
-            more, at = _profile(problem, (y, squares), i, np.eye(len(y))[i], reach, least, level)
-            profile = (float(np.minimum(profile[0], more[0])), float(np.maximum(profile[1], more[1])))
-            points += at
-    ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
-    out.profile = (ends[0], ends[1])
-    out.low = min(out.low, p.low if math.isnan(ends[0]) else ends[0])
-    out.high = max(out.high, p.high if math.isnan(ends[1]) else ends[1])
-    out.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
-    return out
 
 
 def _distinct(found: Sequence[tuple[np.ndarray, float]], parameters: int) -> list[tuple[np.ndarray, float]]:
@@ -442,58 +398,6 @@ def _coloured_covariance(
             grow = np.sqrt(np.maximum(np.diag(larger) / np.diag(cov), 1.0))
             cov = cov * np.outer(grow, grow)
     return cov, effective
-
-
-def _profile(
-    problem: Problem,
-    minimum: tuple[np.ndarray, float],
-    i: int,
-    along: np.ndarray,
-    step: float,
-    least: float,
-    level: float,
-) -> tuple[tuple[float, float], list[tuple[float, float]]]:
-    """Ends of the profile likelihood interval of unknown i, and the points (value, sum of squares) of the profile.
-
-    minimum  unknowns and sum of squares where the profile begins
-    least    sum of squares of the best minimum
-    along    [1] change of all unknowns with unknown i along the profile, near the minimum
-
-    The profile is the least sum of squares with x_i fixed. An end is where it reaches `level`; nan if it does not
-    within the bounds.
-    """
-    x, squares = minimum
-    low, high = problem.bounds
-    ends, points = [], [(float(x[i]), squares)]
-    for side in (-1.0, 1.0):
-        bound = low[i] if side < 0 else high[i]
-        inner, outer, at, reach = float(x[i]), math.nan, x.copy(), max(step, 1e-6)
-
-        def above(value: float, known: dict[float, float]) -> float:
-            """Standard errors by which the profile at a value exceeds the level."""
-            nonlocal at
-            if value not in known:
-                trial = np.clip(at + (value - at[i]) * along, low, high)
-                trial[i] = value
-                at, known[value] = problem.solve(trial, i)
-                points.append((value, known[value]))
-            return math.sqrt(max(known[value] - least, 0.0)) - math.sqrt(level - least)
-
-        known = {inner: squares}
-        for _ in range(14):  # bracket the end
-            trial = bound if side * (inner + side * reach - bound) >= 0 else inner + side * reach
-            if above(trial, known) >= 0.0:
-                outer = trial
-                break
-            inner = trial
-            if trial == bound:
-                break
-            reach *= 2.0
-        if math.isnan(outer):
-            ends.append(math.nan)
-            continue
-        ends.append(float(brentq(above, inner, outer, (known,), xtol=ENDS * max(step, 1e-6), rtol=1e-12)))
-    return (ends[0], ends[1]), points
 
 
 def widen_by_scatter(problem: Problem, pooled: Estimate) -> None:

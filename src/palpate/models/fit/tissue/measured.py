@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.specimens import check_one_indenter, row_labels
+from palpate.models.fit.specimens import check_one_indenter, check_unnamed_bodies, row_labels
 from palpate.models.fit.tissue.noise import noise_before, step_of
 from palpate.models.fit.tissue.residuals import inflation
 from palpate.models.fit.tissue.table import (
@@ -106,6 +106,8 @@ def read_presses(
     values, lines, shown = numbers_of(path, table, found, columns, units)
     depths, named = values[:, list(found).index("indentation")], specimen_column(path, table, columns)
     labels, specimens = row_labels(table, lines, depths, named, columns.get("specimen") == "")
+    if len(set(labels)) < 2 and "specimen" not in columns:
+        check_unnamed_bodies(path, table, [k for k, _ in found.values()], depths)
     sessions = np.array(labels)
     remarks = (f"{path.name}: {', '.join(shown)}", *(f"{path.name}: {text}" for text in table.skipped))
     presses: list[MeasuredPress] = []

@@ -176,8 +176,9 @@ def factor_of(
     try:
         return factor(unit, si)
     except UnitError as error:
-        cure = f". If it shows a weight: --unit {named}={unit}f" if unit in ("g", "kg") else ""
-        cure = f". Give it with --unit {named}=UNIT" if "unknown" in str(error) else cure
+        cure = f". Give it with --unit {named}=UNIT" if "unknown" in str(error) else ""
+        weight = unit.lower() if unit in ("g", "kg", "Kg", "KG") else ""
+        cure = f". If it shows a weight: --unit {named}={weight}f" if weight and key == "force" else cure
         raise SessionError(f"{where}: {error}{cure}") from None
 
 
