@@ -28,6 +28,8 @@ FLAWS = (
     "two cycles", "hold",
 )  # fmt: skip
 KEPT = "presses.jsonl"
+REMARKS = ("excluded", "baseline was fitted", "rise was fitted", "mesh and table:")
+"""Parts of notes that describe the fit and warn of no wrong value."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,8 @@ class Outcome:
 
     @property
     def silent(self) -> bool:
-        """Whether it is wrong and no note warns; notes on excluded rows do not."""
-        return self.wrong and all("excluded" in note for note in self.notes)
+        """Whether it is wrong and no note warns; `REMARKS` do not."""
+        return self.wrong and all(any(remark in note for remark in REMARKS) for note in self.notes)
 
 
 @cache

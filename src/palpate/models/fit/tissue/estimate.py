@@ -110,7 +110,7 @@ class Problem:
 
     def __init__(self, presses: Sequence[MeasuredPress], law: Law, kind: str, free_touch: bool, relative: bool) -> None:
         self.presses, self.law, self.kind = list(presses), law, kind
-        lengths = [float(np.ptp(p.time)) for p in presses if p.time is not None]
+        lengths = [relaxing.contact_time(p) for p in presses if p.time is not None]
         if kind != "none" and len(lengths) < len(presses):
             raise SessionError(f"--relaxation {kind}: expected a column of time in every file")
         self.parameters = (*law.parameters, *relaxing.parameters(kind, max(lengths, default=1.0)))

@@ -33,8 +33,15 @@ def measured_rows(kind: str, press: MeasuredPress) -> np.ndarray:
     return counted
 
 
+def contact_time(press: MeasuredPress) -> float:
+    """Time [s] from the estimated touch to the last row of a press with times: the approach shows no relaxation."""
+    assert press.time is not None
+    first = min(int(np.argmax(press.depth > press.touch)), len(press.time) - 2)
+    return float(press.time[-1] - press.time[first])
+
+
 def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
-    """Parameters of a kind of relaxation, with guesses for a record of this length [s].
+    """Parameters of a kind of relaxation, with guesses for a contact of this length [s].
 
     SessionError: an unknown kind.
     """
@@ -57,18 +64,30 @@ def other_orders(kind: str, first: int, x: np.ndarray) -> list[np.ndarray]:
     """Starts for other minima of a Prony series, whose shares and times (as logarithms) are unknowns from `first` on.
 
     A short record hardly shows which terms it contains: they count as slower or faster by one place, and a small term
-    takes the free place.
+    takes the free place; or two neighbours are one term, and a small one is added at either end.
     """
     count = int(kind.partition(":")[2] or 0)
     if count < 2:
         return []
-    out, last = [], first + 2 * count
+    last = first + 2 * count
     terms = x[first:last].reshape(count, 2)
-    for moved, new in ((1, (SMALL, terms[0, 1] + APART)), (-1, (SMALL, terms[-1, 1] - APART))):
-        y, rolled = x.copy(), np.roll(terms, moved, axis=0)
-        rolled[0 if moved > 0 else -1] = new
-        y[first:last] = rolled.ravel()
-        out.append(y)
+    rest = np.concatenate([[1.0], np.cumprod(1.0 - terms[:, 0])])
+    shares, times = terms[:, 0] * rest[:-1], np.minimum.accumulate(terms[:, 1])  # of the whole
+    kept = [(np.delete(shares, k), np.delete(times, k)) for k in (0, count - 1)]
+    for k in range(count - 1):
+        both = shares[k] + shares[k + 1]
+        time = float(shares[k : k + 2] @ times[k : k + 2]) / max(both, 1e-12)
+        kept.append((np.r_[shares[:k], both, shares[k + 2 :]], np.r_[times[:k], time, times[k + 2 :]]))
+    out = []
+    for some, at in kept:
+        for slower in (True, False):
+            part, time = (SMALL, at[0] + APART) if slower else (SMALL, at[-1] - APART)
+            each = np.r_[part, some] if slower else np.r_[some, part]
+            each = each * min(1.0, 0.99 / max(float(each.sum()), 1e-12))
+            left = 1.0 - np.concatenate([[0.0], np.cumsum(each[:-1])])
+            y = x.copy()
+            y[first:last] = np.stack([each / left, np.r_[time, at] if slower else np.r_[at, time]], axis=1).ravel()
+            out.append(y)
     return out
 
 
