@@ -1,21 +1,25 @@
 """Derivatives of every shipped graph by random settings, against Richardson's limit of separate runs.
 
-    python benchmarks/gradient_errors.py [--settings 30] [--graphs kidney pinch ...] [--duration 1.2] [--seed 0]
+    python benchmarks/gradient_errors.py [--settings 30] [--graphs kidney pinch ...] [--duration 1.8] [--seed 0]
 
-Each setting's derivative of a force over time, by `Ensemble.gradient`, is compared with the limit of central
-differences of other runs, at other steps. The limit has an error too, its change by the last extrapolation and the
-noise of the forces, which is subtracted; where it is above 1e-4 of the RMS derivative, nothing is known, and the time
-does not count. Prints for each graph how many settings were checked, the deviation at the worst of the times that
-settle over the RMS of the derivative, and the reasons for those that do not settle. Takes minutes. Exit code 1: a
-deviation above 1e-4.
+The derivatives of all forces of contacts and friction over time, by `Ensemble.gradient`, are compared with the limits
+of central differences of other runs, at other steps. Candidates are all settings of nodes that run, with the numbers in
+lists, such as points and times of the path of a hand; up to 30 of those with an effect on a force are compared. A limit
+has an error too: its change by the last extrapolation and the noise of the forces. It is subtracted; where it is above
+1e-4 of the RMS derivative, nothing is known, and the time does not count. Prints for each graph how many settings were
+compared, the share of the times at which their derivatives settle, the deviation at the worst of them over the RMS of
+the derivative, and the reasons for those that do not settle. Takes an hour. Exit code 1: a deviation above 1e-4.
 """
 
 import argparse
+import json
 import random
 import re
 import sys
 import warnings
 from collections import Counter
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -23,129 +27,192 @@ from scipy.ndimage import maximum_filter1d
 import palpate
 from palpate.engine.faults import GraphError
 from palpate.gradients.differences import FLOOR
-from palpate.gradients.parameters import find_parameter
+from palpate.gradients.parameters import Parameter, find_parameter, put_all
 from palpate.launch.load.checks.agreeing import mark_of
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.graph import load
+from palpate.messages import Contact, Friction
 from palpate.messages.record import layout
 from palpate.nodes.base import settings
 from palpate.physics.errors import ArgumentError, PalpateError
 
-STEPS = np.array([6e-3, 3e-3, 1.5e-3])  # [1] of the reference, over the value
+STEPS = np.array([1.2e-2, 3e-3, 7.5e-4, 1.875e-4])  # [1] of the reference, over the scale
 NOISE = 1e-10  # [N] of a force, ten times that of the kidney
 GOAL = 1e-4
 NEAR = 21  # ticks around a time whose largest change counts, because steps may agree by chance at one
-FORCES = ("force", "forces", "load")
+FORCES = ("force", "forces", "load", "mean")
 BUILT = ("width", "refine", "spacing")  # settings that change meshes
 
 
-def force_of(graph) -> str | None:
-    """The first field with a force that a contact or a sensor sends."""
+class Outcome(NamedTuple):
+    """Of a setting: largest deviation over the RMS derivative, share of the times that settle, why others do not."""
+
+    path: str
+    deviation: float
+    settled: float
+    reasons: list[str]
+
+
+def forces_of(graph) -> list[str]:
+    """Fields with the forces of contacts and friction; without one, the first field with a force."""
     named = [
         f"{stream}.{name}" for stream, kind in graph.streams.items() for name in FORCES
         if name in (layout(kind).names or ()) and layout(kind)[name].base.fields is None
         and layout(kind)[name].base.kind == "f"
     ]  # fmt: skip
-    return min(named, key=lambda path: ("contact" not in path.lower(), named.index(path)), default=None)
+    touching = [path for path in named if issubclass(graph.streams[path.rpartition(".")[0]], Contact | Friction)]
+    return touching or named[:1]
+
+
+def numbers(path: str, value) -> Iterator[str]:
+    """Paths of the numbers in a setting."""
+    if type(value) is float:
+        yield path
+    elif isinstance(value, list | tuple):
+        for place, each in enumerate(value):
+            yield from numbers(f"{path}[{place}]", each)
+    elif isinstance(value, dict):
+        for key, each in value.items():
+            yield from numbers(f"{path}.{key}", float(each) if isinstance(each, int) else each)
 
 
 def settings_of(graph, name: str, sets: list[str], running: set[str]) -> list[str]:
     """Paths of the settings with a derivative on both sides of their value; of those that describe one thing, one."""
-    found, taken = [], set()
+    paths, taken = [], set()
     for node in sorted(running & set(graph.nodes)):
         for setting, value in graph.nodes[node].settings.items():
             mark = mark_of(settings(graph.nodes[node].cls)[setting])
-            if type(value) is not float or value == 0.0 or setting in BUILT or (mark and setting in taken):
+            if setting in BUILT or (mark and setting in taken):
                 continue
             taken |= {setting} if mark else set()
-            path = f"{node}.{setting}"
-            try:
-                if find_parameter(graph, path, running).side(7e-3 * abs(value), value) == 0:
-                    load(name, overrides=[*sets, f"{path}={1.001 * value!r}"])
-                    found.append(path)
-            except (ArgumentError, GraphError):  # frozen by a basis, or tied to the setting of another node
-                continue
+            paths += numbers(f"{node}.{setting}", value)
+    found = []
+    for path in paths:
+        try:
+            one = find_parameter(graph, path, running)
+            if one.side(1.1 * STEPS[0] * one.scale, one.value) == 0:
+                moved = json.dumps(one.put(one.value + 1e-3 * one.scale))
+                load(name, overrides=[*sets, f"{one.target}={moved}"])
+                found.append(path)
+        except (ArgumentError, GraphError):  # 0 without a scale, frozen by a basis, or tied to another setting
+            continue
     return found
 
 
-def limits(name: str, field: str, sets: list[str], duration: float, paths: list[str], values: np.ndarray):
-    """Richardson's limits (settings, time, ...) of separate runs, and their errors."""
-    rows = np.repeat(values[None], 6 * len(paths), axis=0)
-    for k in range(len(paths)):
-        for j, step in enumerate(STEPS):
-            rows[6 * k + 2 * j, k] *= 1.0 + step
-            rows[6 * k + 2 * j + 1, k] *= 1.0 - step
-    over = {path: rows[:, k] for k, path in enumerate(paths)}
-    force = palpate.Ensemble(name, len(rows), over, [field], sets=sets, duration=duration).run(quiet=True)[field].values
-    force = force.reshape(len(paths), 3, 2, *force.shape[1:])
-    size = values.reshape(-1, *[1] * (force.ndim - 3))
-    d = [(force[:, j, 0] - force[:, j, 1]) / (2.0 * STEPS[j] * size) for j in range(3)]
-    first, second = ((4.0 * d[j + 1] - d[j]) / 3.0 for j in (0, 1))
-    change = maximum_filter1d(np.abs(second - first), NEAR, axis=1)
-    return (16.0 * second - first) / 15.0, change + NOISE / np.abs(size * STEPS[-1])
+def limits(name: str, fields: list[str], sets: list[str], duration: float, found: list[Parameter]):
+    """By field, Richardson's limits (settings, time, ...) of separate runs, and their errors."""
+    columns: dict[str, list] = {}
+    for one in found:
+        columns.setdefault(one.target, [])
+    for one in found:
+        for step in np.outer(STEPS, (1.0, -1.0)).ravel():
+            moved = put_all([one], [one.value + step * one.scale])
+            for target, column in columns.items():
+                column.append(moved.get(target, next(o.container for o in found if o.target == target)))
+    lanes = 2 * len(STEPS) * len(found)
+    result = palpate.Ensemble(name, lanes, columns, fields, sets=sets, duration=duration).run(quiet=True)
+    made = {}
+    for field in fields:
+        force = result[field].values.reshape(len(found), len(STEPS), 2, *result[field].shape[1:])
+        size = np.array([one.scale for one in found]).reshape(-1, *[1] * (force.ndim - 3))
+        d = [(force[:, j, 0] - force[:, j, 1]) / (2.0 * step * size) for j, step in enumerate(STEPS)]
+        tables = [richardson(d[j : j + 3], NOISE / (size * STEPS[j + 2])) for j in range(len(STEPS) - 2)]
+        (coarse, change), (fine, doubt) = tables
+        # a kink between the steps leaves each table without a change, but not between them
+        change = np.maximum(change, maximum_filter1d(np.abs(coarse - fine), NEAR, axis=1))
+        made[field] = np.where(change < doubt, coarse, fine), np.minimum(change, doubt)
+    return made
 
 
-def check(name: str, given) -> tuple[list[tuple[float, str]], int, list[str], str]:
-    """Deviations with their settings, number of settings without effect, reasons of what does not settle, the field.
-    PalpateError: not possible."""
+def richardson(slopes, noise):
+    """The limit of three slopes (settings, time, ...), whose steps fall by a factor of 4, and its error."""
+    first, second = ((16.0 * slopes[i + 1] - slopes[i]) / 15.0 for i in (0, 1))
+    return (256.0 * second - first) / 255.0, maximum_filter1d(np.abs(second - first), NEAR, axis=1) + noise
+
+
+def check(name: str, given) -> tuple[list[Outcome], int, int]:
+    """Of the settings with an effect; number of candidates, and of those without. PalpateError: impossible."""
     graph = load(name)
     sets = ["scene.hand.ideal=true"] if "hand" in graph.scene else []
-    field = force_of(graph)
-    if field is None:
+    fields = forces_of(graph)
+    if not fields:
         raise ArgumentError("no force")
-    touch = palpate.Ensemble(name, 1, {}, [field], sets=sets, duration=given.duration)
+    touch = palpate.Ensemble(name, 1, {}, fields, sets=sets, duration=given.duration)
     running = {node.name for node in touch._prepared[0].job.nodes}
-    paths = settings_of(load(name, overrides=sets), name, sets, running)
-    paths = random.Random(given.seed).sample(paths, min(given.settings, len(paths)))
-    found = touch.gradient(paths, quiet=True).isel(lane=0)
-    derivative, error = found[f"{field}.derivative"].values, found[f"{field}.error"].values
-    values = found["value"].values
-    limit, doubt = limits(name, field, sets, given.duration, paths, values)
-    force, worst, idle = float(np.sqrt(np.mean(found[field].values ** 2))), [], 0
-    for k, path in enumerate(paths):
-        size = float(np.sqrt(np.mean(limit[k][np.isfinite(limit[k])] ** 2)))
-        unlike = np.abs(derivative[k] - limit[k]) - doubt[k]
-        settled = np.isfinite(derivative[k])
-        if size < 10.0 * FLOOR * force / abs(values[k]):
-            idle += 1
-            if (unlike[settled] > FLOOR * force / abs(values[k])).any():
-                worst.append((float("inf"), f"{path}, which has no effect"))
-            continue
-        known = settled & (doubt[k] < GOAL * size)
-        worst.append((float(unlike[known].max(initial=0.0)) / size if known.any() else float("nan"), path))
-        if known.any() and (unlike - error[k])[known].max() > GOAL * size:
-            worst[-1] = (worst[-1][0], f"{path}, more than its error")
-    return worst, idle, [str(text) for text in found[f"{field}.reason"].values], field
+    graph = load(name, overrides=sets)
+    paths = settings_of(graph, name, sets, running)
+    random.Random(given.seed).shuffle(paths)
+    outcomes, idle, tried = [], 0, 0
+    while tried < len(paths) and len(outcomes) < given.settings:
+        batch = paths[tried : tried + given.settings]
+        tried += len(batch)
+        derived = touch.gradient(batch, quiet=True).isel(lane=0)
+        known = limits(name, fields, sets, given.duration, [find_parameter(graph, path, running) for path in batch])
+        for k, path in enumerate(batch):
+            scale = find_parameter(graph, path, running).scale
+            each = [compare(derived, known[field], field, k, scale) for field in fields]
+            each = [one for one in each if one is not None]
+            if each and len(outcomes) < given.settings:
+                deviations = [one[0] for one in each if not np.isnan(one[0])]
+                reasons = [one[2] for one in each if one[2]]
+                outcomes.append(
+                    Outcome(path, max(deviations, default=np.nan), float(np.mean([one[1] for one in each])), reasons)
+                )
+            idle += not each
+    return outcomes, tried, idle
+
+
+def compare(derived, known, field: str, k: int, scale: float):
+    """Deviation, share of the times that settle, and reason of one derivative; None: no effect."""
+    derivative, error = derived[f"{field}.derivative"].values[k], derived[f"{field}.error"].values[k]
+    limit, doubt = known[0][k], known[1][k]
+    force = float(np.sqrt(np.mean(derived[field].values ** 2)))
+    size = float(np.sqrt(np.mean(limit[np.isfinite(limit)] ** 2)))
+    settled = np.isfinite(derivative)
+    unlike = np.abs(derivative - limit) - doubt
+    if size < 10.0 * FLOOR * force / scale:
+        wrong = (unlike - error)[settled].max(initial=0.0) > FLOOR * force / scale
+        return (np.inf, settled.mean(), "has an effect") if wrong else None
+    sure = settled & (doubt < GOAL * size)
+    deviation = float(unlike[sure].max(initial=0.0)) / size if sure.any() else np.nan
+    if sure.any() and (unlike - error)[sure].max() > GOAL * size:
+        deviation = max(deviation, 2.0 * GOAL)  # more than the stated error
+    return deviation, float(settled.mean()), str(derived[f"{field}.reason"].values[k])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--settings", type=int, default=30)
     parser.add_argument("--graphs", nargs="+", default=sorted(path.stem for path in GRAPHS.glob("*.yaml")))
-    parser.add_argument("--duration", type=float, default=1.2)
+    parser.add_argument("--duration", type=float, default=1.8)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     warnings.simplefilter("ignore", palpate.PalpateWarning)
-    checked, above = 0, 0
+    compared, above = 0, 0
     for name in given.graphs:
         try:
-            worst, idle, reasons, field = check(name, given)
+            outcomes, tried, idle = check(name, given)
         except PalpateError as error:
             print(f"{name}: left out: {' '.join(str(error).split())[:110]}", flush=True)
             continue
-        known = sorted((each for each in worst if not np.isnan(each[0])), reverse=True)
-        checked, above = checked + len(worst) + idle, above + sum(size > GOAL for size, _ in known)
+        known = sorted((each for each in outcomes if not np.isnan(each.deviation)), key=lambda each: -each.deviation)
+        compared, above = compared + len(known), above + sum(each.deviation > GOAL for each in known)
         kinds = Counter(
-            re.sub(r" \(.*", "", text.partition("settle: ")[2] or text.partition(";")[0]) for text in reasons if text
-        )
-        shown = ", ".join(f"{size:.1e} {path}" for size, path in known[:2])
+            kind for each in outcomes
+            for kind in {re.sub(r" \(.*", "", text.partition("settle: ")[2] or text.partition(";")[0])
+                         for text in each.reasons}
+        )  # fmt: skip
+        shown = ", ".join(f"{each.deviation:.1e} {each.path}" for each in known[:2])
         why = ", ".join(f"{count} {text}" for text, count in kinds.most_common())
+        share = f"{100 * np.mean([each.settled for each in outcomes]):.1f} %" if outcomes else "none"
+        unknown = ", ".join(each.path for each in outcomes if np.isnan(each.deviation))
         print(
-            f"{name}, {field}: {len(reasons)} settings, {idle} without effect, {len(known)} compared; "
-            f"{sum(not r for r in reasons)} settle at all times; worst {shown}; NaN at some times: {why or 'none'}",
+            f"{name}: {tried} candidates, {idle} without effect, {len(outcomes)} with one, {len(known)} compared; "
+            f"{sum(not each.reasons for each in outcomes)} settle at all times, {share} of all times; worst {shown}; "
+            f"not compared {unknown or 'none'}; NaN at some times: {why or 'none'}",
             flush=True,
         )
-    print(f"{checked} settings, {above} with a deviation above {GOAL:g}")
+    print(f"{compared} settings compared, {above} with a deviation above {GOAL:g}")
     sys.exit(1 if above else 0)
 
 

@@ -91,7 +91,7 @@ MAY = {
     "stepping": (*MIDDLE, "launch.run", "records", "bases"),
     "gradients": (*MIDDLE, "launch.run", "bases"),
     "ensemble": (*MIDDLE, "launch.run", "records", "bases", "gradients"),
-    "gym": (*MIDDLE, "launch.run", "records", "stepping"),
+    "gym": (*MIDDLE, "launch.run", "records", "stepping", "gradients"),
     "cli": (*HIGH, "launch", "cli.machine", "studies", "bases", "web"),
     "__init__": (*HIGH, "studies", "calling", "ensemble", "stepping"),
 }

@@ -16,6 +16,7 @@ import sys
 import warnings
 
 import numpy as np
+from scipy.optimize import least_squares
 from source import parser
 
 import palpate
@@ -44,6 +45,21 @@ def by_graph(files, deepest: float, free: list[str], plate: bool):
     )
 
 
+def neo_hooke(presses, deepest: float) -> float:
+    """Young's modulus [Pa] of a neo-Hookean cylinder, with the unknowns of the graph: the zero of each indentation."""
+    parts = [(p.depth[p.depth <= deepest], p.force[p.depth <= deepest]) for p in presses]
+
+    def residuals(x):
+        found = []
+        for (depth, force), zero in zip(parts, x[1:], strict=True):
+            stretch = 1.0 - np.maximum(depth - 1e-3 * zero, 0.0) / HEIGHT
+            law = 1e3 * x[0] * math.pi * RADIUS**2 * (stretch**-2 - stretch) / 3.0
+            found.append((law - force) / np.abs(force).max())
+        return np.concatenate(found)
+
+    return 1e3 * float(least_squares(residuals, [30.0, *[0.05] * len(parts)], x_scale=[10.0, *[0.1] * len(parts)]).x[0])
+
+
 def error(residuals, presses) -> float:
     """RMS of residuals [N], over the peaks."""
     return float(
@@ -70,12 +86,15 @@ def main() -> None:
             slope = 2.0 * RADIUS / (1.0 - 0.25) * punch.estimate.values["young"]  # K of F = K s
             plates = fit_tissue(presses, Rig("cylinder", RADIUS, HEIGHT), "neo_hooke", deepest=deepest)
             young = plates.estimate.intervals["young"]
+            same, end = neo_hooke(presses, deepest), 1.0 - deepest / HEIGHT
+            factor = (end**-2 - end) / 3.0 / (1.0 - end)
             forces = [each.values[0] for each in graph.measured]
             print(
                 f"{silicone}, to {1e3 * deepest:g} mm, E [kPa]: "
                 f"graph {shown(at.value, at.low, at.high, 1e-3 * E_OF_K)}, "
                 f"closed form K s {1e-3 * E_OF_K * slope:.1f}, "
-                f"neo-Hooke between plates {1e-3 * young.value:.1f}; "
+                f"neo-Hooke with the same zero {1e-3 * same:.1f}, {factor:.2f} times {1e-3 * factor * same:.1f}, "
+                f"by fit tissue {shown(young.value, young.low, young.high)}; "
                 f"error of the graph {100 * error(graph.estimate.residuals, forces):.2f} % of the peak",
                 flush=True,
             )

@@ -22,8 +22,8 @@ import gymnasium
 import numpy as np
 
 import palpate.gym  # noqa: F401  registers the environments
+from palpate.gym.hands import SPEED
 from palpate.gym.scripted import score
-from palpate.gym.touch import SPEED
 
 TRAINING_SEED = 1000  # seeds of training episodes begin here
 

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box
 
-from palpate.gym.touch import SPEED, Changes, Touch
+from palpate.gym.hands import SPEED, Changes
+from palpate.gym.touch import Touch
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.errors import ArgumentError
 from palpate.stepping import Tick

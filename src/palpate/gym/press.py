@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.gym.touch import Changes, Touch
+from palpate.gym.hands import Changes
+from palpate.gym.touch import Touch
 from palpate.messages import Surface
 from palpate.physics.errors import ArgumentError
 from palpate.stepping import Tick

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 
 from palpate.gym.find_nodule import FIELD
-from palpate.gym.touch import SPEED
+from palpate.gym.hands import SPEED
 
 Observation = Mapping[str, np.ndarray]
 Policy = Callable[[Observation], np.ndarray]

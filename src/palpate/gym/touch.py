@@ -2,46 +2,27 @@
 
 import functools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, NoReturn, Self
+from typing import Any, ClassVar, NoReturn, Self
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 
-from palpate.engine.graph import Graph
-from palpate.engine.plan import Plan
+from palpate.gym.gradients import TOLERANCE, GradientLanes, parameters_of
+from palpate.gym.hands import BOUNDS, ROOM, SPEED, Changes, Hand, hand_of, simulated_hands, within
 from palpate.gym.side_view import side_view
 from palpate.launch.load.arguments import Organ, describe_run
+from palpate.launch.load.checks.ideal import OPTION
 from palpate.launch.load.files import Override
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.notes import RunNote, first_of_each_kind, warn
-from palpate.messages import Contact, Force, Friction, Pose, Surface
-from palpate.nodes.device import Simulated
+from palpate.messages import Contact, Friction, Pose, Surface
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
 from palpate.stepping import Stepper, Tick
-
-SPEED = 0.25
-"""[m/s] at most of the hand's goal along each axis."""
-ROOM = ((-0.03, -0.03, -0.025), (0.03, 0.03, 0.005))
-"""[m] (2,3) Lower and upper corner of the box of the goal, relative to the start of the hand."""
-BOUNDS = {"position": 0.2, "velocity": 5.0, "force": 50.0}
-"""Limit of each part of the observation [m], [m/s], [N] along each axis; larger values are clipped."""
-
-Changes = dict[str, dict[str, Any]]
-"""Settings by node and name."""
-
-
-class Hand(NamedTuple):
-    """One hand: its device and the input streams of its controller; `friction`: None without one."""
-
-    device: str
-    pose: str
-    contact: str
-    friction: str | None
 
 
 class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
@@ -53,6 +34,9 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     scene     replaces the scene of the graph
     nodes     replaced node classes, as for `palpate.run`: {"tissue": "deformation.ReducedFE"}
     render_mode  "rgb_array": `render` returns a picture from the side; None: no pictures
+    ideal     an ideal hand: no counts of an encoder and no jitter, as by `hand: {ideal: true}` in the scene
+    gradient  settings of nodes, such as "tissue.stiffness": `info["gradient"]` has the derivatives of `force` by them
+    tolerance  largest error of a derivative over its RMS; NaN replaces one with a larger error
 
     action       velocity of the hand's goal [m/s] (3), world frame
     observation  position [m] and velocity [m/s] (3) of the fingertip's bone edge, force [N] (3) of the tissue on the
@@ -87,6 +71,9 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         nodes: Mapping[str, str | Mapping[str, Any]] | None = None,
         render_mode: str | None = None,
         organ: Organ = None,
+        ideal: bool = False,
+        gradient: Sequence[str] = (),
+        tolerance: float = TOLERANCE,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ArgumentError(f"render_mode: found {render_mode!r}, expected 'rgb_array' or None")
@@ -95,15 +82,16 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ArgumentError(f"ticks: found {ticks!r}, expected a whole number from 1 to 1000000")
         if not 0.0 < duration < math.inf:
             raise ArgumentError(f"duration: found {duration!r}, expected a time [s] above 0")
-        launch = describe_run(graph, scene=scene, duration=None, sets=(), nodes=nodes or {}, organ=organ)
-        devices = _simulated_hands(launch.load())
+        sets = [OPTION.removeprefix("--set ")] if ideal else []
+        launch = describe_run(graph, scene=scene, duration=None, sets=sets, nodes=nodes or {}, organ=organ)
+        devices = simulated_hands(launch.load())
         launch = replace(launch, overrides=tuple(map(_without_path, launch.overrides)))
         self.stepper = Stepper(launch.but(overrides=[f"{name}.use=device.Steered" for name in devices]))
         replaced = tuple(
             f"{name} ({Steered.__name__})" for name in devices
         )  # the path of the hand, which actions replace
         self.stepper.graph_notes = [note for note in self.stepper.graph_notes if not note.startswith(replaced)]
-        self.hands = [_hand(self.stepper.plan, name) for name in devices]
+        self.hands = [hand_of(self.stepper.plan, name) for name in devices]
         self.ticks, self.duration = ticks, duration
         self.step_time = ticks / self.stepper.rate
         """[s] Duration of one step of the environment."""
@@ -118,6 +106,12 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.notes: list[RunNote] = []
         """What nodes report about the validity of their results, the first note of each kind; each is also a
         PalpateWarning. Collected at the end of an episode, at `reset` and at `close`."""
+        self.gradient = tuple(each.path for each in parameters_of(self.stepper.plan, gradient))
+        """The settings of `info["gradient"]`."""
+        if not 0.0 < tolerance < 1.0:
+            raise ArgumentError(f"tolerance: found {tolerance!r}, expected a number from 0 to 1")
+        self.tolerance = tolerance
+        self._lanes: GradientLanes | None = None
         parts: dict[str, Space[Any]] = {name: Box(-most, most, self.shape, np.float32) for name, most in BOUNDS.items()}
         parts |= {name: Box(0.0, BOUNDS["force"], (1,), np.float32) for name in self.wanted}
         self.observation_space: Space[Any] = Dict(parts)
@@ -180,7 +174,14 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             low, high = (np.add(held.begin, corner).tolist() for corner in ROOM)
             held.keep_within(low, high)
         self.tick = self.stepper.tick()
-        return self._observe_tick(self.tick), {"time": self.tick.time}
+        info: dict[str, Any] = {"time": self.tick.time}
+        if self.gradient:
+            self._lanes = self._lanes or GradientLanes(
+                self.stepper, self.hands, self.shape, self.gradient, 1, self.tolerance
+            )
+            self._lanes.begin(0, changes)
+            info |= self._lanes.info()
+        return self._observe_tick(self.tick), info
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Run `ticks` ticks with this action. ArgumentError: no reset before, a wrong shape, or a NaN."""
@@ -189,7 +190,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         action = np.asarray(action, float)
         if action.shape != self.action_space.shape or not np.isfinite(action).all():
             raise ArgumentError(f"action: found {action.tolist()}, expected {self.action_space.shape} finite numbers")
-        speeds = _within(action.ravel().tolist(), SPEED)
+        speeds = within(action.ravel().tolist(), SPEED)
         for number, node in enumerate(self._steered):
             node.steer(speeds[3 * number : 3 * number + 3])
         stepper = self.stepper
@@ -198,6 +199,10 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         tick = self.tick
         reward, over, info = self.judge(tick, action)
         info["time"] = tick.time
+        if self._lanes is not None:
+            self._lanes.step(speeds, self.ticks)
+            self._lanes.collect([0])
+            info |= self._lanes.info()
         late = not over and tick.time >= self.duration
         if over or late:
             self._warn()
@@ -229,6 +234,9 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self._warn()
             self._started, self.tick = False, None
             self.stepper.stop()
+        if self._lanes is not None:
+            self._lanes.close()
+            self._lanes = None
 
     def _warn(self) -> None:
         """Keep the new notes whose kind is new, and warn about them."""
@@ -248,7 +256,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def _observe_tick(self, tick: Tick) -> dict[str, np.ndarray]:
         felt = [self._finger_state(tick, hand) for hand in self.hands]
         parts = {
-            name: np.array([_within(values[place], most) for values in felt], np.float32).reshape(self.shape)
+            name: np.array([within(values[place], most) for values in felt], np.float32).reshape(self.shape)
             for place, (name, most) in enumerate(BOUNDS.items())
         }
         return parts | {name: np.array([value], np.float32) for name, value in self.targets().items()}
@@ -270,39 +278,3 @@ def _without_path(override: str | Override) -> str | Override:
         return override
     begin = {key: value for key, value in override.value.data.items() if key != "path"}
     return replace(override, value=YamlSource(begin, {(): override.place}))
-
-
-def _simulated_hands(graph: Graph) -> list[str]:
-    """Names of the nodes that are simulated hands. ArgumentError: the graph has none."""
-    names = [name for name, spec in graph.nodes.items() if issubclass(spec.cls, Simulated)]
-    if not names:
-        sources = ", ".join(f"{name} ({spec.use})" for name, spec in graph.nodes.items() if spec.cls.paced)
-        raise ArgumentError(
-            f"{graph.path.stem}: no simulated hand to steer; sources: found {sources or 'none'}, expected "
-            "device.Simulated. Try kidney, nodule, organs or pinch"
-        )
-    return names
-
-
-def _hand(plan: Plan, device: str) -> Hand:
-    """The hand of a device: the inputs of the controller that commands its force. ArgumentError: without one."""
-    queue = [edge.producer for edge in plan.edges[device]]
-    for name in queue:
-        if Force in plan.graph.nodes[name].streams.values():
-            inputs = {edge.stream: plan.graph.streams[edge.stream] for edge in plan.edges[name]}
-            pose, contact, friction = (
-                next((stream for stream, sent in inputs.items() if issubclass(sent, kind)), None)
-                for kind in (Pose, Contact, Friction)
-            )
-            if pose and contact:
-                return Hand(device, pose, contact, friction)
-            break
-        queue += [edge.producer for edge in plan.edges[name] if edge.producer not in queue]
-    raise ArgumentError(
-        f"{plan.graph.path.stem}: {device!r} receives no force; expected a controller with a Contact and a Pose as "
-        "inputs, such as controller.Haptic in the graph kidney"
-    )
-
-
-def _within(numbers: Iterable[float], most: float) -> list[float]:
-    return [min(max(number, -most), most) for number in numbers]

@@ -5,28 +5,25 @@ envs = gymnasium.make_vec("palpate/Press-v0", num_envs=256, vectorization_mode="
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
-import msgspec
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from palpate.compiler.cores import usable_cores
-from palpate.engine.lanes import NodeImage, Pool
-from palpate.engine.segment import record_of
+from palpate.engine.lanes import Lanes
 from palpate.gym.find_nodule import FindNodule
+from palpate.gym.gradients import GradientLanes
+from palpate.gym.hands import BOUNDS, SPEED
+from palpate.gym.lanes import TaskLanes
 from palpate.gym.press import Press
-from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
+from palpate.gym.touch import Touch
 from palpate.launch.run.lane_threads import FIRST, LaneThreads, Work, adapt_block
-from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled, columns_of
-from palpate.launch.run.notes import RunNote, first_of_each_kind, warn
-from palpate.messages.record import reader
-from palpate.nodes.device.steered import Steered
-from palpate.physics.errors import ArgumentError, RunError
-from palpate.stepping import Tick, convert_settings
+from palpate.launch.run.notes import first_of_each_kind, warn
+from palpate.physics.errors import ArgumentError
+from palpate.stepping import Tick
 
 CHUNKS = 4  # groups of lanes per thread
 
@@ -64,21 +61,11 @@ class VectorTouch(VectorEnv):
         self.num_envs, first = num_envs, task(**given)
         self.tasks = [first, *(_alike(first) for _ in range(num_envs - 1))]
         """The environments, whose nodes do not run."""
-        plan, job = first.stepper.plan, first.stepper.job
-        check_compiled(plan)
-        self._hands, self._ticks = first.hands, first.ticks
-        keep = [(hand.pose, name) for hand in self._hands for name in ("position", "velocity")]
-        for hand in self._hands:
-            keep += [(hand.contact, name) for name in ("force", "normal", "lateral_force")]
-            keep += [(hand.friction, "force")] if hand.friction is not None else []
-        columns = columns_of(prepared := Prepared(plan.graph, job), keep, num_envs, 1)
-        self._runs = LaneRun(prepared, keep, columns, count=num_envs)
-        self._lanes = self._runs.lanes
-        self._columns = dict(zip(keep, (column[:, 0] for column in columns), strict=True))
-        self._jobs, self._slots = job.nodes, self._runs.segment.slots
-        self._base = [self._runs.image(place, node) for place, node in enumerate(job.nodes)]
-        self._devices = [place for place, slot in enumerate(self._slots) if isinstance(slot.node, Steered)]
-        self._goals: list[list[np.ndarray]] = [[]] * num_envs
+        self._all = TaskLanes(first.stepper, first.hands, first.shape, num_envs)
+        self._lanes, self._ticks, self._gradient = self._all.lanes, first.ticks, None
+        if first.gradient:
+            given_to = first.stepper, first.hands, first.shape, first.gradient
+            self._gradient = GradientLanes(*given_to, num_envs, first.tolerance)
         self._views: list[Any] = [None] * num_envs
         self._over: np.ndarray | None = None
         count = min(num_envs, CHUNKS * (threads or len(usable_cores())))
@@ -114,7 +101,8 @@ class VectorTouch(VectorEnv):
         for lane in np.flatnonzero(mask).tolist():
             self._begin(lane, seeds[lane], settings)
         self._over = np.zeros(self.num_envs, bool) if over is None else over & ~mask
-        return self._observe_all(), {"time": self._times(), "_time": mask}
+        infos = {"time": self._times(), "_time": mask}
+        return self._observe_all(), infos | (self._gradient.infos(mask) if self._gradient else {})
 
     def _open(self, call: str) -> None:
         """ArgumentError: the environments are closed."""
@@ -149,9 +137,8 @@ class VectorTouch(VectorEnv):
             )
         speeds = np.clip(actions.reshape(self.num_envs, -1), -SPEED, SPEED)
         restarted = self._over
-        for goals, speed in zip(self._goals, speeds, strict=True):
-            for number, velocity in enumerate(goals):
-                velocity[:] = speed[3 * number : 3 * number + 3]
+        for number, speed in enumerate(speeds):
+            self._all.steer(number, speed)
         before = self._lanes.ticks.copy()
         self._over = None  # until all lanes have run
         if restarted.any():
@@ -160,18 +147,22 @@ class VectorTouch(VectorEnv):
             parts = [(int(lane), 1) for lane in np.flatnonzero(~restarted)]
         else:
             parts = [(int(chunk[0]), len(chunk)) for chunk in self._chunks]
-        self._threads.run([self._work(*part) for part in parts])
-        self._check(np.flatnonzero(~restarted & (self._lanes.ticks != before + self._ticks)))
+        works = [self._work(self._lanes, *part) for part in parts]
+        if self._gradient:
+            spans = self._gradient.steer({int(lane): speeds[lane] for lane in np.flatnonzero(~restarted)})
+            works += [self._work(self._gradient.lanes, *span) for span in spans]
+        self._threads.run(works)
+        self._all.check(np.flatnonzero(~restarted & (self._lanes.ticks != before + self._ticks)))
         return self._judge_step(actions, restarted)
 
-    def _work(self, first: int, count: int) -> Work:
-        """A step of `count` environments from `first` on, in calls of about `lane_threads.BLOCK` at most."""
+    def _work(self, lanes: Lanes, first: int, count: int) -> Work:
+        """A step of `count` lanes from `first` on, in calls of about `lane_threads.BLOCK` at most."""
 
         def work(stopped: Callable[[], bool]) -> None:
             now, block = 0, self._block
             while now < self._ticks and not stopped():
                 ticks, begun = min(block, self._ticks - now), time.perf_counter()
-                self._lanes.run(first, count, ticks)
+                lanes.run(first, count, ticks)
                 now, block = now + ticks, adapt_block(block, time.perf_counter() - begun)
             self._block = min(block, self._ticks)
 
@@ -182,7 +173,9 @@ class VectorTouch(VectorEnv):
         for lane in range(self.num_envs):
             self._note(lane)
         self._threads.close()
-        self._runs.close()
+        self._all.close()
+        if self._gradient:
+            self._gradient.close()
 
     # -- lanes -------------------------------------------------------------------------------------------------------
 
@@ -191,28 +184,16 @@ class VectorTouch(VectorEnv):
         self._note(lane)
         self._steps[lane] = 0
         task = self.tasks[lane]
-        changes, images, pool = task.begin(seed, options), list(self._base), Pool()
-        there: Changes = {}
-        unknown = set(changes) - {slot.name for slot in self._slots}
+        changes = task.begin(seed, options)
+        unknown = set(changes) - {slot.name for slot in self._all.slots}
         if unknown:
             task.stepper.node(min(unknown))  # raises an error that lists the nodes
-        for place, (slot, job) in enumerate(zip(self._slots, self._jobs, strict=True)):
-            there[slot.name] = job.settings
-            if slot.name in changes:
-                there[slot.name] = job.settings | convert_settings(slot, changes[slot.name])
-                images[place] = NodeImage(msgspec.structs.replace(job, settings=there[slot.name]), slot.counts, pool)
-        self._lanes.place(lane, images)
-        nodes: dict[str, Any] = {slot.name: slot.node for slot in self._slots}
+        there = self._all.begin(lane, changes)
+        nodes: dict[str, Any] = {slot.name: slot.node for slot in self._all.slots}
         task.setting = lambda node, name: there[node].get(name, getattr(nodes[node], name))  # type: ignore[method-assign]
-        goals = []
-        for place in self._devices:
-            name, record = self._slots[place].name, self._lanes.own(lane, place)[0]
-            begin, origin = task.setting(name, "begin"), task.setting(name, "origin")
-            record["low"], record["high"] = (np.subtract(np.add(begin, corner).tolist(), origin) for corner in ROOM)
-            goals.append(record["velocity"])
-        self._goals[lane], self._views[lane] = goals, self._view(lane)
-        self._lanes.run(lane, 1, 1)
-        self._check([lane] if self._lanes.ticks[lane] != 1 else [])
+        self._views[lane] = self._all.view(lane)
+        if self._gradient:
+            self._gradient.begin(lane, changes)
 
     def _note(self, lane: int) -> None:
         """Keep the new notes of an environment whose kind is new, and warn about them."""
@@ -220,25 +201,10 @@ class VectorTouch(VectorEnv):
             return
         known = {note.kind for note in self.notes}
         time = float(self._times()[lane])
-        found = [RunNote(text, node, time, lane) for node, text in self._lanes.notes(lane)]
+        found = self._all.notes(lane, time)
         new = [note for note in first_of_each_kind(found) if note.kind not in known]
         self.notes += new
         warn(new, level=5, what="environment")
-
-    def _view(self, lane: int) -> Any:
-        """The attributes of a worker that a `Tick` of a lane reads."""
-        outputs = {}
-        for slot in self._slots:
-            for output in slot.outputs:
-                memory = self._lanes.record(lane, record_of(output)).view(np.uint8).data
-                outputs[output.stream] = _Last(reader(output.kind), memory)
-        return SimpleNamespace(job=self.tasks[0].stepper.job, outputs=outputs, slots=[])
-
-    def _check(self, lanes: Sequence[int] | np.ndarray) -> None:
-        """Raise RunError with the failure of the first of these lanes."""
-        for lane in lanes:
-            error = self._lanes.failure(int(lane))
-            raise RunError(f"environment {lane}: {error}") from error
 
     # -- observation -------------------------------------------------------------------------------------------------
 
@@ -261,6 +227,9 @@ class VectorTouch(VectorEnv):
                     infos[key] = np.zeros(count, type(value) if isinstance(value, bool | int | float) else object)
                     infos[f"_{key}"] = np.zeros(count, bool)
                 infos[key][lane], infos[f"_{key}"][lane] = value, True
+        if self._gradient:
+            self._gradient.collect(np.flatnonzero(~restarted).tolist())
+            infos |= self._gradient.infos(~restarted)
         self._steps += ~restarted
         late = ~over & ~restarted & (times >= self.tasks[0].duration)
         if self._most is not None:  # as gymnasium's TimeLimit, also at the end of an episode
@@ -269,35 +238,12 @@ class VectorTouch(VectorEnv):
         return self._observe_all(), rewards, over, late, infos
 
     def _observe_all(self) -> dict[str, np.ndarray]:
-        found: dict[str, list[np.ndarray]] = {"position": [], "velocity": [], "force": []}
-        for hand in self._hands:
-            found["position"].append(self._columns[hand.pose, "position"])
-            found["velocity"].append(self._columns[hand.pose, "velocity"])
-            f, n, a = (self._columns[hand.contact, name] for name in ("force", "normal", "lateral_force"))
-            friction = 0.0 if hand.friction is None else self._columns[hand.friction, "force"]
-            found["force"].append(f[:, None] * n - friction + a)
         parts = {
-            name: np.clip(np.stack(rows, axis=1), -BOUNDS[name], BOUNDS[name])
-            .astype(np.float32)
-            .reshape(self.num_envs, *self.tasks[0].shape)
-            for name, rows in found.items()
+            name: np.clip(rows, -BOUNDS[name], BOUNDS[name]).astype(np.float32)
+            for name, rows in self._all.observe().items()
         }
         wanted = [task.targets() for task in self.tasks] if self.tasks[0].wanted else []
         return parts | {name: np.array([[one[name]] for one in wanted], np.float32) for name in self.tasks[0].wanted}
-
-
-class _Last:
-    """The last message of a stream in a lane."""
-
-    __slots__ = ("_memory", "_read")
-
-    def __init__(self, read: Callable[[Any], Any], memory: memoryview) -> None:
-        self._read, self._memory = read, memory
-
-    @property
-    def last(self) -> Any:
-        """The message; None before the first one."""
-        return self._read(self._memory) if self._memory[0] else None
 
 
 def _alike(task: Touch) -> Touch:
