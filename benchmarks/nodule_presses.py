@@ -12,7 +12,7 @@ information  after 5 presses, each next press is at the one of 5 places around t
              sum of the variances of log depth and log modulus most: A-optimal, from the Fisher matrix at the estimate
 scripted     the scan of `palpate.gym.scripted.Search` as a grid of presses, then presses at the centre of the largest
              forces, as it does
-trained      the same along the zigzag of the policy of docs/examples/trained, with its width, spacing and sharpness
+trained      the same along the zigzag of the policy of docs/examples/trained: as far from each other as possible on it
 
 Prints for each the errors, and how often the true value is inside the interval of 95 %. Takes minutes.
 """
@@ -182,9 +182,14 @@ def scripted(touch: Presses, count: int) -> None:
 def trained(touch: Presses, count: int) -> None:
     theta = json.loads(TRAINED.read_text())[0]["theta"]
     width, spacing, sharpness = (GUESS[name] * np.exp(theta[PLACES[name]]) for name in GUESS)
-    path = np.linspace(0.0, 1.0, max(count - 3, 1)) * 2.0 * width / spacing  # in lines of the zigzag
+    path = np.linspace(0.0, 2.0 * width / spacing, 1000)  # in lines of the zigzag
     corner = (2.0 * np.abs(path % 2.0 - 1.0) - 1.0) * width
-    touch.press(np.column_stack([corner, path * spacing - width]))
+    scanned = np.column_stack([corner, path * spacing - width])
+    chosen = [0]
+    while len(chosen) < count - 2:  # places of the scan that are as far from each other as possible
+        away = np.linalg.norm(scanned[:, None] - scanned[chosen], axis=2).min(axis=1)
+        chosen.append(int(np.argmax(away)))
+    touch.press(scanned[chosen])
     while len(touch.forces) < count:
         touch.press(touch.centre(sharpness)[None])
 
@@ -215,7 +220,7 @@ def draw(file: Path, shown: dict[str, Presses], rows: dict[str, np.ndarray]) -> 
             panel.plot(true, found, mark, markersize=4, label=name, alpha=0.8)
         ends = factor * np.exp(MEAN[place] + 2.2 * SPREAD[place] * np.array([-1, 1]))
         panel.plot(ends, ends, "k-", linewidth=0.8)
-        panel.set(title=f"{what}", xlabel="true", ylabel="estimated", xscale="log", yscale="log")
+        panel.set(title=f"{what}", xlabel="true", ylabel="estimated")
         panel.legend(fontsize=7)
     figure.savefig(file, dpi=110)
 
