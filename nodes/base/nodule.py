@@ -5,10 +5,17 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from palpate.compiler.exact import einsum
 from palpate.messages import Vector3
 from palpate.nodes.base.area import WithArea
 from palpate.nodes.base.effect import Switch
-from palpate.physics.materials.nodule import nodule_centre, stiffness_map
+from palpate.nodes.base.node import SettingError
+from palpate.nodes.base.surface import rotation_matrix
+from palpate.physics.archive import ArchiveError
+from palpate.physics.materials.nodule import column_map, nodule_centre, stiffness_map
+from palpate.physics.segmentation.region import Region, read_region
+
+LAYER = 0.5  # [1] Thickness of a layer of a column over the shortest side of a voxel
 
 
 class WithNodule(WithArea):
@@ -23,15 +30,30 @@ class WithNodule(WithArea):
     """Modulus of the nodule over that of the tissue; below 1 for a cyst."""
     nodule_reach: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 6.0e-3
     """Radius over which the fingertip spreads its load; for bodies that are defined only by their surface."""
+    nodule_shape: Annotated[str, "1"] = ""
+    """File of the voxels of a label, in the frame of the surface, which replace the sphere: `--label liver+vessel`."""
 
     def hardness(self) -> np.ndarray:
         """Factor [1] (V) on the stiffness of each surface vertex; 1 everywhere without a nodule."""
         mesh = self.mesh()
         if self.nodule_radius == 0.0:
             return np.ones(len(mesh.vertices))
+        if self.nodule_shape:
+            region, turn, origin = self.region(), rotation_matrix(self.rotation), np.asarray(self.position, float)
+            inside = lambda points: region.contains(einsum("vk,kj->vj", points - origin, turn))  # noqa: E731
+            return column_map(
+                mesh.vertices, mesh.normals, inside, self.nodule_ratio, self.nodule_reach, LAYER * region.spacing
+            )
         return stiffness_map(
             mesh.vertices, mesh.normals, self.centre(), self.nodule_radius, self.nodule_ratio, self.nodule_reach
         )
+
+    def region(self) -> Region:
+        """The voxels of `nodule_shape`. SettingError: the file cannot be read."""
+        try:
+            return read_region(self.nodule_shape)
+        except ArchiveError as error:
+            raise SettingError(f"setting 'nodule_shape': {error}") from None
 
     def centre(self) -> np.ndarray:
         """Centre of the nodule [m] (3), in the world frame."""

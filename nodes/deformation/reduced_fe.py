@@ -42,7 +42,8 @@ BUILT_FROM = (
 """Settings that the basis depends on."""
 LAYERED = ("poisson", "bed", "coarse", "capsule_thickness", "nodule_radius")
 """Settings of a homogeneous organ, which the stored layers of the fingertip replace."""
-NODULE = ("vertices", "position", "rotation", "nodule_position", "nodule_depth", "nodule_radius", "nodule_ratio")
+NODULE = ("vertices", "position", "rotation", "nodule_position", "nodule_depth", "nodule_radius", "nodule_ratio",
+          "nodule_shape")  # fmt: skip
 """Settings that define a nodule."""
 GRID = 1e-6
 """[m] Rounding of a nodule's position, since equal positions in the world differ by rounding in the surface's frame."""
@@ -247,6 +248,8 @@ class ReducedFE(MeshBody):
         vertices = self.coarse_mesh().vertices
         if self.capsule_thickness > 0:
             return np.zeros(len(vertices))
+        if self.nodule_shape:
+            return self.region().border_distance(vertices)
         away = np.linalg.norm(vertices - self.nodule_centre(), axis=1)
         return np.abs(away - self.nodule_radius)
 
@@ -324,7 +327,9 @@ class ReducedFE(MeshBody):
                 inputs["coarse"] = reduced
             if self.surface not in SURFACES:
                 inputs["walls"] = self.near_walls()
-            if self.nodule_radius > 0:
+            if self.nodule_radius > 0 and self.nodule_shape:
+                inputs |= {"nodule": [basis_store.start_key(*self.region()), self.nodule_ratio]}
+            elif self.nodule_radius > 0:
                 inputs |= {"nodule": [*self.nodule_centre(), self.nodule_radius, self.nodule_ratio]}
             if self.capsule_thickness > 0:
                 inputs |= {"capsule": [self.capsule_thickness, self.capsule_ratio]}

@@ -119,6 +119,12 @@ def organ(path):
     return surface_mesh(str(path), 0)
 
 
+def region(path):
+    from palpate.physics.segmentation.region import read_region
+
+    return read_region(str(path))
+
+
 def tetrahedra(path):
     from palpate.models.fe.element.files import read_mesh
 
@@ -312,6 +318,7 @@ READERS = {
     "basis": Reader(basis, (f"{PHYSICS}/archive.py", f"{PHYSICS}/bodies/condensed_basis.py"), ("a.npz",)),
     "sampled basis": Reader(sampled, (f"{PHYSICS}/archive.py", f"{PHYSICS}/bodies/sampled_body.py"), ("a.npz",)),
     "fingertip": Reader(fingertip, (f"{PHYSICS}/archive.py",), ("a.npz",)),
+    "region": Reader(region, (f"{PHYSICS}/archive.py",), ("a.npz",)),
     "sessions": Reader(sessions, (f"{PHYSICS}/table_text.py", f"{PHYSICS}/table_books.py"), ("a.csv", "a.xlsx",
                                                                                              "a.mat")),
     "motion": Reader(motion, (f"{PHYSICS}/table_text.py",), ("a.csv",)),
@@ -744,7 +751,7 @@ INDICES = {
 NO_INDICES = {
     "texture", "relief", "law", "graph", "named by a setting", "key", "firmware", "recorded presses", "AFM", "scan",
     "segmentation",
-    "afferents", "archive", "fingertip", "sessions", "motion", "pressing", "experiment", "participants",
+    "afferents", "archive", "fingertip", "region", "sessions", "motion", "pressing", "experiment", "participants",
 }  # fmt: skip
 """Readers whose numbers are quantities. A recording: bodies check the vertices of each load (`nodes/base/contacts.py`),
 pictures those of each surface; `tests/nodes/test_beyond_the_law.py`. A study: slots, `Store.curves`."""

@@ -14,6 +14,7 @@ import pytest
 
 from palpate.physics.archive import replace_text, replacing
 from palpate.physics.geometry.mesh import Mesh, write_ply
+from palpate.physics.segmentation.region import Region
 from palpate.views.pictures.style import figure, save
 
 ROOT = Path(__file__).parents[2]
@@ -105,11 +106,17 @@ def mesh(path):
     write_ply(path, Mesh(corners, np.arange(60, dtype=np.int32).reshape(20, 3)))
 
 
+def region(path):
+    voxels = np.random.default_rng(1).random((16, 16, 16)) < 0.5
+    Region(voxels, np.eye(3, 4)).save(path)
+
+
 WRITTEN = {
     "picture.png": lambda path: save(figure(3.0, 2.0, "A picture"), path),
     "picture.svg": lambda path: save(figure(3.0, 2.0, "A picture"), path),
     "table.csv": lambda path: replace_text(path, "a,b\n" * 1000),
     "mesh.ply": mesh,
+    "region.npz": region,
 }
 
 

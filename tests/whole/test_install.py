@@ -37,6 +37,7 @@ PURPOSE = {
     "devices": ["palpate run falcon --duration 0.1", "palpate run cartesian --duration 0.1"],
     "page": ["/usr/bin/timeout -s INT 8 palpate view touch.mcap --no-open"],
     "gym": [f"python -c {shlex.quote(GYM)}"],
+    "learn": [f"python {shlex.quote(str(ROOT / 'docs' / 'examples' / 'find_nodule.py'))} --help"],
     "view": [
         "palpate picture touch.mcap contact.force",
         "palpate picture touch.mcap --at 0.35",

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Nodule(NamedTuple):
-    """A sphere in an organ, the label of the organ, and the file."""
+    """A sphere or region in an organ, the label of the organ, and the file."""
 
     sphere: Inclusion
     organ: str
@@ -34,16 +34,19 @@ class Nodule(NamedTuple):
         normal = mesh.normals[nearest]
         depth = float((mesh.vertices[nearest] - centre) @ normal)
         what = f"{self.file}: the label {self.sphere.name} in {self.organ}"
-        if depth <= 0.0:
+        if depth <= 0.0 and not self.sphere.shape:
             raise MeshError(
                 f"{what}: its centre is {-1e3 * depth:.3g} mm outside of the organ's surface, expected inside"
             )
         found = {
             "nodule_position": (centre + depth * normal).tolist(),
-            "nodule_depth": depth,
+            "nodule_depth": max(depth, 0.0),
             "nodule_radius": self.sphere.radius,
         }
         size = f"a nodule of radius {1e3 * self.sphere.radius:.3g} mm, {1e3 * depth:.3g} mm deep"
+        if self.sphere.shape:
+            found["nodule_shape"] = self.sphere.shape
+            size = f"a region of {4e6 / 3 * np.pi * self.sphere.radius**3:.3g} cm³ in its largest part"
         ratio = ratio_of(self.sphere.name, self.organ)
         if ratio is None:
             hard = "its modulus is not known; set nodule_ratio of the body"

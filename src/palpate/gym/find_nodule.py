@@ -10,6 +10,7 @@ from palpate.gym.hands import SPEED, Changes
 from palpate.gym.touch import Touch
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.errors import ArgumentError
+from palpate.physics.geometry.mesh import Mesh, heights, summit
 from palpate.stepping import Tick
 
 FIELD = 0.012
@@ -33,8 +34,8 @@ class FindNodule(Touch):
     with q = exp(-(d/a)^2), the distance d from the contact's foot point to the point of the surface above the nodule,
     and the nodule's radius a. An answer far from the nodule costs the time that it saves, so that its return is -1 at
     any time, and ending early is not better than a search. A gentle episode has the return q (2 - t/D) - 1. The
-    position of the nodule is uniform in a square of 24 mm in each episode. `info` has `distance` d [m] in the last
-    step. Arguments are those of `Touch`; the graph must have a body that supports a nodule.
+    position of the nodule is uniform in a square of 24 mm in each episode, with `organ` around its top. `info` has
+    `distance` d [m] in the last step. Arguments are those of `Touch`; the graph has a body that supports a nodule.
     """
 
     def __init__(self, graph: str = "nodule", duration: float = 15.0, **given: Any) -> None:
@@ -53,15 +54,25 @@ class FindNodule(Touch):
             raise ArgumentError(f"{graph}: setting nodule_radius of {self.body!r}: found 0 m, expected more than 0")
         self._held = 0  # steps in a row with "here"
         self._middle, self._height = node.position, node.nodule_position[2]
+        self._organ: Mesh | None = None
+        self._hover = self._begins[0][2]
+        if given.get("organ") is not None:  # the hand hovers above the organ's top as it begins above the organ
+            self._organ, begin = node.mesh(), np.array(self._begins[0])
+            above = self._hover - float(heights(self._organ, begin[None, :2])[0])
+            x, y, self._height = summit(self._organ, FIELD).tolist()
+            self._middle, self._hover = (x, y, self._height), self._height + above
         low, high = [-SPEED] * 3 + [0.0], [SPEED] * 3 + [1.0]
         self.action_space = Box(np.array(low, np.float32), np.array(high, np.float32))
 
     def draw_settings(self) -> Changes:
         x, y = self.np_random.uniform(-FIELD, FIELD, 2).tolist()
-        begin, self._held = self._begins[0], 0
+        place, self._held = (self._middle[0] + x, self._middle[1] + y, self._height), 0
+        if self._organ is not None:
+            height = float(heights(self._organ, np.array([place[:2]]))[0])
+            place = (*place[:2], self._height if math.isnan(height) else height)
         return {
-            self.body: {"nodule_position": (self._middle[0] + x, self._middle[1] + y, self._height)},
-            self.hands[0].device: {"begin": (self._middle[0], self._middle[1], begin[2])},
+            self.body: {"nodule_position": place},
+            self.hands[0].device: {"begin": (self._middle[0], self._middle[1], self._hover)},
         }
 
     def judge(self, tick: Tick, action: np.ndarray) -> tuple[float, bool, dict[str, Any]]:

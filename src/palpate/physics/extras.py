@@ -10,6 +10,12 @@ EXTRAS = {
     "devices": {"pyusb": "usb", "hidapi": "hid", "websockets": "websockets"},
     "page": {"websockets": "websockets"},
     "gym": {"gymnasium": "gymnasium"},
+    "learn": {
+        "scikit-learn": "sklearn",
+        "scikit-image": "skimage",
+        "nibabel": "nibabel",
+        "gymnasium": "gymnasium",
+    },
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
     "scan": {
         "scikit-image": "skimage",

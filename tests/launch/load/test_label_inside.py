@@ -142,26 +142,57 @@ def test_a_list_of_organs_takes_nodules_and_tissues_of_labels(named):
     )
 
 
-def test_what_a_sphere_leaves_out_is_noted(folder):
+def test_a_label_that_is_no_sphere_keeps_its_voxels(folder):
+    """Two balls, then a long one: the body is stiffer above all of their voxels, and nowhere else."""
     voxels, affine = voxels_of()
+    points = np.moveaxis(np.indices(voxels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3] - MIDDLE
     tumour = np.argwhere(voxels == 2)
     far = tumour - [12, 0, 0]
     voxels[tuple(far[: len(far) // 2].T)] = 2
     write_nifti(folder / "seg.nii.gz", voxels, affine)
     _, nodule = organ_of({"file": "seg.nii.gz", "label": "1+2"}).labelled()
-    assert nodule.sphere.notes[0].startswith("2 separate parts, of which the largest, 67%, is the nodule")
+    assert nodule.sphere.notes[0].startswith("2 separate parts, the largest 67%: each keeps its voxels")
     mesh = organ_mesh("seg.nii.gz")
     found, (text, *_) = nodule.settings(mesh, np.eye(3), np.zeros(3))
     assert "its modulus is not known; set nodule_ratio of the body" in text and "nodule_ratio" not in found
-    with pytest.raises(MeshError, match="mm outside of the organ's surface, expected inside"):
-        nodule.settings(mesh, np.eye(3), np.array([0.0, 0.0, 0.05]))
-    points = np.moveaxis(np.indices(voxels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3] - MIDDLE
     voxels[voxels == 2] = 1
     voxels[np.linalg.norm((points - AT) / (12.0, 6.0, 6.0), axis=-1) < 1.0] = 2
     write_nifti(folder / "long.nii.gz", voxels, affine)
     _, nodule = organ_of({"file": "long.nii.gz", "label": "1+2"}).labelled()
-    found = re.search(r"about ([\d.]+) x ([\d.]+) x ([\d.]+) mm", " ".join(nodule.sphere.notes))
+    found = re.search(r"about ([\d.]+) x ([\d.]+) x ([\d.]+) mm, no sphere", " ".join(nodule.sphere.notes))
     assert found and np.allclose([float(side) for side in found.groups()], [24, 12, 12], atol=1.2)
+    graph, body = placed("long.nii.gz")
+    assert any("is a region of" in note for note in graph.notes)
+    middle = 0.5 * (body.mesh().vertices.min(axis=0) + body.mesh().vertices.max(axis=0))
+    away = 1e3 * (body.mesh().vertices - middle) - AT
+    over = (np.abs(away[:, 0]) < 8.0) & (np.abs(away[:, 1]) < 2.0) & (away[:, 2] > 0.0)
+    factor = body.hardness()
+    assert over.sum() > 3 and factor[over].min() > 1.2
+    assert (factor == 1.0).mean() > 0.2  # columns that miss it
+    _, round_one = placed("long.nii.gz", "1+2", "tissue.nodule_shape=''")
+    assert round_one.hardness()[over].min() < factor[over].min()
+
+
+def test_bone_is_stiff_and_a_vessel_is_a_soft_cavity(folder):
+    voxels, affine = voxels_of(radius=0.0)
+    points = np.moveaxis(np.indices(voxels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3] - MIDDLE
+    voxels[(np.hypot(points[..., 1], points[..., 2] - 6.0) < 5.0) & (np.abs(points[..., 0]) < 16.0)] = 2
+    made = {}
+    for name in ("femur", "portal vein"):
+        write_nrrd(folder / "seg.seg.nrrd", voxels, affine, **NAMES | {"Segment1_Name": name})
+        graph, made[name] = placed("seg.seg.nrrd", f"liver+{name}")
+        assert any(f"2 ({name}) in 1 (liver) is a region of" in note for note in graph.notes)
+    top = made["femur"].mesh().vertices[:, 2].argmax()
+    assert made["femur"].nodule_ratio == 1000 and made["portal vein"].nodule_ratio == 0.1
+    assert made["femur"].hardness()[top] > 1.3 and made["portal vein"].hardness()[top] < 0.8
+    same = [body.hardness() == 1.0 for body in made.values()]  # columns that miss it
+    assert (same[0] == same[1]).all() and same[0].mean() > 0.2
+
+
+def test_a_nodule_outside_of_the_surface_is_refused(named):
+    _, nodule = organ_of({"file": "seg.seg.nrrd", "label": "1+2"}).labelled()
+    with pytest.raises(MeshError, match="mm outside of the organ's surface, expected inside"):
+        nodule.settings(organ_mesh("seg.seg.nrrd"), np.eye(3), np.array([0.0, 0.0, 0.05]))
 
 
 @pytest.mark.parametrize(("label", "words"), [
@@ -206,7 +237,9 @@ def test_the_picture_of_the_organ_has_the_nodule(named, monkeypatch):
 def test_labels_are_listed_with_their_tissues(named):
     found = json.loads(CliRunner().invoke(app, ["list", "labels", "seg.seg.nrrd", "--json"]).stdout)
     assert [each["tissue"] for each in found["labels"]] == ["liver-human", None, "spleen-human-shear-wave"]
-    assert "spleen-human-shear-wave" in CliRunner().invoke(app, ["list", "labels", "seg.seg.nrrd"]).stdout
+    assert [each["ratio inside"] for each in found["labels"]] == [None, 4.5, None]
+    shown = CliRunner().invoke(app, ["list", "labels", "seg.seg.nrrd"]).stdout
+    assert "spleen-human-shear-wave" in shown and "inside: 4.5 x" in shown
 
 
 def test_the_table_names_published_tissues_with_sources():
@@ -230,4 +263,4 @@ def test_the_table_names_published_tissues_with_sources():
     assert ratio_of("cancer", "prostate").value == pytest.approx(shares[0] / shares[1], rel=0.02)
     assert ratio_of("tumor", "breast_left").source.startswith("published")
     assert ratio_of("kidney stone", "kidney_left").value == 1000 and ratio_of("portal vein", "liver").value < 1.0
-    assert ratio_of("lesion", "liver") is None
+    assert ratio_of("rib_left_4", "liver").value == 1000 and ratio_of("lesion", "liver") is None

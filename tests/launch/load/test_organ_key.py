@@ -82,6 +82,28 @@ def test_an_environment_takes_an_organ(folder):
     env.close()
 
 
+@pytest.mark.notes(PLACED, REFINED)
+def test_a_nodule_is_sought_around_the_top_of_an_organ(folder):
+    """The field was around the origin of the file, far from the organ."""
+    gymnasium = pytest.importorskip("gymnasium")
+    import palpate.gym  # noqa: F401, registers the environments
+
+    trimesh.creation.icosphere(2, 60.0).apply_translation((300.0, -70.0, 500.0)).export(folder / "far.stl")
+    nodes = {name: {"refine": 0.012} for name in ("tissue", "collision", "spread")}
+    env = gymnasium.make("palpate/FindNodule-v0", organ={"file": "far.stl", "unit": "mm"}, nodes=nodes)
+    task, mesh = env.unwrapped, env.unwrapped.stepper.node("tissue").mesh()
+    top, places = mesh.vertices[mesh.vertices[:, 2].argmax()], []
+    for seed in range(4):
+        seen, _ = env.reset(seed=seed)
+        np.testing.assert_allclose(seen["position"][:2], top[:2], atol=5e-3)
+        assert 4e-3 < seen["position"][2] - top[2] < 15e-3
+        places.append(task.setting("tissue", "nodule_position"))
+    assert np.abs(np.array(places)[:, :2] - top[:2]).max() < 12e-3 + 5e-3
+    assert np.ptp(places, axis=0)[:2].min() > 1e-3
+    np.testing.assert_allclose(np.linalg.norm(np.array(places) - (top - (0.0, 0.0, 0.06)), axis=1), 0.06, atol=1.5e-3)
+    env.close()
+
+
 @pytest.mark.parametrize(
     ("given", "text"),
     [

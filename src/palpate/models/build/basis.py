@@ -137,7 +137,8 @@ def _organ(node: ReducedFE, begin: Begin, vertices: int | None = None, what: str
     meshed = begin("meshing", f"{what}the inside of {count} vertices{reduced}{took}", None)
     try:
         hard = node.nodule_radius > 0  # only then is the surface of all vertices needed, which may have to be refined
-        nodule = Nodule(node.nodule_centre(), node.nodule_radius, node.nodule_ratio) if hard else Nodule()
+        region = node.region() if hard and node.nodule_shape else None
+        nodule = Nodule(node.nodule_centre(), node.nodule_radius, node.nodule_ratio, region) if hard else Nodule()
         capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
         edge = edge_for(surface, vertices) if vertices else 0.0
         organ = Organ(surface, node.poisson, node.bed, nodule, capsule, edge, node.near_walls())

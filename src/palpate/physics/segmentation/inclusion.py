@@ -1,7 +1,7 @@
-"""A label inside of an organ, such as a tumour, as the sphere that a body has as its nodule.
+"""A label inside of an organ, such as a tumour, as the nodule of a body.
 
-`liver+tumour` names the organ and the label inside of it. The organ then contains both; the sphere has the volume and
-the centre of the largest connected part of the second one.
+`liver+tumour` names the organ and the label inside of it. The organ then contains both. A compact label is a sphere
+with the volume and the centre of its largest connected part; any other one, such as a vessel, keeps its voxels.
 """
 
 from typing import NamedTuple
@@ -13,25 +13,28 @@ from scipy.ndimage import label as find_pieces
 from palpate.physics.errors import MeshError
 from palpate.physics.segmentation.endings import JOIN
 from palpate.physics.segmentation.image import LabelImage, Segment, choose_label
+from palpate.physics.segmentation.region import Region
 
-LONG = 1.5  # [1] ratio of the longest to the shortest axis above which a sphere is a poor picture of a part
+LONG = 1.5  # [1] ratio of the longest to the shortest axis above which a part keeps its voxels
 LEAST = 8  # voxels
-SHARE = 0.9  # [1] of the voxels in the largest part, below which the others are named
+SHARE = 0.9  # [1] of the voxels in the largest part, below which all parts keep their voxels
 
 
 class Inclusion(NamedTuple):
-    """A sphere in an organ.
+    """A label in an organ.
 
     name    of the label
-    centre  [m] (3), x to the right, y to the front, z to the head
+    centre  [m] (3) of its largest part, x to the right, y to the front, z to the head
     radius  [m] of the sphere of the same volume
-    notes   what the sphere leaves out
+    notes   why it is no sphere
+    shape   file of its voxels (`region`); "": it is a sphere
     """
 
     name: str
     centre: tuple[float, float, float]
     radius: float
     notes: tuple[str, ...] = ()
+    shape: str = ""
 
 
 def choose_organ(image: LabelImage, label: int | str | None) -> tuple[LabelImage, Segment, Segment | None]:
@@ -59,8 +62,9 @@ def choose_organ(image: LabelImage, label: int | str | None) -> tuple[LabelImage
     return joined, organ, inside
 
 
-def inclusion_of(image: LabelImage, segment: Segment, organ: Segment) -> Inclusion:
-    """The sphere of a segment of an image. MeshError: it has too few voxels, or does not touch the organ."""
+def inclusion_of(image: LabelImage, segment: Segment, organ: Segment) -> tuple[Inclusion, Region | None]:
+    """The label of a segment of an image, and its voxels if it is no sphere. MeshError: it has too few voxels, or does
+    not touch the organ."""
     box = find_objects(image.layers[segment.layer])[segment.value - 1]
     pieces, count = find_pieces(image.layers[segment.layer][box] == segment.value, np.ones((3, 3, 3)))
     sizes = np.bincount(pieces.ravel())[1:]
@@ -86,9 +90,14 @@ def inclusion_of(image: LabelImage, segment: Segment, organ: Segment) -> Inclusi
     axes = np.sqrt(5.0 * np.linalg.eigvalsh(spread))
     notes = []
     if count > 1 and sizes[most] < SHARE * sizes.sum():
-        notes.append(f"{count} separate parts, of which the largest, {sizes[most] / sizes.sum():.0%}, is the nodule")
+        notes.append(f"{count} separate parts, the largest {sizes[most] / sizes.sum():.0%}: each keeps its voxels")
     if axes[2] > LONG * axes[0]:
         sides = " x ".join(f"{2e3 * side:.3g}" for side in axes[::-1])
-        notes.append(f"about {sides} mm, where the nodule is a sphere of the same volume")
+        notes.append(f"about {sides} mm, no sphere: it keeps its voxels")
     x, y, z = centre.tolist()
-    return Inclusion(str(segment), (x, y, z), radius, tuple(notes))
+    region = None
+    if notes:
+        first = np.array([side.start for side in box])
+        affine = np.column_stack([image.affine[:, :3], image.affine[:, :3] @ first + image.affine[:, 3]])
+        region = Region(image.layers[segment.layer][box] == segment.value, affine)
+    return Inclusion(str(segment), (x, y, z), radius, tuple(notes)), region

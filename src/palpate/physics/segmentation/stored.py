@@ -19,10 +19,11 @@ from palpate.physics.readable import check_file
 from palpate.physics.segmentation.endings import ending_of
 from palpate.physics.segmentation.inclusion import Inclusion, choose_organ, inclusion_of
 from palpate.physics.segmentation.read import read_labels
+from palpate.physics.segmentation.region import read_region
 from palpate.physics.segmentation.surface import label_surface
 from palpate.physics.segmentation.voxels import MOST_FILE
 
-VERSION = 3  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
+VERSION = 4  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
 
 
 class StoredSurface(NamedTuple):
@@ -45,7 +46,9 @@ def store_surface(file: Path, label: int | str | None) -> StoredSurface:
     image = read_labels(file)
     joined, segment, within = choose_organ(image, label)
     made = label_surface(joined, segment)
-    inside = None if within is None else inclusion_of(image, within, segment)
+    inside, region = (None, None) if within is None else inclusion_of(image, within, segment)
+    if inside is not None and region is not None:
+        inside = inside._replace(shape=str(kept.with_suffix(".npz")))
     name = f"label {segment} of {file}"
     first = (
         f"{name}: {1e6 * made.volume:.4g} cm³ of voxels of {' x '.join(f'{1e3 * side:.3g}' for side in image.spacing)} "
@@ -56,6 +59,8 @@ def store_surface(file: Path, label: int | str | None) -> StoredSurface:
     try:
         make_folder(kept.parent)
         write_ply(kept, made.mesh)
+        if region is not None:
+            region.save(kept.with_suffix(".npz"))
         with replacing(about) as part:
             text = json.dumps({**found._asdict(), "path": None, "sha256": _hash(kept)})
             part.write_text(text, encoding="utf-8")
@@ -80,10 +85,14 @@ def _read(kept: Path, about: Path) -> StoredSurface | None:
     return None
 
 
-def _inclusion(name: Any, centre: Any, radius: Any, notes: Any) -> Inclusion:
-    """ValueError, TypeError: other values than those of an inclusion."""
+def _inclusion(name: Any, centre: Any, radius: Any, notes: Any, shape: Any) -> Inclusion:
+    """ValueError, TypeError: other values than those of an inclusion, or its voxels cannot be read."""
     x, y, z = map(float, centre)
-    return Inclusion(str(name), (x, y, z), float(radius), tuple(map(str, notes)))
+    if shape:
+        if not may_read(Path(shape)):
+            raise ValueError(f"{shape}: missing or untrusted")
+        read_region(shape)
+    return Inclusion(str(name), (x, y, z), float(radius), tuple(map(str, notes)), str(shape))
 
 
 def _hash(file: Path) -> str:

@@ -13,6 +13,7 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.physics.scratch import ScratchFolder
+from palpate.physics.segmentation.region import Region
 
 SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
 """Scales of the nested copies of the surface; the prisms between them are divided into tetrahedra."""
@@ -28,11 +29,12 @@ LEAST = 1e-3  # Volume of the tetrahedron from a point to a triangle, over the m
 
 @dataclass(frozen=True)
 class Nodule:
-    """A ball of harder tissue: centre [m] (3), radius [m], modulus over that of the organ."""
+    """A ball of harder tissue: centre [m] (3), radius [m], modulus over that of the organ; a region replaces it."""
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: float = 0.0
     ratio: float = 10.0
+    region: Region | None = None
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,8 @@ def _layer_prisms(
 
 def inside(nodule: Nodule, corners: np.ndarray) -> np.ndarray:
     """Whether the centre of each tetrahedron with these corners [m] (E,4,3) is in the nodule (E,)."""
+    if nodule.region is not None:
+        return nodule.region.contains(corners.mean(axis=1))
     return np.linalg.norm(corners.mean(axis=1) - nodule.centre, axis=1) < nodule.radius
 
 
@@ -275,8 +279,11 @@ class Organ:
             self.mesh, self.surface = solid(self.surface, None, near is not None)
             self.mesh.region[inside(self.nodule, self.mesh.points[self.mesh.elements[:, :4]])] = 1
         if self.nodule.radius > 0.0 and not (self.mesh.region == 1).any():
+            where = f"within {self.nodule.radius} m of {tuple(self.nodule.centre)} m"
+            if self.nodule.region is not None:
+                where = "in the voxels of `nodule_shape`"
             raise MeshError(
-                f"nodule: no element has its centre within {self.nodule.radius} m of {tuple(self.nodule.centre)} m, "
+                f"nodule: no element has its centre {where}, "
                 "under the capsule, in the surface's frame; enlarge or move the nodule, or refine the surface"
             )
         self.faces = self.mesh.faces

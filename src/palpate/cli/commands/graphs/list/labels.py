@@ -18,9 +18,9 @@ def labels(
     """List the labels of a segmentation: name, volume and extent.
 
     Each can be an organ: `palpate run kidney --organ FILE --label LABEL`. With `--label liver+tumour` the tumour is a
-    nodule in the liver.
+    nodule in the liver, and "inside" is its modulus over that of the organ.
     """
-    from palpate.launch.load.labelled.table import tissue_of
+    from palpate.launch.load.labelled.table import ratio_of, tissue_of
     from palpate.physics.segmentation.image import extents
     from palpate.physics.segmentation.read import read_labels
 
@@ -28,7 +28,7 @@ def labels(
     found = [
         {"label": segment.number, "name": segment.name, "voxels": image.count(segment), "volume m3":
          image.volume(segment), "extent m": sides.tolist(), "centre m": centre.tolist(),
-         "tissue": tissue_of(segment.name)}
+         "tissue": tissue_of(segment.name), "ratio inside": (ratio := ratio_of(segment.name, "")) and ratio.value}
         for segment, sides, centre in extents(image)
     ]  # fmt: skip
     spacing = image.spacing.tolist()
@@ -37,10 +37,10 @@ def labels(
         return
     rows = [
         (str(each["label"]), each["name"], f"{1e6 * each['volume m3']:.4g}", _mm(each["extent m"], " x "),
-         _mm(each["centre m"], ", "), each["tissue"] or "")
+         _mm(each["centre m"], ", "), _becomes(each["tissue"], each["ratio inside"]))
         for each in found
     ]  # fmt: skip
-    heads = (">label", "name", ">volume [cm³]", "extent [mm]", "centre: right, front, head [mm]", "published tissue")
+    heads = (">label", "name", ">volume [cm³]", "extent [mm]", "centre: right, front, head [mm]", "becomes")
     console().print(table(heads, rows, fixed=heads[:1]))
     say(f"voxels of {_mm(spacing, ' x ')} mm; palpate run kidney --organ {file} --label LABEL touches one", wrap=True)
     for note in image.notes:
@@ -49,3 +49,8 @@ def labels(
 
 def _mm(lengths: list[float], between: str) -> str:
     return between.join(f"{1e3 * each:.3g}" for each in lengths)
+
+
+def _becomes(tissue: str | None, ratio: float | None) -> str:
+    """What a label becomes: the published tissue of an organ, and the modulus of a part inside of one."""
+    return tissue or (f"inside: {ratio:g} x the modulus of its organ" if ratio else "")
