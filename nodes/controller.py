@@ -7,7 +7,19 @@ import msgspec
 from palpate.compiler.records import form, put, unpacking, vector
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import CompiledNode, Ideal, Out, Wants
-from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, fade_value, gap_of, keep_pace, step_gain
+from palpate.nodes.base.absence import (
+    FADE,
+    FADED,
+    FALL,
+    GAIN,
+    GAP,
+    PACE,
+    begin,
+    fade_value,
+    gap_of,
+    keep_pace,
+    step_gain,
+)
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.device.controller import (
     GAINS,

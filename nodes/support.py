@@ -93,8 +93,8 @@ class Relative(CompiledNode):
     """
 
     State = {"at": (3,), "turn": (3,), "centre": (3,), "gap": ARRAY}
-    """Of the last support, which stays while it is missing: displacement [m], rotation [rad] about this point [m]. `gap`
-    [m]: from the pose to the device."""
+    """Of the last support, which stays while it is missing: displacement [m], rotation [rad] about this point [m];
+    `gap` [m] from the pose to the device."""
 
     def start(self) -> None:
         super().start()

@@ -1,5 +1,6 @@
 """The thread that communicates with a device never blocks the loop, and ends with zero force."""
 
+import itertools
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -107,6 +108,15 @@ def test_stopping_commands_zero_and_closes(pair):
     press(driver, exchange)
     exchange.stop()
     assert [c for _, c in driver.sent[-3:]] == [0.0, 0.0, 0.0] and driver.closed == 1
+
+
+def test_the_force_fades_when_the_exchange_stops(pair):
+    driver, exchange = pair
+    press(driver, exchange)
+    exchange.stop()
+    sent = [c for _, c in driver.sent]
+    falls = sent[max(i for i, c in enumerate(sent) if c == 2.0) :]
+    assert len(falls) > 5 and all(b <= a for a, b in itertools.pairwise(falls)), "at least 4 commands within 15 ms"
 
 
 def test_a_stall_during_the_stop_does_not_prevent_the_zero_command(pair):

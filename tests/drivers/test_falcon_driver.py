@@ -200,9 +200,12 @@ def test_glitches_are_rejected_and_a_real_jump_is_accepted():
     driver, device, time = pair(EmulatedFaults(glitches=0.05, noise=0.2, seed=5), loaded=True)
     driver.open()
     homed(driver, time)
+    sample = driver.cycle(ZERO)
     for _ in range(500):
+        glitches, last = driver.glitches, sample.time
         sample = driver.cycle(ZERO)
         assert sample.position == approx(HOME, abs=2e-4)
+        assert (sample.time == last) == (driver.glitches > glitches), "the last place has the time of its frame"
     assert driver.glitches > 5
     device.hand.position[:] = (0.02, 0.0, 0.12)
     device.hand.points[:] = (0.02, 0.0, 0.12)

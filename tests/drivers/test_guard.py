@@ -98,6 +98,29 @@ def test_the_fall_after_a_late_cycle_follows_the_elapsed_time():
     assert FALL < 0.020
 
 
+@pytest.mark.parametrize(("before", "gain"), [(20, 0.2), (300, 1.0)], ids=["during the ramp", "after it"])
+@pytest.mark.parametrize("command", [1.0, -1.0])
+def test_after_a_pause_of_its_thread_the_command_neither_jumps_nor_is_full_at_once(before, gain, command):
+    """The device has kept its command; its first answer after the pause is new, and the graph has gone on."""
+    guard = Guard(WIDE)
+    last = run(guard, before)[-1][0]
+    assert last == approx(gain, abs=0.02)
+    end = before + 600
+    guard.note_answer(DeviceSample(end * MS, position=(0.0, 0.0, 0.0)))
+    x = np.array([last, *(c[0] for c in run(guard, 200, (command, 0.0, 0.0), end))])
+    step = abs(last - gain * command) * 1e-3 / FALL + 1e-3 / WIDE.ramp + 1e-12
+    assert max(abs(np.diff(x))) <= step + 0.02 and x[-1] == command
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+def test_a_command_that_is_not_finite_fades_and_does_not_jump(wrong):
+    guard = Guard(WIDE)
+    run(guard, 300)
+    short = [c[0] for c in [*run(guard, 2, (wrong, 0.0, 0.0), 301), *run(guard, 200, start=303)]]
+    assert max(abs(np.diff([1.0, *short]))) <= 1e-3 / FALL + 1e-3 / WIDE.ramp + 1e-12 and short[-1] == 1.0
+    assert run(guard, 20, (wrong, 0.0, 0.0), 510)[-1] == (0.0, 0.0, 0.0)
+
+
 def test_a_grip_that_is_too_fast_gets_no_force():
     guard = Guard(WIDE)
     run(guard, 300)

@@ -1,7 +1,7 @@
 """The thread that communicates with a device: newest command out, newest sample in. The force loop never waits for it.
 
 It passes every command through the guard, sends continuously (some devices need it), reconnects to a lost device if
-requested, and sends zero force when it stops.
+requested, and fades the force out when it stops.
 """
 
 import contextlib
@@ -18,6 +18,7 @@ from palpate.drivers.limits import Limits
 
 RETRY = 0.5  # [s] between two attempts to reconnect
 FAREWELL = 3  # [1] zero commands before the device is closed
+FADING = 50  # [1] largest number of commands with which the force fades out before them
 STOP, CHECKS = 2.0, 20  # [s] timeout for the thread's end, and number of checks within it
 RATED = 1.0  # [s] averaging time of the rate of answers
 PAUSE = 0.1  # [s] a longer time without an answer is an outage and does not count for the rate
@@ -134,6 +135,7 @@ class Exchange:
                 self._fault = DeviceError(f"the driver failed: {type(error).__name__}: {error}")
                 break
         with contextlib.suppress(Exception):
+            self._fade()
             for _ in range(FAREWELL):
                 self.driver.cycle((0.0,) * self.driver.size)
         with contextlib.suppress(Exception):
@@ -165,6 +167,15 @@ class Exchange:
                 self.rate = (self.answers - answers) / (now - begun)
                 begun, answers = now, self.answers
             silent = 0.0
+
+    def _fade(self) -> None:
+        """Send commands that the guard takes for stale ones, until they are zero."""
+        command, _ = self._command
+        for _ in range(FADING):
+            sent = self.guard.apply(command, time.monotonic_ns(), 0)
+            if not any(sent):
+                return
+            self.guard.note_answer(self.driver.cycle(sent))
 
     def _wait_for_it(self, error: DeviceError) -> None:
         self._notes.append(f"{error} Waiting until it is back.")

@@ -1,10 +1,11 @@
 """The last step before a command is sent: limits commands of any node to what is safe for the device.
 
 A gain between 0 and 1 multiplies the command. It ramps up to 1 within the ramp time, and down to 0 within FALL on any
-of these conditions: the device is not homed or its numbers are invalid, answers are missing, the command is stale, the
-dead-man button is not held, the grip or a joint is too fast, or the grip is outside its box. If the condition ends
-before the gain is 0, the difference between the last and the new command also fades within FALL, so that the force does
-not jump. One factor for all components limits the command and its power, which keeps the direction.
+of these conditions: the device is not homed or its numbers are invalid, answers are missing, the command is stale or
+not finite, the dead-man button is not held, the grip or a joint is too fast, or the grip is outside its box. If the
+condition ends before the gain is 0, the difference between the last and the new command also fades within FALL, so that
+the force does not jump; likewise after a pause of the thread that sends the commands. One factor for all components
+limits the command and its power, which keeps the direction.
 """
 
 import math
@@ -57,6 +58,8 @@ class Guard:
 
     def reset(self) -> None:
         self.gain, self.missed, self._then = 0.0, 0, 0
+        self._step = 0.0  # [s] between the last two commands
+        self._finite: tuple[float, ...] = ()  # the last command of numbers
         self._stopped, self._share = True, 0.0
         self._sent: tuple[float, ...] = ()
         self._jointed = False  # whether the last valid sample had joints, so that commands are torques
@@ -100,9 +103,13 @@ class Guard:
 
     def apply(self, command: tuple[float, ...], now: int, given: int) -> tuple[float, ...]:
         """The limited command for `now` [ns]; `given` [ns]: when the command was given."""
-        elapsed = (now - self._then) * 1e-9 if self._then else 0.0
-        self._then = now
-        stopped, wanted = bool(self.why(now, given)), self._limit_command(command)
+        stopped = bool(self.why(now, given))
+        if all(map(math.isfinite, command)):
+            self._finite = command
+        else:
+            stopped, command = True, self._finite or (0.0,) * len(command)
+        wanted = self._limit_command(command)
+        elapsed = self._pace(now, stopped)
         if self._stopped and not stopped and self._sent:
             self._share = 1.0
             self._rest = tuple(s - self.gain * w for s, w in zip(self._sent, wanted, strict=True))
@@ -123,10 +130,20 @@ class Guard:
         self._sent = sent
         return sent
 
+    def _pace(self, now: int, stopped: bool) -> float:
+        """Time [s] since the last command. After a pause, in which the device has kept its command, it is a usual step
+        unless the force must fall: the ramp and the fades begin there, as after a stop."""
+        elapsed = (now - self._then) * 1e-9 if self._then else 0.0
+        usual, self._then, self._step = self._step, now, elapsed
+        if not stopped and elapsed > STALE and 0.0 < 3.0 * usual < elapsed:
+            self._stopped = True
+            return usual
+        return elapsed
+
     def _limit_command(self, command: tuple[float, ...]) -> tuple[float, ...]:
-        """The command, at most the largest; 0 if a value is not finite."""
+        """The command, at most the largest."""
         largest = max(map(abs, command), default=0.0)
-        if largest == 0.0 or not all(map(math.isfinite, command)):
+        if largest == 0.0:
             return (0.0,) * len(command)
         most, each = self.limits.command, self.limits.each
         if self._jointed and self.limits.torque is not None:

@@ -389,9 +389,7 @@ def test_only_the_motion_of_the_hand_counts_while_the_position_follows_it_after_
             push = 50.0 * (5e-3 - gap[k, 2]) if k else 0.0  # the first step is at rest
             if k:
                 energy -= last @ (device[k] - device[k - 1])
-            *force, _, seen = haptic(
-                gains(), state, past, push, UP, STILL, 5e-3, tuple(place), (0.1, 0.1, -0.3), T
-            )
+            *force, _, seen = haptic(gains(), state, past, push, UP, STILL, 5e-3, tuple(place), (0.1, 0.1, -0.3), T)
             last = np.array(force)
             assert seen == approx(energy, abs=1e-12)
             if not moves:

@@ -125,12 +125,12 @@ class FalconDriver(PortDriver[Ftdi]):
             self.refused[NOWHERE] += 1
             return absent(now, reading.buttons)
         self.place = x, y, z
-        return DeviceSample(now, (a, b, c), self.place, reading.buttons)
+        return DeviceSample(self.last_at, (a, b, c), self.place, reading.buttons)
 
     def _reject_outlier(self, counts: Counts, now: int) -> Counts | None:
-        """Outlier rejection: the counts, or the last valid ones if these are implausible. `BELIEVED` consistent samples
-        in a row are accepted; None before the first of them, and after as many that are not consistent or not within
-        the range of the encoders.
+        """Outlier rejection: the counts, or the last valid ones (of the time `last_at`) if these are implausible.
+        `BELIEVED` consistent samples in a row are accepted; None before the first of them, and after as many that are
+        not consistent or not within the range of the encoders.
 
         The frames have no checksum: a wrong nibble, except the lowest, is an error of at least 16 counts.
         """

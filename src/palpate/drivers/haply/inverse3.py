@@ -146,8 +146,9 @@ class Inverse3Driver(PortDriver[WebSocket]):
         return None
 
 
-class EmulatedService:
-    """Emulator of the service on a port of this machine, with a device that a hand holds. `address`: its URL."""
+class EmulatedInverse3:
+    """What the service reports of a device that a hand holds, and how it answers a message. `force` [N] (3): the last
+    commanded one."""
 
     def __init__(
         self, script: Script | None = None, faults: EmulatedFaults | None = None, *, ids: tuple[str, ...] = ("04EF",),
@@ -156,12 +157,9 @@ class EmulatedService:
         self.hand, self.days = EmulatedOperator(script or Script(), waits), FaultSchedule(faults or EmulatedFaults())
         self.ids = ids
         self.force = (0.0, 0.0, 0.0)
-        self.errors = package("websockets.exceptions")
-        self.server = package("websockets.sync.server").serve(self._serve, "127.0.0.1", 0, compression=None)
-        self.address = f"ws://127.0.0.1:{self.server.socket.getsockname()[1]}"
-        threading.Thread(target=self.server.serve_forever, name="emulated Inverse service", daemon=True).start()
 
-    def _state(self, now: int, *, first: bool) -> str:
+    def report(self, now: int, *, first: bool = False) -> str:
+        """The message with the state at `now` [ns]; the first one of a connection has more."""
         x, y, z = map(float, self.hand.move(lambda place: self.force, now))
         device: dict[str, Any] = {"state": {"cursor_position": {"x": x, "y": y, "z": z}}}
         if first:
@@ -171,31 +169,56 @@ class EmulatedService:
         grips = [{"device_id": "61576", "state": {"buttons": pressed}}]
         return json.dumps({"inverse3": devices, "wireless_verse_grip": grips})
 
+    def answer(self, text: str, opened: int, now: int) -> str | None:
+        """The answer to a message at `now` [ns], over a connection since `opened` [ns]: empty if it is lost or the
+        service is silent; None: the device was unplugged."""
+        if not self.hand.waits:
+            self.days.begin(now)
+        if self.days.was_unplugged(opened, now):
+            return None
+        self.hand.begin(now)
+        for device in entries(state(text), "inverse3"):
+            if device.get("device_id") == self.ids[0]:
+                given = device["commands"]["set_cursor_force"]["values"]
+                self.force = given["x"], given["y"], given["z"]
+        if self.days.silent(now):
+            return ""
+        return self.days.spoil(self.report(now).encode()).decode(errors="replace")
+
+    def due(self, now: int, answered: int) -> int:
+        """Time [ns] of the answer to a message at `now` [ns], after one at `answered` [ns]."""
+        return max(now + round(self.days.faults.latency * 1e9), answered + ANSWER)
+
+
+class EmulatedService(EmulatedInverse3):
+    """Emulator of the service on a port of this machine. `address`: its URL."""
+
+    def __init__(
+        self, script: Script | None = None, faults: EmulatedFaults | None = None, *, ids: tuple[str, ...] = ("04EF",),
+        waits: bool = False,
+    ) -> None:  # fmt: skip
+        super().__init__(script, faults, ids=ids, waits=waits)
+        self.errors = package("websockets.exceptions")
+        self.server = package("websockets.sync.server").serve(self._serve, "127.0.0.1", 0, compression=None)
+        self.address = f"ws://127.0.0.1:{self.server.socket.getsockname()[1]}"
+        threading.Thread(target=self.server.serve_forever, name="emulated Inverse service", daemon=True).start()
+
     def _serve(self, link: Any) -> None:
         opened = answered = time.monotonic_ns()
         try:
-            link.send(self._state(opened, first=True))
+            link.send(self.report(opened, first=True))
             for text in link:
                 now = time.monotonic_ns()
-                if not self.hand.waits:
-                    self.days.begin(now)
-                if self.days.was_unplugged(opened, now):
+                answer = self.answer(text, opened, now)
+                if answer is None:
                     return
-                self.hand.begin(now)
-                for device in entries(state(text), "inverse3"):
-                    if device.get("device_id") == self.ids[0]:
-                        given = device["commands"]["set_cursor_force"]["values"]
-                        self.force = given["x"], given["y"], given["z"]
-                if self.days.silent(now):
+                if not answer:
                     continue
-                answer = self.days.spoil(self._state(now, first=False).encode())
-                due = max(now + round(self.days.faults.latency * 1e9), answered + ANSWER)
-                answered = time.monotonic_ns()
+                due, answered = self.due(now, answered), time.monotonic_ns()
                 if due > answered:
                     time.sleep((due - answered) * 1e-9)
                     answered = due
-                if answer:
-                    link.send(answer.decode(errors="replace"))
+                link.send(answer)
         except (self.errors.ConnectionClosed, KeyError, TypeError):
             return
 

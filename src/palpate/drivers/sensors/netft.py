@@ -164,8 +164,8 @@ class NetFTDriver(PortDriver[Udp]):
         super().close()
 
 
-class EmulatedNetFT:
-    """Emulator of the sensor on this machine: its UDP port and its web page.
+class EmulatedSensor:
+    """The samples of the sensor.
 
     wrench  returns the load at a time [ns]: three forces [N], three torques [N m]
     rate    [Hz] sample rate
@@ -175,8 +175,26 @@ class EmulatedNetFT:
 
     def __init__(
         self, wrench: Callable[[int], tuple[float, ...]], faults: EmulatedFaults | None = None, rate: float = 1000.0
-    ):
+    ) -> None:
         self.wrench, self.rate, self.days = wrench, rate, FaultSchedule(faults or EmulatedFaults())
+        self.number = 0
+
+    def sample(self, now: int) -> bytes:
+        """The next sample at `now` [ns]; empty if it is lost or the sensor is silent."""
+        self.number = self.number + 1 & 0xFFFFFFFF
+        self.days.begin(now)
+        if self.days.silent(now) or self.days.is_unplugged(now) or self.days.chance("dropouts"):
+            return b""
+        return encode([round(w * self.COUNTS) for w in self.wrench(now)], 0, self.number, self.number)
+
+
+class EmulatedNetFT(EmulatedSensor):
+    """Emulator of the sensor on this machine: its UDP port and its web page. Arguments: as of EmulatedSensor."""
+
+    def __init__(
+        self, wrench: Callable[[int], tuple[float, ...]], faults: EmulatedFaults | None = None, rate: float = 1000.0
+    ) -> None:
+        super().__init__(wrench, faults, rate)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.page = http.server.ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
@@ -208,7 +226,7 @@ class EmulatedNetFT:
         return Page
 
     def _run(self) -> None:
-        peer, number, due = None, 0, time.monotonic()
+        peer, due = None, time.monotonic()
         while not self._stop.is_set():
             self.socket.settimeout(max(due - time.monotonic(), 1e-4) if peer is not None else 0.05)
             with contextlib.suppress(TimeoutError, OSError):
@@ -219,13 +237,9 @@ class EmulatedNetFT:
             if peer is None or now * 1e-9 < due:
                 continue
             due = max(due + 1.0 / self.rate, now * 1e-9 - 0.01)
-            number += 1
-            self.days.begin(now)
-            if self.days.silent(now) or self.days.is_unplugged(now) or self.days.chance("dropouts"):
-                continue
-            counts = [round(w * self.COUNTS) for w in self.wrench(now)]
-            with contextlib.suppress(OSError):
-                self.socket.sendto(encode(counts, 0, number & 0xFFFFFFFF, number & 0xFFFFFFFF), peer)
+            if data := self.sample(now):
+                with contextlib.suppress(OSError):
+                    self.socket.sendto(data, peer)
 
     def close(self) -> None:
         self._stop.set()
