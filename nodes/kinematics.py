@@ -34,7 +34,7 @@ class _Tracker(CompiledNode):
     An outage is a time without samples of more than 9 ms and three usual steps, or a position that the device cannot
     have reached in one step at `speed_limit`. The pose then continues from its last place and moves to the device
     (`physics.device.catch_up`): no force jumps, and the finger does not pass through the organ in one step. Until it
-    is there, the message has the vector to the device, `behind`.
+    arrives, the message has the vector to the device, `behind`.
     """
 
     origin: Annotated[Vector3, "m", Agrees(DeviceState, Pose)] = ZERO

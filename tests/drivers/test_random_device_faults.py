@@ -228,7 +228,7 @@ def check_end(record: Record, draw: Draw, bench: Bench) -> None:
         assert bench.driver.name in str(record.fault) or "service" in str(record.fault), record.fault
         assert lost >= 0.0 and not draw.reconnect, record.fault
     elif gone and not draw.reconnect:
-        assert lost + bench.driver.limits.silence > DURATION - 1.0, "a device that is gone ends the run"
+        assert lost + bench.driver.limits.silence > DURATION - 1.0, "a lost device ends the run"
     if lost < 0.0 or (faults.back >= 0.0 and faults.back < DURATION - 1.0 and record.fault is None):
         assert not any(record.applied[-1]), "the device keeps a force"
     if draw.reconnect and any("Waiting" in note for note in record.notes) and 0.0 <= faults.back < DURATION - 1.0:

@@ -121,7 +121,7 @@ class _ServiceLink(_Link):
         now = self.clock.at
         answer = self.device.answer(text, self.opened, now)
         if answer is None:
-            raise DeviceError("the service is gone. Start it again.", lost=True)
+            raise DeviceError("the service has ended. Start it again.", lost=True)
         if answer:
             self.answered = self.device.due(now, self.answered)
             self.answers.append((self.answered, answer))

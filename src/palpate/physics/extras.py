@@ -10,12 +10,6 @@ EXTRAS = {
     "devices": {"pyusb": "usb", "hidapi": "hid", "websockets": "websockets"},
     "page": {"websockets": "websockets"},
     "gym": {"gymnasium": "gymnasium"},
-    "learn": {
-        "scikit-learn": "sklearn",
-        "scikit-image": "skimage",
-        "nibabel": "nibabel",
-        "gymnasium": "gymnasium",
-    },
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
     "scan": {
         "scikit-image": "skimage",
@@ -38,6 +32,12 @@ EXTRAS = {
     "feel": {"sounddevice": "sounddevice", "pynwb": "pynwb"},
     "afm": {"afmformats": "afmformats"},
     "cluster": {"distributed": "distributed", "cryptography": "cryptography"},
+    "learn": {
+        "scikit-learn": "sklearn",
+        "scikit-image": "skimage",
+        "nibabel": "nibabel",
+        "gymnasium": "gymnasium",
+    },
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }
 """Extra -> package on the index -> name under which it is imported."""

@@ -375,8 +375,8 @@ def test_after_an_outage_a_limited_force_rises_at_rest_by_ten_newtons_per_second
 
 
 def test_only_the_motion_of_the_hand_counts_while_the_position_follows_it_after_an_outage():
-    """E = -∫ F·dx of the device, by a sum outside the kernel; a device at rest absorbs nothing, whatever the position
-    does, and nothing pushes it."""
+    """E = -∫ F·dx of the device, by a sum outside the kernel; a device at rest absorbs nothing while the position
+    moves, and nothing pushes it."""
     rng = np.random.default_rng(8)
     for moves in (0.0, 1.0):
         state, past = buffers(0)

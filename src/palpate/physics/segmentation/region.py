@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.compiler.exact import einsum
+from palpate.compiler.exact import einsum, solve
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.arrays import Points
 from palpate.physics.nearest import nearest, tree_of
@@ -34,7 +34,7 @@ class Region(NamedTuple):
     def contains(self, points: Points) -> np.ndarray:
         """Whether points [m] (n,3) lie in a voxel of the label."""
         away = np.asarray(points, float) - self.affine[:, 3]
-        index = np.rint(einsum("nj,ij->ni", away, np.linalg.inv(self.affine[:, :3]))).astype(np.int64)
+        index = np.rint(einsum("nj,ij->ni", away, solve(self.affine[:, :3], np.eye(3)))).astype(np.int64)
         there = ((index >= 0) & (index < self.voxels.shape)).all(axis=-1)
         i, j, k = np.moveaxis(np.where(there[..., None], index, 0), -1, 0)
         return np.asarray(there & self.voxels[i, j, k])
@@ -47,7 +47,7 @@ class Region(NamedTuple):
             low = np.argwhere(np.diff(whole.astype(np.int8), axis=axis)) - 1.0
             low[:, axis] += 0.5
             middles.append(low)
-        places = np.concatenate(middles) @ self.affine[:, :3].T + self.affine[:, 3]
+        places = einsum("nj,ij->ni", np.concatenate(middles), self.affine[:, :3]) + self.affine[:, 3]
         return np.asarray(nearest(tree_of(places), np.asarray(points, float))[0][:, 0])
 
     def save(self, path: Path) -> None:
@@ -80,7 +80,9 @@ def _read_region(file: str, stamp: tuple[int, int]) -> Region:
         raise ArchiveError(f"{expected}; found {bits.size} bytes of voxels for the sides {sides.tolist()}")
     if affine.shape != (3, 4) or affine.dtype != float or not np.isfinite(affine).all():
         raise ArchiveError(f"{expected}; found an affine map of the shape {affine.shape}")
-    if abs(np.linalg.det(affine[:, :3])) < 1e-18:
+    x, y, z = affine[:, :3].T
+    volume = einsum("ni,ni->n", x[None], np.cross(y, z)[None])[0]
+    if abs(volume) < 1e-18:
         raise ArchiveError(f"{expected}; found an affine map without volume")
     voxels = np.unpackbits(bits, count=int(sides.prod())).astype(bool).reshape(sides)
     return Region(voxels, affine)

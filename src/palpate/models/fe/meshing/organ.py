@@ -1,7 +1,7 @@
 """An organ from its closed surface, homogeneous or with a capsule or a nodule."""
 
 from contextlib import chdir
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import linprog
@@ -34,7 +34,7 @@ class Nodule:
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: float = 0.0
     ratio: float = 10.0
-    region: Region | None = None
+    region: Region | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
