@@ -169,6 +169,8 @@ def test_a_label_that_is_no_sphere_keeps_its_voxels(folder):
     factor = body.hardness()
     assert over.sum() > 3 and factor[over].min() > 1.2
     assert (factor == 1.0).mean() > 0.2  # columns that miss it
+    _, in_scene = placed("long.nii.gz", graph="nodule")  # whose nodule is a part of the scene
+    assert in_scene.nodule_shape == body.nodule_shape
     _, round_one = placed("long.nii.gz", "1+2", "tissue.nodule_shape=''")
     assert round_one.hardness()[over].min() < factor[over].min()
 
