@@ -119,6 +119,23 @@ def test_the_force_fades_when_the_exchange_stops(pair):
     assert len(falls) > 5 and all(b <= a for a, b in itertools.pairwise(falls)), "at least 4 commands within 15 ms"
 
 
+def test_a_driver_that_fails_while_the_force_fades_still_gets_zero(pair):
+    """As a device that reports a fault: the command has been sent when the driver raises."""
+    driver, exchange = pair
+    press(driver, exchange)
+    cycle = driver.cycle
+
+    def failing(command):
+        answer = cycle(command)
+        if any(command):
+            raise DeviceError("the device reports a fault.")
+        return answer
+
+    driver.cycle = failing
+    until(lambda: driver.closed)
+    assert [c for _, c in driver.sent[-3:]] == [0.0, 0.0, 0.0]
+
+
 def test_a_stall_during_the_stop_does_not_prevent_the_zero_command(pair):
     driver, exchange = pair
     press(driver, exchange)

@@ -136,6 +136,7 @@ class Exchange:
                 break
         with contextlib.suppress(Exception):
             self._fade()
+        with contextlib.suppress(Exception):
             for _ in range(FAREWELL):
                 self.driver.cycle((0.0,) * self.driver.size)
         with contextlib.suppress(Exception):
