@@ -36,7 +36,6 @@ EXTRAS = {
         "scikit-learn": "sklearn",
         "scikit-image": "skimage",
         "nibabel": "nibabel",
-        "gymnasium": "gymnasium",
     },
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }

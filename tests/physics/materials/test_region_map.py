@@ -53,7 +53,7 @@ def test_layers_of_a_column_add_up_and_a_cavity_is_bounded():
     two = region(lambda points: np.where((points[..., 2] < -8.4e-3) | (np.abs(points[..., 2] + 4e-3) < 1.4e-3), 1, -1))
 
     def factor(ratio):
-        return float(column_map(np.zeros((1, 3)), UP, two.contains, ratio, 6e-3, 0.5e-3, deepest=9e-3)[0])
+        return float(column_map(np.zeros((1, 3)), UP, two.contains, ratio, 6e-3, 0.5e-3)[0])
 
     def held(z):
         return 1.0 / np.sqrt(1.0 + (z / 6e-3) ** 2)

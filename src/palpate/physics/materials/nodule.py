@@ -68,14 +68,13 @@ def stiffness_map(
 
 def column_map(
     vertices: Points, normals: Points, contains: Callable[[np.ndarray], np.ndarray], ratio: float, reach: float,
-    step: float, deepest: float = 0.0,
+    step: float,
 ) -> np.ndarray:  # fmt: skip
     """Factor k [1] (V) on the stiffness of each surface vertex above a region of any shape; exactly 1 where none lies
     below. As `stiffness_map`, with W the sum over the layers of the column, each `step` [m] thick, whose middle is in
-    the region.
+    the region. A column ends at 8 times the reach, below which lies 1/8 of the indentation.
 
     contains  whether points [m] (V,3) are in the region
-    deepest   [m] where columns end; 0: 8 times the reach, below which lies 1/8 of the indentation
 
     ValueError: an argument out of its range.
     """
@@ -83,7 +82,7 @@ def column_map(
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name}: found {value}, expected a finite number > 0")
     vertices, normals = np.asarray(vertices, float), np.asarray(normals, float)
-    share, count = np.zeros(len(vertices)), int(np.ceil((deepest or 8.0 * reach) / step))
+    share, count = np.zeros(len(vertices)), int(np.ceil(8.0 * reach / step))
     for layer in range(count):
         top, bottom = layer * step, (layer + 1) * step
         inside = contains(vertices - 0.5 * (top + bottom) * normals)
