@@ -12,10 +12,8 @@ from palpate.nodes.base.effect import Switch
 from palpate.nodes.base.node import SettingError
 from palpate.nodes.base.surface import rotation_matrix
 from palpate.physics.archive import ArchiveError
-from palpate.physics.materials.nodule import column_map, nodule_centre, stiffness_map
+from palpate.physics.materials.nodule import FINE, nodule_centre, region_map, stiffness_map
 from palpate.physics.segmentation.region import Region, read_region
-
-LAYER = 0.5  # [1] Thickness of a layer of a column over the shortest side of a voxel
 
 
 class WithNodule(WithArea):
@@ -29,7 +27,7 @@ class WithNodule(WithArea):
     nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0, le=1e6)] = 10.0
     """Modulus of the nodule over that of the tissue; below 1 for a cyst."""
     nodule_reach: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 6.0e-3
-    """Radius over which the fingertip spreads its load; for bodies that are defined only by their surface."""
+    """For bodies that are defined only by their surface: 0.75 times the radius of the patch over which they average."""
     nodule_shape: Annotated[str, "1"] = ""
     """File of the voxels of a label, in the frame of the surface, which replace the sphere: `--label liver+vessel`."""
 
@@ -39,11 +37,11 @@ class WithNodule(WithArea):
         if self.nodule_radius == 0.0:
             return np.ones(len(mesh.vertices))
         if self.nodule_shape:
-            region, turn, origin = self.region(), rotation_matrix(self.rotation), np.asarray(self.position, float)
-            inside = lambda points: region.contains(einsum("vk,kj->vj", points - origin, turn))  # noqa: E731
-            return column_map(
-                mesh.vertices, mesh.normals, inside, self.nodule_ratio, self.nodule_reach, LAYER * region.spacing
-            )
+            points, volume = self.region().points(FINE * self.nodule_reach)
+            turn, origin = rotation_matrix(self.rotation), np.asarray(self.position, float)
+            vertices, normals = (einsum("vk,kj->vj", each, turn) for each in (mesh.vertices - origin, mesh.normals))
+            volumes = np.full(len(points), volume)
+            return region_map(vertices, normals, points, volumes, self.nodule_ratio, self.nodule_reach)
         return stiffness_map(
             mesh.vertices, mesh.normals, self.centre(), self.nodule_radius, self.nodule_ratio, self.nodule_reach
         )

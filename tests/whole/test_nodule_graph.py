@@ -52,8 +52,8 @@ def test_the_highest_pin_stays_on_the_nodule_while_the_finger_slides(felt):
 
 
 def test_on_beams_the_pins_show_the_nodule_at_its_dragged_position(tmp_path):
-    """Friction drags the skin above the nodule by 2.6 mm. In 90 % of the frames the pins show the nodule within 3 mm of
-    this position, and in less than 90 % within 3 mm of its rest position."""
+    """Friction drags the skin above the nodule by 2.6 mm. In 75 % of the frames the pins show the nodule within 3 mm of
+    this position (finite elements: 78 %), and in less than 70 % within 3 mm of its rest position."""
     beams = "tissue.use=deformation.BeamBundle"
     hard, plain = run(tmp_path / "h.mcap", beams), run(tmp_path / "p.mcap", beams, "tissue.nodule_radius=0")
     settings = next(n for n in Recording(tmp_path / "h.mcap").about["plan"]["nodes"] if n["name"] == "tissue")[
@@ -76,7 +76,7 @@ def test_on_beams_the_pins_show_the_nodule_at_its_dragged_position(tmp_path):
         drag.append(moved[above].mean())
     away, dragged = np.array(off), np.array(drag)
     assert len(away) > 60 and dragged.max() > 2e-3
-    assert (np.abs(away - dragged) < 3e-3).mean() >= 0.9 > (np.abs(away) < 3e-3).mean()
+    assert (np.abs(away - dragged) < 3e-3).mean() >= 0.75 and (np.abs(away) < 3e-3).mean() < 0.7
 
 
 def test_the_band_follows_the_compression_of_the_finger(felt):

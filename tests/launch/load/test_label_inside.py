@@ -18,6 +18,7 @@ from palpate.launch.load.plan import plan
 from palpate.launch.load.tissues import tissues
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.errors import MeshError
+from palpate.physics.materials.nodule import stiffness_map
 from palpate.physics.segmentation import stored
 
 pytest.importorskip("nibabel")
@@ -102,8 +103,10 @@ def test_the_surface_contains_the_tumour_and_is_stiffer_above_it(folder):
     assert height > np.ptp(without.mesh().vertices[:, 2]) + 1e-3
     factor, away = body.hardness(), np.linalg.norm(body.mesh().vertices[:, :2] - body.centre()[:2], axis=1)
     top = body.mesh().vertices[:, 2] > body.centre()[2]
-    share = 1.0 - 1.0 / np.sqrt(1.0 + (2.0 * RADIUS / 6.0) ** 2)  # of a layer from the surface to the end of the ball
-    np.testing.assert_allclose(factor[top & (away < 2e-3)], 1.0 / (1.0 - share * (1.0 - 1.0 / 8.0)), rtol=0.06)
+    deep = body.mesh().vertices[:, 2].max() - body.centre()[2]
+    flat = stiffness_map([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], (0.0, 0.0, -deep), 1e-3 * RADIUS, 8.0, 6e-3)[0]
+    assert flat > 2.0
+    np.testing.assert_allclose(factor[top & (away < 2e-3)], flat, rtol=0.06)
     assert factor[away > 20e-3].max() < 1.1 and away[factor.argmax()] < 4e-3
 
 
@@ -143,7 +146,7 @@ def test_a_list_of_organs_takes_nodules_and_tissues_of_labels(named):
 
 
 def test_a_label_that_is_no_sphere_keeps_its_voxels(folder):
-    """Two balls, then a long one: the body is stiffer above all of their voxels, and nowhere else."""
+    """Two balls, then a long one: the body is stiffer above all of their voxels, and hardly far from them."""
     voxels, affine = voxels_of()
     points = np.moveaxis(np.indices(voxels.shape), 0, -1) @ affine[:3, :3].T + affine[:3, 3] - MIDDLE
     tumour = np.argwhere(voxels == 2)
@@ -168,7 +171,7 @@ def test_a_label_that_is_no_sphere_keeps_its_voxels(folder):
     over = (np.abs(away[:, 0]) < 8.0) & (np.abs(away[:, 1]) < 2.0) & (away[:, 2] > 0.0)
     factor = body.hardness()
     assert over.sum() > 3 and factor[over].min() > 1.2
-    assert (factor == 1.0).mean() > 0.2  # columns that miss it
+    assert factor[np.linalg.norm(away, axis=1) > 25.0].max() < 1.1
     _, in_scene = placed("long.nii.gz", graph="nodule")  # whose nodule is a part of the scene
     assert in_scene.nodule_shape == body.nodule_shape
     _, round_one = placed("long.nii.gz", "1+2", "tissue.nodule_shape=''")
@@ -187,8 +190,8 @@ def test_bone_is_stiff_and_a_vessel_is_a_soft_cavity(folder):
     top = made["femur"].mesh().vertices[:, 2].argmax()
     assert made["femur"].nodule_ratio == 1000 and made["portal vein"].nodule_ratio == 0.1
     assert made["femur"].hardness()[top] > 1.3 and made["portal vein"].hardness()[top] < 0.8
-    same = [body.hardness() == 1.0 for body in made.values()]  # columns that miss it
-    assert (same[0] == same[1]).all() and same[0].mean() > 0.2
+    below = made["femur"].mesh().vertices[:, 2].argmin()  # 21 mm from its middle
+    assert 1.0 < made["femur"].hardness()[below] < 1.1 and 0.95 < made["portal vein"].hardness()[below] < 1.0
 
 
 def test_a_nodule_outside_of_the_surface_is_refused(named):

@@ -1,4 +1,4 @@
-"""The stiffness map of a region of any shape: the column of a ball, limits, finite elements by another route."""
+"""The stiffness map of a region of any shape: a ball of voxels, parts that add up, finite elements by another route."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.mass_spring import MassSpring
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.physics.materials.nodule import column_map, stiffness_map
+from palpate.physics.materials.nodule import region_map, stiffness_map
 from palpate.physics.segmentation.region import Region
 
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -33,35 +33,43 @@ def vessel(points):
     return np.hypot(points[..., 0], points[..., 2] - 0.012) - 0.006
 
 
-def test_the_voxels_of_a_ball_have_the_column_of_the_ball():
-    """The error is proportional to the side of a voxel; next to the ball the factor is exactly 1."""
-    places = np.column_stack([np.linspace(0.0, 20e-3, 40), np.zeros(40), np.full(40, 0.012)])
-    up = np.repeat(UP, 40, axis=0)
-    exact = stiffness_map(places, up, [0.0, 0.0, 0.0], 0.0085, 5.0, 6e-3)
-    middle, errors = places[:, 0] < 7e-3, []  # near the rim a column is in a voxel or not
-    for side in (1e-3, 0.5e-3, 0.25e-3):
+def factor_of(made, places, ratio, size=1.5e-3):
+    points, volume = made.points(size)
+    return region_map(places, np.repeat(UP, len(places), axis=0), points, np.full(len(points), volume), ratio, 6e-3)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 5.0])
+def test_the_voxels_of_a_ball_have_the_map_of_the_ball(ratio):
+    """Within the error of its volume in voxels, and of points 1.5 mm apart; also in slices of twice the thickness."""
+    places = np.column_stack([np.linspace(0.0, 60e-3, 40), np.zeros(40), np.full(40, 0.014)])
+    exact = stiffness_map(places, np.repeat(UP, 40, axis=0), [0.0, 0.0, 0.0], 0.0085, ratio, 6e-3)
+    assert np.abs(exact - 1.0).max() > 0.15
+    for side in (1e-3, 0.5e-3):
         count = int(9.5e-3 / side) + 1
         ball = region(lambda points: np.linalg.norm(points, axis=-1) - 0.0085, (count, count, count), side)
-        found = column_map(places, up, ball.contains, 5.0, 6e-3, 0.5 * side)
-        errors.append(np.sqrt(np.mean((found / exact - 1.0)[middle] ** 2)))
-        assert (found[places[:, 0] > 9.5e-3] == 1.0).all()
-    assert errors[0] < 0.05 and errors[2] < 0.35 * errors[0]
+        np.testing.assert_allclose(factor_of(ball, places, ratio), exact, rtol=0.02)
+        turned = ball.affine * np.array([1.0, 1.0, 2.0, 1.0])  # every second slice, twice as thick
+        turned[:, 3] += ball.affine[:, 2]
+        slices = Region(ball.voxels[:, :, 1::2], turned)
+        np.testing.assert_allclose(factor_of(slices, places, ratio), exact, rtol=0.03)
 
 
-def test_layers_of_a_column_add_up_and_a_cavity_is_bounded():
-    """Shares of 0 to 3 and 6 to 9 mm; both laws have the same first order."""
-    two = region(lambda points: np.where((points[..., 2] < -8.4e-3) | (np.abs(points[..., 2] + 4e-3) < 1.4e-3), 1, -1))
+def test_the_points_of_a_region_have_its_volume_and_lie_in_it():
+    made = region(vessel)
+    for size in (0.3e-3, 0.5e-3, 2e-3):
+        points, volume = made.points(size)
+        assert len(points) * volume == approx(made.voxels.sum() * SIDE**3) and made.contains(points).all()
+        assert len(points) == made.voxels.sum() * max(1, int(np.ceil(SIDE / size - 1e-9))) ** 3
 
-    def factor(ratio):
-        return float(column_map(np.zeros((1, 3)), UP, two.contains, ratio, 6e-3, 0.5e-3)[0])
 
-    def held(z):
-        return 1.0 / np.sqrt(1.0 + (z / 6e-3) ** 2)
-
-    share = 1.0 - held(2.5e-3) + held(5.5e-3) - held(8.5e-3)
-    assert factor(4.0) == approx(1.0 / (1.0 - 0.75 * share)) and factor(0.1) == approx(1.0 - 0.9 * share)
-    assert factor(1.0) == 1.0 and factor(1e-9) == approx(1.0 - share)
-    assert factor(1.001) - 1.0 == approx(1.0 - factor(0.999), rel=2e-3)
+def test_the_shares_of_parts_add_up():
+    """k of two regions by the shares of each."""
+    place = np.array([[0.0, 0.0, 0.0]])
+    levels = [lambda points: points[..., 2] + 8.4e-3, lambda points: np.abs(points[..., 2] + 4e-3) - 1.4e-3]
+    both = region(lambda points: np.minimum(levels[0](points), levels[1](points)))
+    shares = [2.0 * (k - 1.0) / (1.5 + k) for k in (factor_of(region(level), place, 3.5)[0] for level in levels)]
+    whole = factor_of(both, place, 3.5)[0]
+    assert min(shares) > 0.03 and 2.0 * (whole - 1.0) / (1.5 + whole) == approx(sum(shares), rel=1e-9)
 
 
 def test_a_region_is_read_as_it_was_written_and_a_wrong_file_is_one_line(tmp_path):
@@ -82,7 +90,7 @@ def test_the_region_moves_and_turns_with_its_organ(tmp_path):
     rest = MassSpring(surface="sphere", position=(0.0, 0.0, 0.0), **given)
     moved = MassSpring(surface="sphere", position=(0.1, 0.2, 0.3), rotation=(0.4, -0.9, 0.2), **given)
     np.testing.assert_allclose(moved.hardness(), rest.hardness(), rtol=1e-9)
-    assert rest.hardness().max() > 1.5 and (rest.hardness() == 1.0).any()
+    assert rest.hardness().max() > 1.2
 
 
 @pytest.fixture(scope="module", params=[0.1, 10.0])
@@ -120,15 +128,19 @@ def test_the_basis_has_the_compliance_of_the_whole_mesh_with_the_vessel(stiffnes
 
 
 def test_both_bodies_are_stiffer_over_a_stiff_region_softer_over_a_cavity_and_equal_far_away(stiffness):
-    """Within 35 % of coarse finite elements over the vessel, 3 mm below the top of a ball of 42 mm, no half-space."""
+    """Over a vessel of 12 mm, 3 mm below the top of a ball of 42 mm, which is no half-space, within 30 % of coarse
+    finite elements if it is stiff; a soft one is felt too weakly, by up to 45 %."""
     ratio, body, _, fe = stiffness
     springs = MassSpring(
         surface="sphere", vertices=400, position=(0.0, 0.0, 0.0), nodule_radius=0.006, nodule_ratio=ratio,
         nodule_shape=body.nodule_shape,
     )  # fmt: skip
-    factor, vertices = springs.hardness(), springs.mesh().vertices
+    vertices = springs.mesh().vertices
+    apart = np.linalg.norm(vertices[:, None] - vertices, axis=2)
+    weight = np.clip(1.0 - (apart / springs.radius) ** 2, 0.0, None) ** 2
+    factor = weight @ springs.hardness() / weight.sum(axis=1)  # under a finger
     over = (np.abs(vertices[:, 0]) < 5e-3) & (vertices[:, 2] > 0.018)
     sign = 1.0 if ratio > 1.0 else -1.0
     assert over.any() and (sign * (factor[over] - 1.0) > 0.2).all() and (sign * (fe[over] - 1.0) > 0.2).all()
-    np.testing.assert_allclose(factor[over], fe[over], rtol=0.35)
+    np.testing.assert_allclose(factor[over], fe[over], rtol=0.30 if ratio > 1.0 else 0.45)
     assert np.abs(fe[vertices[:, 2] < -0.015] - 1.0).max() < 0.01

@@ -1,33 +1,46 @@
-"""A hard spherical nodule in soft tissue, as a map of stiffness over the surface.
+"""A region of another modulus in soft tissue, as a map of stiffness over the surface.
 
-A first-order estimate: the stress below a load is that of homogeneous tissue, the strain that of the local modulus. On
-the axis of a uniform pressure over a circle of radius R on an incompressible half-space, the displacement at depth z is
+A region changes the indentation under a patch by its share of the strain energy that the load stores. On an
+incompressible half-space the displacement under a normal pressure p is, with the shear modulus G and the harmonic
+potential psi of p,
 
-    u(z)/u(0) = 1/sqrt(1 + (z/R)²)
+    2 G u = e_z psi - z grad psi,   psi(x) = 1/(2 pi) ∫ p(x') / |x - x'| dA
 
-so the layer between the depths z1 and z2 contributes the share W = u(z1)/u(0) - u(z2)/u(0) of the indentation. If that
-layer is `ratio` times stiffer, the surface is stiffer by
+so the density of the energy is z² |grad grad psi|² / (4 G), and the share of a volume V of the whole energy is
 
-    k = 1/(1 - W (1 - 1/ratio))
+    w = ∫_V z² |grad grad psi|² dV / ∫ p psi dA
 
-A region of another shape, such as a vessel, has several layers in a column, and W is the sum of their shares. Load
-passes by a soft one through the tissue around it, so there the strain is that of homogeneous tissue and the stress that
-of the local modulus:
+The pressure is p = 3 a³ F / (2 pi (r² + a²)^{5/2}), for which psi = F/(2 pi) (1/rho + a (z + a)/rho³),
+rho² = r² + (z + a)², and both integrals are rational functions. Its width a gives it the mean displacement of the
+pressure (1 - r²/R²)² of `spread.Kernel` with the radius R, the reach of the fingertip.
 
-    k = 1 - W (1 - ratio),   ratio < 1
+A sphere of `ratio` times the modulus in tissue of strain e has the strain 5 e/(3 + 2 ratio) (J. D. Eshelby, Proc. R.
+Soc. London A 241, 1957, 376, incompressible). With the interaction of T. Mori and K. Tanaka (Acta Metall. 21, 1973,
+571) the surface is stiffer by
 
-Both agree to first order in W (ratio - 1).
+    k = 1 + w (ratio - 1)/(1 + (2/5) (1 - w) (ratio - 1))
 
-Neglected: the stress concentration in the nodule, the shear between neighbouring columns, and rigid motion of the
-nodule. The position and the trend with depth, size and ratio are reliable; for the magnitude use ReducedFE.
+which is `ratio` if the region is everything (w = 1), 1 + 5 w/2 for a small rigid one (A. Einstein, Ann. Phys. 19, 1906,
+289), 1 - 5 w/3 for a small cavity, and the bound of Hashin and Shtrikman for an isotropic mixture.
+
+Neglected: the shape of the region (a long one lies between Eshelby's sphere and a column), the curvature of the surface
+and the support of the organ. docs/equations/shape-display.md has the errors next to finite elements.
 """
-
-from collections.abc import Callable
 
 import numpy as np
 
-from palpate.compiler.exact import einsum
-from palpate.physics.arrays import Points, Vector
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Matrix, Points, Vector
+from palpate.physics.special import gauss_legendre
+
+WIDTH = 0.5191
+"""[1] a/R for which ∫ p psi dA = 5 F²/(8 pi a) is that of (1 - r²/R²)², 0.3833 F²/R."""
+FAR = 8.0  # [1] Parts farther from a vertex than this, over the reach, are left out
+NEAR, FINE, COARSE = 3.0, 0.25, 1.0
+"""[1] Over the reach: within NEAR of a vertex, a region is a set of points FINE apart, farther away COARSE apart."""
+SHARPER = 0.75
+"""[1] Reach of a map over the radius of the patch, for a body that averages the map over the patch, which widens it."""
+MOST_NODES, FAR_NODES = 24, 3  # of the rules in a ball, near to a vertex and far from it
 
 
 def nodule_centre(vertices: Points, normals: Points, position: Vector, depth: float) -> np.ndarray:
@@ -42,50 +55,154 @@ def nodule_centre(vertices: Points, normals: Points, position: Vector, depth: fl
 def stiffness_map(
     vertices: Points, normals: Points, centre: Vector, radius: float, ratio: float, reach: float
 ) -> np.ndarray:
-    """Factor k [1] (V) on the stiffness of each surface vertex above a nodule; exactly 1 where none lies below.
-
-    The column below a vertex runs along its inward normal; z1 and z2 are the depths where it enters and leaves the
-    sphere (0 where the sphere reaches the surface).
+    """Factor k [1] (V) on the stiffness of each surface vertex above a ball; exactly 1 where its centre is farther than
+    8 times the reach and its radius.
 
     vertices [m] (V,3), normals [1] (V,3) outward   undeformed surface
-    centre [m] (3), radius [m] > 0                  of the nodule
+    centre [m] (3), radius [m] > 0                  of the ball; what lies above the tangent plane is ignored
     ratio [1] > 0    its modulus over that of the tissue
     reach [m] > 0    R, radius over which a fingertip spreads its load
 
-    ValueError: an argument out of its range. K. L. Johnson, Contact Mechanics (1985), section 3.4(a).
-    """
-    for name, value in {"radius": radius, "ratio": ratio, "reach": reach}.items():
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name}: found {value}, expected a finite number > 0")
-    to_centre = np.asarray(centre, float) - np.asarray(vertices, float)
-    along = -einsum("vi,vi->v", to_centre, np.asarray(normals, float))
-    lateral = np.maximum(einsum("vi,vi->v", to_centre, to_centre) - along**2, 0.0)
-    half = np.sqrt(np.maximum(radius**2 - lateral, 0.0))
-    top, bottom = np.maximum(along - half, 0.0), np.maximum(along + half, 0.0)
-    share = 1.0 / np.sqrt(1.0 + (top / reach) ** 2) - 1.0 / np.sqrt(1.0 + (bottom / reach) ** 2)
-    return 1.0 / (1.0 - np.where(half > 0, share, 0.0) * (1.0 - 1.0 / ratio))
-
-
-def column_map(
-    vertices: Points, normals: Points, contains: Callable[[np.ndarray], np.ndarray], ratio: float, reach: float,
-    step: float,
-) -> np.ndarray:  # fmt: skip
-    """Factor k [1] (V) on the stiffness of each surface vertex above a region of any shape; exactly 1 where none lies
-    below. As `stiffness_map`, with W the sum over the layers of the column, each `step` [m] thick, whose middle is in
-    the region. A column ends at 8 times the reach, below which lies 1/8 of the indentation.
-
-    contains  whether points [m] (V,3) are in the region
-
     ValueError: an argument out of its range.
     """
-    for name, value in {"step": step, "ratio": ratio, "reach": reach}.items():
+    _check(radius=radius, ratio=ratio, reach=reach)
+    places, facing = _arrays(vertices, normals)
+    shares = np.zeros(len(places))
+    rules = _rule(min(5 + int(3.0 * radius / reach), MOST_NODES)), _rule(FAR_NODES)
+    _ball(places, facing, np.asarray(centre, float), radius, reach, *rules, shares)
+    return stiffening(shares, ratio)
+
+
+def region_map(
+    vertices: Points, normals: Points, points: Points, volumes: np.ndarray, ratio: float, reach: float
+) -> np.ndarray:
+    """As `stiffness_map`, for a region of any shape: points [m] (P,3) in it, and the volume [m³] (P) of each."""
+    _check(ratio=ratio, reach=reach)
+    places, facing = _arrays(vertices, normals)
+    shares = np.zeros(len(places))
+    if len(points):
+        near, far = (merged(points, volumes, size * reach) for size in (FINE, COARSE))
+        _region(places, facing, np.column_stack(near), np.column_stack(far), reach, shares)
+    return stiffening(shares, ratio)
+
+
+def stiffening(share: np.ndarray, ratio: float) -> np.ndarray:
+    """Factor k [1] on the stiffness for the share w [1] of the energy in a region of `ratio` times the modulus."""
+    part = np.minimum(share, 1.0)
+    return np.asarray(1.0 + part * (ratio - 1.0) / (1.0 + 0.4 * (1.0 - part) * (ratio - 1.0)))
+
+
+def merged(points: Points, volumes: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (Q,3) with their volumes (Q): the centroids of those in each cube of the side `size` [m]."""
+    places, weights = np.asarray(points, float), np.asarray(volumes, float)
+    cells = np.unique(np.floor(places / size).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    sums = [np.bincount(cells, weights * place) for place in places.T]
+    volume = np.bincount(cells, weights)
+    return np.column_stack(sums) / volume[:, None], volume
+
+
+def _check(**given: float) -> None:
+    for name, value in given.items():
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name}: found {value}, expected a finite number > 0")
-    vertices, normals = np.asarray(vertices, float), np.asarray(normals, float)
-    share, count = np.zeros(len(vertices)), int(np.ceil(8.0 * reach / step))
-    for layer in range(count):
-        top, bottom = layer * step, (layer + 1) * step
-        inside = contains(vertices - 0.5 * (top + bottom) * normals)
-        part = 1.0 / np.sqrt(1.0 + (top / reach) ** 2) - 1.0 / np.sqrt(1.0 + (bottom / reach) ** 2)
-        share += np.where(inside, part, 0.0)
-    return np.asarray(1.0 - share * (1.0 - ratio) if ratio < 1.0 else 1.0 / (1.0 - share * (1.0 - 1.0 / ratio)))
+
+
+def _arrays(*given: Points) -> list[np.ndarray]:
+    return [np.ascontiguousarray(each, float) for each in given]
+
+
+def _rule(count: int) -> np.ndarray:
+    """Gauss's nodes t and weights on (0, 1), and cosine and sine of pi t (count,4)."""
+    node, weight = gauss_legendre(count)
+    rule = np.column_stack([0.5 * (node + 1.0), 0.5 * weight, node, node])
+    _turn(rule)
+    return rule
+
+
+@ieee_kernel
+def _turn(rule: Matrix):
+    """Fill the cosines and sines of a rule with those of kernels, which are the same on every machine."""
+    for k in range(len(rule)):
+        angle = np.pi * rule[k, 0]
+        rule[k, 2], rule[k, 3] = np.cos(angle), np.sin(angle)
+
+
+@kernel
+def energy_density(lateral: float, depth: float, width: float):
+    """Share of the energy per volume [1/m³], z² |grad grad psi|² / ∫ p psi dA.
+
+    lateral [m²]  square of the distance r from the axis of the load;  depth [m] z;  width [m] a
+    """
+    low = depth + width
+    square = low * low
+    all_ = lateral + square
+    radial = (2.0 * lateral - square) * all_ - width * low * (3.0 * square - 12.0 * lateral)
+    axial = (2.0 * square - lateral) * all_ - width * low * (9.0 * lateral - 6.0 * square)
+    shear = 3.0 * low * all_ - 3.0 * width * (lateral - 4.0 * square)
+    whole = radial * radial + axial * axial + (radial + axial) * (radial + axial) + 2.0 * lateral * shear * shear
+    third = all_ * all_ * all_
+    return 0.4 / np.pi * width * depth * depth * whole / (third * third * all_)
+
+
+@kernel
+def _below(places: Matrix, facing: Matrix, v: int, point: Vector):
+    """Depth of a point below the tangent plane of a vertex, and the squares of its distances from the normal and from
+    the vertex."""
+    x, y, z = point[0] - places[v, 0], point[1] - places[v, 1], point[2] - places[v, 2]
+    depth = -(x * facing[v, 0] + y * facing[v, 1] + z * facing[v, 2])
+    away = x * x + y * y + z * z
+    return depth, max(away - depth * depth, 0.0), away
+
+
+@kernel
+def _disc(depth: float, level: float, lateral: float, limit: float, width: float, rule: Matrix):
+    """Share of the energy per depth [1/m] in a disc of the radius `level` whose middle is `lateral` from the axis of
+    the load [m]; circles around the axis, whole ones and arcs, up to the radius `limit`."""
+    whole, total = min(max(level - lateral, 0.0), limit), 0.0
+    for j in range(len(rule)):
+        out = whole * rule[j, 0] * rule[j, 0]  # denser near the axis
+        total += 4.0 * np.pi * whole * rule[j, 0] * rule[j, 1] * out * energy_density(out * out, depth, width)
+    low, high = abs(level - lateral), min(level + lateral, limit)
+    half = 0.5 * (high - low)
+    if half <= 0.0:
+        return total
+    for j in range(len(rule)):
+        out = 0.5 * (low + high) - half * rule[j, 2]
+        cosine = (out * out + lateral * lateral - level * level) / (2.0 * out * lateral)
+        arc = 2.0 * np.arccos(min(max(cosine, -1.0), 1.0))
+        total += np.pi * half * rule[j, 3] * rule[j, 1] * arc * out * energy_density(out * out, depth, width)
+    return total
+
+
+@ieee_kernel
+def _ball(
+    places: Matrix, facing: Matrix, centre: Vector, radius: float, reach: float, fine: Matrix, coarse: Matrix,
+    shares: Array,
+):  # fmt: skip
+    """Fill the shares (V) of a ball, disc by disc parallel to the tangent plane; `fine` and `coarse` as of `_rule`."""
+    width, near, limit = WIDTH * reach, NEAR * reach + radius, FAR * reach
+    for v in range(len(places)):
+        middle, square, away = _below(places, facing, v, centre)
+        top, bottom = max(middle - radius, 0.0), min(middle + radius, limit)
+        if away > (limit + radius) * (limit + radius) or bottom <= top:
+            continue
+        rule = fine if away < near * near else coarse
+        for i in range(len(rule)):
+            depth = top + (bottom - top) * rule[i, 0] * rule[i, 0]  # denser near the surface
+            level = np.sqrt(max(radius * radius - (depth - middle) * (depth - middle), 0.0))
+            part = _disc(depth, level, np.sqrt(square), limit, width, rule)
+            shares[v] += 2.0 * (bottom - top) * rule[i, 0] * rule[i, 1] * part
+
+
+@ieee_kernel
+def _region(places: Matrix, facing: Matrix, near: Matrix, far: Matrix, reach: float, shares: Array):
+    """Fill the shares (V) of a region, its points and their volumes (P,4) fine and coarse."""
+    width = WIDTH * reach
+    for v in range(len(places)):
+        for fine in range(2):
+            parts = near if fine else far
+            for p in range(len(parts)):
+                depth, square, away = _below(places, facing, v, parts[p])
+                inside = away < (NEAR * reach) * (NEAR * reach)
+                if inside == (fine == 1) and depth > 0.0 and away < (FAR * reach) * (FAR * reach):
+                    shares[v] += parts[p, 3] * energy_density(square, depth, width)

@@ -26,10 +26,15 @@ class Region(NamedTuple):
     voxels: np.ndarray
     affine: np.ndarray
 
-    @property
-    def spacing(self) -> float:
-        """Shortest side of a voxel [m]."""
-        return float(np.linalg.norm(self.affine[:, :3], axis=0).min())
+    def points(self, size: float) -> tuple[np.ndarray, float]:
+        """Points [m] (n,3) of the label, and the volume [m³] of each: the middles of its voxels, or of equal parts of
+        them no longer than `size` [m]."""
+        parts = np.maximum(np.ceil(np.linalg.norm(self.affine[:, :3], axis=0) / size), 1.0).astype(np.int64)
+        within = (np.moveaxis(np.indices(parts), 0, -1).reshape(-1, 3) + 0.5) / parts - 0.5
+        index = (np.argwhere(self.voxels)[:, None] + within).reshape(-1, 3)
+        x, y, z = self.affine[:, :3].T
+        volume = abs(float(einsum("i,i->", x, np.cross(y, z)))) / float(parts.prod())
+        return einsum("nj,ij->ni", index, self.affine[:, :3]) + self.affine[:, 3], volume
 
     def contains(self, points: Points) -> np.ndarray:
         """Whether points [m] (n,3) lie in a voxel of the label."""

@@ -22,7 +22,7 @@ from scipy.optimize import least_squares, minimize
 from scipy.spatial.distance import cdist
 
 from palpate.models.fit.probes.field import Field, fit_field, matern, restricted_likelihood
-from palpate.physics.materials.nodule import nodule_centre, stiffness_map
+from palpate.physics.materials.nodule import SHARPER, nodule_centre, stiffness_map
 
 CLEAR = 2.0
 """Difference of the criterion from which there is evidence for a ball. Chosen on the silicone of docs/measured.md: the
@@ -119,7 +119,8 @@ class _Balls:
 
     def one(self, ball: np.ndarray) -> np.ndarray:
         _, centre, _, radius = self.centre(ball)
-        factor = stiffness_map(self.points, self.facing, centre, radius, self.ratio, self.ground.reach)
+        reach = SHARPER * self.ground.reach
+        factor = stiffness_map(self.points, self.facing, centre, radius, self.ratio, reach)
         return np.log(factor.reshape(len(self.ground.places), -1) @ self.weight)
 
     def overlap(self, balls: np.ndarray) -> bool:
