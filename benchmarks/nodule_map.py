@@ -2,9 +2,9 @@
 
     python benchmarks/nodule_map.py [--cases 6] [--json]
 
-A patch of 8 mm presses the kidney over the ball and at 4, 8, 12 and 16 mm from there. The entries are the stiffness over
-that of the kidney without the ball, by the map of deformation.MassSpring under the patch, and by the linear full finite
-elements of the organ. A case takes half a minute.
+A patch of 8 mm presses the kidney over the ball and at 4, 8, 12 and 16 mm from there. The entries are the stiffness
+over that of the kidney without the ball, by the map of deformation.MassSpring under the patch, and by the linear full
+finite elements of the organ. A case takes half a minute.
 """
 
 from __future__ import annotations
