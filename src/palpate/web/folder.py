@@ -1,10 +1,9 @@
-"""The files of a page: each file of data is named after the hash of its content, which the page checks."""
+"""The files of a page: each file of data is named after the hash of its compressed content, which the page checks."""
 
 from __future__ import annotations
 
 import base64
 import contextlib
-import gzip
 import hashlib
 import json
 import re
@@ -23,6 +22,7 @@ from palpate.physics.scratch import ScratchFolder
 from palpate.physics.writable import check_folder
 from palpate.web.bundle import as_text, bundle
 from palpate.web.errors import WebError
+from palpate.web.packing import packed
 from palpate.web.program import compile_program
 from palpate.web.recording import recording_head
 from palpate.web.started import Started, started
@@ -44,6 +44,7 @@ ENGINE = (
     "recording.js",
     "replay.js",
     "files.js",
+    "unpack.js",
     "sha256.js",
     "palpate.js",
 )
@@ -132,18 +133,20 @@ def _new_folder(out: Path) -> Iterator[Path]:
 
 
 class _Store:
-    """Files of data by the hash of their content."""
+    """Files of data by the hash of their compressed content, which is in their names."""
 
     def __init__(self) -> None:
         self.files: dict[str, str] = {}
         self.needs: dict[str, list[str]] = {}
+        self._known: dict[bytes, str] = {}
 
     def add(self, data: bytes) -> str:
-        digest = hashlib.sha256(data).hexdigest()
-        if digest not in self.files:
-            packed = base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()
-            self.files[digest] = f'palpateData("{digest}", "{packed}");\n'
-        return digest
+        content = hashlib.sha256(data).digest()
+        if content not in self._known:
+            short = packed(data)
+            digest = self._known[content] = hashlib.sha256(short).hexdigest()
+            self.files[digest] = f'palpateData("{digest}", "{base64.b64encode(short).decode()}");\n'
+        return self._known[content]
 
 
 def _build_variants(
@@ -164,8 +167,7 @@ def _build_variants(
                 "name": f"{name}.mcap", "mesh": store.add(mesh), "page": page, "recording": recording_head(run),
             }  # fmt: skip
             about["recording"]["program"] = _identity(program.code.code, about["parts"])
-            for part in about["parts"]:
-                store.add(program.parts[part["hash"]])
+            about["parts"] = [{**part, "hash": store.add(program.parts[part["hash"]])} for part in about["parts"]]
             digest = store.add(json.dumps(about, separators=(",", ":")).encode())
             store.needs[digest] = [part["hash"] for part in about["parts"]] + [about["mesh"]]
             entries.append({**variant.choice, "hash": digest, "program": about["recording"]["program"]})

@@ -1,14 +1,15 @@
 // Files of a folder of `palpate build web`: scripts that call `palpateData(hash, text)`, with compressed bytes as text.
 
 import { sha256 } from "/sha256.js";
+import { restored } from "/unpack.js";
 
-// The bytes of a file, which must have the hash in its name.
+// The content of a file, whose compressed bytes must have the hash in its name.
 export async function unpacked(hash, text) {
-  const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const letters = atob(text), packed = new Uint8Array(letters.length);
+  for (let k = 0; k < packed.length; k++) packed[k] = letters.charCodeAt(k);
+  if (sha256(packed) !== hash) throw new Error("it does not have the hash in its name");
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  if (sha256(bytes) !== hash) throw new Error("it does not have the hash in its name");
-  return bytes;
+  return restored(new Uint8Array(await new Response(stream).arrayBuffer()));
 }
 
 // The text in a script of data.

@@ -1,0 +1,73 @@
+"""Makes memory short before it is compressed, so that the page restores the same bytes (`static/unpack.js`).
+
+Arrays of floating-point numbers and of indices compress better as differences to an earlier word, with the bytes of
+equal significance together. A compliance matrix is symmetric and consists of multiples of a step
+(`physics.bodies.condensed_basis`), which are smooth along the surface: half of it as second differences of 16 bits
+has a fifth of the size. Each form begins with a head of `HEAD` bytes: its kind, then as the kind needs.
+"""
+
+import math
+import struct
+import zlib
+
+import numpy as np
+
+HEAD = 8
+PLAIN, DIFFERENCES, SYMMETRIC = 0, 1, 2
+FORMS = [(4, 0), (4, 1), (4, 3), (4, 8), (8, 0), (8, 1), (8, 3), (8, 6), (8, 7), (8, 8)]
+"""Bytes of a word, and number of words to the earlier one (0: the words themselves) that are tried: indices, vectors,
+and records of 32 to 64 bytes."""
+SAMPLE = 1 << 17  # [bytes] with which a form is chosen
+MOST = 32767  # the largest multiple of a step
+APART = 3  # [1] entries from a vertex to the next one
+
+
+def packed(data: bytes) -> bytes:
+    """The shortest form of memory, compressed (gzip)."""
+    matrix = symmetric(data) if len(data) >= SAMPLE else None
+    form = matrix or min(_forms(data), key=len)
+    squeeze = zlib.compressobj(9, zlib.DEFLATED, 31)
+    return squeeze.compress(form) + squeeze.flush()
+
+
+def _forms(data: bytes) -> list[bytes]:
+    """The plain form, and of the others that which makes a part of the memory shortest."""
+    plain = bytes([PLAIN]).ljust(HEAD, b"\0") + data
+    middle = max(0, len(data) - SAMPLE) // 16 * 8
+    part = data[middle : middle + SAMPLE]
+    sizes = {form: len(zlib.compress(differences(part, *form), 6)) for form in FORMS}
+    best = min(sizes, key=lambda form: sizes[form])
+    return [differences(data, *best)] if sizes[best] < len(zlib.compress(part, 6)) else [plain]
+
+
+def differences(data: bytes, width: int, back: int) -> bytes:
+    """Each word less the one that lies `back` words before it (0: the word itself), modulo its range, the lowest bytes
+    of all words first; then the bytes after the last whole word."""
+    count = len(data) // width
+    words = np.frombuffer(data[: count * width], f"<u{width}").copy()
+    if back:
+        words[back:] -= np.frombuffer(data, f"<u{width}", count - min(back, count))
+    planes = words.view(np.uint8).reshape(-1, width).T.tobytes()
+    return bytes([DIFFERENCES, width, back]).ljust(HEAD, b"\0") + planes + data[count * width :]
+
+
+def symmetric(data: bytes) -> bytes | None:
+    """A symmetric matrix (n,n) of float32 that are multiples of the largest one over `MOST`: n, the step, and the lower
+    half of the multiples as second differences along both axes, low bytes first. None: another content."""
+    size = math.isqrt(len(data) // 4)
+    if 4 * size * size != len(data) or size <= APART:
+        return None
+    matrix = np.frombuffer(data, "<f4").reshape(size, size)
+    if not np.isfinite(matrix).all() or not (largest := np.abs(matrix).max()) > 0.0:
+        return None
+    step = largest / np.float32(MOST)
+    multiples = np.rint(matrix / step).astype("<i2")
+    if (multiples * step).tobytes() != data or not np.array_equal(matrix, matrix.T):
+        return None
+    words = multiples.view("<u2").copy()
+    words[APART:] -= multiples.view("<u2")[:-APART]
+    rows = words.copy()
+    words[:, APART:] -= rows[:, :-APART]
+    lower = words[np.tril_indices(size)]
+    head = struct.pack("<BxHf", SYMMETRIC, size, step)
+    return head + lower.view(np.uint8).reshape(-1, 2).T.tobytes()
