@@ -20,6 +20,26 @@ FRAME = (
     'title="Touch {name} in the browser" style="width: 100%; height: 640px; border: 0"></iframe></details>'
 )
 """A browser loads a lazy frame when it becomes visible."""
+SPRINGS = ("use=deformation.MassSpring", "exponent=1", "damping=0")
+COARSE = "vertices=2500"
+STACK, SIDES = ("upper", "middle", "kidney"), ("upper-middle", "middle-upper", "middle-kidney", "kidney-middle")
+LIGHT = {
+    "neighbours": ("fast: springs", [f"{organ}.{each}" for organ in ("liver", "kidney") for each in SPRINGS]),
+    "stack": (
+        "fast: springs, coarse surfaces",
+        [f"{organ}.{each}" for organ in STACK for each in (*SPRINGS, COARSE)]
+        + [f"{node}-{organ}.{COARSE}" for organ in STACK for node in ("collision", "spread")]
+        + [f"side-{side}.{COARSE}" for side in SIDES],
+    ),
+    "organs": (
+        "fast: coarse surfaces, gap not bridged",
+        [f"scene.{surface}.{COARSE}" for surface in ("surface", "liver-surface")]
+        + [f"collision-{organ}.width=0" for organ in ("kidney", "liver")],
+    ),
+}
+"""Runs of which a page would load more than 3 MB at first: it begins with these settings, under this name, and loads
+the run itself when it is chosen as `EXACT`."""
+EXACT = "exact: as palpate run"
 
 
 def build_touches(names: list[str]) -> None:
@@ -27,17 +47,27 @@ def build_touches(names: list[str]) -> None:
     from palpate.launch.load.launchfile import find
     from palpate.physics.errors import PalpateError
     from palpate.web.folder import build
-    from palpate.web.variants import Place, body_shown
+    from palpate.web.variants import body_shown
 
     for name in names:
         shutil.rmtree(HERE / name, ignore_errors=True)
         try:
             launch = find(name)
-            built = build([Place(launch)], HERE / name, [body_shown(launch)], lambda stage: lambda share: None)
+            built = build(places(launch, name), HERE / name, [body_shown(launch)], lambda stage: lambda share: None)
         except PalpateError as error:
             print(f"{name}: no touch: {error}")
             continue
         print(f"{name}: {built.first / 1e6:.2f} MB at first, {built.whole / 1e6:.1f} MB in all")
+
+
+def places(launch: Any, name: str) -> list[Any]:
+    """What the page of a run offers: the run, after a lighter one where it is large."""
+    from palpate.web.variants import Place
+
+    if name not in LIGHT:
+        return [Place(launch)]
+    label, settings = LIGHT[name]
+    return [Place(launch.but(overrides=settings), scene=label), Place(launch, scene=EXACT)]
 
 
 def add_touches(app: Any, doctree: nodes.document) -> None:
