@@ -3,7 +3,7 @@
 Arrays of floating-point numbers and of indices compress better as differences to an earlier word, with the bytes of
 equal significance together. A compliance matrix is symmetric and consists of multiples of a step
 (`physics.bodies.condensed_basis`), which are smooth along the surface: half of it as second differences of 16 bits
-has a fifth of the size. Each form begins with a head of `HEAD` bytes: its kind, then as the kind needs.
+takes 20 % of the bytes. Each form begins with a head of `HEAD` bytes: its kind, then as the kind needs.
 """
 
 import math
