@@ -158,10 +158,12 @@ def _below(places: Matrix, facing: Matrix, v: int, point: Vector):
 def _disc(depth: float, level: float, lateral: float, limit: float, width: float, rule: Matrix):
     """Share of the energy per depth [1/m] in a disc of the radius `level` whose middle is `lateral` from the axis of
     the load [m]; circles around the axis, whole ones and arcs, up to the radius `limit`."""
-    whole, total = min(max(level - lateral, 0.0), limit), 0.0
-    for j in range(len(rule)):
-        out = whole * rule[j, 0] * rule[j, 0]  # denser near the axis
-        total += 4.0 * np.pi * whole * rule[j, 0] * rule[j, 1] * out * energy_density(out * out, depth, width)
+    total = 0.0
+    if level > lateral:
+        whole = min(level - lateral, limit)
+        for j in range(len(rule)):
+            out = whole * rule[j, 0] * rule[j, 0]  # denser near the axis
+            total += 4.0 * np.pi * whole * rule[j, 0] * rule[j, 1] * out * energy_density(out * out, depth, width)
     low, high = abs(level - lateral), min(level + lateral, limit)
     half = 0.5 * (high - low)
     if half <= 0.0:
