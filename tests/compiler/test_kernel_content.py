@@ -154,6 +154,7 @@ def test_docstrings_comments_lines_and_classes_around_kernels_alter_no_name():
 
 
 def test_another_layout_of_a_record_alters_the_name():
+    shipped.kernels()  # imports all nodes
     draw = random.Random(86)
     kinds = [each for each in CompiledNode.__subclasses__() if "compute" in vars(each) and record(each).fields]
     for kind in draw.sample(kinds, 10):
