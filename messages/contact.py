@@ -11,6 +11,8 @@ from palpate.messages.fields import Bound
 UNIT_VECTOR = Bound(1.001, "a unit vector")
 COMPLIANCE = Bound(1e3, "a body of 1 mN/m")
 SIDES = "first", "second"  # the bodies of an `OrganContact`
+NO_TORQUES = np.zeros((0, 3))
+NO_TORQUES.setflags(write=False)
 
 
 class Proximity(Sparse):
@@ -155,6 +157,9 @@ class OrganContact(Sparse):
     second_forces  [N]   (l,3) force on each
     carried        [J]   (c)   work of moving foundations on the bodies through this contact since the start; c = 1,
                                0 if none moves, and then omitted on the wire
+    torques        [N m] (t,3) moments on both bodies about their centres, where one rotates with its foundation: t = 2;
+                               else t = 0, and omitted. `resultant` is then in the world, the other vectors in the
+                               frames of the bodies
     """
 
     force: Annotated[float, "N"]
@@ -179,6 +184,7 @@ class OrganContact(Sparse):
     second_nodes: Annotated[Ints, "1", ("l",)]
     second_forces: Annotated[Floats, "N", ("l", 3)]
     carried: Annotated[Floats, "J", ("c",)] = NO_FLOATS
+    torques: Annotated[Floats, "N m", ("t", 3)] = NO_TORQUES
 
 
 class Neighbour(Message):

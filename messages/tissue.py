@@ -9,8 +9,9 @@ from palpate.messages.base import NO_FLOATS, Floats, Ints, Sparse, Vector, Vecto
 
 NO_INTS = np.zeros(0, dtype="<i4")
 NO_LAWS, NO_SLOPES, NO_COUPLING = np.zeros((0, 5)), np.zeros((0, 12)), np.zeros((0, 0))
-for _empty in (NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING):
-    _empty.setflags(write=False)  # avoids a copy per message; the last three are omitted on the wire by identity
+NO_MOTION, NO_MOBILITY = np.zeros((0, 6)), np.zeros((0, 3))
+for _empty in (NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING, NO_MOTION, NO_MOBILITY):
+    _empty.setflags(write=False)  # avoids a copy per message; all but the first are omitted on the wire by identity
 
 
 class Surface(Sparse):
@@ -89,6 +90,13 @@ class Support(Sparse):
                                last three are omitted on the wire
     spin          [rad/s] (r)  angular velocity
     centre        [m]     (r)  centre of the organ at the start
+
+    Of an organ that forces move, for the contact with other organs; else (0,6), and omitted on the wire:
+
+    expected  [m (3), rad (3)] (e,6)  displacement and rotation in the next step if all forces stay; e = 1
+    mobility  [m/N (3), 1/(N m) (3)] (k,3)  the changes of displacement and of rotation, three rows each, per change of
+                               the force and of the moment about the centre; k = 6
+    contacts  [1]     (e)      number of its contacts with other organs, which share the mobility
     """
 
     displacement: Annotated[Vector3, "m"]
@@ -96,3 +104,6 @@ class Support(Sparse):
     rotation: Annotated[Floats, "rad", ("r",)] = NO_FLOATS
     spin: Annotated[Floats, "rad/s", ("r",)] = NO_FLOATS
     centre: Annotated[Floats, "m", ("r",)] = NO_FLOATS
+    expected: Annotated[Floats, "m (3), rad (3)", ("e", 6)] = NO_MOTION
+    mobility: Annotated[Floats, "m/N (3), 1/(N m) (3)", ("k", 3)] = NO_MOBILITY
+    contacts: Annotated[Floats, "1", ("e",)] = NO_FLOATS

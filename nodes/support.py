@@ -7,9 +7,11 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
+from palpate.compiler.dot import dot
 from palpate.compiler.exact import length
 from palpate.compiler.records import floats, integers, lend, lend_first, nth, put, vector
 from palpate.messages import Contact, Force, Friction, Pose, Surface, Vector3
+from palpate.messages.contact import OrganContact
 from palpate.messages.record import ROOM
 from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Out, SettingError, Wants
@@ -23,6 +25,7 @@ from palpate.physics.bodies.carried import displacement
 from palpate.physics.bodies.floating.added_inertia import added_inertia, contact_stiffness
 from palpate.physics.bodies.floating.foundation import FIELDS, MOTION, Constants, plus, scaled
 from palpate.physics.bodies.floating.foundation import step as move
+from palpate.physics.bodies.floating.mobility import look_ahead
 from palpate.physics.bodies.floating.solid import centre_of
 from palpate.physics.bodies.floating.turning import cross, moment_on, spin, turned, turned_back
 from palpate.physics.bodies.floating.twisting import twist
@@ -35,7 +38,8 @@ RIGID = (0.0, 0.0, 0.0, 0.0, 0.0)  # terminal law of a body that has sent none
 
 
 class Moving(CompiledNode):
-    """A motion of organs with their elastic foundations: d = amplitude w(t/period) + path.
+    """A motion of organs with their elastic foundations: d = amplitude w(t/period) + path, and the rotation vector
+    r = rotation w(t/period) + turns about a pivot.
 
     moves      names of the bodies that move; the loader connects them (scene key `motions`)
     amplitude  displacement from exhalation to inhalation
@@ -43,6 +47,9 @@ class Moving(CompiledNode):
     waveform   `sine`: sin²(pi t/period); `breathing`: its square, which stays longer near exhalation
     path       displacements, as the path of a hand: `{to: [0, 0.01, 0], time: 0.5}`, `{hold: 0.2}`; it begins at rest
                at zero, and ends at its last displacement
+    rotation   amplitude of the rotation vector, axis times angle
+    turns      rotation vectors, as the path: `{to: [0, 0.2, 0], time: 0.5}` [rad]
+    pivot      point of the world at the start about which the organs rotate, then displaced by d
 
     During a pause of its process the motion also pauses, as that of a simulated hand.
     """
@@ -54,18 +61,28 @@ class Moving(CompiledNode):
     period: Annotated[float, "s", msgspec.Meta(ge=0.05, le=1e6)] = 4.0
     waveform: Annotated[Literal["sine", "breathing"], "1"] = "sine"
     path: Annotated[tuple[Segment, ...], "1"] = ()
+    rotation: Annotated[Vector3, "rad"] = REST
+    turns: Annotated[tuple[Segment, ...], "1"] = ()
+    pivot: Annotated[Vector3, "m"] = REST
 
     State = {
         "ends": ARRAY, "points": TABLE, "shapes": ARRAY, "pace": PACE, "begun": bool, "clock": (), "last": (3,),
+        "turn_ends": ARRAY, "turn_points": TABLE, "turn_shapes": ARRAY, "turning": bool, "last_turn": (3,),
+        "turned": ARRAY, "spins": ARRAY, "middle": ARRAY,
     }  # fmt: skip
-    """The path; time [s] since the start, and the last displacement [m]."""
-    shared = ("ends", "points", "shapes")
+    """The path; time [s] since the start, and the last displacement [m]; the same of the rotation [rad]; what is sent
+    of it."""
+    shared = ("ends", "points", "shapes", "turn_ends", "turn_points", "turn_shapes")
 
     def start(self) -> None:
         super().start()
-        self.hold("ends", ends_of(self.path))
-        self.hold("points", np.ascontiguousarray(points_of(REST, self.path)))
-        self.hold("shapes", shapes_of(self.path))
+        for name, path in (("", self.path), ("turn_", self.turns)):
+            self.hold(f"{name}ends", ends_of(path))
+            self.hold(f"{name}points", np.ascontiguousarray(points_of(REST, path)))
+            self.hold(f"{name}shapes", shapes_of(path))
+        self.own["turning"] = bool(self.turns) or tuple(self.rotation) != REST
+        for name, value in (("turned", np.zeros(3)), ("spins", np.zeros(3)), ("middle", np.array(self.pivot, float))):
+            self.hold(name, value)
 
     @kernel
     def compute(own, out: Out[Support], dt):
@@ -82,6 +99,18 @@ class Moving(CompiledNode):
         put(out.displacement, d)
         put(out.velocity, ((d[0] - last[0]) / dt, (d[1] - last[1]) / dt, (d[2] - last[2]) / dt))
         put(own.last, d)
+        if own.turning:
+            r = displacement(
+                own.clock, vector(own.rotation), own.period, 1 + own.waveform, floats(own.turn_ends),
+                floats(own.turn_points), integers(own.turn_shapes),
+            )  # fmt: skip
+            half, rate = plus(r, vector(own.last_turn)), plus(r, scaled(-1.0, vector(own.last_turn)))
+            put(floats(own.turned), r)
+            put(floats(own.spins), spin(scaled(0.5, half), scaled(1.0 / dt, rate)))
+            put(own.last_turn, r)
+            lend(out.rotation, own.turned)
+            lend(out.spin, own.spins)
+            lend(out.centre, own.middle)
 
 
 class Relative(CompiledNode):
@@ -140,10 +169,74 @@ class Absolute(CompiledNode):
         put(out.force, turned(vector(own.turn), vector(force.force)))
 
 
+class World(CompiledNode):
+    """Contact and friction on an organ that rotates, which are computed in its frame, in that of the world: for a
+    finger on several organs (`contact.Sum`)."""
+
+    State = {"at": (3,), "turn": (3,), "centre": (3,), "whole": ARRAY}
+    """Of the last support, which stays while it is missing."""
+
+    def start(self) -> None:
+        super().start()
+        self.hold("whole", np.zeros(1))
+
+    @kernel
+    def compute(
+        own,
+        contact: Contact,
+        friction: Friction | None,
+        support: Annotated[Support | None, Wants("displacement", "rotation", "centre")],
+        out: Out[Contact],
+        rubbed: Out[Friction],
+        dt,
+    ):
+        if support.there:
+            put(own.at, vector(support.displacement))
+            if support.rotation.shape[0] > 0:
+                put(own.turn, vector(floats(support.rotation)))
+                put(own.centre, vector(floats(support.centre)))
+        r, c, d, foot = vector(own.turn), vector(own.centre), vector(own.at), contact.foot
+        arm = turned(r, (foot[0] - c[0], foot[1] - c[1], foot[2] - c[2]))
+        put(out.foot, (c[0] + d[0] + arm[0], c[1] + d[1] + arm[1], c[2] + d[2] + arm[2]))
+        put(out.normal, turned(r, vector(contact.normal)))
+        put(out.lateral_force, turned(r, vector(contact.lateral_force)))
+        out.delayed = rubbed.delayed = contact.delayed
+        out.force, out.compression, out.indentation = contact.force, contact.compression, contact.indentation
+        out.compression_rate, out.indentation_rate = contact.compression_rate, contact.indentation_rate
+        out.stored.count, out.stored.values[0] = contact.stored.count, contact.stored.values[0]
+        if contact.whole.shape[0] > 0:
+            floats(own.whole)[0] = floats(contact.whole)[0]
+        lend_first(out.whole, own.whole, contact.whole.shape[0])
+        put(rubbed.force, REST)
+        put(rubbed.bristle, REST)
+        rubbed.stick, rubbed.stored.count = True, 0
+        if friction.there:
+            put(rubbed.force, turned(r, vector(friction.force)))
+            put(rubbed.bristle, turned(r, vector(friction.bristle)))
+            rubbed.stick, rubbed.stored.count = friction.stick, friction.stored.count
+            rubbed.stored.values[0] = friction.stored.values[0]
+
+
 @kernel
-def pressed(own, contact, friction, pose, body, dt):
+def pushed(own, organs):
+    """Force [N] (3) of all organs that touch an organ, and moment on its rotation vector [N m] (3)."""
+    force = moment = REST
+    sides = integers(own.at_side)
+    for i in range(min(organs.count, len(sides))):
+        each = nth(organs, i)
+        if not each.there or not each.force > 0.0:
+            continue
+        force = plus(force, scaled(1.0 if sides[i] == 0 else -1.0, vector(each.resultant)))
+        if each.torques.shape[0] == 2:
+            moment = plus(moment, vector(floats(each.torques)[sides[i]]))
+    return force, moment_on(vector(own.motion.turn), moment)
+
+
+@kernel
+def pressed(own, contact, friction, pose, body, alone, dt):
     """Force [N] (3) of all fingers on an organ, and moment on its rotation vector [N m] (3); stiffness of their
-    contacts in all [N/m] and against rotation [N m/rad]. Fingers do not rotate."""
+    contacts in all [N/m] and against rotation [N m/rad], of the fingertips if the organ is not `alone`: others that
+    touch it may make it as stiff. Fingers do not rotate."""
     force = moment = REST
     stiffness = turning = 0.0
     r, laws = vector(own.motion.turn), len(floats(body.laws))
@@ -166,16 +259,46 @@ def pressed(own, contact, friction, pose, body, dt):
         else:
             own.twisted[i] = 0.0
         force, moment = plus(force, on), plus(plus(moment, cross(arm, on)), scaled(-wring, n))
-        law = law_for(body, i < laws, i) if body.there else RIGID
+        law = law_for(body, i < laws, i) if body.there and alone else RIGID
         stiff = contact_stiffness(f, each.compression, each.indentation, tips[i], sticks[i], law, dt)
         stiffness += stiff
         turning += stiff * (arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2])
     return turned(r, force), moment_on(r, turned(r, moment)), stiffness, turning
 
 
+@kernel
+def settle(own, force, moment, stiffness, turning, out, dt):
+    """Move an organ by a step under a force and a moment; `stiffness` and `turning` of the fingers' contacts."""
+    before = own.added[0], own.added[1]
+    own.added[0], own.added[1] = added_inertia(before[0], stiffness, dt), added_inertia(before[1], turning, dt)
+    own.heaviest = max(own.heaviest, own.added[0])
+    motion = own.motion
+    move(own.constants, vector(own.axis), motion, force, moment, before, (own.added[0], own.added[1]), dt)
+    put(out.displacement, vector(motion.at))
+    put(out.velocity, vector(motion.speed))
+    put(floats(own.turned), vector(motion.turn))
+    put(floats(own.spins), spin(vector(motion.turn), vector(motion.rate)))
+    lend(out.rotation, own.turned)
+    lend(out.spin, own.spins)
+    lend(out.centre, own.middle)
+
+
+@kernel
+def foresee(own, force, moment, push, out, dt):
+    """Fill what other organs that touch it need: its motion in the next step, and its mobility. `push` [N] (3): their
+    force."""
+    look_ahead(
+        own.constants, vector(own.axis), own.motion, own.ahead, force, moment, (own.added[0], own.added[1]),
+        dot(push, vector(own.axis)) < 0.0, dt, floats(own.expected)[0], floats(own.mobility),
+    )  # fmt: skip
+    lend(out.expected, own.expected)
+    lend(out.mobility, own.mobility)
+    lend(out.contacts, own.contacts)
+
+
 class Foundation(CompiledNode):
-    """An organ as a rigid mass with six freedoms on a foundation of springs and dampers, moved by the fingers
-    (docs/equations/moving-organs.md).
+    """An organ as a rigid mass with six freedoms on a foundation of springs and dampers, moved by fingers and by other
+    organs that touch it (docs/equations/moving-organs.md).
 
     moves      name of its body; the loader connects it with the contacts of the body (scene key `foundations`)
     mass       of the organ, homogeneous in its surface
@@ -190,9 +313,12 @@ class Foundation(CompiledNode):
                of their friction (4), from which the stable step follows (`physics.bodies.floating.added_inertia`);
                greatest moment per newton [m] and mean square radius [m²] of the patches, which resist twist
                (`floating.twisting`)
+    sides      of the contacts with other organs, in their order: 0, it is the first body; 1, the second; set by the
+               loader
 
-    A contact answers to the motion of a step in the next one. While fingers press, the step therefore adds mass to the
-    organ, T² times the stiffness of the contacts; a note reports more than 10 % of its mass.
+    The contact of a finger answers to the motion of a step in the next one. While fingers press, the step therefore
+    adds mass to the organ, T² times the stiffness of the contacts; a note reports more than 10 % of its mass. A contact
+    with another organ answers in the same step (`physics.contact.organs.rigid_motion`), and needs no mass.
     """
 
     moves: Annotated[tuple[str, ...], "1"] = ()
@@ -208,14 +334,17 @@ class Foundation(CompiledNode):
     tips: Annotated[tuple[tuple[float, ...], ...], "1"] = ()
     sticks: Annotated[tuple[tuple[float, ...], ...], "1"] = ()
     twists: Annotated[tuple[tuple[float, ...], ...], "1"] = ()
+    sides: Annotated[tuple[int, ...], "1"] = ()
 
     State = {
         "constants": FIELDS, "axis": (3,), "centre": (3,), "motion": MOTION, "added": (2,), "heaviest": (),
         "tip_laws": TABLE, "stick_laws": TABLE, "twist_laws": TABLE, "twisted": (ROOM,), "pace": PACE,
         "turned": ARRAY, "spins": ARRAY, "middle": ARRAY,  # of the message that is sent
+        "at_side": ARRAY, "ahead": MOTION, "expected": TABLE, "mobility": TABLE, "contacts": ARRAY,
     }  # fmt: skip
     """The constants; u; centre of mass at the start [m]; inertia that the step adds [kg], [kg m²], and its largest
-    mass; `tips`, `sticks` and `twists`; twist of each patch [rad]."""
+    mass; `tips`, `sticks` and `twists`; twist of each patch [rad]; `sides`; the motion in the next step, and what is
+    sent of it."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -240,6 +369,10 @@ class Foundation(CompiledNode):
         self.hold("tip_laws", np.array(self.tips, float).reshape(-1, 5))
         self.hold("stick_laws", np.array(self.sticks, float).reshape(-1, 4))
         self.hold("twist_laws", np.array(self.twists, float).reshape(-1, 2))
+        self.hold("at_side", np.array(self.sides, np.int32))
+        self.hold("expected", np.zeros((1, 6)))
+        self.hold("mobility", np.zeros((6, 3)))
+        self.hold("contacts", np.array([float(len(self.sides))]))
 
     def _solid(self) -> tuple[np.ndarray, float]:
         """Centre [m] (3) and radius of gyration [m] of the organ. SettingError: `shape` is no surface."""
@@ -260,6 +393,7 @@ class Foundation(CompiledNode):
         friction: Annotated[list[Friction | None], Wants("force")],
         pose: Annotated[list[Pose], Wants("position")],
         body: Annotated[Surface | None, Wants(*LAW, "laws")],
+        organs: Annotated[list[OrganContact | None], Wants("force", "resultant", "torques")],
         out: Out[Support],
         dt,
     ):
@@ -268,19 +402,14 @@ class Foundation(CompiledNode):
             return
         if keep_pace(own.pace, dt):
             dt = own.pace.usual
-        force, moment, stiffness, turning = pressed(own, contact, friction, pose, body, dt)
-        before = own.added[0], own.added[1]
-        own.added[0], own.added[1] = added_inertia(before[0], stiffness, dt), added_inertia(before[1], turning, dt)
-        own.heaviest = max(own.heaviest, own.added[0])
-        motion = own.motion
-        move(own.constants, vector(own.axis), motion, force, moment, before, (own.added[0], own.added[1]), dt)
-        put(out.displacement, vector(motion.at))
-        put(out.velocity, vector(motion.speed))
-        put(floats(own.turned), vector(motion.turn))
-        put(floats(own.spins), spin(vector(motion.turn), vector(motion.rate)))
-        lend(out.rotation, own.turned)
-        lend(out.spin, own.spins)
-        lend(out.centre, own.middle)
+        force, moment, stiffness, turning = pressed(own, contact, friction, pose, body, organs.count == 0, dt)
+        push = turn = REST
+        if organs.count > 0:
+            push, turn = pushed(own, organs)
+            force, moment = plus(force, push), plus(moment, turn)
+        settle(own, force, moment, stiffness, turning, out, dt)
+        if organs.count > 0:
+            foresee(own, force, moment, push, out, dt)
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         return InputError(
@@ -296,3 +425,21 @@ class Foundation(CompiledNode):
                 f"{1e3 * self.mass:.3g} g, so that it is accelerated more slowly; a higher rate adds less"
             )
         return super().notes()
+
+
+class OrganFoundation(Foundation):
+    """The `Foundation` of an organ that other organs touch, and no finger."""
+
+    @kernel
+    def compute(
+        own,
+        organs: Annotated[list[OrganContact], Wants("force", "resultant", "torques")],
+        body: Annotated[Surface | None, Wants("stiffness")],
+        out: Out[Support],
+        dt,
+    ):
+        if keep_pace(own.pace, dt):
+            dt = own.pace.usual
+        force, moment = pushed(own, organs)
+        settle(own, force, moment, 0.0, 0.0, out, dt)
+        foresee(own, force, moment, force, out, dt)

@@ -13,14 +13,17 @@ from palpate.messages.record import ROOM, array_handle
 from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out, SettingError
 from palpate.nodes.base.contacts import NO_VERTEX
-from palpate.nodes.base.kernels import ieee_kernel
+from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.surface import OnThinnedSurface
+from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, ride_on, rub_on
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs.borders import contact_area
 from palpate.physics.contact.organs.candidates import Candidates, Shares, candidates
+from palpate.physics.contact.organs.rigid_motion import RIDE
 from palpate.physics.contact.organs.rubbing import Rubbing, open_by_friction, rubbing, step_rubbing
+from palpate.physics.geometry.mesh import Mesh
 
 CUBE = array_handle(3)
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
@@ -135,29 +138,6 @@ def spread_forces(pair, side, normal, rubs, sign):
 
 
 @ieee_kernel
-def carry(own, pair, rub, normal, first, second):
-    """Move both bodies with their foundations: fills the gaps without deformation and the motion that rubs. Returns the
-    motion [m] (3) of the first body against the second in this step. A support that is missing stays."""
-    if first.count > 0 and nth(first, 0).there:
-        put(own.supports[0], vector(nth(first, 0).displacement))
-    if second.count > 0 and nth(second, 0).there:
-        put(own.supports[1], vector(nth(second, 0).displacement))
-    x, y, z = vector(own.apart)
-    for k in range(3):
-        own.apart[k] = own.supports[0][k] - own.supports[1][k]
-    moved = own.apart[0] - x, own.apart[1] - y, own.apart[2] - z
-    rest, (x, y, z) = floats(own.rest), vector(own.apart)
-    for i in range(len(rest)):
-        pair.gap[i] = rest[i] + (normal[i, 0] * x + normal[i, 1] * y + normal[i, 2] * z)
-    along = own.normal[0] * x + own.normal[1] * y + own.normal[2] * z
-    aside = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
-    own.strays[0], own.strays[1] = max(own.strays[0], aside), max(own.strays[1], -along)
-    for k in range(3):
-        rub.carried[k] += moved[k]
-    return moved
-
-
-@ieee_kernel
 def summarise(own, pair, first, second, normal, out):
     """Fill force, patch and gap of the message."""
     active, force, out.gap = pair.active, 0.0, own.reach
@@ -184,6 +164,15 @@ def summarise(own, pair, first, second, normal, out):
     put(out.foot, vector(own.foot))
     put(out.across, vector(own.across))
     put(out.normal, vector(own.normal))
+
+
+@kernel
+def balance_late(own, out):
+    """Count as generated what the contact has given more than it had taken before, with the work after its steps."""
+    lost = out.dissipated - out.generated - own.late
+    own.highest = max(own.highest, lost)
+    own.lost = max(own.lost, own.highest - lost)
+    out.generated, out.dissipated = own.lost, lost + own.lost
 
 
 def _body(name: str) -> Any:
@@ -231,6 +220,13 @@ class Between(CompiledNode):
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
         "strays": (2,), "allowed": (2,),  # greatest slide and approach by the foundations [m], and those of the cells
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
+        # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
+        # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m] of the last step and of
+        # this one; friction [N] of the last step on the first, and the motion [m] that it counted; centre of the patch.
+        "rides": bool, "ride": (2, RIDE), "by": (2, 6), "turns": TABLE, "levers": TABLE, "seen": ARRAY,
+        "first_points": TABLE, "second_points": TABLE, "push": (9,), "wrench": (9,), "load": (6,), "torques": TABLE,
+        "held": (3,), "counted": (3,), "point": (3,), "middle": (3,), "foot_turn": (3,),
+        "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
     borders, see `borders.Borders`; openings by all loads
@@ -238,7 +234,8 @@ class Between(CompiledNode):
     bodies at their places at the start, displacements [m] of both foundations and their difference, work [J] of the
     foundations; last feet and normal."""
     shared = (
-        "rest", "pair.first", "pair.second", "pair.retardation", "normals", "areas", "borders", "strips",
+        "rest", "first_points", "second_points", "pair.first", "pair.second", "pair.retardation", "normals", "areas",
+        "borders", "strips",
         "rub.tangents", "rub.first", "rub.second",
         *(f"{side}.{name}" for side in ("one", "two")
           for name in ("corners", "weights", "response", "aside", "begins", "vertices", "shares", "place")),
@@ -246,7 +243,7 @@ class Between(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        found, bodies = self._meet()
+        found, bodies, meshes = self._meet()
         count = len(found.gap)
         normal, area = np.ascontiguousarray(found.normal), np.ascontiguousarray(found.area)
         tangents = tangents_of(normal) if self.friction > 0.0 or self.viscous > 0.0 else NO_TANGENTS
@@ -268,12 +265,14 @@ class Between(CompiledNode):
         self.hold("carried", np.zeros(1))
         self.hold("others", np.zeros((2, count)))
         self.resize([self.first_organs, self.second_organs])
+        self._hold_ride(count, meshes)
         self.own["normal"] = (0.0, 0.0, 1.0)
         self.own["allowed"] = found.spacing, self.reach
         if count:
             nearest = int(np.argmin(found.gap))
             self.own["foot"], self.own["across"] = found.first.place[nearest], found.second.place[nearest]
             self.own["normal"] = normal[nearest]
+            self.own["point"] = 0.5 * (found.first.place[nearest] + found.second.place[nearest])
             self.own["penetrates"][1] = 1e-4
         else:
             self._notes.append(
@@ -301,8 +300,24 @@ class Between(CompiledNode):
         self.hold("borders", np.ascontiguousarray(found.borders.cells))
         self.hold("strips", found.borders.area)
 
+    def _hold_ride(self, count: int, meshes: list[Mesh]) -> None:
+        """State of organs that rotate with their foundations, without room for their answers (`begins_to_ride`)."""
+        for name, columns in (("turns", 3), ("levers", 6)):
+            self.hold(name, np.zeros((count, columns)))
+        self.hold("seen", self._held["rest"].copy())
+        self.hold("torques", np.zeros((2, 3)))
+        for name, mesh in zip(("first_points", "second_points"), meshes, strict=True):
+            self.hold(name, np.ascontiguousarray(mesh.vertices, float))
+        for ride in self.own["ride"]:
+            ride["matrix"] = np.eye(3)
+
     def resize(self, counts: list[int]) -> None:
-        """Room for the fingers on each body."""
+        """Room for the fingers on each body, and for the answers of foundations."""
+        room = len(self._held["rest"]) if sum(counts[2:]) else 0
+        for group, name, rows in (("pair", "rigid", room), ("rub", "mobile", 3 if room else 0)):
+            self._hold(self.own[group], name, np.zeros((rows, rows)), f"{group}.{name}")
+            self.own[group][name]["shape"][0] = 0
+        self.own["ride"]["built"] = 0.0
         one, two = max(counts[0] - self.first_organs, 0), max(counts[1] - self.second_organs, 0)
         size = len(self._held["rest"])
         self.hold("opened", np.zeros((2, one + 1, size)))
@@ -311,9 +326,9 @@ class Between(CompiledNode):
         self.hold("yields", np.zeros((one, one)))
         self.hold("returns", np.zeros((two, two)))
 
-    def _meet(self) -> tuple[Candidates, list[tuple[Any, int]]]:
-        """The candidates, and each body with the number of vertices of its surface. SettingError: they overlap, or a
-        body or surface cannot be used."""
+    def _meet(self) -> tuple[Candidates, list[tuple[Any, int]], list[Mesh]]:
+        """The candidates, each body with the number of vertices of its surface, and these surfaces. SettingError: they
+        overlap, or a body or surface cannot be used."""
         if not self.bodies:
             raise SettingError("setting 'bodies': empty; a graph that is loaded finds them by its contact.Side")
         try:
@@ -336,7 +351,7 @@ class Between(CompiledNode):
                 f"the bodies overlap by {-1e3 * found.deepest:.3g} mm at the start, expected a gap: move one of them "
                 "(`position`)"
             )
-        return found, bodies
+        return found, bodies, [surface.mesh() for surface in surfaces]
 
     @ieee_kernel
     def compute(
@@ -348,6 +363,8 @@ class Between(CompiledNode):
         out: Out[OrganContact],
         dt,
     ):
+        carries, moved = first_support.count + second_support.count > 0, (0.0, 0.0, 0.0)
+        rides = carries and begins_to_ride(own, first_support, second_support)
         pair, one, two = _pair_of(own.pair), _side_of(own.one), _side_of(own.two)
         others, opened, again = floats(own.others), floats(own.opened), floats(own.again)
         normal, along = floats(own.normals), floats(own.along)
@@ -357,13 +374,18 @@ class Between(CompiledNode):
         if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests, rub.others[1], slid):
             own.fault, own.fault_side = NO_VERTEX, 0 if unknown else 1
             return
-        carries, moved = first_support.count + second_support.count > 0, (0.0, 0.0, 0.0)
-        if carries:
+        if rides:
+            counts = opened.shape[1] - 1, again.shape[1] - 1
+            ride_on(own, pair, rub, first_support, second_support, first, second, counts[0], counts[1])
+        elif carries:
             moved = carry(own, pair, rub, normal, first_support, second_support)
         rubs = rub.tangents.shape[1] > 0
         if rubs:
             open_by_friction(rub, others)
         out.left = contact.step_pair(pair, others, dt, contact.MOST)
+        last = vector(rub.total)
+        if rides:
+            rub_on(own, pair, rub)
         if rubs:
             step_rubbing(pair, rub, dt)
         contact.responses(pair, 0, opened[0], opened[1], presses.values, dt, along, floats(own.yields))
@@ -380,7 +402,12 @@ class Between(CompiledNode):
             for i in range(len(rub.force)):
                 out.friction[x] += rub.force[i, x]
             out.resultant[x] += out.friction[x]
-        if carries:
+        if rides:
+            end_ride(own, pair, rub, out, last)
+            balance_late(own, out)
+            lend(out.torques, own.torques)
+            lend(out.carried, own.carried)
+        elif carries:
             work = floats(own.carried)
             for x in range(3):
                 work[0] -= out.resultant[x] * moved[x]

@@ -300,17 +300,6 @@ def test_a_wrong_foundation_is_refused(foundation, text):
         load("pinch", overrides=[f"scene.foundations={foundation}"])
 
 
-@pytest.mark.parametrize("graph, foundation, text", [
-    ("neighbours", "kidney", "touch each other do not move by their contact"),
-    ("organs", "kidney", "touches several organs, one on a foundation"),
-])  # fmt: skip
-def test_organs_with_neighbours_on_a_foundation_are_refused(graph, foundation, text):
-    with pytest.raises(GraphError, match=text):
-        load(
-            graph, overrides=[f"scene.foundations={{foundation: {{moves: [{foundation}], mass: 0.1, stiffness: 100}}}}"]
-        )
-
-
 @NOTES
 def test_lanes_of_an_ensemble_with_different_foundations_have_the_bytes_of_single_runs(tmp_path):
     stiff = [255.0, 600.0]

@@ -29,6 +29,8 @@ from palpate.nodes.base import Node, Observer, inputs, outputs
 from palpate.nodes.base.carrier import Carrier
 
 KINDS = {MOTIONS: "support.Moving", FOUNDATIONS: "support.Foundation"}
+TURNS = {"rotation", "turns"}  # settings of a motion that rotates organs
+UNTOUCHED = "support.OrganFoundation"  # of an organ that no finger touches
 EXAMPLES = {
     MOTIONS: "`motions: {breathing: {moves: [tissue], amplitude: [0, 11 mm, 0], period: 4 s, waveform: breathing}}`",
     FOUNDATIONS: "`foundations: {foundation: {moves: [tissue], mass: 150 g, stiffness: 100 N/m, attached: false}}`",
@@ -87,7 +89,7 @@ def _add_motion(
 ) -> None:  # fmt: skip
     """Add a motion or foundation to a graph, and to `moved` for each of its bodies."""
     nodes = graph.data["nodes"]
-    if _use(nodes.get(name)) == KINDS[key]:
+    if _use(nodes.get(name)) in (KINDS[key], UNTOUCHED):
         return  # the graph of a recording has the lines already
     if name in nodes:
         faults.add(f"{key}: {name!r} is the name of a node", f"Another name in {key!r}.", place)
@@ -162,6 +164,11 @@ class _Wiring:
     def __init__(self, graph: YamlSource, lines: dict[str, _Line], moved: dict[str, str], scene: YamlSource) -> None:
         self.graph, self.lines, self.moved = graph, lines, moved
         self.foundations = set(scene.data.get(FOUNDATIONS) or ()).intersection(moved.values())
+        rotated = {
+            name for name, motion in (scene.data.get(MOTIONS) or {}).items()
+            if isinstance(motion, dict) and TURNS.intersection(motion)
+        }  # fmt: skip
+        self.turning = self.foundations | rotated.intersection(moved.values())
         self.place = scene.place(MOTIONS if scene.data.get(MOTIONS) else FOUNDATIONS)
         self._frames: dict[str, Frames] = {}
 
@@ -180,9 +187,6 @@ class _Wiring:
                 frames = frozenset()
             if frames == {None} or not line.ports(Pose):
                 pass
-            elif len(frames) > 1 and frames & self.foundations:
-                faults.add(f"{FOUNDATIONS}: the finger of {line.name!r} touches several organs, one on a foundation",
-                           "One organ for each finger.", self.place, node=line.name)  # fmt: skip
             elif len(frames) > 1:
                 yield (
                     f"{line.name}: the organs of its finger move differently, so that it counts the work of their "
@@ -190,8 +194,10 @@ class _Wiring:
                 )
             elif frames:
                 self._see_from(line, *frames)
-                if line.sends(Force) and frames & self.foundations:
+                if line.sends(Force) and frames & self.turning:
                     self._turn_force(line, str(*frames))
+            if line.sends(Contact) and line.senders(Contact):
+                self._add_in_world(line)
             if line.sends(OrganContact):
                 self._support_sides(line)
             if line.sends(Ledger):
@@ -206,28 +212,29 @@ class _Wiring:
         return {"from": motion, "loop": True} if motion in self.foundations else motion
 
     def _add_foundation(self, foundation: str, body: str, faults: Faults) -> None:
-        """Connect a foundation with the contacts of its body and their friction, in the order of the loads."""
+        """Connect a foundation with the contacts of its body: of fingers, with their friction, in the order of the
+        loads, and of other organs."""
         contacts: list[str] = []
         frictions: list[str] = []
         poses: list[Any] = []
+        organs: list[str] = []
         for load in self.lines[body].senders(Load):
             line = self.lines.get(self._origin(load))
-            contact = line.senders(Contact) if line else []
-            if line is None or not contact:
-                faults.add(f"{FOUNDATIONS}: {foundation!r} moves {body!r}, on which {load!r} presses, not a finger: "
-                           "organs that touch each other do not move by their contact",
+            contact, touching = (line.senders(kind) if line else [] for kind in (Contact, OrganContact))
+            if line is None or not (contact or touching):
+                faults.add(f"{FOUNDATIONS}: {foundation!r} moves {body!r}, on which {load!r} presses, which is neither "
+                           "a finger nor a contact of organs",
                            "Without this organ in `moves`, or a motion of `motions`.", self.place)  # fmt: skip
                 return
+            organs += touching
             contacts += contact
             frictions += line.senders(Friction)
-            poses += self._poses(contact[0])
-        given = {"contact": contacts, "friction": frictions, "pose": poses, "body": body}
-        _put(
-            self.graph,
-            foundation,
-            {"use": KINDS[FOUNDATIONS], "in": given, "with": f"${FOUNDATIONS}.{foundation}"},
-            self.place,
-        )
+            poses += self._poses(contact[0]) if contact else []
+        given: dict[str, Any] = {"contact": contacts, "friction": frictions, "pose": poses, "body": body}
+        if organs:
+            given = (given if contacts else {"body": body}) | {"organs": organs}
+        use = KINDS[FOUNDATIONS] if contacts or not organs else UNTOUCHED
+        _put(self.graph, foundation, {"use": use, "in": given, "with": f"${FOUNDATIONS}.{foundation}"}, self.place)
 
     def _poses(self, contact: str) -> list[Any]:
         """The pose, as written, that the collision of a contact reads: in the frame of its organ."""
@@ -249,6 +256,37 @@ class _Wiring:
                 if line.name in _names(several):
                     seen = [_renamed(one, line.name, name) for one in several]
                     self._set(reader, port, seen if isinstance(given, list) else seen[0])
+
+    def _add_in_world(self, line: _Line) -> None:
+        """Give a node that adds contacts of organs which rotate differently each of them, with its friction, in the
+        axes of the world."""
+        frames = {name: self.frames(name) for name in line.senders(Contact)}
+        if len(frozenset().union(*frames.values())) < 2:
+            return
+        for kind in (Contact, Friction):
+            for port in line.ports(kind):
+                given = line.given(port)
+                several = given if isinstance(given, list) else [given]
+                seen = [self._in_world(one, kind, frames) for one in several]
+                self._set(line, port, seen if isinstance(given, list) else seen[0])
+
+    def _in_world(self, sender: Any, kind: type[Message], frames: dict[str, Frames]) -> Any:
+        """The node that turns a contact or its friction, a sender as written, into the world; itself if its organ does
+        not rotate."""
+        name = next(iter(_names([sender])), "")
+        rubbed = self.lines.get(self._origin(name)) if kind is Friction else None
+        contact = next(iter(rubbed.senders(Contact)), "") if rubbed else name
+        motion = next(iter(frames.get(contact, {None})))
+        if motion not in self.turning:
+            return sender
+        turned = f"{contact}-world"
+        data = self.graph.data["nodes"].get(turned)
+        if data is None:
+            given = {"contact": contact, "support": self._support(str(motion))}
+            _put(self.graph, turned, {"use": "support.World", "in": given}, self.place)
+        if kind is Friction:
+            self.graph.put(("nodes", turned, "in", "friction"), YamlSource(sender, {(): self.place}))
+        return turned
 
     def frames(self, name: str) -> Frames:
         """The motions of the organs of a contact."""

@@ -12,6 +12,7 @@ from palpate.engine.graph import NodeSpec
 from palpate.launch.load.contact_paths import MESH
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, Friction, Load, Surface
+from palpate.messages.contact import SIDES, OrganContact
 from palpate.messages.tissue import Support
 from palpate.nodes.base import inputs, outputs
 
@@ -28,7 +29,7 @@ def place_fingers(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fau
     """
     wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
     for name, spec in nodes.items():
-        if not (Support in outputs(spec.cls) and any(port.type is Contact for port in inputs(spec.cls))):
+        if not (Support in outputs(spec.cls) and any(issubclass(port.type, Surface) for port in inputs(spec.cls))):
             continue
         if spec.every != 1:
             faults.add(
@@ -45,10 +46,19 @@ def place_fingers(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fau
         spec.settings["tips"] = tuple(tips)
         spec.settings["sticks"] = (*sticks, *[NO_STICK] * (len(tips) - len(sticks)))
         spec.settings["twists"] = (*twists, *[NO_TWIST] * (len(tips) - len(twists)))
+        body = next((w.producer for w in _of(name, Surface, wires)), "")
+        spec.settings["sides"] = tuple(_side(w.producer, body, nodes, wires) for w in _of(name, OrganContact, wires))
 
 
 def _of(name: str, kind: type, wires: list[Wire]) -> list[Wire]:
     return [w for w in wires if w.consumer == name and issubclass(w.port.type, kind)]
+
+
+def _side(between: str, body: str, nodes: dict[str, NodeSpec], wires: list[Wire]) -> int:
+    """The place of a body in a contact of organs: 0 the first, 1 the second."""
+    loads = {w.producer for w in _of(body, Load, wires)}
+    sides = (w.consumer for w in wires if w.producer == between and w.consumer in loads)
+    return next((SIDES.index(nodes[side].settings["side"]) for side in sides), 0)
 
 
 def _shape(body: str, nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> str:

@@ -39,7 +39,7 @@ from palpate.compiler.dot import inner
 from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Tensor, Vector3
-from palpate.physics.contact.organs.pivoting import ActiveSet, active_set, complement, refactor, solve_lower
+from palpate.physics.contact.organs.pivoting import ActiveSet, active_set, complement, refactor, relax, solve_lower
 
 MOST = 32
 """Most candidates that touch or part in a step; the others follow in the next. At 1 kHz 500 candidates per 16 ms."""
@@ -62,6 +62,8 @@ class Pair(NamedTuple):
     opening [m]   (m)      w
     free    [m]   (m)      w without the forces of this step
     past    (1)            `PAST`
+    rigid   [m/N] (m,m)    M, by which rigid motions of both bodies open the candidates in a step (`rigid_motion`); gap
+                           is then that of the end of the step without p. (0,0): they do not move by their contact
     """
 
     gap: Annotated[np.ndarray, "<f8", 1]
@@ -73,6 +75,7 @@ class Pair(NamedTuple):
     opening: Annotated[np.ndarray, "<f8", 1]
     free: Annotated[np.ndarray, "<f8", 1]
     past: Annotated[np.ndarray, PAST_TYPE, 1]
+    rigid: Annotated[np.ndarray, "<f8", 2]
     active: ActiveSet
 
 
@@ -82,7 +85,7 @@ def pair(gap: np.ndarray, first: np.ndarray, second: np.ndarray, retardation: tu
     return Pair(
         np.array(gap, float), np.array(first, float, order="C"), np.array(second, float, order="C"),
         np.array(retardation, float), np.zeros((size, size)), np.zeros((2, size)), np.array(gap, float),
-        np.zeros(size), np.zeros(1, PAST_TYPE), active_set(size),
+        np.zeros(size), np.zeros(1, PAST_TYPE), np.zeros((0, 0)), active_set(size),
     )  # fmt: skip
 
 
@@ -108,19 +111,29 @@ def step_pair(pair: Pair, others: Matrix, dt: float, most: int):
         for i in range(size):
             for j in range(size):
                 pair.matrix[i, j] = first * pair.first[i, j] + second * pair.second[i, j]
+        for i in range(len(pair.rigid)):
+            for j in range(size):
+                pair.matrix[i, j] += pair.rigid[i, j]
         refactor(pair.matrix, pair.active)
     moved = pair.moved
     for i in range(size):
         moved[0, i] = first * others[0, i] + (1.0 - first) * moved[0, i]
         moved[1, i] = second * others[1, i] + (1.0 - second) * moved[1, i]
         free[i] = pair.gap[i] + (moved[0, i] + moved[1, i])
+    last = pair.active.room[3]
+    for i in range(len(pair.rigid)):
+        last[i] = force[i]
     left = complement(pair.matrix, free, pair.active, most)
+    if left > 0 and len(pair.rigid) > 0:
+        relax(pair.matrix, free, pair.active, last)
     for k in range(pair.active.tally[0].active):
         j = pair.active.order[k]
         one, other = first * force[j], second * force[j]
         for i in range(size):
             moved[0, i] += one * pair.first[j, i]
             moved[1, i] += other * pair.second[j, i]
+        for i in range(len(pair.rigid)):
+            pair.gap[i] += force[j] * pair.rigid[j, i]
     work = 0.0
     for i in range(size):
         opening = pair.gap[i] + (moved[0, i] + moved[1, i])

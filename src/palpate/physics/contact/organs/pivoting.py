@@ -27,6 +27,7 @@ from palpate.physics.arrays import Array, Matrix
 PATIENCE = 3  # rounds without progress before single changes
 ROUNDS = 64  # most rounds of a call: those with changes are limited by `most`
 LEAST_PIVOT = 1e-10  # [1] share of a candidate's compliance that must be independent of the active ones
+SWEEPS = 20  # of `relax`
 EXACT = 1e-12  # [1] of the largest |g|: overlap below which a free candidate does not violate
 
 
@@ -43,7 +44,7 @@ class ActiveSet(NamedTuple):
     tally  (1)    `TALLY`
     factor (m,m)  U, upper triangular
     force  (m)    p
-    room   (3,m)  workspace
+    room   (4,m)  workspace; the last row is left to the caller
     changing (m)  workspace: candidates that violate
     """
 
@@ -60,7 +61,7 @@ def active_set(count: int) -> ActiveSet:
     """No active candidate of `count`."""
     return ActiveSet(
         np.zeros(count, np.int64), np.full(count, -1), np.zeros(1, TALLY_TYPE), np.zeros((count, count)),
-        np.zeros(count), np.zeros((3, count)), np.zeros(count, np.int64),
+        np.zeros(count), np.zeros((4, count)), np.zeros(count, np.int64),
     )  # fmt: skip
 
 
@@ -186,6 +187,26 @@ def _worst_first(active: ActiveSet, slack: Array, found: int, wanted: int):
             if bad > most:
                 worst, most = j, bad
         listed[k], listed[worst] = listed[worst], listed[k]
+
+
+@kernel
+def relax(matrix: Matrix, gap: Array, active: ActiveSet, before: Array):
+    """Improve the forces of the active candidates by projected Gauss-Seidel sweeps from those before, for a call that
+    did not end: where W is nearly singular, as of rigid bodies, the forces at its end may be far too large. Each sweep
+    lowers p.W p/2 + g.p, so that the answer is no worse than the forces before.
+
+    before [N] (m) >= 0
+    """
+    order, count, force = active.order, active.tally[0].active, active.force
+    for k in range(count):
+        force[order[k]] = before[order[k]]
+    for _ in range(SWEEPS):
+        for k in range(count):
+            i = order[k]
+            row, slack = matrix[i], gap[i]
+            for j in range(count):
+                slack += row[order[j]] * force[order[j]]
+            force[i] = max(force[i] - slack / row[i], 0.0)
 
 
 @ieee_kernel

@@ -57,6 +57,7 @@ class Rubbing(NamedTuple):
     force   [N] (m,3)          friction on the first body at each candidate
     touched (m)                whether a candidate touched in the last step
     bristle [m] (3) z;  total [N] (3) F;  speed [m/s] (3) v
+    mobile  [m/N] (3,3)        B of rigid motions of both bodies, with `carried` that for F of the last step
     matrix, given              workspaces
     """
 
@@ -72,6 +73,7 @@ class Rubbing(NamedTuple):
     bristle: Annotated[np.ndarray, "<f8", 1]
     total: Annotated[np.ndarray, "<f8", 1]
     speed: Annotated[np.ndarray, "<f8", 1]
+    mobile: Annotated[np.ndarray, "<f8", 2]
     matrix: Annotated[np.ndarray, "<f8", 3]
     given: Annotated[np.ndarray, "<f8", 3]
     law: Annotated[np.ndarray, LAW_TYPE, 1]
@@ -88,8 +90,8 @@ def rubbing(
     return Rubbing(
         np.ascontiguousarray(tangents), np.ascontiguousarray(first), np.ascontiguousarray(second),
         np.zeros((2, 2 * size)), np.zeros((2, 2 * size)), np.zeros((2, 2 * size)), np.zeros(3), np.zeros((size, 3)),
-        np.zeros(size, np.int64), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3, 3)), np.zeros((2, 3, 4)), law,
-        np.zeros(1, BALANCE_TYPE),
+        np.zeros(size, np.int64), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((0, 0)), np.zeros((3, 3, 3)),
+        np.zeros((2, 3, 4)), law, np.zeros(1, BALANCE_TYPE),
     )  # fmt: skip
 
 
@@ -215,6 +217,10 @@ def step_rubbing(pair: Pair, rub: Rubbing, dt: float):
     _mean(pair, rub, normal, free)
     rub.carried[:] = 0.0
     _yields(pair, rub, normal, dt)
+    for x in range(len(rub.mobile)):
+        for y in range(3):
+            rub.matrix[0, x, y] += rub.mobile[x, y]
+            free[x] += rub.mobile[x, y] * rub.total[y]
     if film > 0.0:
         _through_film(rub, free, film)
     _solve_force(rub, free, 1.0 / law.stiffness, law.mu * normal)

@@ -1,0 +1,239 @@
+"""Rigid motion of two organs that touch: gaps, lever arms, and what their foundations yield within a step.
+
+Organ b turns by R_b about c_b and moves by d_b. Candidate i is at x_bi on its surface at the start, and then at
+X_b = c_b + d_b + R_b (x_b - c_b). With the normal n_i at the start, D = X_1 - X_2 and h the unit vector along
+a + b, a = R_1 n, b = R_2 n, the gap of the bodies without deformation is
+
+    g_i = g_0i + h.D - n.(x_1 - x_2)
+
+and its derivatives by the motions of both organs, h, -h and the levers t_b by their rotations about their centres
+C_b = c_b + d_b,
+
+    t_1 = (X_1 - C_1) x h + a x D_h/|a + b|,    t_2 = -(X_2 - C_2) x h + b x D_h/|a + b|,    D_h = D - h (h.D)
+
+So the force p_i h on the first and -p_i h on the second organ have the moments p_i t_b. They are those of forces along
+one line: (C_1 + C_2 cancel) t_1 + t_2 = C_2 x h - C_1 x h; momentum and angular momentum are conserved, and the work
+p.dg is that of the forces, for any rotation. h is a gradient: a closed motion does no work.
+
+**A step.** Both foundations answer to the forces of a step at its end: with the motion that they expect if all forces
+stay, e_b (displacement and rotation), and their mobility A_b, the change of it per change of the forces
+(`physics.bodies.floating.mobility`), the gap at the end of the step is
+
+    g + sum_b J_b (e_b + A_b dL_b) + M (p - p'),    M = sum_b J_b B_b J_b',    J = (h, t_1), (-h, t_2)
+
+p' are the forces of the last step, dL_b is the change of the load of the fingers. So p solves the complementarity
+problem with W + M (`between.step_pair`): implicit, and no inertia is added for the contact of organs.
+
+**Several contacts on an organ** are solved one by one: each sees the forces of the others of the last step. n share
+the organ (mass splitting: R. Tonge, F. Benevolenski, A. Voroshilov, ACM Trans. Graph. 31 (2012) 105): each uses
+B = n A, for which the sum of all answers does not exceed that of the organ. But an answer n times too weak comes
+late: with the share 1 - 1/n = q of an overlap that is left after a step, the overlaps of a free mass obey
+z³ - 3 q z² + 3 q z - q = 0, with roots inside the unit circle only for n <= 2. For n > 2 the contacts therefore look
+ahead by n - 1 steps: e and A times n - 1. Eigenvalues of n = 1 ... 8 springs on a mass on a foundation, with fingers
+that answer a step later: at most 1 (`tests/physics/contact/test_rigid_motion.py`). n counts all contacts of an organ,
+also those that do not touch: else the answers would be too strong in the step in which one of two begins to.
+"""
+
+import math
+
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Matrix, Record, Vector3
+from palpate.physics.bodies.floating.turning import cross, turned
+
+CHANGED = 0.02  # [1] change of mobility, and [rad] of direction, from which M is computed again
+SLID = 1e-3  # [m] slide from which M is computed again
+
+RIDE = {
+    "at": (3,), "turn": (3,), "centre": (3,), "matrix": (3, 3), "floats": bool,
+    "ahead": (6,), "soft": (6, 3), "mobility": (6, 3), "shares": (), "load": (6,),
+    "built": (6, 3), "built_turn": (3,), "built_at": (3,),
+}  # fmt: skip
+"""Rigid motion of an organ: d [m], r [rad] about c [m]; R; whether forces move it. e + A dL, B and A in steps of
+`shares` (`expect`); L [N, N m]. Of the last M: B, r and d."""
+
+
+@kernel
+def expect(ride: Record, expected: Matrix, mobility: Matrix, contacts: float, load: Array):
+    """Fill `ahead` and `soft` from what a foundation sends: e (1,6) and A (6,3); it has n = `contacts` contacts.
+
+    load [N, N m] (6)  of the fingers in this step, about the centre of the organ
+    """
+    n = max(contacts, 1.0)
+    far = max(n - 1.0, 1.0)
+    for i in range(3):
+        shift = turn = 0.0
+        for j in range(3):
+            ride.mobility[i, j], ride.mobility[3 + i, j] = mobility[i, j], mobility[3 + i, j]
+            ride.soft[i, j], ride.soft[3 + i, j] = far * n * mobility[i, j], far * n * mobility[3 + i, j]
+            shift += mobility[i, j] * (load[j] - ride.load[j])
+            turn += mobility[3 + i, j] * (load[3 + j] - ride.load[3 + j])
+        ride.ahead[i], ride.ahead[3 + i] = far * (expected[0, i] + shift), far * (expected[0, 3 + i] + turn)
+    for i in range(6):
+        ride.load[i] = load[i]
+
+
+@kernel
+def orient(ride: Record):
+    """Fill R of an organ."""
+    turn = (ride.turn[0], ride.turn[1], ride.turn[2])
+    for j in range(3):
+        x, y, z = turned(turn, (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0))
+        ride.matrix[0, j], ride.matrix[1, j], ride.matrix[2, j] = x, y, z
+
+
+@kernel
+def rotated(ride: Record, x: Vector3):
+    """R x (3)."""
+    m = ride.matrix
+    return (
+        m[0, 0] * x[0] + m[0, 1] * x[1] + m[0, 2] * x[2],
+        m[1, 0] * x[0] + m[1, 1] * x[1] + m[1, 2] * x[2],
+        m[2, 0] * x[0] + m[2, 1] * x[1] + m[2, 2] * x[2],
+    )
+
+
+@kernel
+def rotated_back(ride: Record, x: Vector3):
+    """R' x (3)."""
+    m = ride.matrix
+    return (
+        m[0, 0] * x[0] + m[1, 0] * x[1] + m[2, 0] * x[2],
+        m[0, 1] * x[0] + m[1, 1] * x[1] + m[2, 1] * x[2],
+        m[0, 2] * x[0] + m[1, 2] * x[1] + m[2, 2] * x[2],
+    )
+
+
+@kernel
+def place_cells(one: Record, two: Record, normal: Matrix, first: Matrix, second: Matrix, turns: Matrix, levers: Matrix,
+                rest: Array, gap: Array):  # fmt: skip
+    """Fill h [1] (m,3), t_1 and t_2 [m] (m,6) and g [m] (m) for the place of both organs.
+
+    normal n, first x_1, second x_2 (m,3), rest g_0  at the start
+    """
+    for i in range(len(gap)):
+        n = (normal[i, 0], normal[i, 1], normal[i, 2])
+        x, y = (first[i, 0], first[i, 1], first[i, 2]), (second[i, 0], second[i, 1], second[i, 2])
+        c, e = one.centre, two.centre
+        arm = rotated(one, (x[0] - c[0], x[1] - c[1], x[2] - c[2]))
+        leg = rotated(two, (y[0] - e[0], y[1] - e[1], y[2] - e[2]))
+        a, b = rotated(one, n), rotated(two, n)
+        s = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+        size = math.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
+        inverse = 1.0 / max(size, 1e-12)
+        h = (inverse * s[0], inverse * s[1], inverse * s[2])
+        d = (
+            (c[0] + one.at[0] + arm[0]) - (e[0] + two.at[0] + leg[0]),
+            (c[1] + one.at[1] + arm[1]) - (e[1] + two.at[1] + leg[1]),
+            (c[2] + one.at[2] + arm[2]) - (e[2] + two.at[2] + leg[2]),
+        )
+        along = h[0] * d[0] + h[1] * d[1] + h[2] * d[2]
+        before = n[0] * (x[0] - y[0]) + n[1] * (x[1] - y[1]) + n[2] * (x[2] - y[2])
+        gap[i] = rest[i] + (along - before)
+        aside = (inverse * (d[0] - along * h[0]), inverse * (d[1] - along * h[1]), inverse * (d[2] - along * h[2]))
+        t, u = cross(arm, h), cross(a, aside)
+        v, w = cross(leg, h), cross(b, aside)
+        for k in range(3):
+            turns[i, k], levers[i, k], levers[i, 3 + k] = h[k], t[k] + u[k], w[k] - v[k]
+
+
+@kernel
+def opened(by: Array, sign: float, turns: Matrix, levers: Matrix, i: int, begin: int):
+    """J_b q of candidate i for a motion `by` [m, rad] (6) of an organ; sign 1, begin 0: first; -1, 3: second."""
+    along = turns[i, 0] * by[0] + turns[i, 1] * by[1] + turns[i, 2] * by[2]
+    about = levers[i, begin] * by[3] + levers[i, begin + 1] * by[4] + levers[i, begin + 2] * by[5]
+    return sign * along + about
+
+
+@kernel
+def has_changed(ride: Record):
+    """Whether M of an organ must be computed again."""
+    turn = way = 0.0
+    for half in range(2):
+        most = far = 0.0
+        for i in range(3 * half, 3 * half + 3):
+            for j in range(3):
+                most = max(most, abs(ride.built[i, j]))
+                far = max(far, abs(ride.soft[i, j] - ride.built[i, j]))
+        if far > CHANGED * most:
+            return True
+    for i in range(3):
+        turn, way = max(turn, abs(ride.turn[i] - ride.built_turn[i])), max(way, abs(ride.at[i] - ride.built_at[i]))
+    return turn > CHANGED or way > SLID
+
+
+@ieee_kernel
+def build(one: Record, two: Record, turns: Matrix, levers: Matrix, out: Matrix):
+    """Fill M [m/N] (m,m)."""
+    for ride in (one, two):
+        for i in range(3):
+            ride.built_turn[i], ride.built_at[i] = ride.turn[i], ride.at[i]
+            for j in range(3):
+                ride.built[i, j], ride.built[3 + i, j] = ride.soft[i, j], ride.soft[3 + i, j]
+    size = len(out)
+    for i in range(size):
+        h = (turns[i, 0], turns[i, 1], turns[i, 2])
+        t, u = (levers[i, 0], levers[i, 1], levers[i, 2]), (levers[i, 3], levers[i, 4], levers[i, 5])
+        p, q, r, s = apply(one.soft, h, 0), apply(one.soft, t, 3), apply(two.soft, h, 0), apply(two.soft, u, 3)
+        for j in range(i + 1):
+            g, b = turns[j], levers[j]
+            first = (p[0] * g[0] + p[1] * g[1] + p[2] * g[2]) + (q[0] * b[0] + q[1] * b[1] + q[2] * b[2])
+            second = (r[0] * g[0] + r[1] * g[1] + r[2] * g[2]) + (s[0] * b[3] + s[1] * b[4] + s[2] * b[5])
+            out[i, j] = out[j, i] = first + second
+
+
+@kernel
+def apply(soft: Matrix, x: Vector3, row: int):
+    """Three rows of a mobility times a vector (3)."""
+    return (
+        soft[row, 0] * x[0] + soft[row, 1] * x[1] + soft[row, 2] * x[2],
+        soft[row + 1, 0] * x[0] + soft[row + 1, 1] * x[1] + soft[row + 1, 2] * x[2],
+        soft[row + 2, 0] * x[0] + soft[row + 2, 1] * x[1] + soft[row + 2, 2] * x[2],
+    )
+
+
+@kernel
+def moved_at(ride: Record, by: Array, place: Vector3):
+    """Displacement [m] (3) at a place [m] (3) of the world by a motion [m, rad] (6) of an organ."""
+    c, d = ride.centre, ride.at
+    about = cross((by[3], by[4], by[5]), (place[0] - c[0] - d[0], place[1] - c[1] - d[1], place[2] - c[2] - d[2]))
+    return by[0] + about[0], by[1] + about[1], by[2] + about[2]
+
+
+@kernel
+def torque_at(ride: Record, force: Vector3, place: Vector3):
+    """Moment [N m] (3) about the centre of an organ of a force [N] (3) at a place [m] (3) of the world."""
+    c, d = ride.centre, ride.at
+    return cross((place[0] - c[0] - d[0], place[1] - c[1] - d[1], place[2] - c[2] - d[2]), force)
+
+
+@kernel
+def in_world(one: Record, two: Record, x: Vector3):
+    """A vector (3) of both organs at the start, turned by the mean of their rotations."""
+    a, b = rotated(one, x), rotated(two, x)
+    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+
+
+@kernel
+def at_start(one: Record, two: Record, x: Vector3):
+    """The transpose of `in_world`: a displacement (3) of the world, conjugate to a force at the start."""
+    a, b = rotated_back(one, x), rotated_back(two, x)
+    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+
+
+@kernel
+def mobile_at(one: Record, two: Record, place: Vector3, out: Matrix):
+    """Fill B [m/N] (3,3) of both organs against each other at a place [m] (3) of the world, in the axes at start."""
+    for j in range(3):
+        force = in_world(one, two, (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0))
+        x, y = yields_at(one, force, place), yields_at(two, force, place)
+        column = at_start(one, two, (x[0] + y[0], x[1] + y[1], x[2] + y[2]))
+        out[0, j], out[1, j], out[2, j] = column
+
+
+@kernel
+def yields_at(ride: Record, force: Vector3, place: Vector3):
+    """Displacement [m] (3) of an organ by a force [N] (3) at a place [m] (3), with B."""
+    shift, turn = apply(ride.soft, force, 0), apply(ride.soft, torque_at(ride, force, place), 3)
+    c, d = ride.centre, ride.at
+    about = cross(turn, (place[0] - c[0] - d[0], place[1] - c[1] - d[1], place[2] - c[2] - d[2]))
+    return shift[0] + about[0], shift[1] + about[1], shift[2] + about[2]

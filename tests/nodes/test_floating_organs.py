@@ -1,0 +1,234 @@
+"""Two or three organs on foundations that touch each other, without a finger: nodes stepped one by one."""
+
+import json
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.messages.tissue import Support
+from palpate.nodes.contact import Between
+from palpate.nodes.support import OrganFoundation
+from palpate.physics.bodies.floating.foundation import mechanical_energy
+
+R, G = 21e-3, 9.80665  # [m] radius of the balls
+
+
+def ball(height, aside=0.0, up=1.0):
+    return {"surface": "sphere", "vertices": 1000, "position": (aside, 0.0, up * height)}
+
+
+def body(surface, stiffness=300.0, retardation=0.0, rigid=False):
+    settings = {"stiffness": stiffness, "exponent": 1.0, "damping": 0.0, "retardation": retardation} | surface
+    use, settings = ("Rigid", {}) if rigid else ("MassSpring", settings)
+    return {"use": use, "settings": settings, "surface": surface}
+
+
+class Organs:
+    """Balls in a row, each on a foundation (its settings), fixed (None) or moved (a path of supports)."""
+
+    def __init__(self, bodies, foundations, friction=0.0, exchanged=False):
+        self.pairs = [(i, i + 1) for i in range(len(bodies) - 1)]
+        if exchanged:
+            self.pairs = [(j, i) for i, j in self.pairs]
+        self.contacts, self.sent, self.history = [], [None] * len(bodies), []
+        for pair in self.pairs:
+            self.contacts.append(Between(bodies=json.dumps([bodies[k] for k in pair]), friction=friction, cells=100))
+        self.foundations = []
+        for k, given in enumerate(foundations):
+            if isinstance(given, dict):
+                sides = tuple(pair.index(k) for pair in self.pairs if k in pair)
+                given = OrganFoundation(shape=json.dumps(bodies[k]["surface"]), sides=sides, **given)
+            self.foundations.append(given)
+        for node in (*self.contacts, *self.moving()):
+            node.start()
+
+    def moving(self):
+        return [each for each in self.foundations if isinstance(each, OrganFoundation)]
+
+    def run(self, count, dt=1e-3):
+        for tick in range(count):
+            supports = []
+            for place, given in enumerate(self.foundations):
+                sent = given[min(tick, len(given) - 1)] if isinstance(given, list) else self.sent[place]
+                supports.append([] if given is None else [sent])
+            answers = [
+                contact.step([], [], supports[i], supports[j], dt=dt)
+                for contact, (i, j) in zip(self.contacts, self.pairs, strict=True)
+            ]
+            for place, given in enumerate(self.foundations):
+                if isinstance(given, OrganFoundation):
+                    felt = [each for each, pair in zip(answers, self.pairs, strict=True) if place in pair]
+                    self.sent[place] = given.step(felt, None, dt=dt)
+            self.history.append((answers, list(self.sent)))
+        return answers
+
+    def energy(self):
+        return sum(
+            mechanical_energy(each.own["constants"], tuple(each.own["axis"]), each.own["motion"])
+            for each in self.moving()
+        )
+
+    def momenta(self):
+        """Momentum [N s], and angular momentum [N m s] about the origin; the rotations are small."""
+        linear = angular = 0.0
+        for each in self.moving():
+            motion, mass = each.own["motion"], each.mass
+            linear = linear + mass * motion["speed"]
+            angular = angular + mass * np.cross(each.own["centre"] + motion["at"], motion["speed"])
+            angular = angular + each.own["constants"]["inertia"] * motion["rate"]
+        return linear, angular
+
+
+def raised(height, count=200):
+    """A support that rises in `count` steps and stays."""
+    return [
+        Support(displacement=(0.0, 0.0, height * share), velocity=(0.0, 0.0, 0.0))
+        for share in np.linspace(0.0, 1.0, count)
+    ]
+
+
+FREE = {"stiffness": 1e-6, "damping": 0.0}
+
+
+@pytest.mark.parametrize("stiffness, retardation, rigid, friction, rate", [
+    (300.0, 0.0, False, 0.0, 1000), (300.0, 20e-3, False, 0.5, 1000), (3e4, 0.0, False, 0.0, 250),
+    (0.0, 0.0, True, 0.0, 250), (0.0, 0.0, True, 0.5, 10000),
+])  # fmt: skip
+def test_an_organ_that_hits_another_keeps_momentum_and_angular_momentum_and_loses_energy(
+    stiffness, retardation, rigid, friction, rate
+):
+    """Both free, the first one is beside the middle of the second, so that both rotate. Their foundations of 1e-6 N/m
+    change the momentum of 10 mN s by less than 1e-10."""
+    surfaces = ball(43e-3, 6e-3), ball(0.0)
+    bodies = [body(each, stiffness, retardation, rigid) for each in surfaces]
+    organs = Organs(bodies, [FREE | {"mass": 0.05}, FREE | {"mass": 0.2}], friction)
+    organs.moving()[0].own["motion"]["speed"] = (0.0, 0.0, -0.2)
+    before, (linear, angular) = organs.energy(), organs.momenta()
+    course = []
+    for _ in range(rate // 10):
+        organs.run(1, 1.0 / rate)
+        course.append(organs.energy())
+    after, spun = organs.momenta()
+    np.testing.assert_allclose(after, linear, atol=1e-10)
+    np.testing.assert_allclose(spun, angular, atol=1e-10)
+    assert max(course) <= before * (1.0 + 1e-9) and organs.history[-1][0][0].generated < 1e-3 * before
+    second = organs.moving()[1].own["motion"]
+    assert second["speed"][2] < -0.03 and np.abs(second["rate"]).max() > 0.1
+
+
+def test_an_elastic_impact_approaches_the_closed_form_with_the_rate():
+    """Springs without damping: v_1 = (m_1 - m_2)/(m_1 + m_2) v and v_2 = 2 m_1/(m_1 + m_2) v, to first order in T."""
+    errors = []
+    for rate in (1000, 2000, 4000):
+        organs = Organs([body(ball(43e-3)), body(ball(0.0))], [FREE | {"mass": 0.05}, FREE | {"mass": 0.2}])
+        organs.moving()[0].own["motion"]["speed"] = (0.0, 0.0, -0.2)
+        organs.run(rate // 8, 1.0 / rate)
+        speeds = [each.own["motion"]["speed"][2] for each in organs.moving()]
+        errors.append(abs(speeds[0] - 0.12) / 0.2)
+        assert organs.contacts[0]._held["pair.first"].any() and organs.history[-1][0][0].force == 0.0
+    assert errors[0] < 0.15 and [errors[0] / errors[1], errors[1] / errors[2]] == approx([2.0, 2.0], rel=0.2)
+
+
+def test_the_forces_of_stacked_foundations_add_exactly():
+    """The uppermost is pressed down by its motion: at rest F = K_2 d_2 + K_3 d_3 of the springs below."""
+    bodies = [body(ball(2 * 42.4e-3)), body(ball(42.4e-3)), body(ball(0.0))]
+    two, three = ({"mass": 0.1, "stiffness": k, "damping": 3.0} for k in (150.0, 400.0))
+    organs = Organs(bodies, [raised(-3e-3), two, three])
+    upper, lower = organs.run(3000)
+    sinks = [-each.own["motion"]["at"][2] for each in organs.moving()]
+    assert upper.force > 0.1 and min(sinks) > 5e-5
+    assert upper.resultant[2] == approx(150.0 * sinks[0] + 400.0 * sinks[1], rel=1e-9)
+    assert lower.resultant[2] == approx(400.0 * sinks[1], rel=1e-9)
+    # the springs of the cells: the same force as without foundations under the motion of the organs against each other
+    still = Organs(bodies[:2], [raised(-3e-3 + sinks[0]), None]).run(300)[0]
+    assert upper.force == approx(still.force, rel=1e-9)
+
+
+def test_a_weight_on_springs_that_another_organ_supports_rests_with_the_sum_of_both():
+    """A loose organ of 1.96 N sinks by 2 mm at rest; a fixed one below takes over what it rises by."""
+    mass, stiffness = 0.2, 0.2 * G / 2e-3
+    organs = Organs(
+        [body(ball(42.4e-3)), body(ball(0.0))],
+        [{"mass": mass, "stiffness": stiffness, "damping": 5.0, "attached": False}, raised(2e-3)],
+    )
+    (answer,) = organs.run(3000)
+    rise = organs.moving()[0].own["motion"]["at"][2]
+    assert 1e-4 < rise < 2e-3 and answer.force > 0.05
+    assert answer.resultant[2] == approx(stiffness * rise, rel=1e-9)  # W - N = K rise
+    lifted = Organs(
+        [body(ball(42.4e-3), 3000.0), body(ball(0.0), 3000.0)],
+        [{"mass": mass, "stiffness": stiffness, "damping": 5.0, "attached": False}, raised(6e-3, 600)],
+    )
+    (answer,) = lifted.run(1500)
+    assert lifted.moving()[0].own["motion"]["at"][2] > 2e-3
+    assert answer.resultant[2] == approx(mass * G, rel=1e-3)  # it bears all of the weight
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+def test_exchanged_organs_have_the_same_bits(friction):
+    bodies = [body(ball(43e-3, 5e-3), 500.0, 5e-3), body(ball(0.0), 250.0)]
+    given = [{"mass": 0.05, "stiffness": 40.0}, {"mass": 0.12, "stiffness": 90.0, "attached": False}]
+    found = []
+    for exchanged in (False, True):
+        organs = Organs(bodies, given, friction, exchanged)
+        organs.moving()[0].own["motion"]["speed"] = (0.05, 0.02, -0.3)
+        organs.run(150)
+        found.append(organs)
+    one, other = found
+    assert max(a[0].force for a, _ in one.history) > 0.1
+    for (answers, supports), (others, sides) in zip(one.history, other.history, strict=True):
+        assert np.array_equal(np.negative(answers[0].resultant), others[0].resultant)
+        assert np.array_equal(answers[0].torques, others[0].torques[::-1])
+        for a, b in zip(supports, sides, strict=True):
+            assert a.displacement == b.displacement and np.array_equal(a.rotation, b.rotation)
+
+
+@pytest.mark.parametrize("attached", [True, False])
+def test_a_foundation_of_1_gn_per_m_is_a_fixed_organ(attached):
+    """Within 2e-6 of the force: 1 N moves it by 1 nm, of the millimetre by which the organs yield."""
+    bodies, forces = [body(ball(42.4e-3), 300.0, 20e-3), body(ball(0.0), 300.0, 20e-3)], []
+    for given in (None, {"mass": 0.13, "stiffness": 1e9, "damping": 4.0, "attached": attached}):
+        organs = Organs(bodies, [raised(-3e-3), given])
+        organs.run(400)
+        forces.append(np.array([answers[0].force for answers, _ in organs.history]))
+    assert forces[0].max() > 0.2
+    np.testing.assert_allclose(forces[1], forces[0], rtol=2e-6, atol=2e-6 * forces[0].max())
+
+
+def draw(rng, count):
+    """Balls in a row, on random foundations, one of which may be fixed: 10 g to 2 kg on 10 N/m to 1 MN/m."""
+    aside = rng.uniform(-8e-3, 8e-3)
+    surfaces = [ball(np.sqrt((2 * R) ** 2 - aside**2) + 1e-3, aside), ball(0.0), ball(-43e-3)][:count]
+    bodies, given = [], []
+    for k, surface in enumerate(surfaces):
+        past = rng.choice([0.0, 10.0 ** rng.uniform(-4, -1)])
+        bodies.append(body(surface, 10.0 ** rng.uniform(1.5, 5), past, rng.random() < 0.3))
+        mass, stiffness = 10.0 ** rng.uniform(-2, 0.3), 10.0 ** rng.uniform(1, 6)
+        damping = rng.choice([0.0, 10.0 ** rng.uniform(-2, 2)])
+        given.append(
+            None if k and rng.random() < 0.25 else {
+                "mass": mass, "stiffness": stiffness, "damping": damping, "attached": bool(rng.integers(2)),
+                "friction": rng.choice([0.0, 0.3]),
+            }
+        )  # fmt: skip
+    return bodies, given
+
+
+@pytest.mark.parametrize("seed, count", [(1, 2), (2, 2), (3, 3), (4, 3)])
+def test_random_organs_that_hit_each_other_are_finite_and_gain_no_energy(seed, count):
+    """250 Hz to 10 kHz, soft and rigid, with and without friction: energy of all organs, their foundations and weights
+    against that at the start."""
+    rng, touched = np.random.default_rng(seed), 0
+    for _ in range(10):
+        bodies, given = draw(rng, count)
+        organs = Organs(bodies, given, rng.choice([0.0, 0.3, 1.0]))
+        rate = rng.choice([250, 1000, 10000], p=[0.45, 0.45, 0.1])
+        motion = organs.moving()[0].own["motion"]
+        motion["at"], motion["speed"] = (0.0, 0.0, 2e-3), (rng.uniform(-0.2, 0.2), 0.0, -rng.uniform(0.05, 1.0))
+        before = organs.energy()
+        for _ in range(int(min(max(0.12 * rate, 50), 400))):
+            organs.run(1, 1.0 / rate)
+            assert organs.energy() <= before * (1.0 + 1e-9)
+        touched += max(each.force for answers, _ in organs.history for each in answers) > 0.0
+    assert touched > 5
