@@ -27,6 +27,7 @@ from palpate.physics.geometry.mesh import Mesh
 
 CUBE = array_handle(3)
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
+GIVEN = 1e-3  # [J] Energy that a contact may generate without a note
 COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
 
 
@@ -433,6 +434,12 @@ class Between(CompiledNode):
             self._note_once(
                 f"Between: the bodies overlapped by up to {1e3 * deepest:.2g} mm for some steps, because they met "
                 f"faster than {contact.MOST} candidates in a step"
+            )
+        if self.known["lost"] > GIVEN:
+            self._note_once(
+                f"Between: the contact generated up to {1e3 * self.known['lost']:.2g} mJ, because several contacts on "
+                "an organ on a foundation answer to each other a step later, or an organ left its foundation within a "
+                "step: a higher rate, or less different masses, generate less"
             )
         (aside, nearer), (cell, reach) = self.known["strays"], self.known["allowed"]
         if aside > cell > 0.0:

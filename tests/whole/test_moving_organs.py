@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from pytest import approx
+from scipy.spatial.transform import Rotation
 
 from palpate.engine.faults import GraphError
 from palpate.launch.load.graph import load
@@ -75,6 +76,79 @@ def test_an_organ_that_moves_under_the_finger_feels_as_one_at_rest_under_the_opp
     for one, other in ((still, contacts), (rubbed, frictions), (hand, hands)):
         one, other = (np.array([each.force for each in every]) for every in (one, other))
         np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-6 * np.abs(one).max())
+
+
+TURN, PIVOT = np.array([0.25, -0.15, 0.3]), np.array([0.01, 0.02, 0.07])
+TURNS = (
+    "scene.motions={breathing: {moves: [tissue], amplitude: [3 mm, -2 mm, 5 mm], period: 0.4 s, waveform: breathing, "
+    "rotation: [0.25, -0.15, 0.3], pivot: [0.01, 0.02, 0.07]}}"
+)
+
+
+@pytest.mark.parametrize("body", ["MassSpring", "ReducedFE"])
+@pytest.mark.notes
+def test_an_organ_that_turns_under_the_finger_feels_as_one_at_rest_under_the_opposite_motion(body, tmp_path):
+    """In one run the finger moves by p, in the other the organ by x -> c + R(r w) (x - c) + d w with the finger at
+    p in its frame: the same contact, and the force on the hand turned by R."""
+    time = np.arange(300) / 1000.0
+    path = np.array([0.0, 0.0, 0.1075]) + np.stack([20e-3 * time, 0.0 * time, -6e-3 * np.sin(8.0 * time)], axis=1)
+    share = breath(time) / AMPLITUDE
+    turn = Rotation.from_rotvec(TURN * share)
+    both = []
+    for name, places, sets in (
+        ("still", path, ()),
+        ("moving", PIVOT + turn.apply(path - PIVOT) + breath(time), (TURNS,)),
+    ):
+        given = table(tmp_path / f"{name}.csv", places)
+        sets = (f"tissue.use=deformation.{body}", *GIVEN, f"finger.path={given}", *sets)
+        both.append(run(tmp_path / f"{name}.mcap", *sets, duration=0.3))
+    still, rubbed, hand = read(both[0], contact=Contact, friction=Friction, controller=Force)
+    contacts, frictions, hands, supports = read(
+        both[1], contact=Contact, friction=Friction, controller_world=Force, breathing=Support
+    )
+    assert max(each.force for each in still) > 0.3 and np.degrees(np.abs(TURN * share[-1]).max()) > 4.0
+    np.testing.assert_allclose([each.rotation for each in supports], TURN * share, atol=1e-12)
+    want = turn.apply([each.force for each in hand])
+    for found, expected in (
+        ([each.force for each in contacts], [each.force for each in still]),
+        ([each.force for each in frictions], [each.force for each in rubbed]),
+        ([each.force for each in hands], want),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=2e-5 * np.abs(expected).max())
+
+
+def test_the_ledger_counts_the_work_of_a_foundation_that_turns(tmp_path):
+    """Work of the hand in the world from forces and poses; hand and foundation give what the parts receive."""
+    hold = "scene.hand.path=[{to: [0, 0, 0.1015], time: 0.15}, {hold: 0.9}]"
+    books, forces, poses = read(
+        run(tmp_path / "turns.mcap", TURNS, hold, duration=0.5), ledger=Ledger, controller_world=Force, finger=Pose
+    )
+    force, way = (np.array([getattr(each, name) for each in every])
+                  for every, name in ((forces, "force"), (poses, "position")))  # fmt: skip
+    hand = -np.cumsum(np.sum(force[:-1] * np.diff(way, axis=0), axis=1))
+    np.testing.assert_allclose([each.hand for each in books[1:]], hand, atol=2e-9)
+    assert abs(books[-1].carried[0]) > 1e-4 and max(each.generated for each in books) < 1e-4
+    assert_books_close(books[-1])
+
+
+def test_turned_foundations_move_a_contact_of_organs_as_rigid_bodies():
+    """Both turned together: the same forces, turned. One turned about the middle of its ball: as an organ at rest,
+    to the coarseness of the cells."""
+    still, turned = winkler(), winkler()
+    rise, turn = np.array([0.0, 0.0, 3e-3]), Rotation.from_rotvec([0.3, -0.5, 0.8])
+    centre = np.array([0.01, 0.0, 0.02])
+
+    def support(way, rotation):
+        return [Support(displacement=tuple(way), velocity=(0.0, 0.0, 0.0), rotation=rotation.as_rotvec(),
+                        spin=np.zeros(3), centre=centre)]  # fmt: skip
+
+    for share in np.linspace(0.0, 1.0, 60):
+        part = Rotation.from_rotvec(share * turn.as_rotvec())
+        one = still.step([], [], second_support=support_at(share * rise), dt=1e-3)
+        other = turned.step([], [], support(np.zeros(3), part), support(part.apply(share * rise), part), dt=1e-3)
+        np.testing.assert_allclose(other.resultant, part.apply(one.resultant), rtol=1e-9, atol=1e-12)
+    assert one.force > 0.1 and other.force == approx(one.force, rel=1e-9)
+    assert other.carried[0] == approx(one.carried[0], rel=1e-3) and len(other.torques) == 2
 
 
 def test_a_rigid_organ_that_rises_against_a_finger_at_rest_compresses_it_by_the_closed_form(tmp_path):

@@ -174,6 +174,8 @@ class _Wiring:
 
     def connect(self, faults: Faults) -> Iterator[str]:
         """Change the inputs of all nodes that touch a moved body, and give the foundations theirs. Yields notes."""
+        for name in self.lines:
+            self.frames(name)  # of the graph as written
         for line in self.lines.values():
             if line.sends(Proximity):
                 frames = self._of_collision(line)
