@@ -15,7 +15,7 @@ from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.surface import OnThinnedSurface
-from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, ride_on, rub_on
+from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, give_back, ride_on, rub_on
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
@@ -171,6 +171,7 @@ def summarise(own, pair, first, second, normal, out):
 def balance_late(own, out):
     """Count as generated what the contact has given more than it had taken before, with the work after its steps."""
     lost = out.dissipated - out.generated - own.late
+    give_back(own, lost, out)
     own.highest = max(own.highest, lost)
     own.lost = max(own.lost, own.highest - lost)
     out.generated, out.dissipated = own.lost, lost + own.lost
@@ -226,8 +227,8 @@ class Between(CompiledNode):
         # this one; friction [N] of the last step on the first, and the motion [m] that it counted; centre of the patch.
         "rides": bool, "ride": (2, RIDE), "by": (2, 6), "turns": TABLE, "levers": TABLE, "seen": ARRAY,
         "first_points": TABLE, "second_points": TABLE, "push": (9,), "wrench": (9,), "load": (6,), "torques": TABLE,
-        "held": (3,), "counted": (3,), "point": (3,), "middle": (3,), "foot_turn": (3,),
-        "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance
+        "surplus": ARRAY, "owed": (), "held": (3,), "counted": (3,), "point": (3,), "middle": (3,), "foot_turn": (3,),
+        "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what is owed
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
     borders, see `borders.Borders`; openings by all loads
@@ -307,6 +308,7 @@ class Between(CompiledNode):
             self.hold(name, np.zeros((count, columns)))
         self.hold("seen", self._held["rest"].copy())
         self.hold("torques", np.zeros((2, 3)))
+        self.hold("surplus", np.zeros(2))
         for name, mesh in zip(("first_points", "second_points"), meshes, strict=True):
             self.hold(name, np.ascontiguousarray(mesh.vertices, float))
         for ride in self.own["ride"]:

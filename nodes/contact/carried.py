@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.compiler.records import floats, integers, nth, put, vector
+from palpate.compiler.records import floats, integers, lend, nth, put, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.bodies.floating.turning import cross, spin
 from palpate.physics.contact.organs import rigid_motion as rigid
@@ -236,6 +236,26 @@ def end_ride(own, pair, rub, out, last):
         torques[0, x], torques[1, x] = own.wrench[3 + x] + about[x], own.wrench[6 + x] + against[x]
         own.push[x], own.push[3 + x], own.push[6 + x] = own.wrench[x], own.wrench[3 + x], own.wrench[6 + x]
     _stray(own, _apart(own))
+
+
+@kernel
+def give_back(own, dissipated, out):
+    """Let the foundations take back what the contact has given beyond all that it has `dissipated` [J]: in proportion
+    to their inertia, those that forces move."""
+    floats(own.surplus)[0] = floats(own.surplus)[1] = 0.0
+    if own.pair.rigid.shape[0] == 0:
+        return
+    more = -dissipated - own.owed
+    one, two = own.ride[0].mobility[0, 0], own.ride[1].mobility[0, 0]
+    if more > 0.0 and one + two > 0.0:
+        own.owed += more
+        first = (two if two > 0.0 else one) if one > 0.0 else 0.0
+        second = (one if one > 0.0 else two) if two > 0.0 else 0.0
+        floats(own.surplus)[0], floats(own.surplus)[1] = (
+            more * first / (first + second),
+            more * second / (first + second),
+        )
+    lend(out.surplus, own.surplus)
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from expected_notes import STIFF
 from pytest import approx
 
 import palpate
@@ -105,7 +106,7 @@ def test_it_runs_in_processes_with_the_same_bytes(pressed, tmp_path):
     assert len(ours) > 3000 and all(theirs[key] == payload for key, payload in ours.items())
 
 
-@NOTES
+@pytest.mark.notes("are linear where they touch", STIFF)
 def test_lanes_have_the_bytes_of_single_runs(tmp_path):
     stiff, scene = [255.0, 900.0], tmp_path / "beds.yaml"
     scene.write_text(f"extends: neighbours\nfoundations:\n  {bed('kidney')}\n")

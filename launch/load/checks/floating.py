@@ -33,7 +33,9 @@ def place_fingers(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fau
             continue
         if spec.every != 1:
             faults.add(
-                f"has `every: {spec.every}`, so that the organ would jump under the fingers", "`every: 1`",
+                f"has `every: {spec.every}`, so that the organ would jump under the fingers by its motion in "
+                f"{spec.every} steps, and need {spec.every**2} times the added inertia to be stable",
+                "`every: 1`: a step takes 2 µs.",
                 spec.place, node=name,
             )  # fmt: skip
         spec.settings["shape"] = next((_shape(w.producer, nodes, wires, faults) for w in _of(name, Surface, wires)), "")
