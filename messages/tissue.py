@@ -6,9 +6,11 @@ import msgspec
 import numpy as np
 
 from palpate.messages.base import NO_FLOATS, Floats, Ints, Sparse, Vector, Vector3, always_sent
+from palpate.messages.fields import Bound
 
 NO_INTS = np.zeros(0, dtype="<i4")
 NO_LAWS, NO_SLOPES, NO_COUPLING = np.zeros((0, 5)), np.zeros((0, 12)), np.zeros((0, 0))
+MOBILITY = Bound(1e6, "an organ of 1 mg m² that is free for 10 s")
 NO_MOTION, NO_MOBILITY = np.zeros((0, 6)), np.zeros((0, 3))
 for _empty in (NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING, NO_MOTION, NO_MOBILITY):
     _empty.setflags(write=False)  # avoids a copy per message; all but the first are omitted on the wire by identity
@@ -105,5 +107,5 @@ class Support(Sparse):
     spin: Annotated[Floats, "rad/s", ("r",)] = NO_FLOATS
     centre: Annotated[Floats, "m", ("r",)] = NO_FLOATS
     expected: Annotated[Floats, "m (3), rad (3)", ("e", 6)] = NO_MOTION
-    mobility: Annotated[Floats, "m/N (3), 1/(N m) (3)", ("k", 3)] = NO_MOBILITY
+    mobility: Annotated[Floats, "m/N (3), 1/(N m) (3)", ("k", 3), MOBILITY] = NO_MOBILITY
     contacts: Annotated[Floats, "1", ("e",)] = NO_FLOATS

@@ -23,9 +23,20 @@ STICK = "spring and damper of a friction without load, then their rise per newto
 SERIES = "coefficients of a formula, by their order"
 FIELDS = "packed: work fields of the solver over the vertices or modes, named where they are unpacked; to be converted"
 ROW = "packed: a row with several quantities; to be converted"
+MOTION = "freedoms of rigid bodies: the axes of space for translation, then those for rotation of each body"
 TABLES: dict[str, dict[str, str]] = {
     "launch/run/work/activity.py": {"fields": "fields of /proc/PID/stat, numbered by the kernel of Linux"},
     "nodes/base/contacts.py": {"law": LAW},
+    "nodes/contact/carried.py": {
+        "by": MOTION,
+        "levers": MOTION,
+        "out": MOTION,
+        "own.by[side]": MOTION,
+        "own.push": MOTION,
+        "own.wrench": MOTION,
+        "push": MOTION,
+        "ride.ahead": MOTION,
+    },
     "nodes/contact/finger.py": {"law": LAW, "heard": LAW},
     "nodes/contact/joint.py": {"laws": LAW, "terminal": LAW, "own.law": ROW},
     "nodes/contact/series.py": {"own.law": ROW},
@@ -62,6 +73,21 @@ TABLES: dict[str, dict[str, str]] = {
     "src/palpate/physics/bodies/sampled/solve.py": {"vectors": FIELDS},
     "src/palpate/physics/bodies/sampled/step.py": {"fields": FIELDS, "vectors": FIELDS},
     "src/palpate/physics/bodies/sampled_body.py": {"laws": LAW, "body.fields": FIELDS},
+    "src/palpate/physics/bodies/floating/mobility.py": {"expected": MOTION},
+    "src/palpate/physics/contact/organs/between.py": {"pair.active.room": "rows of a workspace"},
+    "src/palpate/physics/contact/organs/rigid_motion.py": {
+        "b": MOTION,
+        "by": MOTION,
+        "expected": MOTION,
+        "levers": MOTION,
+        "load": MOTION,
+        "mobility": MOTION,
+        "ride.ahead": MOTION,
+        "ride.built": MOTION,
+        "ride.load": MOTION,
+        "ride.mobility": MOTION,
+        "ride.soft": MOTION,
+    },
     "src/palpate/physics/contact/organs/backed.py": {"laws": LAW},
     "src/palpate/physics/contact/end_rate.py": {"rates": "the last four steps, the newest first"},
     "src/palpate/physics/contact/ledger.py": {"ledger.accounts": "the parts, in the order of `messages.ledger.PARTS`"},
