@@ -148,12 +148,15 @@ class Relative(CompiledNode):
         if r == REST:
             return
         arm = (out.position[0] - c[0], out.position[1] - c[1], out.position[2] - c[2])
+        v = vector(out.velocity)
         if support.there and support.spin.shape[0] > 0:
-            x, y, z = cross(vector(floats(support.spin)), arm)
-            put(out.velocity, (out.velocity[0] - x, out.velocity[1] - y, out.velocity[2] - z))
+            # the mean velocity of the step, at the place and in the axes of its middle
+            w = vector(floats(support.spin))
+            v = plus(v, scaled(-1.0, cross(w, plus(arm, scaled(-0.5 * dt, v)))))
+            v = turned(scaled(0.5 * dt, w), v)
         x, y, z = turned_back(r, arm)
         put(out.position, (c[0] + x, c[1] + y, c[2] + z))
-        put(out.velocity, turned_back(r, vector(out.velocity)))
+        put(out.velocity, turned_back(r, v))
 
 
 class Absolute(CompiledNode):

@@ -70,7 +70,7 @@ class CompiledNode(Node):
     def start(self) -> None:
         """Make the record of the node: settings, requested parts, zero state. A subclass with more state calls this
         first."""
-        self._notes, self._noted = [], set[str]()
+        self._notes, self._noted, self._grown = [], set[str](), dict[str, float]()
         if not hasattr(self, "own"):
             self._record = np.zeros(1, record(type(self)))
             self.own = self._record[0]  # never reallocated: its address is in use elsewhere
@@ -98,6 +98,12 @@ class CompiledNode(Node):
         if text not in self._noted:
             self._noted.add(text)
             self._notes.append(text)
+
+    def _note_growth(self, name: str, value: float, text: str) -> None:
+        """Add a line about a value that grows, at most once for each doubling after a start."""
+        if value >= 2.0 * self._grown.get(name, 0.0):
+            self._grown[name] = value
+            self._note_once(text)
 
     def hold(self, name: str, value: Any) -> None:
         """Set a field of the state to a contiguous array, or a group to the fields of a NamedTuple of its form

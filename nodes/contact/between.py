@@ -433,26 +433,31 @@ class Between(CompiledNode):
     def notes(self) -> list[str]:
         deepest, least = self.known["penetrates"]
         if deepest > least > 0.0:
-            self._note_once(
+            self._note_growth(
+                "overlap", deepest,
                 f"Between: the bodies overlapped by up to {1e3 * deepest:.2g} mm for some steps, because they met "
-                f"faster than {contact.MOST} candidates in a step"
-            )
-        if self.known["lost"] > GIVEN:
-            self._note_once(
-                f"Between: the contact generated up to {1e3 * self.known['lost']:.2g} mJ, because several contacts on "
+                f"faster than {contact.MOST} candidates in a step",
+            )  # fmt: skip
+        lost = self.known["lost"]
+        if lost > GIVEN:
+            self._note_growth(
+                "energy", lost,
+                f"Between: the contact generated up to {1e3 * lost:.2g} mJ, because several contacts on "
                 "an organ on a foundation answer to each other a step later, or an organ left its foundation within a "
-                "step: a higher rate, or less different masses, generate less"
-            )
+                "step: a higher rate, or less different masses, generate less",
+            )  # fmt: skip
         (aside, nearer), (cell, reach) = self.known["strays"], self.known["allowed"]
         if aside > cell > 0.0:
-            self._note_once(
+            self._note_growth(
+                "slide", aside,
                 f"Between: the foundations slid by up to {1e3 * aside:.3g} mm against each other, more than the "
                 f"{1e3 * cell:.2g} mm between the candidates, which stay where they were at the start: places and "
-                "directions of the forces, and the gaps of curved organs, are approximate"
-            )
+                "directions of the forces, and the gaps of curved organs, are approximate",
+            )  # fmt: skip
         if nearer > reach > 0.0:
-            self._note_once(
+            self._note_growth(
+                "approach", nearer,
                 f"Between: the foundations came nearer by up to {1e3 * nearer:.3g} mm, more than the candidates reach: "
-                f"set scene.between.reach to more than that"
-            )
+                "set scene.between.reach to more than that",
+            )  # fmt: skip
         return super().notes()

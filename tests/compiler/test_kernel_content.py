@@ -109,7 +109,10 @@ def concerned(what):
     namespace, name = what
     value, found = namespace[name], set()
     for function in {id(each.py_func): each.py_func for each in shipped.kernels().values()}.values():
-        if function.__globals__ is namespace and name in shipped.global_names(function):
+        used = shipped.global_names(function)
+        by_module = any(vars(function.__globals__[each]) is namespace for each in used
+                        if isinstance(function.__globals__.get(each), ModuleType))  # fmt: skip
+        if (function.__globals__ is namespace and name in used) or (by_module and name in function.__code__.co_names):
             found |= shipped.callers()[id(function)]
     assert value is namespace[name]
     return found

@@ -98,7 +98,7 @@ FREE = {"stiffness": 1e-6, "damping": 0.0}
 def test_an_organ_that_hits_another_keeps_momentum_and_angular_momentum_and_loses_energy(
     stiffness, retardation, rigid, friction, rate
 ):
-    """Both free, the first one is beside the middle of the second, so that both rotate. Their foundations of 1e-6 N/m
+    """Both free, the first one is off the middle of the second, so that both rotate. Their foundations of 1e-6 N/m
     change the momentum of 10 mN s by less than 1e-10."""
     surfaces = ball(43e-3, 6e-3), ball(0.0)
     bodies = [body(each, stiffness, retardation, rigid) for each in surfaces]

@@ -27,8 +27,8 @@ QUICK = (
 )  # fmt: skip
 
 
-def bed(body, stiffness="255 N/m", mass="130 g", more=""):
-    return f"{body}-bed: {{moves: [{body}], mass: {mass}, stiffness: {stiffness}, damping: 4 N s/m{more}}}"
+def foundation_of(body, stiffness="255 N/m", mass="130 g", more=""):
+    return f"{body}-foundation: {{moves: [{body}], mass: {mass}, stiffness: {stiffness}, damping: 4 N s/m{more}}}"
 
 
 def on_foundations(*given):
@@ -58,7 +58,9 @@ def column(messages, name):
 def pressed(tmp_path_factory):
     """A finger presses the liver into the kidney, both on foundations."""
     path = tmp_path_factory.mktemp("pressed") / "both.mcap"
-    return run(path, *QUICK, on_foundations(bed("kidney"), bed("liver", "900 N/m", "300 g")), duration=0.7)
+    return run(
+        path, *QUICK, on_foundations(foundation_of("kidney"), foundation_of("liver", "900 N/m", "300 g")), duration=0.7
+    )
 
 
 @NOTES
@@ -66,7 +68,12 @@ def test_at_rest_foundations_bear_what_the_finger_and_the_organs_give_them(press
     """The liver bears the finger less the kidney, the kidney what the liver gives it: K d = F, and the moments about
     the centres of both organs balance those of their foundations."""
     kidneys, livers, between, fingers, hands = read(
-        pressed, kidney_bed=Support, liver_bed=Support, between=OrganContact, contact=Contact, controller_world=Force
+        pressed,
+        kidney_foundation=Support,
+        liver_foundation=Support,
+        between=OrganContact,
+        contact=Contact,
+        controller_world=Force,
     )
     kidney, liver, touch = kidneys[-1], livers[-1], between[-1]
     assert touch.force > 0.1 and fingers[-1].force > 0.5 and len(touch.torques) == 2
@@ -99,7 +106,7 @@ def test_its_ledger_closes_with_the_work_of_the_foundations_and_it_replays_with_
 @NOTES
 @pytest.mark.long
 def test_it_runs_in_processes_with_the_same_bytes(pressed, tmp_path):
-    both = on_foundations(bed("kidney"), bed("liver", "900 N/m", "300 g"))
+    both = on_foundations(foundation_of("kidney"), foundation_of("liver", "900 N/m", "300 g"))
     apart = run(tmp_path / "apart.mcap", *QUICK, both, place="apart", duration=0.4)
     ours = {(name, tick): payload for name, tick, payload in apart.payloads()}
     theirs = {(name, tick): payload for name, tick, payload in pressed.payloads()}
@@ -108,19 +115,21 @@ def test_it_runs_in_processes_with_the_same_bytes(pressed, tmp_path):
 
 @pytest.mark.notes("are linear where they touch", STIFF)
 def test_lanes_have_the_bytes_of_single_runs(tmp_path):
-    stiff, scene = [255.0, 900.0], tmp_path / "beds.yaml"
-    scene.write_text(f"extends: neighbours\nfoundations:\n  {bed('kidney')}\n")
+    stiff, scene = [255.0, 900.0], tmp_path / "foundations.yaml"
+    scene.write_text(f"extends: neighbours\nfoundations:\n  {foundation_of('kidney')}\n")
     lanes = palpate.Ensemble(
-        "neighbours", 2, {"kidney-bed.stiffness": stiff}, ["kidney-bed.displacement", "between.force"],
+        "neighbours", 2, {"kidney-foundation.stiffness": stiff}, ["kidney-foundation.displacement", "between.force"],
         scene=str(scene), duration=0.35, sets=QUICK,
     )  # fmt: skip
     answers = lanes.run()
     for lane, stiffness in enumerate(stiff):
-        beds = on_foundations(bed("kidney", f"{stiffness} N/m"))
+        foundations = on_foundations(foundation_of("kidney", f"{stiffness} N/m"))
         supports, between = read(
-            run(tmp_path / "one.mcap", *QUICK, beds, duration=0.35), kidney_bed=Support, between=OrganContact
+            run(tmp_path / "one.mcap", *QUICK, foundations, duration=0.35),
+            kidney_foundation=Support,
+            between=OrganContact,
         )
-        assert np.array_equal(answers["kidney-bed.displacement"][lane], column(supports, "displacement"))
+        assert np.array_equal(answers["kidney-foundation.displacement"][lane], column(supports, "displacement"))
         assert np.array_equal(answers["between.force"][lane], column(between, "force"))
         assert between[-1].force > 0.05
 
@@ -131,7 +140,7 @@ def test_a_foundation_of_1_gn_per_m_is_that_of_a_fixed_organ(tmp_path):
     """Within 1e-5 of the force of finger and organs."""
     found = [
         read(run(tmp_path / f"{k}.mcap", *QUICK, *sets), between=OrganContact, contact=Contact)
-        for k, sets in enumerate(((), (on_foundations(bed("kidney", "1e9 N/m")),)))
+        for k, sets in enumerate(((), (on_foundations(foundation_of("kidney", "1e9 N/m")),)))
     ]
     for one, other in zip(*found, strict=True):
         forces = column(one, "force")
@@ -147,7 +156,7 @@ def test_neighbours_out_of_reach_leave_the_bytes_of_an_organ_on_a_foundation(tmp
     sets = (*COARSE, far, "scene.hand.begin=[0, 0, 0.1825]", path)
     near, alone = (
         read(run(tmp_path / f"{k}.mcap", *sets, *more, duration=0.3), contact=Contact, liver=Surface)
-        for k, more in enumerate(((), (on_foundations(bed("kidney")),)))
+        for k, more in enumerate(((), (on_foundations(foundation_of("kidney")),)))
     )
     assert max(each.force for each in near[0]) > 0.3
     for one, other in zip(near[0], alone[0], strict=True):
@@ -176,11 +185,11 @@ def test_a_pinch_lifts_the_kidney_off_the_liver_and_drops_it_there(tmp_path):
 @NOTES
 def test_a_finger_feels_several_organs_of_which_one_is_on_a_foundation(tmp_path):
     """The kidney sinks into its foundation by the force of the hand, in the axes of the world."""
-    sets = ("scene.surface.vertices=2000", on_foundations(bed("kidney")))
+    sets = ("scene.surface.vertices=2000", on_foundations(foundation_of("kidney")))
     graph = load("organs", overrides=list(sets))
     assert any("move differently" in note for note in graph.notes)
     supports, hands = read(
-        run(tmp_path / "organs.mcap", *sets, graph="organs", duration=0.8), kidney_bed=Support, controller=Force
+        run(tmp_path / "organs.mcap", *sets, graph="organs", duration=0.8), kidney_foundation=Support, controller=Force
     )
     force = np.array(hands[-1].force)
     assert force[2] > 0.4 and abs(supports[-1].rotation[0]) > 0.02
@@ -190,8 +199,8 @@ def test_a_finger_feels_several_organs_of_which_one_is_on_a_foundation(tmp_path)
 
 
 def test_an_organ_without_finger_gets_a_foundation_of_its_contacts():
-    graph = load("neighbours", overrides=[on_foundations(bed("kidney"))])
-    node = graph.nodes["kidney-bed"]
+    graph = load("neighbours", overrides=[on_foundations(foundation_of("kidney"))])
+    node = graph.nodes["kidney-foundation"]
     assert node.cls is OrganFoundation and node.settings["sides"] == (1,)
 
 
@@ -199,12 +208,12 @@ def test_an_organ_without_finger_gets_a_foundation_of_its_contacts():
 @pytest.mark.long
 def test_a_stack_on_foundations_comes_to_rest_with_the_sum_of_its_forces(tmp_path):
     """The middle organ has two contacts: K d of it and of the lowest one add up to the force of the uppermost."""
-    beds = on_foundations(bed("middle", "600 N/m", "80 g"), bed("kidney", "400 N/m"))
+    foundations = on_foundations(foundation_of("middle", "600 N/m", "80 g"), foundation_of("kidney", "400 N/m"))
     small = [f"scene.{name}.surface.vertices=2000" for name in ("upper", "middle", "kidney")]
     path = "scene.hand.path=[{to: [0, 0, 0.138], time: 0.4}, {hold: 1}]"
     middles, kidneys, upper = read(
-        run(tmp_path / "stack.mcap", *small, beds, path, graph="stack", duration=1.0),
-        middle_bed=Support, kidney_bed=Support, between_upper_middle=OrganContact,
+        run(tmp_path / "stack.mcap", *small, foundations, path, graph="stack", duration=1.0),
+        middle_foundation=Support, kidney_foundation=Support, between_upper_middle=OrganContact,
     )  # fmt: skip
     down = [-each[-1].displacement[2] for each in (middles, kidneys)]
     assert upper[-1].force > 0.1 and min(down) > 1e-5

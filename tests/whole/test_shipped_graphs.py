@@ -8,6 +8,7 @@ import yaml
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
+from palpate.engine.faults import GraphError
 from palpate.launch.load.files import GRAPHS, PLACES, SCENES
 from palpate.launch.load.launchfile import find, names, purpose
 from palpate.launch.run.execute import execute
@@ -43,6 +44,13 @@ def test_every_scene_belongs_to_a_graph():
 
 @pytest.mark.parametrize(("graph", "scene"), PAIRS)
 def test_every_graph_can_be_planned_with_every_scene_that_extends_its_scene(graph, scene):
+    """A scene that moves an organ which the graph lacks is refused with its name."""
+    moved = {name for each in read(SCENES, scene).get("foundations", {}).values() for name in each["moves"]}
+    bodies = set(find(str(GRAPHS / f"{graph}.yaml")).load().nodes)
+    if not moved <= bodies:
+        with pytest.raises(GraphError, match=f"moves '{min(moved - bodies)}', which is no body of the graph"):
+            find(str(GRAPHS / f"{graph}.yaml")).but(scene=SCENES / f"{scene}.yaml").load()
+        return
     plan = find(str(GRAPHS / f"{graph}.yaml")).but(scene=SCENES / f"{scene}.yaml").plan()
     assert plan.order
     for name in plan.order:
