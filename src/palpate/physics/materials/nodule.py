@@ -27,6 +27,8 @@ Neglected: the shape of the region (a long one lies between Eshelby's sphere and
 and the support of the organ. docs/equations/shape-display.md has the errors next to finite elements.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from palpate.compiler.kernel import ieee_kernel, kernel
@@ -81,8 +83,8 @@ def region_map(
     places, facing = _arrays(vertices, normals)
     shares = np.zeros(len(places))
     if len(points):
-        near, far = (merged(points, volumes, size * reach) for size in (FINE, COARSE))
-        _region(places, facing, np.column_stack(near), np.column_stack(far), reach, shares)
+        for size in (FINE, COARSE):
+            _region(places, facing, *merged(points, volumes, size * reach), size == FINE, reach, shares)
     return stiffening(shares, ratio)
 
 
@@ -111,20 +113,27 @@ def _arrays(*given: Points) -> list[np.ndarray]:
     return [np.ascontiguousarray(each, float) for each in given]
 
 
-def _rule(count: int) -> np.ndarray:
-    """Gauss's nodes t and weights on (0, 1), and cosine and sine of pi t (count,4)."""
-    node, weight = gauss_legendre(count)
-    rule = np.column_stack([0.5 * (node + 1.0), 0.5 * weight, node, node])
-    _turn(rule)
+class _Rule(NamedTuple):
+    """Gauss's rule on (0, 1) [1] (n): nodes t, weights, and cosines and sines of pi t."""
+
+    nodes: np.ndarray
+    weights: np.ndarray
+    cosines: np.ndarray
+    sines: np.ndarray
+
+
+def _rule(count: int) -> _Rule:
+    nodes, weights = (0.5 * each for each in gauss_legendre(count))
+    rule = _Rule(nodes + 0.5, weights, np.zeros(count), np.zeros(count))
+    _turn(*rule)
     return rule
 
 
 @ieee_kernel
-def _turn(rule: Matrix):
+def _turn(nodes: Array, weights: Array, cosines: Array, sines: Array):
     """Fill the cosines and sines of a rule with those of kernels, which are the same on every machine."""
-    for k in range(len(rule)):
-        angle = np.pi * rule[k, 0]
-        rule[k, 2], rule[k, 3] = np.cos(angle), np.sin(angle)
+    for k in range(len(nodes)):
+        cosines[k], sines[k] = np.cos(np.pi * nodes[k]), np.sin(np.pi * nodes[k])
 
 
 @kernel
@@ -155,30 +164,32 @@ def _below(places: Matrix, facing: Matrix, v: int, point: Vector):
 
 
 @kernel
-def _disc(depth: float, level: float, lateral: float, limit: float, width: float, rule: Matrix):
+def _disc(depth: float, level: float, lateral: float, limit: float, width: float, rule: _Rule):
     """Share of the energy per depth [1/m] in a disc of the radius `level` whose middle is `lateral` from the axis of
     the load [m]; circles around the axis, whole ones and arcs, up to the radius `limit`."""
     total = 0.0
     if level > lateral:
         whole = min(level - lateral, limit)
-        for j in range(len(rule)):
-            out = whole * rule[j, 0] * rule[j, 0]  # denser near the axis
-            total += 4.0 * np.pi * whole * rule[j, 0] * rule[j, 1] * out * energy_density(out * out, depth, width)
+        for j in range(len(rule.nodes)):
+            out = whole * rule.nodes[j] * rule.nodes[j]  # denser near the axis
+            total += (
+                4.0 * np.pi * whole * rule.nodes[j] * rule.weights[j] * out * energy_density(out * out, depth, width)
+            )
     low, high = abs(level - lateral), min(level + lateral, limit)
     half = 0.5 * (high - low)
     if half <= 0.0:
         return total
-    for j in range(len(rule)):
-        out = 0.5 * (low + high) - half * rule[j, 2]
+    for j in range(len(rule.nodes)):
+        out = 0.5 * (low + high) - half * rule.cosines[j]
         cosine = (out * out + lateral * lateral - level * level) / (2.0 * out * lateral)
         arc = 2.0 * np.arccos(min(max(cosine, -1.0), 1.0))
-        total += np.pi * half * rule[j, 3] * rule[j, 1] * arc * out * energy_density(out * out, depth, width)
+        total += np.pi * half * rule.sines[j] * rule.weights[j] * arc * out * energy_density(out * out, depth, width)
     return total
 
 
 @ieee_kernel
 def _ball(
-    places: Matrix, facing: Matrix, centre: Vector, radius: float, reach: float, fine: Matrix, coarse: Matrix,
+    places: Matrix, facing: Matrix, centre: Vector, radius: float, reach: float, fine: _Rule, coarse: _Rule,
     shares: Array,
 ):  # fmt: skip
     """Fill the shares (V) of a ball, disc by disc parallel to the tangent plane; `fine` and `coarse` as of `_rule`."""
@@ -189,22 +200,23 @@ def _ball(
         if away > (limit + radius) * (limit + radius) or bottom <= top:
             continue
         rule = fine if away < near * near else coarse
-        for i in range(len(rule)):
-            depth = top + (bottom - top) * rule[i, 0] * rule[i, 0]  # denser near the surface
+        for i in range(len(rule.nodes)):
+            depth = top + (bottom - top) * rule.nodes[i] * rule.nodes[i]  # denser near the surface
             level = np.sqrt(max(radius * radius - (depth - middle) * (depth - middle), 0.0))
             part = _disc(depth, level, np.sqrt(square), limit, width, rule)
-            shares[v] += 2.0 * (bottom - top) * rule[i, 0] * rule[i, 1] * part
+            shares[v] += 2.0 * (bottom - top) * rule.nodes[i] * rule.weights[i] * part
 
 
 @ieee_kernel
-def _region(places: Matrix, facing: Matrix, near: Matrix, far: Matrix, reach: float, shares: Array):
-    """Fill the shares (V) of a region, its points and their volumes (P,4) fine and coarse."""
+def _region(
+    places: Matrix, facing: Matrix, points: Matrix, volumes: Array, fine: bool, reach: float, shares: Array
+):  # fmt: skip
+    """Add to the shares (V) those of points (P,3) with their volumes (P): the `fine` ones near to a vertex, the others
+    far from it."""
     width = WIDTH * reach
     for v in range(len(places)):
-        for fine in range(2):
-            parts = near if fine else far
-            for p in range(len(parts)):
-                depth, square, away = _below(places, facing, v, parts[p])
-                inside = away < (NEAR * reach) * (NEAR * reach)
-                if inside == (fine == 1) and depth > 0.0 and away < (FAR * reach) * (FAR * reach):
-                    shares[v] += parts[p, 3] * energy_density(square, depth, width)
+        for p in range(len(points)):
+            depth, square, away = _below(places, facing, v, points[p])
+            near = away < (NEAR * reach) * (NEAR * reach)
+            if near == fine and depth > 0.0 and away < (FAR * reach) * (FAR * reach):
+                shares[v] += volumes[p] * energy_density(square, depth, width)

@@ -34,7 +34,9 @@ APART = 0.8  # [1] Least distance of the centres of two balls, over the sum of t
 NUMBERS = 4  # of a ball: u, v, ln of its top's depth, ln of its radius
 DRAWS, BURN = 10_000, 3_000
 MEAN = 10.0  # Variance of the mean: its prior is uninformative
-RING = (0.45, 0.85)  # [1] Radii of two rings of points of the patch, over its radius
+RING, ON_RING = math.sqrt(4.0 / 7.0), 0.7
+"""[1] Radius over that of the patch, and weight, of six points that with its middle integrate polynomials of degree 5
+under Hertz's pressure."""
 
 
 @dataclass(frozen=True)
@@ -91,17 +93,15 @@ class Ground:
         return flat + up * float(weight @ ((self.places[near] - self.middle) @ up) / weight.sum())
 
     def patches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (N*13,3), normals (N*13,3) and weights (13) of the patches under all probes."""
+        """Points (N*7,3), normals (N*7,3) and weights (7) of the patches under all probes."""
         turn = np.arange(6) * math.pi / 3.0
-        ring = np.column_stack([np.cos(turn), np.sin(turn)])
-        flat = np.vstack([np.zeros((1, 2)), RING[0] * ring, RING[1] * ring]) * self.reach
-        share = np.concatenate([[1.0 / 6.0], np.full(6, 4.0 * math.sqrt(1.0 - RING[0] ** 2) / 6.0),
-                                np.full(6, 8.0 * math.sqrt(1.0 - RING[1] ** 2) / 6.0)])  # fmt: skip
+        flat = RING * self.reach * np.vstack([np.zeros((1, 2)), np.column_stack([np.cos(turn), np.sin(turn)])])
+        share = np.array([1.0 - ON_RING, *(6 * [ON_RING / 6.0])])
         first = self.axes[0] - np.sum(self.axes[0] * self.normals, axis=1)[:, None] * self.normals
         first /= np.linalg.norm(first, axis=1, keepdims=True)
         second = np.cross(self.normals, first)
         points = self.places[:, None] + flat[:, 0, None] * first[:, None] + flat[:, 1, None] * second[:, None]
-        return points.reshape(-1, 3), np.repeat(self.normals, len(flat), axis=0), share / share.sum()
+        return points.reshape(-1, 3), np.repeat(self.normals, len(flat), axis=0), share
 
 
 class _Balls:
