@@ -21,7 +21,8 @@ Soc. London A 241, 1957, 376, incompressible). With the interaction of T. Mori a
     k = 1 + w (ratio - 1)/(1 + (2/5) (1 - w) (ratio - 1))
 
 which is `ratio` if the region is everything (w = 1), 1 + 5 w/2 for a small rigid one (A. Einstein, Ann. Phys. 19, 1906,
-289), 1 - 5 w/3 for a small cavity, and the bound of Hashin and Shtrikman for an isotropic mixture.
+289), 1 - 5 w/3 for a small cavity, and the bound of an isotropic mixture (Z. Hashin, S. Shtrikman, J. Mech. Phys.
+Solids 11, 1963, 127).
 
 Neglected: the shape of the region (a long one lies between Eshelby's sphere and a column), the curvature of the surface
 and the support of the organ. docs/equations/shape-display.md has the errors next to finite elements.
