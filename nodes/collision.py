@@ -25,7 +25,7 @@ from palpate.physics.geometry import closest, mesh_closest
 from palpate.physics.geometry import mesh as meshes
 from palpate.physics.geometry.bvh import CELLS, DISCS, POINTS
 from palpate.physics.geometry.nurbs import LAYOUT
-from palpate.physics.geometry.proxy import MEMORY, follow, follow_mesh, memory
+from palpate.physics.geometry.proxy import MEMORY, OUT, follow, follow_mesh, memory
 from palpate.physics.geometry.search.foot import FOOT
 from palpate.physics.geometry.search.samples import CLUSTER, SAMPLE, SPACING
 from palpate.physics.geometry.topology import edge_counts
@@ -85,8 +85,8 @@ def send(own, foot, pose, out):
     out.coordinates[0], out.coordinates[1] = foot.place[0], foot.place[1]
     out.element, out.gap = foot.triangle, foot.distance
     out.approach, out.separation = (0.0, -depth) if depth < 0.0 else (depth, 0.0)
-    # report a foot that is not the nearest point
-    trails, passed = own.memory.behind > TRAILS and depth > 0.0, own.memory.passed
+    # report a foot that is not the nearest point; a bone edge that leaves the surface has passed nothing
+    trails, passed = own.memory.behind > TRAILS and depth > 0.0, own.memory.passed and own.memory.side != OUT
     own.outside = trails or passed
     if own.outside:
         for cause, found in enumerate((trails, passed)):

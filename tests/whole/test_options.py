@@ -27,6 +27,7 @@ RUNS = {
     ("palpate-two", None): 0.4,
     ("pinch", None): 0.45,
     ("pinch", "lift"): 0.6,
+    ("pinch-liver", None): 0.6,
     ("organs", None): 0.3,
     ("neighbours", None): 0.75,
     ("texture", None): 0.35,
@@ -55,6 +56,7 @@ NOT_RUN = {
     "device.Replayed": "needs a recording; tests/records",
     "friction.Components": "in no shipped graph; tests/physics/friction/test_components.py",
     "kinematics.Cartesian": "follows a device; tests/drivers",
+    "support.World": "in no shipped graph; tests/whole/test_lift_neighbours.py",
     "tactile.Flow": "in no shipped graph; tests/nodes/test_fingertip_effects.py",
 }
 WITH = {"area=table": ["area_forces=[0.1, 2]", "area_radii=[2 mm, 5 mm]"]}
