@@ -59,5 +59,7 @@ def test_a_recording_of_firefox_is_replayed_bit_for_bit(body, found, tmp_path):
     assert found[body]["most"] > 0.2
     (tmp_path / "firefox.mcap").write_bytes(base64.b64decode(found[body]["recording"]))
     done = CliRunner().invoke(app, ["replay", str(tmp_path / "firefox.mcap"), "--check", "--json"])
-    told = json.loads(done.stdout)
-    assert done.exit_code == 0 and told["ok"] and all(node["checked"] for node in told["nodes"].values()), done.output
+    printed = json.loads(done.stdout)
+    assert done.exit_code == 0 and printed["ok"] and all(node["checked"] for node in printed["nodes"].values()), (
+        done.output
+    )

@@ -60,6 +60,7 @@ def test_the_points_of_a_region_have_its_volume_and_lie_in_it():
         points, volume = made.points(size)
         assert len(points) * volume == approx(made.voxels.sum() * SIDE**3) and made.contains(points).all()
         assert len(points) == made.voxels.sum() * max(1, int(np.ceil(SIDE / size - 1e-9))) ** 3
+    assert len(made.points(1e-9)[0]) == 64 * made.voxels.sum()  # a tiny reach does not fill the memory
 
 
 def test_the_shares_of_parts_add_up():

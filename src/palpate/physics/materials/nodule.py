@@ -98,7 +98,9 @@ def stiffening(share: np.ndarray, ratio: float) -> np.ndarray:
 def merged(points: Points, volumes: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (Q,3) with their volumes (Q): the centroids of those in each cube of the side `size` [m]."""
     places, weights = np.asarray(points, float), np.asarray(volumes, float)
-    cells = np.unique(np.floor(places / size).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    corner = np.floor(places / size).astype(np.int64)
+    corner -= corner.min(axis=0)
+    cells = np.unique(np.ravel_multi_index(tuple(corner.T), tuple(corner.max(axis=0) + 1)), return_inverse=True)[1]
     sums = [np.bincount(cells, weights * place) for place in places.T]
     volume = np.bincount(cells, weights)
     return np.column_stack(sums) / volume[:, None], volume
@@ -145,13 +147,13 @@ def energy_density(lateral: float, depth: float, width: float):
     """
     low = depth + width
     square = low * low
-    all_ = lateral + square
-    radial = (2.0 * lateral - square) * all_ - width * low * (3.0 * square - 12.0 * lateral)
-    axial = (2.0 * square - lateral) * all_ - width * low * (9.0 * lateral - 6.0 * square)
-    shear = 3.0 * low * all_ - 3.0 * width * (lateral - 4.0 * square)
+    apart = lateral + square
+    radial = (2.0 * lateral - square) * apart - width * low * (3.0 * square - 12.0 * lateral)
+    axial = (2.0 * square - lateral) * apart - width * low * (9.0 * lateral - 6.0 * square)
+    shear = 3.0 * low * apart - 3.0 * width * (lateral - 4.0 * square)
     whole = radial * radial + axial * axial + (radial + axial) * (radial + axial) + 2.0 * lateral * shear * shear
-    third = all_ * all_ * all_
-    return 0.4 / np.pi * width * depth * depth * whole / (third * third * all_)
+    third = apart * apart * apart
+    return 0.4 / np.pi * width * depth * depth * whole / (third * third * apart)
 
 
 @kernel

@@ -18,6 +18,7 @@ from palpate.physics.arrays import Points
 from palpate.physics.nearest import nearest, tree_of
 
 MOST = 1 << 25  # voxels of a box, as of an organ
+MOST_PARTS = 4  # of the side of a voxel
 
 
 class Region(NamedTuple):
@@ -28,8 +29,9 @@ class Region(NamedTuple):
 
     def points(self, size: float) -> tuple[np.ndarray, float]:
         """Points [m] (n,3) of the label, and the volume [m³] of each: the middles of its voxels, or of equal parts of
-        them no longer than `size` [m]."""
-        parts = np.maximum(np.ceil(np.linalg.norm(self.affine[:, :3], axis=0) / size), 1.0).astype(np.int64)
+        them no longer than `size` [m], at most `MOST_PARTS` along each side."""
+        sides = np.linalg.norm(self.affine[:, :3], axis=0)
+        parts = np.clip(np.ceil(sides / size), 1.0, MOST_PARTS).astype(np.int64)
         within = (np.moveaxis(np.indices(parts), 0, -1).reshape(-1, 3) + 0.5) / parts - 0.5
         index = (np.argwhere(self.voxels)[:, None] + within).reshape(-1, 3)
         x, y, z = self.affine[:, :3].T
