@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from expected_notes import STIFF
 from pytest import approx
+from streams import read
 
 import palpate
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.messages import Contact, Force, Ledger, Surface, unpack
+from palpate.messages import Contact, Force, Ledger, Surface
 from palpate.messages.contact import OrganContact
 from palpate.messages.tissue import Support
 from palpate.nodes.support import OrganFoundation
@@ -40,14 +41,6 @@ def run(path, *overrides, graph="neighbours", place="fused", duration=0.5):
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     return Recording(path)
-
-
-def read(recording, **kinds):
-    found = {name: [] for name in kinds}
-    for name, _, payload in recording.payloads():
-        if (key := name.replace("-", "_")) in kinds:
-            found[key].append(unpack(payload, kinds[key]))
-    return [found[name] for name in kinds]
 
 
 def column(messages, name):

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from pytest import approx
 from scipy.spatial.transform import Rotation
+from streams import read
 
 from palpate.engine.faults import GraphError
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface, unpack
+from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
 from palpate.messages.contact import OrganContact
 from palpate.messages.tissue import Support
 from palpate.nodes.contact import Between
@@ -35,14 +36,6 @@ def run(path, *overrides, graph="kidney", place="fused", duration=0.5):
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     return Recording(path)
-
-
-def read(recording, **kinds):
-    found = {name: [] for name in kinds}
-    for name, _, payload in recording.payloads():
-        if (key := name.replace("-", "_")) in kinds:
-            found[key].append(unpack(payload, kinds[key]))
-    return [found[name] for name in kinds]
 
 
 def breath(time):
