@@ -1,10 +1,10 @@
 """The stiffness over a ball of another modulus, by springs with their map and by finite elements.
 
-    python benchmarks/nodule_map.py [--cases 6] [--json]
+    python benchmarks/nodule_map.py [--cases 6] [--patch 8] [--json]
 
-A patch of 8 mm presses the kidney over the ball and at 4, 8, 12 and 16 mm from there. The entries are the stiffness
-over that of the kidney without the ball, by the map of deformation.MassSpring under the patch, and by the linear full
-finite elements of the organ. A case takes half a minute.
+A patch (radius 8 mm) presses the kidney over the ball and at 4, 8, 12 and 16 mm from there. The entries are the
+stiffness over that of the kidney without the ball, by the map of deformation.MassSpring under the patch, and by the
+linear full finite elements of the organ. A case takes half a minute.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.mass_spring import MassSpring
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
-RADIUS = 8e-3  # [m] of the patch
 DISTANCES = 1e-3 * np.array([0.0, 4.0, 8.0, 12.0, 16.0])
 CASES = [(9, 6, 10.0), (9, 6, 0.1), (6, 4, 10.0), (6, 4, 0.1), (15, 8, 10.0), (9, 6, 3.0), (12, 6, 10.0), (12, 6, 0.1)]
 """Depth and radius [mm] and modulus ratio of the balls."""
@@ -39,22 +38,24 @@ def stiffness(organ: Reducible, patches: np.ndarray) -> np.ndarray:
 def main() -> None:
     arguments = parser(__doc__)
     arguments.add_argument("--cases", type=int, default=len(CASES), help="number of balls")
+    arguments.add_argument("--patch", type=float, default=8.0, help="its radius [mm]")
     given = arguments.parse_args()
+    reach = 1e-3 * given.patch
     node = ReducedFE(surface="kidney", coarse=1200)
     surface = node.coarse_mesh()
     line = np.stack([DISTANCES, 0.0 * DISTANCES, np.full(len(DISTANCES), surface.vertices[:, 2].max())], axis=1)
     feet, normals, *_ = MeshClosestPoint(surface).find(line)
-    patches = np.stack([patch(surface, foot, n, RADIUS) for foot, n in zip(feet, normals, strict=True)])
+    patches = np.stack([patch(surface, foot, n, reach) for foot, n in zip(feet, normals, strict=True)])
     plain = stiffness(of_organ(Organ(surface, node.poisson, node.bed)), patches)
     rows: list[dict[str, object]] = []
     for depth, radius, ratio in CASES[: given.cases]:
         ball = Nodule(tuple((feet[0] - 1e-3 * depth * normals[0]).tolist()), 1e-3 * radius, ratio)
         full = stiffness(of_organ(Organ(surface, node.poisson, node.bed, ball)), patches) / plain
         springs = MassSpring(
-            surface="kidney", vertices=10000, position=(0.0, 0.0, 0.0), radius=RADIUS, nodule_radius=1e-3 * radius,
+            surface="kidney", vertices=10000, position=(0.0, 0.0, 0.0), radius=reach, nodule_radius=1e-3 * radius,
             nodule_position=tuple(feet[0].tolist()), nodule_depth=1e-3 * depth, nodule_ratio=ratio,
         )  # fmt: skip
-        apart = np.linalg.norm(springs.mesh().vertices - feet[:, None], axis=2) / RADIUS
+        apart = np.linalg.norm(springs.mesh().vertices - feet[:, None], axis=2) / reach
         weight = np.clip(1.0 - apart**2, 0.0, None) ** 2
         mapped = weight @ springs.hardness() / weight.sum(axis=1)
         for name, factors in (("finite elements", full), ("map", mapped)):

@@ -3,7 +3,6 @@
 import math
 from typing import Annotated, Literal
 
-import msgspec
 import numpy as np
 
 from palpate.compiler.records import floats, form, lend, lend_first, put, unpacking, vector
@@ -49,7 +48,6 @@ class Kernel(CompiledNode, WithArea, WithWidth):
     """
 
     kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1", Agrees(Load)] = "biweight"
-    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
 
     State = {
         "spreader": form(Spreader), "friction": FADED,

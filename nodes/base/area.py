@@ -12,8 +12,11 @@ from palpate.physics.contact.area import FIXED, AreaLaw, ball, fingertip, of_tab
 
 
 class WithArea(OnThinnedSurface):
-    """Settings of the area law, the same in spread.Kernel and in the body."""
+    """Settings of the patch under the finger and of its area law, the same in spread.Kernel and in the body."""
 
+    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
+    """Of the patch, where `area` is fixed; in a body also of the patch of the terminal law before the first load, of
+    that under each of several fingers, and of stiffness maps."""
     area: Annotated[Literal["fixed", "ball", "fingertip", "table"], "1", Agrees(Load)] = "fixed"
     """Radius of the contact as a function of the force: constant, of a rigid ball, of a fingertip, or the table
     `area_radii` at `area_forces` (docs/equations/spread.md)."""

@@ -12,7 +12,7 @@ from palpate.nodes.base.effect import Switch
 from palpate.nodes.base.node import SettingError
 from palpate.nodes.base.surface import rotation_matrix
 from palpate.physics.archive import ArchiveError
-from palpate.physics.materials.nodule import FINE, nodule_centre, region_map, stiffness_map
+from palpate.physics.materials.nodule import FINE, SHARPER, nodule_centre, region_map, stiffness_map
 from palpate.physics.segmentation.region import Region, read_region
 
 
@@ -26,8 +26,9 @@ class WithNodule(WithArea):
     nodule_depth: Annotated[float, "m", msgspec.Meta(ge=0, le=1)] = 6.0e-3  # Of its centre below the surface
     nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0, le=1e6)] = 10.0
     """Modulus of the nodule over that of the tissue; below 1 for a cyst."""
-    nodule_reach: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 6.0e-3
-    """For bodies that are defined only by their surface: 0.75 times the radius of the patch over which they average."""
+    nodule_reach: Annotated[Annotated[float, msgspec.Meta(gt=0, le=1)] | None, "m"] = None
+    """For bodies that are defined only by their surface: radius over which the load of the map is spread. null: 0.75
+    times `radius` of the patch, over which they average the map."""
     nodule_shape: Annotated[str, "1"] = ""
     """File of the voxels of a label, in the frame of the surface, which replace the sphere: `--label liver+vessel`."""
 
@@ -36,15 +37,14 @@ class WithNodule(WithArea):
         mesh = self.mesh()
         if self.nodule_radius == 0.0:
             return np.ones(len(mesh.vertices))
+        reach = SHARPER * self.radius if self.nodule_reach is None else self.nodule_reach
         if self.nodule_shape:
-            points, volume = self.region().points(FINE * self.nodule_reach)
+            points, volume = self.region().points(FINE * reach)
             turn, origin = rotation_matrix(self.rotation), np.asarray(self.position, float)
             vertices, normals = (einsum("vk,kj->vj", each, turn) for each in (mesh.vertices - origin, mesh.normals))
             volumes = np.full(len(points), volume)
-            return region_map(vertices, normals, points, volumes, self.nodule_ratio, self.nodule_reach)
-        return stiffness_map(
-            mesh.vertices, mesh.normals, self.centre(), self.nodule_radius, self.nodule_ratio, self.nodule_reach
-        )
+            return region_map(vertices, normals, points, volumes, self.nodule_ratio, reach)
+        return stiffness_map(mesh.vertices, mesh.normals, self.centre(), self.nodule_radius, self.nodule_ratio, reach)
 
     def region(self) -> Region:
         """The voxels of `nodule_shape`. SettingError: the file cannot be read."""

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.compiler.exact import row_times
 from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
-from palpate.nodes.base import ARRAY, TABLE, Agrees, Calibrated, Out, Part, SettingError, Switch
+from palpate.nodes.base import ARRAY, TABLE, Calibrated, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, spread_laws, unknown_vertex
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import oldest
@@ -42,8 +42,6 @@ class BeamBundle(MeshBody):
     relaxations: Annotated[Vector, "s", Switch("relaxation"), OF_TISSUE] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
-    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
-    """Of the patch of the terminal law before the first load: that of `spread.Kernel`."""
 
     shape = Part(
         "shape", "nodes", "displacement", also=("pressure",), about="The vertices of the surface that are displaced."

@@ -104,8 +104,6 @@ class MassSpring(MeshBody):
     whole motion dissipates energy, but a single step may return some nJ. Set it for the contact too."""
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
-    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
-    """Of the patch under each of several fingers, and of the patch of the stiffness map."""
     stiffness_map: Annotated[Literal["uniform", "basis"], "1"] = "uniform"
     """With "basis" K varies over the surface like the stiffness of deformation.ReducedFE, from its stored basis
     without nodule, and a force along the surface indents too, as it does on a slanted or narrow part of an organ. K is

@@ -90,8 +90,6 @@ class ReducedFE(MeshBody):
     coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
     """Approximate number of vertices of the condensed surface. At the default, a file gets more, up to 1500, if its
     edges would exceed 8 mm. A file with at most 1.25 times as many keeps its vertices."""
-    radius: Annotated[float, "m", msgspec.Meta(gt=0), Agrees(Load)] = 8e-3
-    """Of the patch of the terminal law before the first load."""
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
     """Distance from the foot point within which the displacement of every vertex is sent; of fewer vertices beyond."""
 

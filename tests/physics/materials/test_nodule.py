@@ -162,5 +162,17 @@ def test_a_body_takes_its_nodule_from_its_settings():
     assert vertices[np.argmax(node.hardness())][:2] == approx([2e-3, -1e-3], abs=1.1e-3)
 
 
+@pytest.mark.parametrize("patch", [4e-3, 12e-3])
+def test_the_reach_of_the_map_follows_the_patch(patch):
+    """Surface and ball in another scale, in proportion to the patch, have the same map."""
+    given = FLAT | {"nodule_position": (0.0, 0.0, 0.1), "nodule_ratio": 7.0}
+    node = Body(**given, radius=patch, nodule_radius=0.5 * patch, nodule_depth=0.75 * patch)
+    vertices = (node.mesh().vertices - [0.0, 0.0, 0.1]) * (8e-3 / patch)
+    assert node.hardness() == approx(stiffness_map(vertices, MESH.normals, [0, 0, -6e-3], 4e-3, 7.0, 6e-3), rel=1e-6)
+    fixed = Body(**given, radius=patch, nodule_radius=4e-3, nodule_depth=6e-3, nodule_reach=6e-3)
+    usual = Body(**given, nodule_radius=4e-3, nodule_depth=6e-3)
+    assert fixed.hardness() == approx(usual.hardness(), rel=1e-12)
+
+
 def test_a_body_without_a_nodule_is_homogeneous():
     assert np.all(Body(**FLAT).hardness() == 1)
