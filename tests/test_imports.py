@@ -11,6 +11,7 @@ from pathlib import Path
 import nodes_for_runs
 import pytest
 from graphs_for_runs import write_graph
+from sources import nodes
 
 import palpate.cli
 import palpate.compiler
@@ -118,7 +119,7 @@ FILES = [(name, file) for name, folder in ROOTS.items() for file in sorted(folde
 
 def imported(file):
     """Full names of all modules that a file imports, also inside functions."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in nodes(file):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -198,7 +199,7 @@ def test_contributing_draws_the_imports():
 
 def needed(file, files):
     """Those of `files` that a file imports; of a package from which it takes a file, that file alone."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in nodes(file):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

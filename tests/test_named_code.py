@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from sources import tree_of
 
 from palpate.engine.faults import GraphError
 from palpate.engine.imports import load_class, recorded_class
@@ -66,7 +67,7 @@ def sources():
         for path in sorted((ROOT / folder).rglob("*.py")):
             name = path.relative_to(ROOT).as_posix()
             if not name.startswith(tuple(f"src/palpate/{link}/" for link in ("nodes", "messages", "launch", "graphs"))):
-                yield name, ast.parse(path.read_text(encoding="utf-8"))
+                yield name, tree_of(path)
 
 
 def code_from_data(tree: ast.AST) -> set[str]:

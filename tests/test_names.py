@@ -4,6 +4,8 @@ import ast
 import re
 from pathlib import Path
 
+from sources import nodes
+
 ROOT = Path(__file__).parents[1]
 IRREGULAR = re.compile(
     "begun|broken|built|chosen|come|drawn|felt|found|gone|given|grown|heard|held|hidden|kept|known|left|lost|made|meant"
@@ -18,7 +20,7 @@ def functions():
     """Name of each function that is no property."""
     for folder in ("messages", "nodes", "launch", "src/palpate"):
         for file in (ROOT / folder).rglob("*.py"):
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            for node in nodes(file):
                 if isinstance(node, ast.FunctionDef) and not is_property(node) and not node.name.startswith("__"):
                     yield node.name
 

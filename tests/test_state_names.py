@@ -9,6 +9,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
+from sources import tree_of
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("messages", "nodes", "launch", "src/palpate")
@@ -172,7 +173,7 @@ def numbered_places(trees):
 
 def sources():
     files = [file for folder in FOLDERS for file in (ROOT / folder).rglob("*.py") if file.resolve() == file]
-    return {file.relative_to(ROOT).as_posix(): ast.parse(file.read_text(encoding="utf-8")) for file in files}
+    return {file.relative_to(ROOT).as_posix(): tree_of(file) for file in files}
 
 
 def test_every_array_that_is_addressed_by_numbers_is_listed_with_its_reason():

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
+from sources import nodes
 
 import palpate.cli
 from palpate.cli.terminal import output
@@ -53,7 +54,7 @@ def test_every_command_prints_by_the_functions_that_show_control_characters():
     """`typer.echo` and `print` write a text as it is."""
     found = []
     for file in sorted(Path(palpate.cli.__file__).parent.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in nodes(file):
             name = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
             if name in ("print", "typer.echo", "typer.secho", "click.echo", "sys.stdout.write", "Console"):
                 found.append((file.name, name))

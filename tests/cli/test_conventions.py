@@ -15,6 +15,7 @@ import typer
 import yaml
 import zmq
 from rich.console import Console
+from sources import nodes
 from typer.core import TyperGroup
 from typer.testing import CliRunner
 
@@ -148,8 +149,7 @@ def named_commands():
         if path.is_dir() or path.is_symlink() or path.name == "CHANGELOG.md":
             continue
         if path.suffix == ".py":
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+            texts = [n.value for n in nodes(path) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
         elif path.suffix in (".md", ".yaml", ".ipynb", ".html", ".js", ".sh", ".json"):
             texts = [path.read_text(encoding="utf-8")]
         else:

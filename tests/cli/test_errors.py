@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from sources import nodes
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -33,7 +34,7 @@ def declared() -> dict[str, list[str]]:
     bases: dict[str, list[str]] = {}
     for folder in FOLDERS:
         for file in sorted((Path(__file__).parents[2] / folder).rglob("*.py")):
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            for node in nodes(file):
                 if isinstance(node, ast.ClassDef) and node.bases:
                     bases.setdefault(node.name, []).append(ast.unparse(node.bases[0]))
 

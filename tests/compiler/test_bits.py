@@ -8,6 +8,7 @@ from pathlib import Path
 import llvmlite.binding as llvm
 import pytest
 from expected_notes import UNTAKEN
+from sources import nodes
 
 import palpate
 from palpate.compiler import kernel_cache, kernel_files
@@ -45,7 +46,7 @@ def test_kernels_call_only_functions_that_this_package_replaces():
     known = {re.sub(r"llvm\.|\.f64", "", name) for name in REPLACED} | EXACT
     for folder in ("src/palpate/compiler", "src/palpate/physics", "src/palpate/models", "src/palpate/engine", "nodes"):
         for path in sorted((ROOT / folder).rglob("*.py")):
-            for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for function in nodes(path):
                 if not isinstance(function, ast.FunctionDef) or not any(map(is_kernel, function.decorator_list)):
                     continue
                 for node in ast.walk(function):
@@ -61,7 +62,7 @@ def test_nodes_in_python_call_no_function_of_the_c_library_after_their_start():
     """`x ** y` is one as well, except for whole numbers."""
     for folder in ("sensor", "tactile", "device", "display"):
         for path in sorted((ROOT / "nodes" / folder).glob("*.py")):
-            for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for function in nodes(path):
                 emulated = getattr(function, "name", "") == "_press_bone"  # no replay computes it
                 if (
                     emulated

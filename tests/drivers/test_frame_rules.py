@@ -16,6 +16,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from sources import nodes
 
 import palpate.drivers
 from palpate.drivers.errors import DeviceError
@@ -51,9 +52,7 @@ def found_drivers() -> dict[str, type]:
             ):
                 found[kind.__name__] = kind
     for path in EXAMPLES:
-        if any(
-            isinstance(node, ast.FunctionDef) and node.name == "cycle" for node in ast.walk(ast.parse(path.read_text()))
-        ):
+        if any(isinstance(node, ast.FunctionDef) and node.name == "cycle" for node in nodes(path)):
             spec = importlib.util.spec_from_file_location(path.stem, path)
             module = importlib.util.module_from_spec(spec)
             spec.loader.exec_module(module)

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sources import nodes
 
 from palpate.physics.errors import PalpateError
 
@@ -86,7 +87,7 @@ NO_READERS = {
 
 def opens(path: Path) -> bool:
     """Whether a module has a call that opens a file, other than to write."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if not isinstance(node, ast.Call):
             continue
         name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")

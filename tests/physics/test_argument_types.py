@@ -4,6 +4,8 @@ import ast
 import re
 from pathlib import Path
 
+from sources import nodes
+
 import palpate.physics
 from palpate.physics import arrays
 
@@ -15,7 +17,7 @@ ALIASES = {name for name in vars(arrays) if name[0].isupper() and not name.start
 def functions():
     """Each function, with its file and whether it is a kernel."""
     for file in sorted(ROOM.rglob("*.py")):
-        for function in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for function in nodes(file):
             if isinstance(function, ast.FunctionDef):
                 marks = " ".join(ast.unparse(one) for one in function.decorator_list)
                 yield str(file.relative_to(ROOM)), function, re.search("kernel|njit", marks) is not None

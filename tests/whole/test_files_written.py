@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sources import tree_of
 
 from palpate.physics.archive import replace_text, replacing
 from palpate.physics.geometry.mesh import Mesh, write_ply
@@ -75,7 +76,7 @@ def unprotected(tree: ast.AST) -> list[int]:
 
 
 def test_each_file_is_written_under_a_temporary_name():
-    found = {str(path.relative_to(ROOT)): unprotected(ast.parse(path.read_text(encoding="utf-8"))) for path in SOURCES}
+    found = {str(path.relative_to(ROOT)): unprotected(tree_of(path)) for path in SOURCES}
     found = {name: lines for name, lines in found.items() if lines}
     # a picture as bytes for a notebook, and what `save` calls with a temporary name
     assert len(found.pop("src/palpate/views/pictures/style.py", [0])) == 2

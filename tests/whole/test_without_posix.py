@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from sources import nodes
 
 from palpate.cli.machine import diagnostics
 from palpate.launch.load.launchfile import find
@@ -67,7 +68,7 @@ OPTIONS = {"pass_fds", "process_group", "preexec_fn", "start_new_session", "dir_
 
 def posix_only(path):
     """The names in a source file that Windows or macOS lacks."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             if node.attr in NAMES.get(node.value.id, ()):
                 yield f"{node.value.id}.{node.attr}"
