@@ -26,6 +26,8 @@ from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.geometry.refined.edge_list import edges_of
+from palpate.physics.geometry.refined.flipped import flip_caps
 
 STEP = 0.125  # [1] of the radius: step of the grid
 FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
@@ -78,10 +80,10 @@ def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] 
     rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
     if rims is not None:
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
-        moved, turned = round_rims(vertices, normals, rims, radius, RIM)
-        moved = np.where(moved != vertices, rounded(moved), vertices)
-        vertices, normals = unfolded(vertices, normals, moved, turned, triangles)
-        origin = origin[part]
+        *moves, turned = round_rims(vertices, normals, rims, radius, RIM)
+        moves = [np.where(moved != vertices, rounded(moved), vertices) for moved in moves]
+        triangles, origin = flip_caps(moves[0], triangles, _still(vertices, moves[0], triangles)), origin[part]
+        vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     return _describe(felt, origin, mesh, touchable)
 
@@ -163,6 +165,12 @@ def _join(mesh: Mesh, plug: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     points = points[used]
     points = np.where((_own(points, mesh) < 0)[:, None], rounded(points), points)
     return points, np.ascontiguousarray(corner.reshape(-1, 3), np.int32), origin[outer]
+
+
+def _still(points: np.ndarray, moved: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The ends (K,2), lower first, of edges that have not moved as a whole."""
+    ends, _, _ = edges_of(triangles, len(points))
+    return ends[(moved == points).all(axis=1)[ends].any(axis=1)]
 
 
 def _own(points: np.ndarray, mesh: Mesh) -> np.ndarray:

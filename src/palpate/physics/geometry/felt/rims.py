@@ -87,9 +87,28 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
     if not inner.any():
         return None
     foot, body, bridge, reach = foot[inner], body[inner], bridge[inner], reach[inner]
+    bridge, reach = _along_rims(foot, body, bridge, reach)
     along = np.cross(body, bridge)
     along /= np.linalg.norm(along, axis=1)[:, None]
     return Rims(foot, body, bridge, along, reach)
+
+
+def _along_rims(
+    points: np.ndarray, body: np.ndarray, bridge: np.ndarray, reach: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Normals of the bridge [1] (n,3) and t [m] (n) as means over the points of the same rim within t, because where a
+    ball rests on three rims its other one changes from point to point."""
+    pairs = tree_of(points).query_pairs(reach.max(), output_type="ndarray")
+    pairs = pairs[np.lexsort(pairs.T)]  # scipy's order depends on the processor
+    one, other = np.concatenate([pairs, pairs[:, ::-1], np.repeat(np.arange(len(points)), 2).reshape(-1, 2)]).T
+    away = np.linalg.norm(points[one] - points[other], axis=1)
+    weight = np.clip(1.0 - (away / reach[one]) ** 2, 0.0, 1.0) ** 2
+    for side in (body, bridge):
+        weight *= einsum("ij,ij->i", side[one], side[other]) > CORNER
+    total = np.bincount(one, weight, len(points))
+    mean = np.stack([np.bincount(one, weight * bridge[other, k], len(points)) for k in range(3)], axis=1)
+    mean /= np.linalg.norm(mean, axis=1)[:, None]
+    return mean, np.bincount(one, weight * reach[other], len(points)) / total
 
 
 def _resting(
@@ -152,8 +171,9 @@ def divide_near(
 
 def round_rims(
     points: np.ndarray, normals: np.ndarray, rims: Rims, radius: float, lift: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points [m] and normals [1] (V,3) of the surface with rounded rims.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points [m] (V,3) of the surface with rounded rims, on ball and body and as far from them as they were, and its
+    normals [1] (V,3).
 
     radius  [m] of the ball;  lift  [m] of the plug above the body beyond a rim
     """
@@ -182,7 +202,9 @@ def round_rims(
     exact = np.where(over[:, None], (radius / length - 1.0)[:, None] * flat, -high[:, None] * first)
     exact *= (share * (2.0 - share))[:, None]
     moved, facing = points.copy(), normals.copy()
-    moved[near] += exact - (0.25 * share * share * reach * bent)[:, None] * up
+    moved[near] -= (0.25 * share * share * reach * bent)[:, None] * up
+    settled = moved.copy()
+    settled[near] += exact
     on_bridge = -flat / length[:, None]
     on_body = normals[near] + (share * (2.0 - share))[:, None] * (first - normals[near])
     own = np.where(over[:, None], on_bridge, on_body)
@@ -190,27 +212,25 @@ def round_rims(
     new = own + 0.5 * share[:, None] * other
     new /= np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
     facing[near] = np.where((share > 0.0)[:, None], new, normals[near])
-    return moved, facing
+    return settled, moved, facing
 
 
 def unfolded(
-    points: np.ndarray, normals: np.ndarray, moved: np.ndarray, turned: np.ndarray, triangles: np.ndarray
+    points: np.ndarray, normals: np.ndarray, moves: list[np.ndarray], turned: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moved points [m] and turned normals (V,3); those of needles that would face away from their normals stay as they
-    were."""
-    moved, turned = moved.copy(), turned.copy()
+    """Moved points [m] and turned normals (V,3). Where a triangle would face away from its normals, its vertices take
+    the next one of the moved points [m] (V,3), and at last stay as they were."""
+    stages = np.stack([*moves, points])
+    stage, kept, each = np.zeros(len(points), np.int64), np.zeros(len(points), bool), np.arange(len(points))
     for both in (False, True):  # first the points alone, since the normals of what stays are those of its surroundings
         for _ in range(UNFOLDED):
+            moved, facing = stages[stage, each], np.where(kept[:, None], normals, turned)
             a, b, c = (moved[triangles[:, k]] for k in range(3))
-            back = einsum("ij,ij->i", np.cross(b - a, c - a), turned[triangles].sum(axis=1)) < 0.0
+            back = einsum("ij,ij->i", np.cross(b - a, c - a), facing[triangles].sum(axis=1)) < 0.0
             ends = np.unique(triangles[back])
-            changed = (moved[ends] != points[ends]).any(axis=1)
-            if both:
-                changed |= (turned[ends] != normals[ends]).any(axis=1)
-            ends = ends[changed]
+            ends = ends[(stage[ends] < len(moves)) | (both & ~kept[ends])]
             if not len(ends):
                 break
-            moved[ends] = points[ends]
-            if both:
-                turned[ends] = normals[ends]
-    return moved, turned
+            kept[ends] |= both & (stage[ends] == len(moves))
+            stage[ends] = np.minimum(stage[ends] + 1, len(moves))
+    return stages[stage, each], np.where(kept[:, None], normals, turned)
