@@ -162,7 +162,7 @@ def test_the_normal_turns_at_a_rim_as_slowly_as_on_the_bridge(gap):
         pytest.param("groove-4", 0.0, marks=pytest.mark.long),
     ],
 )
-def test_no_point_of_a_rim_stands_out(name, offset):
+def test_no_point_of_a_rim_is_above_the_surface(name, offset):
     """Where the boolean left thin triangles at a rim, single vertices stayed on it, 0.2 mm above the rounded surface: a
     finger that slid over the rim lost half of its force in a millisecond."""
     width = 1e-3 * float(name.partition("-")[2])
