@@ -3,7 +3,7 @@
     python benchmarks/web.py            needs node or playwright, and chromium for the last lines
     python benchmarks/web.py --hour     an hour of simulated time, whose memory must stay the same
     python benchmarks/web.py --bytes    a table of all shipped graphs: streams with equal bytes in 6.3 s
-    python benchmarks/web.py --gallery  touches of the documentation (docs/site/touches.py): size, first touch
+    python benchmarks/web.py --gallery  touches of the documentation (docs/site/touches.py): size, first touch, all runs
 
 Rates are ticks per second of processor time of a shipped run, native and in Node one after the other, so that other
 programs disturb both equally; the best of three. In Chromium the page steps without drawing.
@@ -22,7 +22,7 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
@@ -201,8 +201,12 @@ def print_page() -> None:
 
 
 def print_gallery() -> None:
-    """For each touch of the documentation what it loads, and the processor time of its page until a finger that presses
-    at once has a force, in a page that is slowed down."""
+    """For each touch of the documentation what it loads, the processor time of its page until a finger that presses at
+    once has a force, and what its console says; then the same of the other runs that its switch offers.
+
+    The time is that of the page's process on this machine, times SLOWER. The slowing of Chromium is shown with it, next
+    to an empty page: it keeps the processor busy also while the page waits, so most of that figure is not the page's.
+    """
     from playwright.sync_api import sync_playwright
 
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
@@ -211,19 +215,56 @@ def print_gallery() -> None:
         return
     with served(TOUCHES) as address, sync_playwright() as play:
         browser = play.chromium.launch(executable_path=chromium, args=SOFTWARE)
+        empty = [spent_by(browser, "about:blank", slower, lambda page: None)[0] for slower in (1, 1, SLOWER)]
+        print(f"{'':12} an empty page {SLOWER * empty[1]:5.2f} s, slowed by Chromium {empty[2]:5.2f} s")
         for folder in sorted(each.parent for each in TOUCHES.glob("*/index.html")):
-            page = browser.new_page(bypass_csp=True)
-            session = page.context.new_cdp_session(page)
-            session.send("Emulation.setCPUThrottlingRate", {"rate": SLOWER})
-            session.send("Performance.enable")
-            page.goto(f"{address}/{folder.name}/index.html")
-            page.wait_for_function("window.palpate && palpate.newest")
-            page.evaluate(PRESS)
-            page.wait_for_function("palpate.newest.load > 0")
-            loaded = page.evaluate(LOADED)
-            print(f"{folder.name:12} {loaded / 1e6:5.2f} MB, {process_time(session):5.2f} s to the first touch")
-            page.close()
+            where = f"{address}/{folder.name}/index.html"
+            spent = min(spent_by(browser, where, 1, touch)[0] for _ in range(3))
+            slowed, (loaded, others, problems) = spent_by(browser, where, SLOWER, touch_all)
+            then = "".join(f"; then {name}: {force:.2f} N" for name, force in others)
+            print(f"{folder.name:12} {loaded / 1e6:5.2f} MB, {SLOWER * spent:5.2f} s to the first touch, slowed by "
+                  f"Chromium {slowed:5.2f} s{then}; console: {', '.join(problems) or 'nothing'}")  # fmt: skip
         browser.close()
+
+
+def spent_by(browser: Any, address: str, slower: float, act: Callable[[Any], Any]) -> tuple[float, Any]:
+    """Processor time [s] of a new page until `act` has begun to return, and what it returns."""
+    page = browser.new_page(bypass_csp=True)
+    page.problems = []
+    page.on("console", lambda it: page.problems.append(it.text) if it.type == "error" else None)
+    page.on("pageerror", lambda error: page.problems.append(str(error)))
+    page.session = page.context.new_cdp_session(page)
+    page.session.send("Emulation.setCPUThrottlingRate", {"rate": slower})
+    page.session.send("Performance.enable")
+    page.goto(address)
+    page.wait_for_load_state()
+    page.spent = None
+    found = act(page)
+    spent = page.spent if page.spent is not None else process_time(page.session)
+    page.close()
+    return spent, found
+
+
+def touch(page: Any) -> float:
+    """Press until there is a force [N]; the processor time until then is kept."""
+    page.wait_for_function("window.palpate && palpate.newest")
+    page.evaluate(PRESS)
+    page.wait_for_function("palpate.newest.load > 0")
+    page.spent = process_time(page.session)
+    return float(page.evaluate("palpate.newest.load"))
+
+
+def touch_all(page: Any) -> tuple[int, list[tuple[str, float]], list[str]]:
+    """What a page has loaded [bytes] until its first touch, the force of each other run of its switch, its problems."""
+    touch(page)
+    spent, loaded, others = page.spent, page.evaluate(LOADED), []
+    for name in page.evaluate("palpate.about.scenes.slice(1)"):
+        page.evaluate(LIFT)
+        page.select_option("#scene", name)
+        page.wait_for_function("(name) => palpate.newest && palpate.about.scene === name", arg=name)
+        others.append((name, touch(page)))
+    page.spent = spent
+    return loaded, others, page.problems
 
 
 def process_time(session: Any) -> float:
@@ -246,6 +287,9 @@ PRESS = """() => {
     const at = { clientX: left + 0.5 * width, clientY: top + 0.45 * height, pointerId: 1, bubbles: true };
     view.setPointerCapture = () => {};
     view.dispatchEvent(new PointerEvent("pointerdown", at));
+}"""
+LIFT = """() => {
+    document.getElementById("view").dispatchEvent(new PointerEvent("pointerup", { pointerId: 1, bubbles: true }));
 }"""
 LOADED = """performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"))
     .reduce((sum, { transferSize }) => sum + transferSize, 0)"""

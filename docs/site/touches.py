@@ -21,7 +21,7 @@ FRAME = (
 )
 """A browser loads a lazy frame when it becomes visible."""
 SPRINGS = ("use=deformation.MassSpring", "exponent=1", "damping=0")
-COARSE = "vertices=2500"
+COARSE = "vertices=2300"
 STACK, SIDES = ("upper", "middle", "kidney"), ("upper-middle", "middle-upper", "middle-kidney", "kidney-middle")
 LIGHT = {
     "neighbours": ("fast: springs", [f"{organ}.{each}" for organ in ("liver", "kidney") for each in SPRINGS]),
@@ -30,6 +30,11 @@ LIGHT = {
         [f"{organ}.{each}" for organ in STACK for each in (*SPRINGS, COARSE)]
         + [f"{node}-{organ}.{COARSE}" for organ in STACK for node in ("collision", "spread")]
         + [f"side-{side}.{COARSE}" for side in SIDES],
+    ),
+    "pinch-liver": (
+        "fast: springs, coarse surfaces",
+        [f"{organ}.{each}" for organ in ("tissue", "liver") for each in SPRINGS]
+        + [f"scene.{surface}.{COARSE}" for surface in ("surface", "liver-surface")],
     ),
     "organs": (
         "fast: coarse surfaces, gap not bridged",

@@ -18,7 +18,7 @@ def touches():
     return module
 
 
-@pytest.mark.parametrize("name", ["neighbours", "stack", "organs"])
+@pytest.mark.parametrize("name", ["neighbours", "pinch-liver", "stack", "organs"])
 def test_a_large_run_begins_with_a_lighter_one_and_offers_itself(touches, name):
     light, exact = touches.places(find(name), name)
     assert exact.launch == find(name) and light.scene != exact.scene and light.scene.startswith("fast: ")
@@ -30,4 +30,4 @@ def test_a_large_run_begins_with_a_lighter_one_and_offers_itself(touches, name):
 def test_the_other_runs_are_as_they_are(touches):
     (place,) = touches.places(find("kidney"), "kidney")
     assert place.launch == find("kidney") and place.scene == ""
-    assert set(touches.LIGHT) == {"neighbours", "stack", "organs"}
+    assert set(touches.LIGHT) == {"neighbours", "pinch-liver", "stack", "organs"}

@@ -7,8 +7,9 @@ const style = (name) => getComputedStyle(document.documentElement).getPropertyVa
 
 function fresh(canvas) {
   const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
-  canvas.width = box.width * ratio; canvas.height = box.height * ratio;
-  const paint = canvas.getContext("2d");
+  const paint = canvas.getContext("2d"), width = Math.floor(box.width * ratio), height = Math.floor(box.height * ratio);
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  else paint.reset();
   paint.scale(ratio, ratio); paint.font = "11px system-ui, sans-serif";
   return { paint, w: box.width, h: box.height };
 }

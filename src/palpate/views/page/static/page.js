@@ -1,6 +1,6 @@
 // The page of `palpate touch` and `run --view`: receives frames, and sends samples of the pointer and switches.
 
-import { Scene, each, figures, fingers, lines, offer, painted, ramp, sends } from "/scene.js";
+import { Scene, each, figures, fingers, lines, offer, painted, ramp, sends, write } from "/scene.js";
 import { Strip, bars, shot, spots } from "/charts.js";
 import { panel } from "/panel.js";
 import { Bodies, list } from "/model.js";
@@ -95,7 +95,7 @@ function show() {
   dirty = false; page.frames++; tally.drawn++;
   if (newest) {
     const { most, text, what } = painted([[scene, newest]], $("colour").value);
-    scene.full = most; $("top").textContent = text; $("what").textContent = what;
+    scene.full = most; write($("top"), text); write($("what"), what);
     const { head } = newest;
     if (newest.nodes.length) offer($("colour"), sends(newest));
     tell(head);
@@ -116,11 +116,11 @@ function pace(moment) {
 function draw() { scene.draw(fingers(newest)); }
 
 function tell(head) {
-  for (const [id, text] of Object.entries(figures(head))) $(id).textContent = text;
+  for (const [id, text] of Object.entries(figures(head))) write($(id), text);
+  write($("beside"), `${head.time.toFixed(1)} s · ${head.late} late ticks${page.latency === undefined ? "" : ` · ${page.latency.toFixed(0)} ms from pointer to frame`}`);
   strips[0].draw(head.load > 0 ? head.band : null); strips[1].draw();
   bars($("pins"), head.pins);
   spots($("spikes"), about.receptors, head.rates, head.mean_rates);
-  $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks${page.latency === undefined ? "" : ` · ${page.latency.toFixed(0)} ms from pointer to frame`}`;
 }
 
 // -- the pointer -----------------------------------------------------------------------------------------------

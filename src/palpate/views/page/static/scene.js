@@ -27,6 +27,9 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const unit = (a) => { const l = Math.hypot(...a) || 1; return a.map((x) => x / l); };
 const along = (a, b, t) => a.map((x, i) => x + t * b[i]);
 
+// Set the text of an element: the browser lays the page out again only if it differs.
+export function write(element, text) { if (element.textContent !== text) element.textContent = text; }
+
 // The scale of colours across a canvas.
 export function ramp(canvas) {
   const paint = canvas.getContext("2d"), gradient = paint.createLinearGradient(0, 0, canvas.width, 0);
@@ -287,20 +290,19 @@ export class Scene {
     const load = Math.hypot(...force), ball = along(normal > 0 ? along(tip, this.dragged(point, up), 1) : tip, up, RADIUS);
     if (!this.labels[number]) this.labels[0].after(this.labels[number] = this.labels[0].cloneNode());
     const label = this.labels[number];
-    label.textContent = "";
     if (load > 0.02) {
       const length = Math.min(0.012 * load, 0.06), way = unit(force), foot = along(ball, way, RADIUS);
       this.paintAt(camera, this.arrow, foot, way, length, Math.min(0.0022 + 0.0004 * Math.min(load, 4), 0.25 * length), ARROW, 1);
-      this.write(label, camera, along(foot, way, length), `${load.toFixed(2)} N`);
-    }
+      this.beside(label, camera, along(foot, way, length), `${load.toFixed(2)} N`);
+    } else write(label, "");
     this.paintAt(camera, this.ball, ball, up, RADIUS, RADIUS, BALL, 0.4);
   }
 
   // A text next to a point in space.
-  write(label, camera, point, text) {
+  beside(label, camera, point, text) {
     const at = [0, 1, 3].map((i) => camera[i] * point[0] + camera[4 + i] * point[1] + camera[8 + i] * point[2] + camera[12 + i]);
     const box = this.canvas.getBoundingClientRect();
-    label.textContent = text;
+    write(label, text);
     label.style.left = `${Math.min((0.5 + (0.5 * at[0]) / at[2]) * box.width, box.width - 70)}px`;
     label.style.top = `${Math.max((0.5 - (0.5 * at[1]) / at[2]) * box.height, 14)}px`;
   }
