@@ -1,7 +1,7 @@
 """A real Chromium with software rendering, for the tests of pages."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,8 +19,11 @@ def _is_ours(message: Any) -> bool:
 
 
 @contextmanager
-def opened(address: str, ready: str) -> Iterator[Any]:
-    """The page at an address after the expression `ready` is true in it; `problems` has the lines of its console."""
+def opened(address: str, ready: str, scripts: Sequence[str] = ()) -> Iterator[Any]:
+    """The page at an address after the expression `ready` is true in it; `problems` has the lines of its console.
+
+    scripts  run before those of the page
+    """
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
@@ -30,6 +33,8 @@ def opened(address: str, ready: str) -> Iterator[Any]:
         page.problems = []
         page.on("console", lambda it: page.problems.append(it.text) if _is_ours(it) else None)
         page.on("pageerror", lambda error: page.problems.append(str(error)))
+        for script in scripts:
+            page.add_init_script(script)
         page.goto(address)
         page.wait_for_function(ready)
         yield page

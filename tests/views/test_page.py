@@ -163,6 +163,12 @@ def test_a_graph_without_a_hand_is_an_error(tmp_path):
         steer_launch(find("softness"), tmp_path)
 
 
+def test_a_device_that_was_changed_from_outside_is_replaced_by_the_hand(tmp_path):
+    changed = ["device.use=device.RawHid", "device.ramp=0.2"]
+    planned = steer_launch(find("cartesian").but(overrides=changed), tmp_path)[0].plan()
+    assert planned.graph.nodes["device"].use == "device.Mouse"
+
+
 @pytest.mark.parametrize("scene", ["afferents", "mine.yaml"])
 def test_a_page_takes_a_scene_by_name_or_by_file(scene, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -22,7 +22,7 @@ REFUSED = {
     "fingertip": "calls the law 'neo_hooke' by its address",
     "indentation": "no node sends Surface",
     "remote": "runs in Python",
-    "softness": "runs in Python",
+    "softness": "nodes that send DeviceState: found none",
 }
 
 

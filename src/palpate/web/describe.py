@@ -11,41 +11,49 @@ from palpate.engine.segment import CompiledSegment, record_of
 from palpate.engine.slot import Slot
 from palpate.engine.table import CLOCK, FAULT, INFINITE, OUTPUT, RAISED
 from palpate.engine.wire_plan import wire_plan
-from palpate.messages import Message, Pointed, fields
+from palpate.messages import Message, fields
 from palpate.messages.fields import Field
 from palpate.messages.record import address_of, layout
+from palpate.web.device import describe_device
 from palpate.web.started import Started
 
 WHY = {RAISED: "its kernel failed", FAULT: "it refused its inputs", INFINITE: "a number is not finite"}
 ARRAYS = {"<f8": "reals", "<i4": "integers4"}
-LONGEST = 4096  # [bytes] of an encoded message of a pointer
+LONGEST = 4096  # [bytes] of an encoded message of the host
 
 
-class Pointers:
-    """The messages that the host writes: arrays that belong to the memory, and their description."""
+class Hosts:
+    """The messages that the host writes, of pointers and devices: arrays that belong to the memory, and their
+    description."""
 
     def __init__(self, run: Started) -> None:
         self._run = run
-        self._plans = [wire_plan(Pointed, slot.name) for slot in run.pointers]
+        hosts = [*run.pointers, *run.devices]
+        self._plans = {slot.name: wire_plan(slot.outputs[0].kind, slot.name) for slot in hosts}
         self._buffer = np.zeros(LONGEST, np.uint8)
-        self.arrays = [array for each in self._plans for array in (each.steps, each.literals)] + [self._buffer]
+        self.arrays = [array for each in self._plans.values() for array in (each.steps, each.literals)] + [self._buffer]
 
-    def describe(self, address: Callable[[int], int]) -> list[dict[str, Any]]:
-        form = _forms(Pointed)
-        return [
-            {
-                "node": slot.name,
-                "stream": slot.outputs[0].stream,
-                "begin": list(slot.node.begin),  # type: ignore[attr-defined]
-                "records": [address(address_of(each.record)) for each in self._run.entrances(slot)],
-                "fields": form,
-                "steps": address(address_of(plan.steps)),
-                "count": len(plan.steps),
-                "literals": address(address_of(plan.literals)),
-                "buffer": address(address_of(self._buffer)),
-            }
-            for slot, plan in zip(self._run.pointers, self._plans, strict=True)
+    def describe(self, address: Callable[[int], int]) -> dict[str, Any]:
+        run = self._run
+        pointers = [
+            {**self._host(slot, address), "begin": list(slot.node.begin)}  # type: ignore[attr-defined]
+            for slot in run.pointers
         ]
+        devices = [{**self._host(slot, address), **describe_device(slot)} for slot in run.devices]
+        return {"pointers": pointers, "devices": devices}
+
+    def _host(self, slot: Slot, address: Callable[[int], int]) -> dict[str, Any]:
+        plan = self._plans[slot.name]
+        return {
+            "node": slot.name,
+            "stream": slot.outputs[0].stream,
+            "records": [address(address_of(each.record)) for each in self._run.entrances(slot)],
+            "fields": _forms(slot.outputs[0].kind),
+            "steps": address(address_of(plan.steps)),
+            "count": len(plan.steps),
+            "literals": address(address_of(plan.literals)),
+            "buffer": address(address_of(self._buffer)),
+        }
 
 
 def describe_segment(segment: CompiledSegment, address: Callable[[int], int]) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.scratch import ScratchFolder
 from palpate.physics.writable import check_folder
 from palpate.web.bundle import as_text, bundle
+from palpate.web.device import HID
 from palpate.web.errors import WebError
 from palpate.web.packing import packed
 from palpate.web.program import compile_program
@@ -46,6 +47,8 @@ ENGINE = (
     "files.js",
     "unpack.js",
     "sha256.js",
+    "guard.js",
+    "raw_hid.js",
     "palpate.js",
 )
 
@@ -95,7 +98,8 @@ def build(
         (folder / "data").mkdir()
         for digest, text in store.files.items():
             (folder / "data" / f"{digest}.js").write_text(text, encoding="ascii")
-        _write_page(folder, {"name": name, "code": code, "variants": entries})
+        hid = HID if any(entry["device"] for entry in entries) else None
+        _write_page(folder, {"name": name, "code": code, "variants": entries, "hid": hid})
     sizes = {digest: len(text) * 3 // 4 for digest, text in store.files.items()}  # without the form as text
     page = sum((out / name).stat().st_size for name in ("index.html", "page.js", "page.css", "site.js"))
     loaded = sum(sizes[digest] for digest in {first["hash"], code, *store.needs[first["hash"]]})

@@ -17,7 +17,7 @@ from palpate.compiler.wasm.object_file import Linked
 from palpate.engine.segment import CompiledSegment, kernels
 from palpate.nodes.base.compiled import CompiledNode, arguments
 from palpate.physics.materials.hyperelastic import known_places
-from palpate.web.describe import Pointers, describe_segment
+from palpate.web.describe import Hosts, describe_segment
 from palpate.web.errors import WebError
 from palpate.web.image import BEGIN, MemoryImage
 from palpate.web.started import Started
@@ -40,8 +40,8 @@ class Program:
     def describe(self, run: Started) -> dict[str, Any]:
         """The description of a variant, whose memory is added to `parts`. Its nodes have started and not stepped."""
         _check_laws(run.segment)
-        pointers = Pointers(run)
-        image = MemoryImage(run.segment, self.functions, pointers.arrays)
+        hosts = Hosts(run)
+        image = MemoryImage(run.segment, self.functions, hosts.arrays)
         parts = []
         for part in image.parts:
             digest = hashlib.sha256(part.data).hexdigest()
@@ -52,7 +52,7 @@ class Program:
             "table": 1 + len(self.code.table),
             "size": image.size,
             "parts": parts,
-            "pointers": pointers.describe(image.address),
+            **hosts.describe(image.address),
             **describe_segment(run.segment, image.address),
         }
 

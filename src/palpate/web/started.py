@@ -11,7 +11,8 @@ import msgspec
 
 from palpate.engine.faults import GraphError
 from palpate.engine.graph import Graph
-from palpate.engine.job import Job
+from palpate.engine.imports import load_class
+from palpate.engine.job import Job, NodeJob
 from palpate.engine.plan import Plan, force_path
 from palpate.engine.provenance import about
 from palpate.engine.segment import CompiledSegment, Entrance
@@ -22,7 +23,9 @@ from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.work.worker import Worker
-from palpate.nodes.base import CompiledNode
+from palpate.nodes.base import CompiledNode, Node
+from palpate.nodes.base.wired import EMULATOR
+from palpate.nodes.device.hid import RawHid
 from palpate.nodes.device.mouse import Pointer
 from palpate.nodes.logger import Mcap
 from palpate.web.errors import WebError
@@ -36,6 +39,7 @@ class Started:
     job       the nodes, the logger with its streams, and the provenance of the run
     segment   all compiled nodes
     pointers  the nodes whose messages the host writes, in the order of the fingers
+    devices   the raw-HID devices, whose messages the host writes too
     left_out  nodes that do not run, with the reason
     """
 
@@ -43,11 +47,12 @@ class Started:
     job: Job
     segment: CompiledSegment
     pointers: list[Slot]
+    devices: list[Slot]
     left_out: dict[str, str]
 
-    def entrances(self, pointer: Slot) -> list[Entrance]:
-        """The inputs that read the messages of a pointer."""
-        (stream,) = (output.stream for output in pointer.outputs)
+    def entrances(self, host: Slot) -> list[Entrance]:
+        """The inputs that read the messages of a pointer or device."""
+        (stream,) = (output.stream for output in host.outputs)
         return [each for each in self.segment.inlets() if each.port.stream == stream]
 
 
@@ -63,16 +68,27 @@ def started(launch: LaunchFile) -> Iterator[Started]:
     groups = {group.name: group.nodes for group in place.groups}
     provenance = about(planned, clock="simulated", pace=None, ticks=None, groups=groups)
     (job,) = jobs(planned, place, about=provenance)
-    moved = {name for name in planned.order if issubclass(planned.graph.nodes[name].cls, Pointer)}
-    nodes = tuple(sorted(job.nodes, key=lambda node: node.name not in moved))  # they have no inputs
+    hosted = {name for name in planned.order if issubclass(planned.graph.nodes[name].cls, HOSTED)}
+    nodes = tuple(sorted(map(_without_device, job.nodes), key=lambda node: node.name not in hosted))
     worker = Worker(msgspec.structs.replace(job, nodes=nodes, observers=()), None, lambda report: None)
     try:
         worker.start()
-        *pointers, segment = worker.parts
-        assert isinstance(segment, CompiledSegment) and all(isinstance(each, Slot) for each in pointers), worker.parts
-        yield Started(planned, job, segment, pointers, left_out)  # type: ignore[arg-type]
+        *hosts, segment = worker.parts
+        assert isinstance(segment, CompiledSegment) and all(isinstance(each, Slot) for each in hosts), worker.parts
+        devices = [slot for slot in hosts if isinstance(slot.node, RawHid)]  # type: ignore[union-attr]
+        pointers = [slot for slot in hosts if slot not in devices]
+        for slot in devices:
+            slot.node.exchange.stop()  # type: ignore[union-attr]  # the page exchanges the reports
+        yield Started(planned, job, segment, pointers, devices, left_out)  # type: ignore[arg-type]
     finally:
         worker.stop()
+
+
+def _without_device(node: NodeJob) -> NodeJob:
+    """The same node, started here with an emulator instead of its device, which the page opens."""
+    if load_class(node.cls, Node) is not RawHid:
+        return node
+    return msgspec.structs.replace(node, settings={**node.settings, "port": EMULATOR})
 
 
 def _record_sources(graph: Graph) -> None:
@@ -89,7 +105,7 @@ def leave_out_python(graph: Graph) -> dict[str, str]:
     name, path, left = graph.path.stem, force_path(planned), dict[str, str]()
     for node in planned.order:
         spec = graph.nodes[node]
-        if issubclass(spec.cls, Pointer):
+        if issubclass(spec.cls, HOSTED):
             continue
         if spec.cls.hardware:
             raise WebError(f"{name}: {node!r} ({spec.cls.__name__}) drives a device; expected a simulated one")
@@ -104,7 +120,7 @@ def leave_out_python(graph: Graph) -> dict[str, str]:
                     "runs before it in each tick; a page keeps only the newest. Leave out `loop: true`"
                 )
     try:
-        if not any(not issubclass(graph.nodes[node].cls, Pointer) for node in plan(graph).order):
+        if not any(not issubclass(graph.nodes[node].cls, HOSTED) for node in plan(graph).order):
             raise WebError(f"{name}: no node is compiled: {', '.join(left) or 'it has none'} {_PYTHON}; {_CURE}")
     except GraphError as error:
         raise WebError(
@@ -113,4 +129,6 @@ def leave_out_python(graph: Graph) -> dict[str, str]:
     return left
 
 
+HOSTED = (Pointer, RawHid)
+"""Nodes whose messages the page writes."""
 _PYTHON, _CURE = "runs in Python", "a page runs compiled nodes alone: give it the compiled form (docs/add_a_node.md)"

@@ -12,9 +12,11 @@ from palpate.engine.faults import GraphError
 from palpate.engine.imports import full_name
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
+from palpate.messages import DeviceState
 from palpate.nodes import deformation
 from palpate.nodes.base import CompiledNode
 from palpate.nodes.base.effect import effects
+from palpate.nodes.device.hid import RawHid
 from palpate.physics.geometry.graded import landmarks
 from palpate.physics.scratch import ScratchFolder
 from palpate.views.page.explain import bodies_of, explain_run
@@ -49,6 +51,7 @@ class Variant:
     case     name of the hard case; None: the run as it is
     launch   the run on the simulated clock, whose devices follow the page's pointers
     first    whether the page begins with it, of its scene and organ
+    device   whether the run keeps its raw-HID device, whose reports the page exchanges by WebHID
     """
 
     place: Place
@@ -57,12 +60,13 @@ class Variant:
     case: str | None
     launch: LaunchFile
     first: bool
+    device: bool = False
 
     @property
     def choice(self) -> dict[str, Any]:
         """The choice as plain data for the page."""
         return {"scene": self.place.scene, "organ": self.place.organ, "body": self.body, "effects": self.effects,
-                "case": self.case, "first": self.first}  # fmt: skip
+                "case": self.case, "first": self.first, "device": self.device}  # fmt: skip
 
 
 def variants(place: Place, folder: Path, wished: Sequence[str] = ()) -> list[Variant]:
@@ -91,7 +95,23 @@ def variants(place: Place, folder: Path, wished: Sequence[str] = ()) -> list[Var
         for body in bodies for choice in choices
     ]  # fmt: skip
     usual = [one for one in found if one.effects == on]
-    return sorted(found + [case for one in usual for case in _cases(one)], key=lambda variant: not variant.first)
+    more = [case for one in usual for case in _cases(one)]
+    if has_device(place.launch):
+        real = place.launch.but(clock="simulated")
+        more += [
+            replace(
+                one, launch=real.but(overrides=_switches(touched, on, one.body, one.effects)), first=False, device=True
+            )
+            for one in found
+        ]
+    return sorted(found + more, key=lambda variant: not variant.first)
+
+
+def has_device(launch: LaunchFile) -> bool:
+    """Whether the only device of a run is a raw-HID device, which a page can drive."""
+    nodes = launch.load().nodes.values()
+    devices = [spec.cls for spec in nodes if DeviceState in spec.streams.values() and spec.off is None]
+    return devices == [RawHid]
 
 
 def _cases(one: Variant) -> list[Variant]:

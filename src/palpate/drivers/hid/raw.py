@@ -29,7 +29,23 @@ TORQUES = 1  # flag of an info: counts are of joints, commands are torques
 PATIENCE = 0.004  # [s] timeout for a state
 WATCHDOG = 20  # [ms] without a command after which the device switches its motors off
 LARGEST_COUNT = (1 << 31) - 1
-_COMMAND, _STATE, _INFO = struct.Struct("<BBHBBH6h"), struct.Struct("<BBHHBBI6iH"), struct.Struct("<BBHBB6f6f")
+REPORTS = {
+    "command": (COMMAND, (("sequence", "H", 1), ("flags", "B", 1), ("version", "B", 1), ("watchdog", "H", 1),
+                          ("values", "h", AXES))),
+    "state": (STATE, (("sequence", "H", 1), ("heard", "H", 1), ("flags", "B", 1), ("axes", "B", 1), ("time", "I", 1),
+                      ("counts", "i", AXES), ("buttons", "H", 1))),
+    "info": (INFO, (("version", "H", 1), ("flags", "B", 1), ("axes", "B", 1), ("per_count", "f", AXES),
+                    ("per_unit", "f", AXES))),
+}  # fmt: skip
+"""The second byte of each report, and the fields from the third byte on: name, type as in `struct`, and number. The
+page of `palpate build web` reads and writes reports by this table too."""
+
+
+def _struct(name: str) -> struct.Struct:
+    return struct.Struct("<BB" + "".join(f"{count}{code}" for _, code, count in REPORTS[name][1]))
+
+
+_COMMAND, _STATE, _INFO = map(_struct, ("command", "state", "info"))
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # the bits of each byte in reverse order
 
 

@@ -11,6 +11,7 @@ import yaml
 from palpate.compiler.cores import usable_cores
 from palpate.engine.imports import full_name
 from palpate.engine.plan import Plan
+from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import Placement, ProcessGroup
 from palpate.messages import (
@@ -109,9 +110,17 @@ def steer_launch(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Pat
     data: dict[str, Any] = {"extends": str(launch.graph.absolute()), "nodes": nodes}
     file = folder / f"{launch.graph.stem}.yaml"
     file.write_text(yaml.safe_dump(data))
-    # Overrides of the hand, as of --organ, are already in the settings of the devices; no other node reads them.
-    overrides = tuple(o for o in launch.overrides if isinstance(o, str) or o.keys[:2] != ("scene", "hand"))
+    # Overrides of a device, or of the hand as of --organ, are already in its settings; no other node reads them.
+    overrides = tuple(
+        o for o in launch.overrides
+        if _node(o) not in held and (isinstance(o, str) or o.keys[:2] != ("scene", "hand"))
+    )  # fmt: skip
     return LaunchFile(graph=file, scene=launch.scene, clock="real", overrides=overrides), sockets
+
+
+def _node(override: str | Override) -> str:
+    """The node that an override changes, or the first part of its name."""
+    return override.partition("=")[0].partition(".")[0].strip() if isinstance(override, str) else override.keys[0]
 
 
 def touched_part(planned: Plan) -> Touched:

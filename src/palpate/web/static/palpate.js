@@ -18,7 +18,7 @@ export async function load(folder, { scene, organ, body, effects = {}, hard = nu
   const begin = site.variants.find((one) => one.first), place = { scene: scene ?? begin.scene, organ: organ ?? begin.organ };
   const here = site.variants.filter((one) => one.scene === place.scene && one.organ === place.organ), first = here.find((one) => one.first) ?? begin;
   const wish = { ...first.effects, ...effects }, last = (name) => name.split(".").pop();
-  const fits = (one) => last(one.body) === last(body ?? first.body) && one.case === hard && Object.entries(wish).every(([name, on]) => one.effects[name] === on);
+  const fits = (one) => last(one.body) === last(body ?? first.body) && one.case === hard && !one.device && Object.entries(wish).every(([name, on]) => one.effects[name] === on);
   const variant = here.find(fits);
   if (!variant) throw new Error(`no such variant; this folder has ${site.variants.map((one) => `${[one.scene, one.organ, one.case].filter(Boolean).map((name) => `${name} `).join("")}${one.body} ${JSON.stringify(one.effects)}`).join(", ")}`);
   const file = async (hash) => {

@@ -3,6 +3,7 @@
 // The page keeps only what its pointers sent. The tick is run again from the start with these, which gives the same bytes, and its
 // messages go into the file: all of the pointers, and of the other streams one in 0.2 s, as a check for whoever computes them again.
 
+import { kept, restored } from "/raw_hid.js";
 import { Tick } from "/tick.js";
 
 const MAGIC = Uint8Array.of(0x89, 0x4d, 0x43, 0x41, 0x50, 0x30, 0x0d, 0x0a);
@@ -18,7 +19,9 @@ export function crc32(bytes, sum = 0) {
   return ~sum >>> 0;
 }
 
-// The changes of the pointers of a run: tick, finger, place, buttons and number of each sample. Finger -1: ticks that were left out.
+const LEFT_OUT = -1, DEVICE = -2; // in place of a finger: ticks that were left out, and a message of the device
+
+// What the host of a run wrote: tick, finger, place, buttons and number of each sample of a pointer, and each message of a device.
 export class Samples {
   constructor() { this.rows = new Float64Array(7 * 1024); this.length = 0; this.late = false; }
 
@@ -28,12 +31,15 @@ export class Samples {
     this.length += 7;
   }
 
-  skip(tick, count) { this.late = true; this.add(tick, -1, [count, 0, 0], 0, 0); }
+  skip(tick, count) { this.late = true; this.add(tick, LEFT_OUT, [count, 0, 0], 0, 0); }
+
+  // A device runs by the real clock.
+  sense(tick, sample) { this.late = true; this.add(tick, DEVICE, ...kept(sample)); }
 }
 
 // The file of a run of some ticks. about: description of the variant; module, parts: as for a Tick; done: takes the finished share.
 export function record(about, module, parts, samples, ticks, done = () => {}) {
-  const tick = new Tick(about, module, parts), { recording: head, pointers } = about, file = new File(head, samples.late);
+  const tick = new Tick(about, module, parts), { recording: head, pointers, devices } = about, file = new File(head, samples.late);
   const channels = new Map(head.channels.map(({ topic, id, keep }) => [topic, { id, keep }]));
   tick.listen(({ name }) => channels.get(name)?.keep ?? 0);
   const take = () => {
@@ -43,12 +49,14 @@ export function record(about, module, parts, samples, ticks, done = () => {}) {
   for (let at = 0; tick.tick < ticks && !tick.failed;) {
     for (; at < samples.length && samples.rows[at] === tick.tick; at += 7) {
       const [, finger, x, y, z, buttons, sample] = samples.rows.subarray(at, at + 7);
-      if (finger < 0) tick.skip(x); else tick.point(finger, [x, y, z], buttons, sample);
+      if (finger === LEFT_OUT) tick.skip(x);
+      else if (finger === DEVICE) tick.sense(0, restored([x, y, z], buttons, sample));
+      else tick.point(finger, [x, y, z], buttons, sample);
     }
     if (tick.tick >= ticks) break; // the last ticks were left out
     const now = tick.tick, time = tick.time();
     tick.step(1, take);
-    pointers.forEach(({ stream }, finger) => file.message(channels.get(stream).id, now, time, tick.pointed(finger)));
+    for (const host of [...pointers, ...devices]) file.message(channels.get(host.stream).id, now, time, tick.written(host));
     take();
     if (now % 1000 === 0) done(now / ticks);
   }

@@ -3,6 +3,7 @@
 const STACK = (1 << 20) - 64; // [bytes] where the stack begins, which grows down; the arrays of the run begin after it
 const ENTRY = 40; // [bytes] of an entry of the journal: number, tick, time, begin and end, eight bytes each
 const HEAP = 1 << 24; // [bytes] for arrays that kernels make while they run
+const DELAYED = 32; // [bytes] place of the age of a message in its record (messages/record.py)
 const HIGH = 2 ** 32;
 
 export class Tick {
@@ -31,6 +32,7 @@ export class Tick {
     this.tick = 0;
     this.failed = null;
     this.about.pointers.forEach(({ begin }, finger) => this.point(finger, begin, 0, 0));
+    this.about.devices.forEach((_, number) => this.sense(number, { joints: [], position: [], buttons: 0, homed: false, age: 0 }));
   }
 
   // Set the target of a finger: place [m, world], bit mask of the pressed buttons, number of the sample.
@@ -43,14 +45,28 @@ export class Tick {
     }
   }
 
+  // Set the message of a device: angles [rad], position [m], pressed buttons, whether it is homed, and its age [ns].
+  sense(number, { joints, position, buttons, homed, age }) {
+    const { records, fields } = this.about.devices[number], lists = [[fields.joints, joints], [fields.position, position]];
+    for (const record of records) {
+      for (const [{ at }, values] of lists) {
+        this.setInteger(record + at, values.length);
+        values.forEach((x, i) => this.view.setFloat64(record + at + 8 + 8 * i, x, true));
+      }
+      this.setInteger(record + fields.buttons.at, buttons);
+      this.bytes[record + fields.homed.at] = Number(homed);
+      this.setInteger(record + DELAYED, age);
+    }
+  }
+
   // Run ticks. Returns how many ran: fewer if a node failed (`failed`). `taken` is called where the journal is full, and must empty it.
   step(count, taken = () => this.clear()) {
-    const { run: [rows, clock], clock: at, pointers } = this.about, block = pointers.length ? 1 : count;
+    const { run: [rows, clock], clock: at, pointers, devices } = this.about, hosts = [...pointers, ...devices], block = hosts.length ? 1 : count;
     if (this.failed) return 0;
     let left = count;
     while (left > 0) {
       const ticks = Math.min(block, left);
-      for (const { records } of pointers) for (const record of records) this.stamp(record);
+      for (const { records } of hosts) for (const record of records) this.stamp(record);
       let next = this.tick;
       for (const end = this.tick + ticks; next < end;) {
         this.code.run(rows, clock, next, end - next);
@@ -70,7 +86,7 @@ export class Tick {
   // and the force ramps up from zero.
   skip(count) { this.tick += count; }
 
-  // Header of a pointer's message of the next tick.
+  // Header of a message of the host of the next tick.
   stamp(record) {
     this.bytes[record] = 1;
     this.setInteger(record + 8, this.tick);
@@ -102,9 +118,8 @@ export class Tick {
 
   clear() { this.setInteger(this.about.clock.entries, 0); this.setInteger(this.about.clock.length, 0); }
 
-  // The encoded message of a pointer at the last tick.
-  pointed(finger) {
-    const { records: [record], steps, count, literals, buffer } = this.about.pointers[finger];
+  // The encoded message of a pointer or device at the last tick.
+  written({ records: [record], steps, count, literals, buffer }) {
     return this.bytes.subarray(buffer, this.code.encode(steps, count, literals, record, 0, 0, buffer));
   }
 

@@ -8,5 +8,5 @@ export function connect({ told, came, closed }) {
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => (typeof data === "string" ? told(JSON.parse(data)) : came(data));
   socket.onclose = closed;
-  return { downloads: false, ready: () => socket.readyState === WebSocket.OPEN, send: (what) => socket.send(JSON.stringify(what)) };
+  return { downloads: false, devices: false, ready: () => socket.readyState === WebSocket.OPEN, send: (what) => socket.send(JSON.stringify(what)) };
 }

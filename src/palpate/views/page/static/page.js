@@ -39,6 +39,7 @@ function say(told) {
     experiment = told.panel; panel(experiment, order);
     if (told.text.startsWith("stopped")) hard.fail(told.text);
   } else if (told.kind === "figures") bodies.show(told.figures);
+  else if (told.kind === "device") $("device").setAttribute("aria-pressed", String(told.on));
   else state(told.text);
 }
 
@@ -240,6 +241,7 @@ $("keep").addEventListener("click", () => order({ keep: $("keep").getAttribute("
 $("download").addEventListener("click", () => order({ download: true }));
 $("replay").addEventListener("click", () => $("file").click());
 $("file").addEventListener("change", () => { for (const file of $("file").files) order({ replay: file }); $("file").value = ""; });
+$("device").addEventListener("click", () => order({ device: $("device").getAttribute("aria-pressed") !== "true" }));
 $("colour").addEventListener("change", () => { dirty = true; });
 $("pause").addEventListener("click", () => {
   if (!paused) { aim.down = false; point(); }
@@ -257,5 +259,6 @@ $("more").open = matchMedia("(min-width: 860px) and (min-height: 760px)").matche
 ramp($("scale"));
 engine = connect({ told: say, came: take, closed });
 for (const name of ["download", "replay"]) $(name).hidden = !engine.downloads;
+$("device").hidden = !engine.devices;
 $("keep").hidden = engine.downloads; // a page without a server writes no files
 show();
