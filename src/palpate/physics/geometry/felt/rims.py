@@ -107,7 +107,7 @@ def _along_rims(
         weight *= einsum("ij,ij->i", side[one], side[other]) > CORNER
     total = np.bincount(one, weight, len(points))
     mean = np.stack([np.bincount(one, weight * bridge[other, k], len(points)) for k in range(3)], axis=1)
-    mean /= np.linalg.norm(mean, axis=1)[:, None]
+    mean = mean / np.linalg.norm(mean, axis=1)[:, None]
     return mean, np.bincount(one, weight * reach[other], len(points)) / total
 
 
