@@ -160,9 +160,6 @@ class OrganContact(Sparse):
     torques        [N m] (t,3) moments on both bodies about their centres, where one rotates with its foundation: t = 2;
                                else t = 0, and omitted. `resultant` is then in the world, the other vectors in the
                                frames of the bodies
-    surplus        [J]   (s)   energy that this step gave to the bodies beyond what the contact had dissipated before,
-                               which their foundations take back from their motion; s = 2, one for each body, where a
-                               foundation moves by forces; else s = 0, and omitted
     """
 
     force: Annotated[float, "N"]
@@ -188,7 +185,6 @@ class OrganContact(Sparse):
     second_forces: Annotated[Floats, "N", ("l", 3)]
     carried: Annotated[Floats, "J", ("c",)] = NO_FLOATS
     torques: Annotated[Floats, "N m", ("t", 3)] = NO_TORQUES
-    surplus: Annotated[Floats, "J", ("s",)] = NO_FLOATS
 
 
 class Neighbour(Message):

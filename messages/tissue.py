@@ -98,7 +98,6 @@ class Support(Sparse):
     expected  [m (3), rad (3)] (e,6)  displacement and rotation in the next step if all forces stay; e = 1
     mobility  [m/N (3), 1/(N m) (3)] (k,3)  the changes of displacement and of rotation, three rows each, per change of
                                the force and of the moment about the centre; k = 6
-    contacts  [1]     (e)      number of its contacts with other organs, which share the mobility
     """
 
     displacement: Annotated[Vector3, "m"]
@@ -108,4 +107,3 @@ class Support(Sparse):
     centre: Annotated[Floats, "m", ("r",)] = NO_FLOATS
     expected: Annotated[Floats, "m (3), rad (3)", ("e", 6)] = NO_MOTION
     mobility: Annotated[Floats, "m/N (3), 1/(N m) (3)", ("k", 3), MOBILITY] = NO_MOBILITY
-    contacts: Annotated[Floats, "1", ("e",)] = NO_FLOATS

@@ -23,7 +23,7 @@ from palpate.nodes.contact.series import LAW
 from palpate.nodes.device.path import Segment, ends_of, points_of, shapes_of
 from palpate.physics.bodies.carried import displacement
 from palpate.physics.bodies.floating.added_inertia import added_inertia, contact_stiffness
-from palpate.physics.bodies.floating.foundation import FIELDS, MOTION, Constants, plus, scaled, take_energy
+from palpate.physics.bodies.floating.foundation import FIELDS, MOTION, Constants, plus, scaled
 from palpate.physics.bodies.floating.foundation import step as move
 from palpate.physics.bodies.floating.mobility import look_ahead
 from palpate.physics.bodies.floating.solid import centre_of
@@ -236,16 +236,6 @@ def pushed(own, organs):
 
 
 @kernel
-def surplus_of(own, organs):
-    """Energy [J] that the contacts with other organs have given too much."""
-    total, sides = 0.0, integers(own.at_side)
-    for i in range(min(organs.count, len(sides))):
-        if nth(organs, i).there and nth(organs, i).surplus.shape[0] == 2:
-            total += floats(nth(organs, i).surplus)[sides[i]]
-    return total
-
-
-@kernel
 def pressed(own, contact, friction, pose, body, alone, dt):
     """Force [N] (3) of all fingers on an organ, and moment on its rotation vector [N m] (3); stiffness of their
     contacts in all [N/m] and against rotation [N m/rad], of the fingertips if the organ is not `alone`: others that
@@ -280,17 +270,13 @@ def pressed(own, contact, friction, pose, body, alone, dt):
 
 
 @kernel
-def settle(own, force, moment, stiffness, turning, surplus, out, dt):
-    """Move an organ by a step under a force and a moment; `stiffness` and `turning` of the fingers' contacts; `surplus`
-    [J] that its motion loses."""
+def settle(own, force, moment, stiffness, turning, out, dt):
+    """Move an organ by a step under a force and a moment; `stiffness` and `turning` of the fingers' contacts."""
     before = own.added[0], own.added[1]
     own.added[0], own.added[1] = added_inertia(before[0], stiffness, dt), added_inertia(before[1], turning, dt)
     own.heaviest = max(own.heaviest, own.added[0])
     motion = own.motion
     move(own.constants, vector(own.axis), motion, force, moment, before, (own.added[0], own.added[1]), dt)
-    own.owes += surplus
-    if own.owes > 0.0:
-        own.owes -= take_energy(own.constants, motion, (own.added[0], own.added[1]), own.owes)
     put(out.displacement, vector(motion.at))
     put(out.velocity, vector(motion.speed))
     put(floats(own.turned), vector(motion.turn))
@@ -310,7 +296,6 @@ def foresee(own, force, moment, push, out, dt):
     )  # fmt: skip
     lend(out.expected, own.expected)
     lend(out.mobility, own.mobility)
-    lend(out.contacts, own.contacts)
 
 
 class Foundation(CompiledNode):
@@ -357,11 +342,11 @@ class Foundation(CompiledNode):
         "constants": FIELDS, "axis": (3,), "centre": (3,), "motion": MOTION, "added": (2,), "heaviest": (),
         "tip_laws": TABLE, "stick_laws": TABLE, "twist_laws": TABLE, "twisted": (ROOM,), "pace": PACE,
         "turned": ARRAY, "spins": ARRAY, "middle": ARRAY,  # of the message that is sent
-        "at_side": ARRAY, "ahead": MOTION, "expected": TABLE, "mobility": TABLE, "contacts": ARRAY, "owes": (),
+        "at_side": ARRAY, "ahead": MOTION, "expected": TABLE, "mobility": TABLE,
     }  # fmt: skip
     """The constants; u; centre of mass at the start [m]; inertia that the step adds [kg], [kg m²], and its largest
     mass; `tips`, `sticks` and `twists`; twist of each patch [rad]; `sides`; the motion in the next step, and what is
-    sent of it; energy [J] that its motion must still lose."""
+    sent of it."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -389,7 +374,6 @@ class Foundation(CompiledNode):
         self.hold("at_side", np.array(self.sides, np.int32))
         self.hold("expected", np.zeros((1, 6)))
         self.hold("mobility", np.zeros((6, 3)))
-        self.hold("contacts", np.array([float(len(self.sides))]))
 
     def _solid(self) -> tuple[np.ndarray, float]:
         """Centre [m] (3) and radius of gyration [m] of the organ. SettingError: `shape` is no surface."""
@@ -410,7 +394,7 @@ class Foundation(CompiledNode):
         friction: Annotated[list[Friction | None], Wants("force")],
         pose: Annotated[list[Pose], Wants("position")],
         body: Annotated[Surface | None, Wants(*LAW, "laws")],
-        organs: Annotated[list[OrganContact | None], Wants("force", "resultant", "torques", "surplus")],
+        organs: Annotated[list[OrganContact | None], Wants("force", "resultant", "torques")],
         out: Out[Support],
         dt,
     ):
@@ -424,7 +408,7 @@ class Foundation(CompiledNode):
         if organs.count > 0:
             push, turn = pushed(own, organs)
             force, moment = plus(force, push), plus(moment, turn)
-        settle(own, force, moment, stiffness, turning, surplus_of(own, organs), out, dt)
+        settle(own, force, moment, stiffness, turning, out, dt)
         if organs.count > 0:
             foresee(own, force, moment, push, out, dt)
 
@@ -450,7 +434,7 @@ class OrganFoundation(Foundation):
     @kernel
     def compute(
         own,
-        organs: Annotated[list[OrganContact], Wants("force", "resultant", "torques", "surplus")],
+        organs: Annotated[list[OrganContact], Wants("force", "resultant", "torques")],
         body: Annotated[Surface | None, Wants("stiffness")],
         out: Out[Support],
         dt,
@@ -458,5 +442,5 @@ class OrganFoundation(Foundation):
         if keep_pace(own.pace, dt):
             dt = own.pace.usual
         force, moment = pushed(own, organs)
-        settle(own, force, moment, 0.0, 0.0, surplus_of(own, organs), out, dt)
+        settle(own, force, moment, 0.0, 0.0, out, dt)
         foresee(own, force, moment, force, out, dt)

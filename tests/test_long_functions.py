@@ -17,7 +17,6 @@ STAYS = {
     "models/fe/sparse/cholesky.py _factor": "one loop over columns of blocks, compiled",
     "models/fit/tissue/rigs.py closed_form": "a list of laws, each by its equation",
     "launch/run/launcher.py _take": "one match, with a case for each report",
-    "nodes/contact/between.py compute": TICK,
     "nodes/contact/joint.py compute": TICK,
     "nodes/deformation/mass_spring.py compute": TICK,
     "nodes/tactile/afferents.py compute": TICK,

@@ -18,6 +18,7 @@ from palpate.launch.load.checks.agreeing import agree
 from palpate.launch.load.checks.carried import add_motions
 from palpate.launch.load.checks.floating import place_fingers
 from palpate.launch.load.checks.ideal import remove_imperfections
+from palpate.launch.load.checks.islands import place_islands
 from palpate.launch.load.checks.overlapping import overlaps
 from palpate.launch.load.checks.several_organs import share_organs
 from palpate.launch.load.checks.touching import place_bodies
@@ -244,6 +245,7 @@ def _check_force_path(
     }
     agree(may, connections, places, faults)
     place_bodies(may, connections, faults)
+    place_islands(may, connections)
     place_fingers(may, connections, faults)
     share_organs(may, connections)
     for balance, delay in device_delays(may, connections, rate):

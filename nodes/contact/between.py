@@ -15,7 +15,7 @@ from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Node, Out
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.surface import OnThinnedSurface
-from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, give_back, ride_on, rub_on
+from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, press_on, ride_on
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
@@ -68,7 +68,7 @@ def _side(body: BetweenBody, shares: Shares, count: int) -> BodySide:
     )  # fmt: skip
 
 
-_side_of, _pair_of, _rub_of = unpacking(BodySide), unpacking(contact.Pair), unpacking(Rubbing)
+side_of, pair_of, rub_of = unpacking(BodySide), unpacking(contact.Pair), unpacking(Rubbing)
 
 
 @ieee_kernel
@@ -168,10 +168,42 @@ def summarise(own, pair, first, second, normal, out):
 
 
 @kernel
+def summed(rub):
+    """Friction [N] (3) on the first body."""
+    x = y = z = 0.0
+    for i in range(len(rub.force)):
+        x, y, z = x + rub.force[i, 0], y + rub.force[i, 1], z + rub.force[i, 2]
+    return x, y, z
+
+
+@ieee_kernel
+def answer(own, pair, rub, one, two, normal, out):
+    """Fill the message, except for the loads, and for what moves with foundations; `out.friction` is known."""
+    lend(out.first_yields, own.yields)
+    lend(out.second_yields, own.returns)
+    summarise(own, pair, one, two, normal, out)
+    balance = rub.balance[0]
+    out.stored, out.dissipated = balance.stored, pair.past[0].dissipated + balance.dissipated
+    out.generated = pair.past[0].generated
+    put(out.slip, vector(rub.speed))
+    for x in range(3):
+        out.resultant[x] += out.friction[x]
+    own.penetrates[0] = max(own.penetrates[0], -out.gap)
+
+
+@kernel
+def send_loads(own, out, first, second):
+    """Lend the loads on both bodies, on the first nodes of each."""
+    lend_first(out.first_nodes, own.one.nodes, first)
+    lend_first(out.first_forces, own.one.forces, first)
+    lend_first(out.second_nodes, own.two.nodes, second)
+    lend_first(out.second_forces, own.two.forces, second)
+
+
+@kernel
 def balance_late(own, out):
     """Count as generated what the contact has given more than it had taken before, with the work after its steps."""
     lost = out.dissipated - out.generated - own.late
-    give_back(own, lost, out)
     own.highest = max(own.highest, lost)
     own.lost = max(own.lost, own.highest - lost)
     out.generated, out.dissipated = own.lost, lost + own.lost
@@ -223,12 +255,13 @@ class Between(CompiledNode):
         "strays": (2,), "allowed": (2,),  # greatest slide and approach by the foundations [m], and those of the cells
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
-        # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m] of the last step and of
-        # this one; friction [N] of the last step on the first, and the motion [m] that it counted; centre of the patch.
-        "rides": bool, "ride": (2, RIDE), "by": (2, 6), "turns": TABLE, "levers": TABLE, "seen": ARRAY,
-        "first_points": TABLE, "second_points": TABLE, "push": (9,), "wrench": (9,), "load": (6,), "torques": TABLE,
-        "surplus": ARRAY, "owed": (), "held": (3,), "counted": (3,), "point": (3,), "middle": (3,), "foot_turn": (3,),
-        "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what is owed
+        # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m]; friction [N] of the
+        # last step on the first, and the motion [m] that it counted; centre of the patch.
+        "rides": bool, "ride": (2, RIDE), "by": (2, 6),
+        "turns": TABLE, "levers": TABLE, "seen": ARRAY,
+        "first_points": TABLE, "second_points": TABLE, "wrench": (9,), "load": (6,), "torques": TABLE,
+        "held": (3,), "counted": (3,), "point": (3,), "middle": (3,),
+        "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what it gave
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
     borders, see `borders.Borders`; openings by all loads
@@ -308,19 +341,13 @@ class Between(CompiledNode):
             self.hold(name, np.zeros((count, columns)))
         self.hold("seen", self._held["rest"].copy())
         self.hold("torques", np.zeros((2, 3)))
-        self.hold("surplus", np.zeros(2))
         for name, mesh in zip(("first_points", "second_points"), meshes, strict=True):
             self.hold(name, np.ascontiguousarray(mesh.vertices, float))
         for ride in self.own["ride"]:
             ride["matrix"] = np.eye(3)
 
     def resize(self, counts: list[int]) -> None:
-        """Room for the fingers on each body, and for the answers of foundations."""
-        room = len(self._held["rest"]) if sum(counts[2:]) else 0
-        for group, name, rows in (("pair", "rigid", room), ("rub", "mobile", 3 if room else 0)):
-            self._hold(self.own[group], name, np.zeros((rows, rows)), f"{group}.{name}")
-            self.own[group][name]["shape"][0] = 0
-        self.own["ride"]["built"] = 0.0
+        """Room for the fingers on each body."""
         one, two = max(counts[0] - self.first_organs, 0), max(counts[1] - self.second_organs, 0)
         size = len(self._held["rest"])
         self.hold("opened", np.zeros((2, one + 1, size)))
@@ -368,45 +395,35 @@ class Between(CompiledNode):
     ):
         carries, moved = first_support.count + second_support.count > 0, (0.0, 0.0, 0.0)
         rides = carries and begins_to_ride(own, first_support, second_support)
-        pair, one, two = _pair_of(own.pair), _side_of(own.one), _side_of(own.two)
+        pair, one, two = pair_of(own.pair), side_of(own.one), side_of(own.two)
         others, opened, again = floats(own.others), floats(own.opened), floats(own.again)
         normal, along = floats(own.normals), floats(own.along)
         presses, rests = out.first_pressing, out.second_pressing
-        rub, slid = _rub_of(own.rub), floats(own.slid)
+        rub, slid = rub_of(own.rub), floats(own.slid)
         unknown = take_loads(first, opened.shape[1] - 1, one, others[0], opened, presses, rub.others[0], slid)
         if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests, rub.others[1], slid):
             own.fault, own.fault_side = NO_VERTEX, 0 if unknown else 1
             return
         if rides:
-            counts = opened.shape[1] - 1, again.shape[1] - 1
-            ride_on(own, pair, rub, first_support, second_support, first, second, counts[0], counts[1])
+            ride_on(own, pair, rub, first_support, first_support.count - 1, second_support, second_support.count - 1)
         elif carries:
             moved = carry(own, pair, rub, normal, first_support, second_support)
         rubs = rub.tangents.shape[1] > 0
         if rubs:
             open_by_friction(rub, others)
         out.left = contact.step_pair(pair, others, dt, contact.MOST)
-        last = vector(rub.total)
         if rides:
-            rub_on(own, pair, rub)
+            press_on(own, pair)
+            for x in range(3):
+                rub.carried[x] += own.counted[x]
         if rubs:
             step_rubbing(pair, rub, dt)
-        contact.responses(pair, 0, opened[0], opened[1], presses.values, dt, along, floats(own.yields))
-        contact.responses(pair, 1, again[0], again[1], rests.values, dt, along, floats(own.returns))
-        lend(out.first_yields, own.yields)
-        lend(out.second_yields, own.returns)
-        summarise(own, pair, one, two, normal, out)
-        balance = rub.balance[0]
-        out.stored, out.dissipated = balance.stored, pair.past[0].dissipated + balance.dissipated
-        out.generated = pair.past[0].generated
-        put(out.slip, vector(rub.speed))
-        for x in range(3):
-            out.friction[x] = 0.0
-            for i in range(len(rub.force)):
-                out.friction[x] += rub.force[i, x]
-            out.resultant[x] += out.friction[x]
+        contact.responses(pair, pair.active, 0, 0, opened[0], opened[1], presses.values, dt, along, floats(own.yields))
+        contact.responses(pair, pair.active, 0, 1, again[0], again[1], rests.values, dt, along, floats(own.returns))
+        put(out.friction, summed(rub))
+        answer(own, pair, rub, one, two, normal, out)
         if rides:
-            end_ride(own, pair, rub, out, last)
+            put(out.resultant, end_ride(own, pair, rub, vector(out.friction)))
             balance_late(own, out)
             lend(out.torques, own.torques)
             lend(out.carried, own.carried)
@@ -415,13 +432,9 @@ class Between(CompiledNode):
             for x in range(3):
                 work[0] -= out.resultant[x] * moved[x]
             lend(out.carried, own.carried)
-        own.penetrates[0] = max(own.penetrates[0], -out.gap)
-        count = spread_forces(pair, one, normal, rub.force, 1.0)
-        lend_first(out.first_nodes, own.one.nodes, count)
-        lend_first(out.first_forces, own.one.forces, count)
-        count = spread_forces(pair, two, normal, rub.force, -1.0)
-        lend_first(out.second_nodes, own.two.nodes, count)
-        lend_first(out.second_forces, own.two.forces, count)
+        send_loads(own, out, spread_forces(pair, one, normal, rub.force, 1.0), spread_forces(
+            pair, two, normal, rub.force, -1.0
+        ))  # fmt: skip
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         side = int(self.own["fault_side"])
@@ -442,9 +455,8 @@ class Between(CompiledNode):
         if lost > GIVEN:
             self._note_growth(
                 "energy", lost,
-                f"Between: the contact generated up to {1e3 * lost:.2g} mJ, because several contacts on "
-                "an organ on a foundation answer to each other a step later, or an organ left its foundation within a "
-                "step: a higher rate, or less different masses, generate less",
+                f"Between: the contact generated up to {1e3 * lost:.2g} mJ, because an organ left its "
+                "foundation, or landed on it, within a step: a higher rate generates less",
             )  # fmt: skip
         (aside, nearer), (cell, reach) = self.known["strays"], self.known["allowed"]
         if aside > cell > 0.0:

@@ -1,10 +1,10 @@
-"""How the contact of two organs follows the motions of their foundations, and answers to those that its forces move."""
+"""How the contact of two organs follows their motions with their foundations."""
 
 import numpy as np
 
-from palpate.compiler.records import floats, integers, lend, nth, put, vector
+from palpate.compiler.records import floats, nth, put, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.physics.bodies.floating.turning import cross, spin
+from palpate.physics.bodies.floating.turning import spin
 from palpate.physics.contact.organs import rigid_motion as rigid
 
 
@@ -40,36 +40,11 @@ def _stray(own, apart):
 
 @kernel
 def begins_to_ride(own, first, second):
-    """Whether an organ rotates with its foundation, from its first message on; makes room for M if forces move one."""
+    """Whether an organ rotates with its motion, from its first message on."""
     for support in (first, second):
         if support.count > 0 and nth(support, 0).there:
             own.rides = own.rides or nth(support, 0).rotation.shape[0] > 0
-            if nth(support, 0).mobility.shape[0] > 0:
-                own.pair.rigid.shape[0] = own.pair.rigid.shape[1]
-                own.rub.mobile.shape[0] = 3
     return own.rides
-
-
-@kernel
-def _finger_load(ride, loads, fingers, points, out):
-    """Fill `out` [N, N m] (6): force and moment of the fingers' loads about the centre of their organ, in the world;
-    points [m] (V,3) of its surface at the start."""
-    out[:] = 0.0
-    c = ride.centre
-    for i in range(min(loads.count, fingers)):
-        each = nth(loads, i)
-        if not each.there or each.nodes.shape[0] == 0:
-            continue
-        nodes, forces = integers(each.nodes), floats(each.forces)
-        for k in range(len(nodes)):
-            at, f = points[nodes[k]], (forces[k, 0], forces[k, 1], forces[k, 2])
-            t = cross((at[0] - c[0], at[1] - c[1], at[2] - c[2]), f)
-            for x in range(3):
-                out[x] += f[x]
-                out[3 + x] += t[x]
-    force, moment = rigid.rotated(ride, vector(out[:3])), rigid.rotated(ride, vector(out[3:]))
-    for x in range(3):
-        out[x], out[3 + x] = force[x], moment[x]
 
 
 @kernel
@@ -89,20 +64,22 @@ def _place(ride, given, by):
 
 
 @kernel
-def _move(own, first, second, floating):
-    """Take the places of the organs that forces move (`floating`), or of all others; fills their motions `own.by`
-    (2,6). Returns whether there is one."""
+def _move(own, first, i, second, j, floating):
+    """Take the places of the organs that forces move (`floating`), or of all others, from message i of an input and
+    message j of another, -1: it has none; fills their motions `own.by` (2,6). Returns whether there is one."""
     found = False
-    for side, support in enumerate((first, second)):
-        own.by[side][:] = 0.0
-        if support.count > 0 and nth(support, 0).there and (nth(support, 0).mobility.shape[0] > 0) == floating:
-            _place(own.ride[side], nth(support, 0), own.by[side])
-            found = True
+    own.by[:] = 0.0
+    if i >= 0 and nth(first, i).there and (nth(first, i).mobility.shape[0] > 0) == floating:
+        _place(own.ride[0], nth(first, i), own.by[0])
+        found = True
+    if j >= 0 and nth(second, j).there and (nth(second, j).mobility.shape[0] > 0) == floating:
+        _place(own.ride[1], nth(second, j), own.by[1])
+        found = True
     return found
 
 
 @kernel
-def _against(own, one, two):
+def against(own, one, two):
     """Motion [m] (3) of the first organ against the second at the patch, in the axes at the start, by a motion of each
     [m, rad] (6)."""
     x, y, z = rigid.moved_at(own.ride[0], one, vector(own.point))
@@ -120,23 +97,20 @@ def _cells(own, pair):
 
 
 @ieee_kernel
-def ride_on(own, pair, rub, first, second, loads, others, one_fingers, two_fingers):
-    """Move both organs: fills the gaps that they will have at the end of the step by all but the change of its contact
-    forces, and M. Then `contact.step_pair`, `rub_on`, `step_rubbing`, and `end_ride`.
-
-    first, second  supports;  loads, others  on the first and the second;  fingers  their numbers
-    """
+def ride_on(own, pair, rub, first, i, second, j):
+    """Move both organs with their foundations, as of message i of an input of supports and message j of another, -1: it
+    has none: fills the gaps of the bodies without deformation, and the motion that rubs."""
     seen, force, work = floats(own.seen), pair.active.force, 0.0
     # the motion by the forces of the last step, against what that step expected
-    _move(own, first, second, True)
+    _move(own, first, i, second, j, True)
     _cells(own, pair)
-    for i in range(len(seen)):
-        by = pair.gap[i] - seen[i]
-        work += force[i] * by
-        pair.opening[i] += by
-        seen[i] = pair.gap[i]
+    for k in range(len(seen)):
+        by = pair.gap[k] - seen[k]
+        work += force[k] * by
+        pair.opening[k] += by
+        seen[k] = pair.gap[k]
     own.late += work
-    by = _against(own, own.by[0], own.by[1])
+    by = against(own, own.by[0], own.by[1])
     for x in range(3):
         way = by[x] - own.counted[x]
         work += own.held[x] * way
@@ -144,39 +118,15 @@ def ride_on(own, pair, rub, first, second, loads, others, one_fingers, two_finge
         own.counted[x] = 0.0
     floats(own.carried)[0] -= work
     # prescribed motions in this step
-    if _move(own, first, second, False):
+    if _move(own, first, i, second, j, False):
         _cells(own, pair)
-        put(own.counted, _against(own, own.by[0], own.by[1]))
-    # what the foundations expect
-    one, two = own.ride[0], own.ride[1]
-    for side, support in enumerate((first, second)):
-        ride = own.ride[side]
-        ride.ahead[:] = 0.0
-        if support.count > 0 and nth(support, 0).there and nth(support, 0).mobility.shape[0] > 0:
-            given = nth(support, 0)
-            if side == 0:
-                _finger_load(ride, loads, one_fingers, floats(own.first_points), own.load)
-            else:
-                _finger_load(ride, others, two_fingers, floats(own.second_points), own.load)
-            rigid.expect(ride, floats(given.expected), floats(given.mobility), floats(given.contacts)[0], own.load)
-    if len(pair.rigid) > 0 and (rigid.has_changed(one) or rigid.has_changed(two)):
-        rigid.build(one, two, floats(own.turns), floats(own.levers), pair.rigid)
-        pair.past[0].step = 0.0
-    turns, levers, active = floats(own.turns), floats(own.levers), pair.active
-    for i in range(len(seen)):
-        pair.gap[i] += rigid.opened(one.ahead, 1.0, turns, levers, i, 0) + rigid.opened(
-            two.ahead, -1.0, turns, levers, i, 3
-        )
-    for k in range(active.tally[0].active if len(pair.rigid) > 0 else 0):
-        j = active.order[k]
-        for i in range(len(seen)):
-            pair.gap[i] -= force[j] * pair.rigid[j, i]
+        put(own.counted, against(own, own.by[0], own.by[1]))
 
 
 @ieee_kernel
-def rub_on(own, pair, rub):
-    """After the normal contact: the forces of the candidates on both organs `own.push` [N, N m, N m] (9), the centre of
-    the patch, and the motion that rubs there."""
+def press_on(own, pair):
+    """After the normal contact: its force and moments on both organs `own.wrench` [N, N m, N m] (9), and the centre of
+    the patch."""
     one, two, active, turns, levers = own.ride[0], own.ride[1], pair.active, floats(own.turns), floats(own.levers)
     at, across, push, place = floats(own.one.place), floats(own.two.place), own.wrench, own.middle
     push[:], place[:] = 0.0, 0.0
@@ -195,67 +145,27 @@ def rub_on(own, pair, rub):
     for x in range(3):
         if total > 0.0:
             own.point[x] = place[x] / total
-    if rub.tangents.shape[1] == 0:
-        return
-    for side in range(2):
-        ride, sign = own.ride[side], 1.0 if side == 0 else -1.0
-        change, turn = place, own.foot_turn
-        for x in range(3):
-            change[x] = sign * (push[x] - own.push[x])
-            turn[x] = push[3 * side + 3 + x] - own.push[3 * side + 3 + x]
-        shift, about = rigid.apply(ride.soft, vector(change), 0), rigid.apply(ride.soft, vector(turn), 3)
-        for x in range(3):
-            own.by[side][x], own.by[side][3 + x] = ride.ahead[x] + shift[x], ride.ahead[3 + x] + about[x]
-    by = _against(own, own.by[0], own.by[1])
-    for x in range(3):
-        own.counted[x] += by[x]
-        rub.carried[x] += own.counted[x]
-    if len(rub.mobile) > 0:
-        rigid.mobile_at(one, two, vector(own.point), rub.mobile)
 
 
 @ieee_kernel
-def end_ride(own, pair, rub, out, last):
-    """After the friction, that of the last step `last` [N] (3) on the second organ: fills the torques of the message
-    and adds the friction to its resultant; counts the work of the foundations."""
+def end_ride(own, pair, rub, pull):
+    """After the friction, whose sum on the first body is `pull` [N] (3): fills the torques of the message, counts the
+    work of the foundations, and returns force [N] (3) on the first organ in the world."""
     one, two, seen, force, work = own.ride[0], own.ride[1], floats(own.seen), pair.active.force, 0.0
     for i in range(len(seen)):
         work += force[i] * (pair.gap[i] - seen[i])
         seen[i] = pair.gap[i]
+    put(own.held, pull)
     for x in range(3):
-        own.held[x] = out.friction[x]
-        for y in range(len(rub.mobile)):
-            own.counted[x] -= rub.mobile[x, y] * (rub.total[y] - last[y])
         work += own.held[x] * own.counted[x]
     floats(own.carried)[0] -= work
-    pull = rigid.in_world(one, two, vector(out.friction))
-    torques, back = floats(own.torques), (-pull[0], -pull[1], -pull[2])
-    about, against = (rigid.torque_at(one, pull, vector(own.point)), rigid.torque_at(two, back, vector(own.point)))
+    along = rigid.in_world(one, two, pull)
+    torques, back = floats(own.torques), (-along[0], -along[1], -along[2])
+    about, turned = (rigid.torque_at(one, along, vector(own.point)), rigid.torque_at(two, back, vector(own.point)))
     for x in range(3):
-        out.resultant[x] = own.wrench[x] + pull[x]
-        torques[0, x], torques[1, x] = own.wrench[3 + x] + about[x], own.wrench[6 + x] + against[x]
-        own.push[x], own.push[3 + x], own.push[6 + x] = own.wrench[x], own.wrench[3 + x], own.wrench[6 + x]
+        torques[0, x], torques[1, x] = own.wrench[3 + x] + about[x], own.wrench[6 + x] + turned[x]
     _stray(own, _apart(own))
-
-
-@kernel
-def give_back(own, dissipated, out):
-    """Let the foundations take back what the contact has given beyond all that it has `dissipated` [J]: in proportion
-    to their inertia, those that forces move."""
-    floats(own.surplus)[0] = floats(own.surplus)[1] = 0.0
-    if own.pair.rigid.shape[0] == 0:
-        return
-    more = -dissipated - own.owed
-    one, two = own.ride[0].mobility[0, 0], own.ride[1].mobility[0, 0]
-    if more > 0.0 and one + two > 0.0:
-        own.owed += more
-        first = (two if two > 0.0 else one) if one > 0.0 else 0.0
-        second = (one if one > 0.0 else two) if two > 0.0 else 0.0
-        floats(own.surplus)[0], floats(own.surplus)[1] = (
-            more * first / (first + second),
-            more * second / (first + second),
-        )
-    lend(out.surplus, own.surplus)
+    return own.wrench[0] + along[0], own.wrench[1] + along[1], own.wrench[2] + along[2]
 
 
 @kernel

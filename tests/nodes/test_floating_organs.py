@@ -1,83 +1,13 @@
 """Two or three organs on foundations that touch each other, without a finger: nodes stepped one by one."""
 
-import json
-
 import numpy as np
 import pytest
 from pytest import approx
 
 from palpate.messages.tissue import Support
-from palpate.nodes.contact import Between
-from palpate.nodes.support import OrganFoundation
-from palpate.physics.bodies.floating.foundation import mechanical_energy
+from palpate.studies.organ_stacks import FREE, RADIUS, Row, ball, body
 
-R, G = 21e-3, 9.80665  # [m] radius of the balls
-
-
-def ball(height, aside=0.0, up=1.0):
-    return {"surface": "sphere", "vertices": 1000, "position": (aside, 0.0, up * height)}
-
-
-def body(surface, stiffness=300.0, retardation=0.0, rigid=False):
-    settings = {"stiffness": stiffness, "exponent": 1.0, "damping": 0.0, "retardation": retardation} | surface
-    use, settings = ("Rigid", {}) if rigid else ("MassSpring", settings)
-    return {"use": use, "settings": settings, "surface": surface}
-
-
-class Organs:
-    """Balls in a row, each on a foundation (its settings), fixed (None) or moved (a path of supports)."""
-
-    def __init__(self, bodies, foundations, friction=0.0, exchanged=False):
-        self.pairs = [(i, i + 1) for i in range(len(bodies) - 1)]
-        if exchanged:
-            self.pairs = [(j, i) for i, j in self.pairs]
-        self.contacts, self.sent, self.history = [], [None] * len(bodies), []
-        for pair in self.pairs:
-            self.contacts.append(Between(bodies=json.dumps([bodies[k] for k in pair]), friction=friction, cells=100))
-        self.foundations = []
-        for k, given in enumerate(foundations):
-            if isinstance(given, dict):
-                sides = tuple(pair.index(k) for pair in self.pairs if k in pair)
-                given = OrganFoundation(shape=json.dumps(bodies[k]["surface"]), sides=sides, **given)
-            self.foundations.append(given)
-        for node in (*self.contacts, *self.moving()):
-            node.start()
-
-    def moving(self):
-        return [each for each in self.foundations if isinstance(each, OrganFoundation)]
-
-    def run(self, count, dt=1e-3):
-        for tick in range(count):
-            supports = []
-            for place, given in enumerate(self.foundations):
-                sent = given[min(tick, len(given) - 1)] if isinstance(given, list) else self.sent[place]
-                supports.append([] if given is None else [sent])
-            answers = [
-                contact.step([], [], supports[i], supports[j], dt=dt)
-                for contact, (i, j) in zip(self.contacts, self.pairs, strict=True)
-            ]
-            for place, given in enumerate(self.foundations):
-                if isinstance(given, OrganFoundation):
-                    felt = [each for each, pair in zip(answers, self.pairs, strict=True) if place in pair]
-                    self.sent[place] = given.step(felt, None, dt=dt)
-            self.history.append((answers, list(self.sent)))
-        return answers
-
-    def energy(self):
-        return sum(
-            mechanical_energy(each.own["constants"], tuple(each.own["axis"]), each.own["motion"])
-            for each in self.moving()
-        )
-
-    def momenta(self):
-        """Momentum [N s], and angular momentum [N m s] about the origin; the rotations are small."""
-        linear = angular = 0.0
-        for each in self.moving():
-            motion, mass = each.own["motion"], each.mass
-            linear = linear + mass * motion["speed"]
-            angular = angular + mass * np.cross(each.own["centre"] + motion["at"], motion["speed"])
-            angular = angular + each.own["constants"]["inertia"] * motion["rate"]
-        return linear, angular
+G = 9.80665
 
 
 def raised(height, count=200):
@@ -86,9 +16,6 @@ def raised(height, count=200):
         Support(displacement=(0.0, 0.0, height * share), velocity=(0.0, 0.0, 0.0))
         for share in np.linspace(0.0, 1.0, count)
     ]
-
-
-FREE = {"stiffness": 1e-6, "damping": 0.0}
 
 
 @pytest.mark.parametrize("stiffness, retardation, rigid, friction, rate", [
@@ -102,13 +29,13 @@ def test_an_organ_that_hits_another_keeps_momentum_and_angular_momentum_and_lose
     change the momentum of 10 mN s by less than 1e-10."""
     surfaces = ball(43e-3, 6e-3), ball(0.0)
     bodies = [body(each, stiffness, retardation, rigid) for each in surfaces]
-    organs = Organs(bodies, [FREE | {"mass": 0.05}, FREE | {"mass": 0.2}], friction)
+    organs = Row(bodies, [FREE | {"mass": 0.05}, FREE | {"mass": 0.2}], friction)
     organs.moving()[0].own["motion"]["speed"] = (0.0, 0.0, -0.2)
-    before, (linear, angular) = organs.energy(), organs.momenta()
+    before, (linear, angular) = organs.total_energy(), organs.momenta()
     course = []
     for _ in range(rate // 10):
         organs.run(1, 1.0 / rate)
-        course.append(organs.energy())
+        course.append(organs.total_energy())
     after, spun = organs.momenta()
     np.testing.assert_allclose(after, linear, atol=1e-10)
     np.testing.assert_allclose(spun, angular, atol=1e-10)
@@ -121,12 +48,12 @@ def test_an_elastic_impact_approaches_the_closed_form_with_the_rate():
     """Springs without damping: v_1 = (m_1 - m_2)/(m_1 + m_2) v and v_2 = 2 m_1/(m_1 + m_2) v, to first order in T."""
     errors = []
     for rate in (1000, 2000, 4000):
-        organs = Organs([body(ball(43e-3)), body(ball(0.0))], [FREE | {"mass": 0.05}, FREE | {"mass": 0.2}])
+        organs = Row([body(ball(43e-3)), body(ball(0.0))], [FREE | {"mass": 0.05}, FREE | {"mass": 0.2}])
         organs.moving()[0].own["motion"]["speed"] = (0.0, 0.0, -0.2)
         organs.run(rate // 8, 1.0 / rate)
         speeds = [each.own["motion"]["speed"][2] for each in organs.moving()]
         errors.append(abs(speeds[0] - 0.12) / 0.2)
-        assert organs.contacts[0]._held["pair.first"].any() and organs.history[-1][0][0].force == 0.0
+        assert organs.contacts[0]._held["members.0.pair.first"].any() and organs.history[-1][0][0].force == 0.0
     assert errors[0] < 0.15 and [errors[0] / errors[1], errors[1] / errors[2]] == approx([2.0, 2.0], rel=0.2)
 
 
@@ -134,21 +61,21 @@ def test_the_forces_of_stacked_foundations_add_exactly():
     """The uppermost is pressed down by its motion: at rest F = K_2 d_2 + K_3 d_3 of the springs below."""
     bodies = [body(ball(2 * 42.4e-3)), body(ball(42.4e-3)), body(ball(0.0))]
     two, three = ({"mass": 0.1, "stiffness": k, "damping": 3.0} for k in (150.0, 400.0))
-    organs = Organs(bodies, [raised(-3e-3), two, three])
+    organs = Row(bodies, [raised(-3e-3), two, three])
     upper, lower = organs.run(3000)
     sinks = [-each.own["motion"]["at"][2] for each in organs.moving()]
     assert upper.force > 0.1 and min(sinks) > 5e-5
     assert upper.resultant[2] == approx(150.0 * sinks[0] + 400.0 * sinks[1], rel=1e-9)
     assert lower.resultant[2] == approx(400.0 * sinks[1], rel=1e-9)
     # the springs of the cells: the same force as without foundations under the motion of the organs against each other
-    still = Organs(bodies[:2], [raised(-3e-3 + sinks[0]), None]).run(300)[0]
+    still = Row(bodies[:2], [raised(-3e-3 + sinks[0]), None]).run(300)[0]
     assert upper.force == approx(still.force, rel=1e-9)
 
 
 def test_a_weight_on_springs_that_another_organ_supports_rests_with_the_sum_of_both():
     """A loose organ of 1.96 N sinks by 2 mm at rest; a fixed one below takes over what it rises by."""
     mass, stiffness = 0.2, 0.2 * G / 2e-3
-    organs = Organs(
+    organs = Row(
         [body(ball(42.4e-3)), body(ball(0.0))],
         [{"mass": mass, "stiffness": stiffness, "damping": 5.0, "attached": False}, raised(2e-3)],
     )
@@ -164,7 +91,7 @@ def test_exchanged_organs_have_the_same_bits(friction):
     given = [{"mass": 0.05, "stiffness": 40.0}, {"mass": 0.12, "stiffness": 90.0, "attached": False}]
     found = []
     for exchanged in (False, True):
-        organs = Organs(bodies, given, friction, exchanged)
+        organs = Row(bodies, given, friction, exchanged)
         organs.moving()[0].own["motion"]["speed"] = (0.05, 0.02, -0.3)
         organs.run(150)
         found.append(organs)
@@ -183,23 +110,43 @@ def test_a_foundation_of_1_gn_per_m_is_a_fixed_organ(attached):
     counts as free until it is pressed: a force of the first step that touches is 1e-4 of that late."""
     bodies, forces = [body(ball(42.4e-3), 300.0, 20e-3), body(ball(0.0), 300.0, 20e-3)], []
     for given in (None, {"mass": 0.13, "stiffness": 1e9, "damping": 4.0, "attached": attached}):
-        organs = Organs(bodies, [raised(-3e-3), given])
+        organs = Row(bodies, [raised(-3e-3), given])
         organs.run(400)
         forces.append(np.array([answers[0].force for answers, _ in organs.history]))
     assert forces[0].max() > 0.2
     np.testing.assert_allclose(forces[1], forces[0], rtol=2e-6, atol=(2e-6 if attached else 1e-4) * forces[0].max())
 
 
+@pytest.mark.parametrize("light", [1.0, 1e-3])
+@pytest.mark.parametrize("rate", [250, 10000])
+def test_a_light_organ_between_heavy_ones_passes_on_their_momentum(light, rate):
+    """Balls of 1 kg, `light` and 1 kg, all free: the first hits the second, which hits the third. Their dampers stop
+    the relative motion within 1 ms: all then move with v m_1/(m_1 + m_2 + m_3), with the energy of this motion."""
+    bodies = [body(ball(height), 1e3, 1.0) for height in (42.3e-3, 0.0, -42.05e-3)]
+    organs = Row(bodies, [FREE | {"mass": mass} for mass in (1.0, light, 1.0)])
+    organs.moving()[0].own["motion"]["speed"] = (0.0, 0.0, -0.2)
+    before, (linear, angular) = organs.total_energy(), organs.momenta()
+    for _ in range(rate // 20):
+        organs.run(1, 1.0 / rate)
+        assert organs.total_energy() <= before * (1.0 + 1e-9)
+        assert min(each.gap for each in organs.history[-1][0]) > -1e-6
+    after, spun = organs.momenta()
+    np.testing.assert_allclose(after, linear, atol=1e-9)
+    np.testing.assert_allclose(spun, angular, atol=1e-9)
+    together = 0.2 / (2.0 + light)
+    assert [-each.own["motion"]["speed"][2] for each in organs.moving()] == approx([together] * 3, rel=0.02)
+    assert organs.total_energy() == approx(0.5 * (2.0 + light) * together**2, rel=0.02)
+
+
 def draw(rng, count):
-    """Balls in a row, on random foundations, one of which may be fixed: 10 g to 2 kg on 10 N/m to 1 MN/m; three in a
-    row are deformable, and of 50 g to 2 kg."""
+    """Balls in a row, on random foundations, one of which may be fixed: 10 g to 2 kg on 10 N/m to 1 MN/m."""
     aside = rng.uniform(-8e-3, 8e-3)
-    surfaces = [ball(np.sqrt((2 * R) ** 2 - aside**2) + 1e-3, aside), ball(0.0), ball(-43e-3)][:count]
+    surfaces = [ball(np.sqrt((2 * RADIUS) ** 2 - aside**2) + 1e-3, aside), ball(0.0), ball(-43e-3)][:count]
     bodies, given = [], []
     for k, surface in enumerate(surfaces):
         past = rng.choice([0.0, 10.0 ** rng.uniform(-4, -1)])
-        bodies.append(body(surface, 10.0 ** rng.uniform(1.5, 5), past, rng.random() < 0.3 and count == 2))
-        mass, stiffness = 10.0 ** rng.uniform(-2 if count == 2 else -1.3, 0.3), 10.0 ** rng.uniform(1, 6)
+        bodies.append(body(surface, 10.0 ** rng.uniform(1.5, 5), past, rng.random() < 0.3))
+        mass, stiffness = 10.0 ** rng.uniform(-2, 0.3), 10.0 ** rng.uniform(1, 6)
         damping = rng.choice([0.0, 10.0 ** rng.uniform(-2, 2)])
         given.append(
             None if k and rng.random() < 0.25 else {
@@ -211,20 +158,20 @@ def draw(rng, count):
 
 
 @pytest.mark.parametrize("seed, count", [(1, 2), (2, 2), (3, 3), (4, 3)])
-def test_random_organs_that_hit_each_other_are_finite_and_pairs_gain_no_energy(seed, count):
+def test_random_organs_that_hit_each_other_gain_no_energy(seed, count):
     """250 Hz to 10 kHz, soft and rigid, with and without friction: energy of all organs, their foundations and weights
-    against that at the start. One of two contacts on an organ answers to the other a step later: then at most 1.2 times
-    (docs/equations/moving-organs.md, limits)."""
+    is at most that at the start, and no organ is deeper in another than 0.1 mm."""
     rng, touched = np.random.default_rng(seed), 0
     for _ in range(10):
         bodies, given = draw(rng, count)
-        organs = Organs(bodies, given, rng.choice([0.0, 0.3, 1.0]))
+        organs = Row(bodies, given, rng.choice([0.0, 0.3, 1.0]))
         rate = rng.choice([250, 1000, 10000], p=[0.45, 0.45, 0.1])
         motion = organs.moving()[0].own["motion"]
         motion["at"], motion["speed"] = (0.0, 0.0, 2e-3), (rng.uniform(-0.2, 0.2), 0.0, -rng.uniform(0.05, 1.0))
-        before = organs.energy()
+        before = organs.total_energy()
         for _ in range(int(min(max(0.12 * rate, 50), 400))):
             organs.run(1, 1.0 / rate)
-            assert organs.energy() <= before * (1.0 + 1e-9 if count == 2 else 1.2)
+            assert organs.total_energy() <= before * (1.0 + 1e-9)
+            assert min(each.gap for each in organs.history[-1][0]) > -1e-4
         touched += max(each.force for answers, _ in organs.history for each in answers) > 0.0
     assert touched > 5

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from palpate.engine.faults import Faults, Location, choices
+from palpate.launch.load.checks.islands import USES, check_size, islands_of
 from palpate.launch.load.classes import ClassError, find_class
 from palpate.launch.load.files import FOUNDATIONS, MOTIONS
 from palpate.launch.load.values.source import YamlSource
@@ -176,6 +177,7 @@ class _Wiring:
         """Change the inputs of all nodes that touch a moved body, and give the foundations theirs. Yields notes."""
         for name in self.lines:
             self.frames(name)  # of the graph as written
+        coupled = self._couple(faults)
         for line in self.lines.values():
             if line.sends(Proximity):
                 frames = self._of_collision(line)
@@ -200,7 +202,7 @@ class _Wiring:
                     self._turn_force(line, str(*frames))
             if line.sends(Contact) and line.senders(Contact):
                 self._add_in_world(line)
-            if line.sends(OrganContact):
+            if line.sends(OrganContact) and line.name not in coupled:
                 self._support_sides(line)
             if line.sends(Ledger):
                 for motion in {self.moved.get(self._origin(body)) for body in _names(line.given("body"))} - {None}:
@@ -337,12 +339,44 @@ class _Wiring:
 
     def _support_sides(self, line: _Line) -> None:
         """Give a contact of organs the motions of its bodies."""
+        for side, body in self._sides(line):
+            if body in self.moved:
+                self._set(line, f"{side}_support", self._support(self.moved[body]))
+
+    def _sides(self, line: _Line) -> Iterator[tuple[str, str]]:
+        """Each body of a contact of organs, with its side."""
         for side in self.lines.values():
-            if not (side.sends(Load) and line.name in side.senders(OrganContact)):
-                continue
-            bodies = [each.name for each in self.lines.values() if side.name in each.senders(Load)]
-            for motion in {self.moved.get(body) for body in bodies} - {None}:
-                self._set(line, f"{side.data.get('side', 'first')}_support", self._support(str(motion)))
+            if side.sends(Load) and line.name in side.senders(OrganContact):
+                for body in self.lines.values():
+                    if side.name in body.senders(Load) and not body.sends(OrganContact):
+                        yield side.data.get("side", "first"), body.name
+
+    def _comes_from(self, load: str, contacts: list[str]) -> bool:
+        """Whether a load is that of one of these contacts of organs."""
+        line = self.lines.get(self._origin(load))
+        return bool(line and set(line.senders(OrganContact)) & set(contacts))
+
+    def _couple(self, faults: Faults) -> set[str]:
+        """Solve contacts together that share organs on foundations. Returns their names."""
+        floating = {body for body, name in self.moved.items() if name in self.foundations}
+        contacts = {
+            line.name: [body for _, body in self._sides(line)]
+            for line in self.lines.values() if line.sends(OrganContact) and line.data["use"] in USES
+        }  # fmt: skip
+        found = islands_of(contacts, floating)
+        for island in found:
+            moving = [self.moved[body] for name in island for body in contacts[name] if body in self.moved]
+            touched = {body for name in island for body in contacts[name]}
+            loads = list(dict.fromkeys(
+                load for body in self.lines for load in self.lines[body].senders(Load)
+                if body in touched and not self._comes_from(load, island)
+            ))  # fmt: skip
+            check_size(island, loads, self.place, faults)
+            for name in island:
+                self.graph.put(("nodes", name, "use"), YamlSource(USES[1], {(): self.place}))
+                self._set(self.lines[name], "loads", loads)
+                self._set(self.lines[name], "supports", [self._support(each) for each in dict.fromkeys(moving)])
+        return {name for island in found for name in island}
 
     def _set(self, line: _Line, port: str, sender: Any) -> None:
         self.graph.put(("nodes", line.name, "in", port), YamlSource(sender, {(): self.place}))

@@ -40,6 +40,8 @@ def _form(name: str, form: Any) -> tuple[Any, ...]:
         return (form,)
     if isinstance(form, type) and form in KINDS:
         return (KINDS[form],)
+    if isinstance(form, tuple) and form and isinstance(form[-1], np.dtype):
+        return form[-1], form[:-1]
     if isinstance(form, tuple) and form and isinstance(form[-1], dict):
         return record_type(name, form[-1]), form[:-1]
     if isinstance(form, tuple) and all(isinstance(length, int) for length in form):

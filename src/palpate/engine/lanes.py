@@ -285,11 +285,15 @@ def memory_spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:
 
 
 def address_offset(dtype: np.dtype, path: str) -> int:
-    """Offset of an array's address in a record."""
+    """Offset of an array's address in a record; a number in the path: of several groups, the one with this index."""
     at = 0
     for name in path.split("."):
-        dtype, offset = dtype.fields[name][:2]  # type: ignore[index]
-        at += offset
+        if name.isdigit():
+            dtype = dtype.base
+            at += int(name) * dtype.itemsize
+        else:
+            dtype, offset = dtype.fields[name][:2]  # type: ignore[index]
+            at += offset
     return at
 
 

@@ -122,14 +122,14 @@ def test_the_responses_are_the_derivatives_of_the_lifts_by_each_finger(body):
     found, along = np.zeros((3, 3)), np.zeros((2, 3, SIZE))
     base, given = step(forces), forces[:, None] * opened
     part = given * rng.uniform(0.7, 1.3, given.shape)  # without friction
-    between.responses(base, body, given, given, forces, dt, along, found)
+    between.responses(base, base.active, 0, body, given, given, forces, dt, along, found)
     assert np.array_equal(found, found.T) and np.linalg.eigvalsh(found).min() > -1e-12
-    between.responses(base, body, given, part, forces, dt, along, found)
+    between.responses(base, base.active, 0, body, given, part, forces, dt, along, found)
     for j in range(3):
         change = step(forces + by * np.eye(3)[j]).active.force - base.active.force
         assert own * (part / forces[:, None] @ change) / by == approx(-found[:, j], rel=1e-4)
     light = np.array([2.0, 1e-7, 1.0])
-    between.responses(base, body, given, given, light, dt, along, found)
+    between.responses(base, base.active, 0, body, given, given, light, dt, along, found)
     assert not found[1].any() and not found[:, 1].any()
 
 

@@ -16,7 +16,7 @@ from palpate.physics.contact.terminal import fit_terminal, indentation
 from palpate.studies import organ_pairs
 
 YOUNG, POISSON = 19e3, 0.45
-CASES = 4  # of the random search; `python benchmarks/neighbours.py` runs more
+CASES = 4  # of the random search; `palpate bench neighbours` runs more
 
 
 @pytest.fixture(scope="module")

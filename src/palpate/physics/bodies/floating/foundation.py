@@ -172,21 +172,6 @@ def step(
 
 
 @kernel
-def take_energy(base: Record, now: Record, added: Vector3, energy: float):
-    """Lower the velocities of an organ so that its kinetic energy, with the added inertia, falls by `energy` [J], at
-    most to 0; returns by how much."""
-    v, w = now.speed, now.rate
-    moving = (base.mass + added[0]) * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    moving += (base.inertia + added[1]) * (w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    taken = min(energy, 0.5 * moving)
-    share = math.sqrt(max(1.0 - 2.0 * taken / moving, 0.0)) if moving > 0.0 else 1.0
-    for i in range(3):
-        now.speed[i] *= share
-        now.rate[i] *= share
-    return taken
-
-
-@kernel
 def mechanical_energy(base: Record, up: Vector3, now: Record):
     """Kinetic energy and that stored in foundation and weight [J], without added inertia; 0 for an organ at rest."""
     at, v, w = (now.at[0], now.at[1], now.at[2]), now.speed, now.rate

@@ -39,7 +39,7 @@ from palpate.compiler.dot import inner
 from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Tensor, Vector3
-from palpate.physics.contact.organs.pivoting import ActiveSet, active_set, complement, refactor, relax, solve_lower
+from palpate.physics.contact.organs.pivoting import ActiveSet, active_set, complement, refactor, solve_lower
 
 MOST = 32
 """Most candidates that touch or part in a step; the others follow in the next. At 1 kHz 500 candidates per 16 ms."""
@@ -62,8 +62,6 @@ class Pair(NamedTuple):
     opening [m]   (m)      w
     free    [m]   (m)      w without the forces of this step
     past    (1)            `PAST`
-    rigid   [m/N] (m,m)    M, by which rigid motions of both bodies open the candidates in a step (`rigid_motion`); gap
-                           is then that of the end of the step without p. (0,0): they do not move by their contact
     """
 
     gap: Annotated[np.ndarray, "<f8", 1]
@@ -75,7 +73,6 @@ class Pair(NamedTuple):
     opening: Annotated[np.ndarray, "<f8", 1]
     free: Annotated[np.ndarray, "<f8", 1]
     past: Annotated[np.ndarray, PAST_TYPE, 1]
-    rigid: Annotated[np.ndarray, "<f8", 2]
     active: ActiveSet
 
 
@@ -85,7 +82,7 @@ def pair(gap: np.ndarray, first: np.ndarray, second: np.ndarray, retardation: tu
     return Pair(
         np.array(gap, float), np.array(first, float, order="C"), np.array(second, float, order="C"),
         np.array(retardation, float), np.zeros((size, size)), np.zeros((2, size)), np.array(gap, float),
-        np.zeros(size), np.zeros(1, PAST_TYPE), np.zeros((0, 0)), active_set(size),
+        np.zeros(size), np.zeros(1, PAST_TYPE), active_set(size),
     )  # fmt: skip
 
 
@@ -96,44 +93,38 @@ def take(pair: Pair, body: int, dt: float):
 
 
 @ieee_kernel
-def step_pair(pair: Pair, others: Matrix, dt: float, most: int):
-    """A step: fills the forces `pair.active.force` [N] (m) and the gaps `pair.opening`. Returns the number of
-    candidates that pull or overlap and are left for the next step.
+def begin_step(pair: Pair, others: Matrix, dt: float):
+    """Move both bodies by all but the forces of this step, which fills `pair.free`; returns whether W has changed.
 
     others  [m] (2,m)  o_b, the opening that the other loads on each body would cause at rest
     dt      [s]        T > 0
-    most               most changes of candidates in this step
     """
-    first, second, free, force = take(pair, 0, dt), take(pair, 1, dt), pair.free, pair.active.force
+    first, second, free, moved = take(pair, 0, dt), take(pair, 1, dt), pair.free, pair.moved
     size, past = len(free), pair.past[0]
-    if past.step != dt:
+    changed = past.step != dt
+    if changed:
         past.step = dt
         for i in range(size):
             for j in range(size):
                 pair.matrix[i, j] = first * pair.first[i, j] + second * pair.second[i, j]
-        for i in range(len(pair.rigid)):
-            for j in range(size):
-                pair.matrix[i, j] += pair.rigid[i, j]
-        refactor(pair.matrix, pair.active)
-    moved = pair.moved
     for i in range(size):
         moved[0, i] = first * others[0, i] + (1.0 - first) * moved[0, i]
         moved[1, i] = second * others[1, i] + (1.0 - second) * moved[1, i]
         free[i] = pair.gap[i] + (moved[0, i] + moved[1, i])
-    last = pair.active.room[3]
-    for i in range(len(pair.rigid)):
-        last[i] = force[i]
-    left = complement(pair.matrix, free, pair.active, most)
-    if left > 0 and len(pair.rigid) > 0:
-        relax(pair.matrix, free, pair.active, last)
+    return changed
+
+
+@ieee_kernel
+def end_step(pair: Pair, dt: float):
+    """Move both bodies by the forces `pair.active.force`; fills the gaps `pair.opening`, and counts the energy."""
+    first, second, moved, force = take(pair, 0, dt), take(pair, 1, dt), pair.moved, pair.active.force
+    size, past = len(pair.free), pair.past[0]
     for k in range(pair.active.tally[0].active):
         j = pair.active.order[k]
         one, other = first * force[j], second * force[j]
         for i in range(size):
             moved[0, i] += one * pair.first[j, i]
             moved[1, i] += other * pair.second[j, i]
-        for i in range(len(pair.rigid)):
-            pair.gap[i] += force[j] * pair.rigid[j, i]
     work = 0.0
     for i in range(size):
         opening = pair.gap[i] + (moved[0, i] + moved[1, i])
@@ -143,25 +134,43 @@ def step_pair(pair: Pair, others: Matrix, dt: float, most: int):
         past.generated += work
     else:
         past.dissipated -= work
+
+
+@ieee_kernel
+def step_pair(pair: Pair, others: Matrix, dt: float, most: int):
+    """A step: fills the forces `pair.active.force` [N] (m) and the gaps `pair.opening`. Returns the number of
+    candidates that pull or overlap and are left for the next step.
+
+    others, dt  of `begin_step`
+    most        most changes of candidates in this step
+    """
+    if begin_step(pair, others, dt):
+        refactor(pair.matrix, pair.active)
+    left = complement(pair.matrix, pair.free, pair.active, most)
+    end_step(pair, dt)
     return left
 
 
 @ieee_kernel
 def responses(
-    pair: Pair, body: int, opened: Matrix, pressed: Matrix, forces: Array, dt: float, along: Tensor, out: Matrix
-):
+    pair: Pair, active: ActiveSet, begin: int, body: int, opened: Matrix, pressed: Matrix, forces: Array, dt: float,
+    along: Tensor, out: Matrix,
+):  # fmt: skip
     """Fill `out` [m/N] (f,f), y_ij: by how much the contact lifts the patch of finger i on a body per newton of j.
 
+    active, begin  the candidates of a problem, of which those of the pair begin there (`coupled`)
     opened, pressed [m] (f,m)  opening of the candidates by the load of each finger alone, and by its normal part
     forces [N] (f)  normal forces; a finger of less than `LEAST_FORCE` has no response
-    along  (2,f,m)  workspace
+    along  (2,f,.)  workspace, as long as the problem
     """
-    count, active = pair.active.tally[0].active, pair.active
+    count, size = active.tally[0].active, len(pair.free)
     for a in range(len(out)):
         scale = take(pair, body, dt) / forces[a] if forces[a] > LEAST_FORCE else 0.0
         for k in range(count):
-            along[0, a, k] = scale * pressed[a, active.order[k]]
-            along[1, a, k] = scale * opened[a, active.order[k]]
+            i = active.order[k] - begin
+            inside = 0 <= i < size
+            along[0, a, k] = scale * pressed[a, i] if inside else 0.0
+            along[1, a, k] = scale * opened[a, i] if inside else 0.0
         solve_lower(active, along[0, a], count)
         solve_lower(active, along[1, a], count)
     for a in range(len(out)):

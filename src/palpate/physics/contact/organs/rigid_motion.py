@@ -15,59 +15,41 @@ So the force p_i h on the first and -p_i h on the second organ have the moments 
 one line: (C_1 + C_2 cancel) t_1 + t_2 = C_2 x h - C_1 x h; momentum and angular momentum are conserved, and the work
 p.dg is that of the forces, for any rotation. h is a gradient: a closed motion does no work.
 
-**A step.** Both foundations answer to the forces of a step at its end: with the motion that they expect if all forces
-stay, e_b (displacement and rotation), and their mobility A_b, the change of it per change of the forces
-(`physics.bodies.floating.mobility`), the gap at the end of the step is
-
-    g + sum_b J_b (e_b + A_b dL_b) + M (p - p'),    M = sum_b J_b B_b J_b',    J = (h, t_1), (-h, t_2)
-
-p' are the forces of the last step, dL_b is the change of the load of the fingers. So p solves the complementarity
-problem with W + M (`between.step_pair`): implicit, and no inertia is added for the contact of organs.
-
-**Several contacts on an organ** are solved one by one: each sees the forces of the others of the last step. n share
-the organ (mass splitting: R. Tonge, F. Benevolenski, A. Voroshilov, ACM Trans. Graph. 31 (2012) 105): each uses
-B = n A, for which the sum of all answers does not exceed that of the organ. But an answer n times too weak comes
-late: with the share 1 - 1/n = q of an overlap that is left after a step, the overlaps of a free mass obey
-z³ - 3 q z² + 3 q z - q = 0, with roots inside the unit circle only for n <= 2. For n > 2 the contacts therefore look
-ahead by n - 1 steps: e and A times n - 1. Eigenvalues of n = 1 ... 8 springs on a mass on a foundation, with fingers
-that answer a step later: at most 1 (`tests/physics/contact/test_rigid_motion.py`). n counts all contacts of an organ,
-also those that do not touch: else the answers would be too strong in the step in which one of two begins to.
+**A step.** The organs on foundations answer to the forces of a step at its end (`coupled`): with the motion that their
+foundations expect if all forces stay, e_b (displacement and rotation), and their mobility A_b, the change of it per
+change of the forces (`physics.bodies.floating.mobility`).
 """
 
 import math
 
-from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Matrix, Record, Vector3
 from palpate.physics.bodies.floating.turning import cross, turned
 
-CHANGED = 0.02  # [1] change of mobility, and [rad] of direction, from which M is computed again
-SLID = 1e-3  # [m] slide from which M is computed again
+CHANGED = 0.02  # [1] change of mobility, and [rad] of direction, from which a matrix with it is computed again
+SLID = 1e-3  # [m] slide from which it is computed again
 
 RIDE = {
-    "at": (3,), "turn": (3,), "centre": (3,), "matrix": (3, 3), "floats": bool,
-    "ahead": (6,), "soft": (6, 3), "mobility": (6, 3), "shares": (), "load": (6,),
-    "built": (6, 3), "built_turn": (3,), "built_at": (3,),
+    "at": (3,), "turn": (3,), "centre": (3,), "matrix": (3, 3),
+    "ahead": (6,), "soft": (6, 3), "load": (6,), "built": (6, 3), "built_turn": (3,), "built_at": (3,),
 }  # fmt: skip
-"""Rigid motion of an organ: d [m], r [rad] about c [m]; R; whether forces move it. e + A dL, B and A in steps of
-`shares` (`expect`); L [N, N m]. Of the last M: B, r and d."""
+"""Rigid motion of an organ: d [m], r [rad] about c [m]; R; whether forces move it; e + A dL, A (`expect`); L [N, N m].
+Of the last matrix: A, r and d."""
 
 
 @kernel
-def expect(ride: Record, expected: Matrix, mobility: Matrix, contacts: float, load: Array):
-    """Fill `ahead` and `soft` from what a foundation sends: e (1,6) and A (6,3); it has n = `contacts` contacts.
+def expect(ride: Record, expected: Matrix, mobility: Matrix, load: Array):
+    """Fill `ahead` and `soft` from what a foundation sends: e (1,6) and A (6,3).
 
-    load [N, N m] (6)  of the fingers in this step, about the centre of the organ
+    load [N, N m] (6)  of the fingers in this step, about the centre of the organ; dL is its change
     """
-    n = max(contacts, 1.0)
-    far = max(n - 1.0, 1.0)
     for i in range(3):
         shift = turn = 0.0
         for j in range(3):
-            ride.mobility[i, j], ride.mobility[3 + i, j] = mobility[i, j], mobility[3 + i, j]
-            ride.soft[i, j], ride.soft[3 + i, j] = far * n * mobility[i, j], far * n * mobility[3 + i, j]
+            ride.soft[i, j], ride.soft[3 + i, j] = mobility[i, j], mobility[3 + i, j]
             shift += mobility[i, j] * (load[j] - ride.load[j])
             turn += mobility[3 + i, j] * (load[3 + j] - ride.load[3 + j])
-        ride.ahead[i], ride.ahead[3 + i] = far * (expected[0, i] + shift), far * (expected[0, 3 + i] + turn)
+        ride.ahead[i], ride.ahead[3 + i] = expected[0, i] + shift, expected[0, 3 + i] + turn
     for i in range(6):
         ride.load[i] = load[i]
 
@@ -146,7 +128,7 @@ def opened(by: Array, sign: float, turns: Matrix, levers: Matrix, i: int, begin:
 
 @kernel
 def has_changed(ride: Record):
-    """Whether M of an organ must be computed again."""
+    """Whether a matrix with the mobility of an organ must be computed again."""
     turn = way = 0.0
     for half in range(2):
         most = far = 0.0
@@ -161,24 +143,13 @@ def has_changed(ride: Record):
     return turn > CHANGED or way > SLID
 
 
-@ieee_kernel
-def build(one: Record, two: Record, turns: Matrix, levers: Matrix, out: Matrix):
-    """Fill M [m/N] (m,m)."""
-    for ride in (one, two):
-        for i in range(3):
-            ride.built_turn[i], ride.built_at[i] = ride.turn[i], ride.at[i]
-            for j in range(3):
-                ride.built[i, j], ride.built[3 + i, j] = ride.soft[i, j], ride.soft[3 + i, j]
-    size = len(out)
-    for i in range(size):
-        h = (turns[i, 0], turns[i, 1], turns[i, 2])
-        t, u = (levers[i, 0], levers[i, 1], levers[i, 2]), (levers[i, 3], levers[i, 4], levers[i, 5])
-        p, q, r, s = apply(one.soft, h, 0), apply(one.soft, t, 3), apply(two.soft, h, 0), apply(two.soft, u, 3)
-        for j in range(i + 1):
-            g, b = turns[j], levers[j]
-            first = (p[0] * g[0] + p[1] * g[1] + p[2] * g[2]) + (q[0] * b[0] + q[1] * b[1] + q[2] * b[2])
-            second = (r[0] * g[0] + r[1] * g[1] + r[2] * g[2]) + (s[0] * b[3] + s[1] * b[4] + s[2] * b[5])
-            out[i, j] = out[j, i] = first + second
+@kernel
+def keep_built(ride: Record):
+    """Keep the place and the mobility for which a matrix is computed."""
+    for i in range(3):
+        ride.built_turn[i], ride.built_at[i] = ride.turn[i], ride.at[i]
+        for j in range(3):
+            ride.built[i, j], ride.built[3 + i, j] = ride.soft[i, j], ride.soft[3 + i, j]
 
 
 @kernel
@@ -222,7 +193,7 @@ def at_start(one: Record, two: Record, x: Vector3):
 
 @kernel
 def mobile_at(one: Record, two: Record, place: Vector3, out: Matrix):
-    """Fill B [m/N] (3,3) of both organs against each other at a place [m] (3) of the world, in the axes at start."""
+    """Fill the mobility [m/N] (3,3) of both organs against each other at a place [m] (3), in the axes at start."""
     for j in range(3):
         force = in_world(one, two, (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0))
         x, y = yields_at(one, force, place), yields_at(two, force, place)
@@ -232,7 +203,7 @@ def mobile_at(one: Record, two: Record, place: Vector3, out: Matrix):
 
 @kernel
 def yields_at(ride: Record, force: Vector3, place: Vector3):
-    """Displacement [m] (3) of an organ by a force [N] (3) at a place [m] (3), with B."""
+    """Displacement [m] (3) of an organ by a force [N] (3) at a place [m] (3)."""
     shift, turn = apply(ride.soft, force, 0), apply(ride.soft, torque_at(ride, force, place), 3)
     c, d = ride.centre, ride.at
     about = cross(turn, (place[0] - c[0] - d[0], place[1] - c[1] - d[1], place[2] - c[2] - d[2]))

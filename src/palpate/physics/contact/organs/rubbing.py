@@ -57,7 +57,9 @@ class Rubbing(NamedTuple):
     force   [N] (m,3)          friction on the first body at each candidate
     touched (m)                whether a candidate touched in the last step
     bristle [m] (3) z;  total [N] (3) F;  speed [m/s] (3) v
-    mobile  [m/N] (3,3)        B of rigid motions of both bodies, with `carried` that for F of the last step
+    mobile  [m/N] (3,3)        mobility of both organs on their foundations, with `carried` that for F of the last step;
+                               (0,0): they do not move by their contact
+    answer  [N] (3)            F of `solve_rubbing`
     matrix, given              workspaces
     """
 
@@ -74,6 +76,7 @@ class Rubbing(NamedTuple):
     total: Annotated[np.ndarray, "<f8", 1]
     speed: Annotated[np.ndarray, "<f8", 1]
     mobile: Annotated[np.ndarray, "<f8", 2]
+    answer: Annotated[np.ndarray, "<f8", 1]
     matrix: Annotated[np.ndarray, "<f8", 3]
     given: Annotated[np.ndarray, "<f8", 3]
     law: Annotated[np.ndarray, LAW_TYPE, 1]
@@ -90,20 +93,20 @@ def rubbing(
     return Rubbing(
         np.ascontiguousarray(tangents), np.ascontiguousarray(first), np.ascontiguousarray(second),
         np.zeros((2, 2 * size)), np.zeros((2, 2 * size)), np.zeros((2, 2 * size)), np.zeros(3), np.zeros((size, 3)),
-        np.zeros(size, np.int64), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((0, 0)), np.zeros((3, 3, 3)),
+        np.zeros(size, np.int64), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((0, 0)), np.zeros(3),
+        np.zeros((3, 3, 3)),
         np.zeros((2, 3, 4)), law, np.zeros(1, BALANCE_TYPE),
     )  # fmt: skip
 
 
 @kernel
 def _drag(pair: Pair, rub: Rubbing, body: int, drags: Matrix, dt: float):
-    """Move a body's candidates along the surface by all loads but the friction of this step: by the memory of the last
+    """Place a body's candidates along the surface by all loads but the friction of this step: by the memory of the last
     step, the other loads and the normal forces."""
     share, size, active = take(pair, body, dt), len(rub.touched), pair.active
     moved, others = rub.moved[body], rub.others[body]
     for i in range(2 * size):
-        rub.before[body, i] = moved[i]
-        moved[i] = share * others[i] + (1.0 - share) * moved[i]
+        moved[i] = share * others[i] + (1.0 - share) * rub.before[body, i]
     for k in range(active.tally[0].active):
         j = active.order[k]
         row, push = drags[j], share * active.force[j]
@@ -200,22 +203,29 @@ def _part(rub: Rubbing):
     rub.touched[:] = 0
 
 
+@kernel
+def begin_rubbing(rub: Rubbing):
+    """Keep the places of the candidates at the start of the step."""
+    for body in range(2):
+        for i in range(len(rub.moved[body])):
+            rub.before[body, i] = rub.moved[body, i]
+
+
 @ieee_kernel
-def step_rubbing(pair: Pair, rub: Rubbing, dt: float):
-    """A step after the normal contact (`between.step_pair`), dt > 0 [s]: fills `rub.force`, `total`, and `speed`."""
-    active, law, balance = pair.active, rub.law[0], rub.balance[0]
+def solve_rubbing(pair: Pair, rub: Rubbing, dt: float):
+    """Fill `rub.answer`, F for the normal forces of the pair and the motion `rub.carried`; it may be called again with
+    others. Returns the normal force [N]; 0: the bodies do not touch."""
+    active, law = pair.active, rub.law[0]
     _drag(pair, rub, 0, rub.first, dt)
     _drag(pair, rub, 1, rub.second, dt)
     normal = 0.0
     for k in range(active.tally[0].active):
         normal += active.force[active.order[k]]
-    rub.force[:] = 0.0
+    rub.answer[:] = 0.0
     if not normal > 0.0:
-        _part(rub)
-        return
+        return 0.0
     free, film = rub.given[1, 0, :3], law.viscous * normal / dt
     _mean(pair, rub, normal, free)
-    rub.carried[:] = 0.0
     _yields(pair, rub, normal, dt)
     for x in range(len(rub.mobile)):
         for y in range(3):
@@ -224,11 +234,33 @@ def step_rubbing(pair: Pair, rub: Rubbing, dt: float):
     if film > 0.0:
         _through_film(rub, free, film)
     _solve_force(rub, free, 1.0 / law.stiffness, law.mu * normal)
-    right, work, slip, square = rub.given[0, :, 0], 0.0, 0.0, 0.0
     for x in range(3):
-        force, way = right[x], free[x]
-        for y in range(3):
-            way -= rub.matrix[0, x, y] * right[y]
+        rub.answer[x] = rub.given[0, x, 0] + film * _way(rub, free, x)
+    return normal
+
+
+@kernel
+def _way(rub: Rubbing, free: Array, x: int):
+    """Motion [m] of the patch along an axis."""
+    way = free[x]
+    for y in range(3):
+        way -= rub.matrix[0, x, y] * rub.given[0, y, 0]
+    return way
+
+
+@ieee_kernel
+def end_rubbing(pair: Pair, rub: Rubbing, normal: float, dt: float):
+    """After `solve_rubbing`, which returned `normal`: fills `rub.force`, `total`, and `speed`."""
+    law, balance = rub.law[0], rub.balance[0]
+    rub.force[:] = 0.0
+    if not normal > 0.0:
+        _part(rub)
+        return
+    free, film = rub.given[1, 0, :3], law.viscous * normal / dt
+    rub.carried[:] = 0.0
+    work, slip, square = 0.0, 0.0, 0.0
+    for x in range(3):
+        force, way = rub.given[0, x, 0], _way(rub, free, x)
         before, held = rub.bristle[x], force / law.stiffness
         work += force * way + film * way * way - 0.5 * (force * held - law.stiffness * before * before)
         slip += (way - (held - before)) ** 2
@@ -238,6 +270,30 @@ def step_rubbing(pair: Pair, rub: Rubbing, dt: float):
     balance.stored = 0.5 * square / law.stiffness
     balance.slipped += np.sqrt(slip)
     _spread(pair, rub, normal, dt)
+
+
+@ieee_kernel
+def step_rubbing(pair: Pair, rub: Rubbing, dt: float):
+    """A step after the normal contact (`between.step_pair`), dt > 0 [s]: fills `rub.force`, `total`, and `speed`."""
+    begin_rubbing(rub)
+    end_rubbing(pair, rub, solve_rubbing(pair, rub, dt), dt)
+
+
+@kernel
+def pull_of(pair: Pair, rub: Rubbing, total: float, out: Array):
+    """Fill `out` [N] (3): sum of the forces on the first body that `answer` will be spread to, on the tangents of the
+    candidates; total [N] > 0 of their normal forces."""
+    active = pair.active
+    out[:] = 0.0
+    for k in range(active.tally[0].active):
+        j = active.order[k]
+        weight = active.force[j] / total
+        for a in range(2):
+            along = 0.0
+            for x in range(3):
+                along += weight * rub.answer[x] * rub.tangents[a, j, x]
+            for x in range(3):
+                out[x] -= along * rub.tangents[a, j, x]
 
 
 @kernel

@@ -1,0 +1,106 @@
+"""All contacts of organs that share organs on foundations, in one problem: none answers to another a step later.
+
+Organ b moves in a step by
+
+    x_b = e_b + A_b (dL_b + sum_k J_kb' (p_k - p_k') + dR_b)
+
+e_b is the motion that its foundation expects if all forces stay, A_b its mobility, dL_b the change of the load of the
+fingers, J_kb the derivatives of the gaps of contact k (`rigid_motion`), p_k its forces, p_k' those of the last step,
+and dR_b the change of the friction of all contacts. The gaps at the end of the step are
+
+    w_k = g_k + u_k1 + u_k2 + J_k1 x_1 + J_k2 x_2 = ... + W_k p_k + sum_l J_k A J_l' p_l
+
+so that all p solve one linear complementarity problem with the symmetric matrix W + J A J' (`pivoting`).
+
+**Energy.** With the implicit step of the foundations (`bodies.floating.foundation`) and of the bodies (`between`), the
+energy of organs, foundations and bodies rises by at most the work of the fingers and sum_k p_k.(w_k - w_k'), w' the
+gaps at the start. p.w = 0, p >= 0, and w' >= 0, since every step ends without overlap: it never rises, for any masses,
+stiffness and step. That holds where A_b is the change of the motion of the organ, as of attached organs; a loose one
+that leaves its foundation, or lands, within a step may move otherwise: then w' is not as expected, and what the contact
+gives is counted.
+
+**Friction** of contact k moves all organs, and so the gaps and the friction of the others. Normal forces and frictions
+are solved in turn until both change by less than `SETTLED`, at most `SWEEPS` times. The matrix is that of a place and a
+mobility a little earlier (`rigid_motion.has_changed`): each turn also removes what is left of the gaps by that.
+
+J. J. Moreau, in: Nonsmooth Mechanics and Applications (Springer 1988) 1-82. D. E. Stewart, J. C. Trinkle, Int. J.
+Numer. Methods Eng. 39 (1996) 2673-2691: implicit steps of rigid bodies as one complementarity problem.
+"""
+
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Matrix, Record, Vector3
+from palpate.physics.contact.organs.rigid_motion import apply, opened
+
+SWEEPS = 20  # most solutions of the normal forces in a step
+SETTLED = 1e-9  # [m] of the gaps that bear, and [1] of the friction over the normal force
+
+ORGAN = {"free": (6,), "pushed": (6,), "rubbed": (6,), "moved": (6,)}
+"""Motion of an organ [m, rad] without the normal forces of this step; by these; by the change of friction; in all."""
+
+
+@kernel
+def clear_wrench(wrench: Array):
+    """Set a force and moment to zero."""
+    for i in range(6):
+        wrench[i] = 0.0
+
+
+@kernel
+def add_push(wrench: Array, force: float, turns: Matrix, levers: Matrix, i: int, side: int):
+    """Add J_i' p_i of candidate i, force and moment [N, N m] (6) on an organ; side 0: the first, 1: the second."""
+    sign = force if side == 0 else -force
+    for x in range(3):
+        wrench[x] += sign * turns[i, x]
+        wrench[3 + x] += force * levers[i, 3 * side + x]
+
+
+@kernel
+def add_motion(ride: Record, wrench: Array, share: float, out: Array):
+    """Add to `out` [m, rad] (6) the motion of an organ by `share` times a force and moment (6): A L."""
+    shift = apply(ride.soft, (wrench[0], wrench[1], wrench[2]), 0)
+    about = apply(ride.soft, (wrench[3], wrench[4], wrench[5]), 3)
+    for x in range(3):
+        out[x] += share * shift[x]
+        out[3 + x] += share * about[x]
+
+
+@kernel
+def opening_of(one: Array, two: Array, turns: Matrix, levers: Matrix, i: int):
+    """J_1 x_1 + J_2 x_2 [m] of candidate i by motions of both organs (6)."""
+    return opened(one, 1.0, turns, levers, i, 0) + opened(two, -1.0, turns, levers, i, 3)
+
+
+@kernel
+def _rows(soft: Matrix, side: int, turns: Matrix, levers: Matrix, i: int):
+    """A_b J_i' of candidate i: two vectors (3)."""
+    sign = 1.0 if side == 0 else -1.0
+    shift: Vector3 = (sign * turns[i, 0], sign * turns[i, 1], sign * turns[i, 2])
+    about: Vector3 = (levers[i, 3 * side], levers[i, 3 * side + 1], levers[i, 3 * side + 2])
+    return apply(soft, shift, 0), apply(soft, about, 3)
+
+
+@ieee_kernel
+def add_block(
+    soft: Matrix, side: int, turns: Matrix, levers: Matrix, other: int, turns_2: Matrix, levers_2: Matrix, out: Matrix,
+    row: int, column: int,
+):  # fmt: skip
+    """Add J A J' [m/N] of an organ, which is the `side` of one contact and the side `other` of a second one, to the
+    block of a matrix that begins at `row` and `column`."""
+    sign = 1.0 if other == 0 else -1.0
+    for i in range(len(turns)):
+        p, q = _rows(soft, side, turns, levers, i)
+        at = out[row + i]
+        for j in range(len(turns_2)):
+            h = p[0] * turns_2[j, 0] + p[1] * turns_2[j, 1] + p[2] * turns_2[j, 2]
+            k = 3 * other
+            t = q[0] * levers_2[j, k] + q[1] * levers_2[j, k + 1] + q[2] * levers_2[j, k + 2]
+            at[column + j] += sign * h + t
+
+
+@ieee_kernel
+def take_forces(matrix: Matrix, order: Array, count: int, force: Array, out: Array):
+    """Subtract the matrix times the forces of the first `count` candidates in `order` from `out` [m]."""
+    for k in range(count):
+        row, value = matrix[order[k]], force[order[k]]
+        for i in range(len(out)):
+            out[i] -= row[i] * value
