@@ -28,9 +28,8 @@ from palpate.nodes.contact.between import (
 from palpate.nodes.contact.coupled_step import active_of, begin, finish, repeat_loads, solve
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
+from palpate.physics.contact.organs.coupled import MOST_CONTACTS
 from palpate.physics.contact.organs.pivoting import ActiveSet, active_set
-
-MOST_CONTACTS = 8  # that a node solves together
 
 
 class Coupled(Between):

@@ -2,7 +2,7 @@
 solves them all together, and gets the loads of fingers and the motions of all these organs."""
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from palpate.engine.faults import Faults, Location
@@ -12,14 +12,14 @@ from palpate.messages import Load
 from palpate.messages.contact import SIDES, OrganContact
 from palpate.messages.record import ROOM
 from palpate.nodes.base import outputs
+from palpate.physics.contact.organs.coupled import MOST_CONTACTS
 
 USES = ("contact.Between", "contact.Coupled")
 """The contact that a graph names, and the one in its place."""
-MOST = 8  # contacts of an island (`nodes.contact.coupled`)
 OF_ISLAND = ("bodies", "friction", "viscous", "bristle_stiffness", "reach", "cells", "first_organs", "second_organs")
 
 
-def islands_of(contacts: dict[str, Sequence[str]], floating: Iterable[str]) -> list[list[str]]:
+def islands_of(contacts: Mapping[str, Sequence[str]], floating: Iterable[str]) -> list[list[str]]:
     """Groups of contacts, each with its two bodies, that share bodies that forces move (`floating`)."""
     left, groups, free = list(contacts), list[list[str]](), set(floating)
     while left:
@@ -35,7 +35,7 @@ def islands_of(contacts: dict[str, Sequence[str]], floating: Iterable[str]) -> l
 
 def check_size(island: list[str], loads: list[Any], place: Location, faults: Faults) -> None:
     """A fault for too many contacts, or loads of fingers, of organs on foundations that touch each other."""
-    for found, most, what in ((len(island), MOST, "contacts"), (len(loads), ROOM, "loads of fingers")):
+    for found, most, what in ((len(island), MOST_CONTACTS, "contacts"), (len(loads), ROOM, "loads of fingers")):
         if found > most:
             faults.add(
                 f"{found} {what} of organs on foundations that touch each other are solved together, expected at most "

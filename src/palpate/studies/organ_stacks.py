@@ -39,7 +39,7 @@ class Row:
         pairs = [(i, i + 1) for i in range(len(bodies) - 1)]
         if exchanged:
             pairs = [(j, i) for i, j in pairs]
-        island = [
+        island: list[dict[str, Any]] = [
             {
                 "settings": {"bodies": json.dumps([bodies[k] for k in pair]), "friction": friction, "cells": 100},
                 "loads": [[], []], "bodies": pair, "supports": pair,
