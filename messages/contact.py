@@ -11,6 +11,7 @@ from palpate.messages.fields import Bound
 UNIT_VECTOR = Bound(1.001, "a unit vector")
 COMPLIANCE = Bound(1e3, "a body of 1 mN/m")
 SIDES = "first", "second"  # the bodies of an `OrganContact`
+MOST_CONTACTS = 16  # of organs that are solved together
 NO_TORQUES = np.zeros((0, 3))
 NO_TORQUES.setflags(write=False)
 

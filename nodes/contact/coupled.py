@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.compiler.records import floats, form, integers, lend, longs, put
 from palpate.messages import Load
-from palpate.messages.contact import OrganContact
+from palpate.messages.contact import MOST_CONTACTS, OrganContact
 from palpate.messages.record import ROOM
 from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, InputError, Out, SettingError
@@ -28,7 +28,6 @@ from palpate.nodes.contact.between import (
 from palpate.nodes.contact.coupled_step import active_of, begin, finish, repeat_loads, solve
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
-from palpate.physics.contact.organs.coupled import MOST_CONTACTS
 from palpate.physics.contact.organs.pivoting import ActiveSet, active_set
 
 

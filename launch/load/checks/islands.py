@@ -9,10 +9,9 @@ from palpate.engine.faults import Faults, Location
 from palpate.engine.graph import NodeSpec
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Load
-from palpate.messages.contact import SIDES, OrganContact
+from palpate.messages.contact import MOST_CONTACTS, SIDES, OrganContact
 from palpate.messages.record import ROOM
 from palpate.nodes.base import outputs
-from palpate.physics.contact.organs.coupled import MOST_CONTACTS
 
 USES = ("contact.Between", "contact.Coupled")
 """The contact that a graph names, and the one in its place."""

@@ -31,7 +31,6 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Record, Vector3
 from palpate.physics.contact.organs.rigid_motion import apply, opened
 
-MOST_CONTACTS = 16  # that are solved together
 SWEEPS = 20  # most solutions of the normal forces in a step
 SETTLED = 1e-9  # [m] of the gaps that bear, and [1] of the friction over the normal force
 
