@@ -196,6 +196,19 @@ def test_a_rise_before_contact_is_fitted_and_withholds_nothing():
         assert any("the force rises before contact" in note for note in fit.notes)
 
 
+@pytest.mark.parametrize(("seed", "hardening"), [(1, 16e3), (3, 13e3), (5, 16e3)])
+def test_a_press_in_contact_from_the_first_row_is_not_taken_for_a_rise_before_contact(seed, hardening):
+    """An exponential law without a zero has the shape of an exponential rise and the law from a later touch point."""
+    depth, rng = np.linspace(-2.1e-4, 5.5e-5, 400), np.random.default_rng(seed)
+    force = 0.4 / hardening * np.expm1(hardening * (depth - depth[0]))
+    force = force + force.max() * (0.003 * rng.standard_t(3, 400) - 0.4)
+    press = prepare_press("press.csv", 8e-3 * np.arange(400), depth, force)
+    fit = fit_tissue([press], Rig("ball", 6.3e-3), "exponential")
+    found = fit.estimate.intervals["stiffness"]
+    assert any("rises before contact" in note for note in fit.notes)
+    assert fit.estimate.withheld or found.low <= 0.4 <= found.high
+
+
 def test_a_hold_at_constant_force_is_excluded_from_the_loading():
     """A force-controlled instrument ramps and holds the force, and the tissue creeps by 10 %."""
     time = np.linspace(-1.0, 8.0, 450)

@@ -227,17 +227,42 @@ def include_rise(problem: Problem, best: Estimate, chances: dict[str, float]) ->
     sizes = [better.number(f"rise, {press.name}")[0] for press in risen.presses]
     if max(map(abs, sizes)) > 100.0 * MOST_RISE:  # the begin of a law of this shape
         return problem, best, []
-    return (
-        risen,
-        better,
-        [
-            f"{press.name}: the force rises before contact, by {abs(size):.2g} % of the peak; an exponential rise was "
-            "fitted with the parameters, which widens the intervals"
-            for press in risen.presses
-            for size in [better.number(f"rise, {press.name}")[0]]
-            if press.rise
-        ],
-    )
+    notes = [
+        f"{press.name}: the force rises before contact, by {abs(size):.2g} % of the peak; an exponential rise was "
+        "fitted with the parameters, which widens the intervals"
+        for press in risen.presses
+        for size in [better.number(f"rise, {press.name}")[0]]
+        if press.rise
+    ]
+    return risen, better, notes + _allow_for_contact(risen, better)
+
+
+def _allow_for_contact(risen: Problem, better: Estimate) -> list[str]:
+    """Widen or withhold the intervals of a fit with a rise before contact if presses that touch from the first row on
+    explain the forces as well: what looks like the rise is then the begin of the law. Returns a note."""
+    touching = [
+        replace(press, touch=float(press.depth.min()), slack=float(np.ptp(press.depth)), air=False, rise=None,
+                drifts=False)
+        for press in risen.presses
+    ]  # fmt: skip
+    other = risen.with_changes(touching)
+    if len(other.names) >= len(risen.names):
+        return []
+    free = estimate(other)
+    more, left = len(risen.names) - len(other.names), max(better.effective[0] - len(risen.names), 1.0)
+    gained = max(free.squares / better.squares - 1.0, 0.0) * left / more
+    if float(fisher.sf(gained, more, left)) < RARE:
+        return []
+    if free.is_open(risen.parameters[0]):
+        better.withhold()
+        return [
+            "the rows do not distinguish a rise before contact from a press that touches from the first row on: no "
+            "interval is given. Record rows before contact"
+        ]
+    for p in risen.parameters:
+        now, its = better.intervals[p.name], free.intervals[p.name]
+        now.low, now.high = min(now.low, its.low), max(now.high, its.high)
+    return ["the press may touch from the first row on; the intervals include this"]
 
 
 def with_smooth_factor(law: Law, reach: float) -> Law:
