@@ -116,7 +116,7 @@ export function connect({ told, came }) {
   return {
     downloads: true,
     devices: Boolean(site.hid && navigator.hid),
-    ready: () => alive,
+    takes: (order) => alive || !(order.point || order.reset || order.download), // while a variant is loaded, another one or a recording
     send(order) {
       if (order.body || order.effect || order.hard || order.scene !== undefined || order.organ !== undefined || (order.reset && chosen.case)) change(order);
       else if (order.reset && halted) change({ device: false });

@@ -127,7 +127,7 @@ function tell(head) {
 // -- the pointer -----------------------------------------------------------------------------------------------
 
 function point() {
-  if (!about || about.watch || !engine.ready() || paused) return;
+  if (!about || about.watch || !engine.takes({ point: true }) || paused) return;
   const { x, y, down, depth } = hard.aim ?? { ...aim, depth: 1e-3 * Number($("press").value) };
   const hit = scene.pick(x, y);
   if (hit) aim.hit = hit;
@@ -161,7 +161,7 @@ function choose(finger) {
   if (finger >= -1 && finger < about.fingers.length && about.fingers.length > 1) { $("finger").value = finger; point(); }
 }
 
-function order(what) { if (engine.ready()) engine.send(what); }
+function order(what) { if (engine.takes(what)) engine.send(what); }
 
 function place(event) {
   const box = $("view").getBoundingClientRect();
