@@ -41,7 +41,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, StageBars(silent=given.json) as bars:
 
         def changes(name: str) -> np.ndarray:
-            return largest_change(run([on(touch, name) for touch in touches], Path(folder))[0])[0]
+            traces = run([on(touch, name) for touch in touches], Path(folder))[0]
+            if traces.failed:
+                raise SystemExit(f"slides: {given.body} on {name}: {next(iter(traces.failed.values()))}")
+            return largest_change(traces)[0]
 
         report = bars.begin("slides")
         for k, name in enumerate(given.surfaces):
