@@ -40,6 +40,8 @@ def main() -> None:
     arguments.add_argument("--cases", type=int, default=len(CASES), help="number of balls")
     arguments.add_argument("--patch", type=float, default=8.0, help="its radius [mm]")
     given = arguments.parse_args()
+    if not 1.0 <= given.patch <= 50.0:
+        arguments.error(f"--patch: found {given.patch:g} mm, expected 1 to 50")
     reach = 1e-3 * given.patch
     node = ReducedFE(surface="kidney", coarse=1200)
     surface = node.coarse_mesh()

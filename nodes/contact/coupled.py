@@ -87,10 +87,8 @@ class Coupled(Between):
         for n, load in enumerate(picks):
             table[n // 2, n % 2, : len(load)] = load
         self.hold("picks", table)
-        for name in ("supports", "bodies"):
-            self.hold(
-                {"supports": "sides", "bodies": "touched"}[name], np.array([each[name] for each in given], np.int32)
-            )
+        for name, key in (("sides", "supports"), ("touched", "bodies")):
+            self.hold(name, np.array([each[key] for each in given], np.int32))
         self.hold("starts", np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64))
         self.hold("matrix", np.zeros((size, size)))
         self.hold("gap", np.zeros(size))

@@ -33,7 +33,7 @@ RIDE = {
     "at": (3,), "turn": (3,), "centre": (3,), "matrix": (3, 3),
     "ahead": (6,), "soft": (6, 3), "load": (6,), "built": (6, 3), "built_turn": (3,), "built_at": (3,),
 }  # fmt: skip
-"""Rigid motion of an organ: d [m], r [rad] about c [m]; R; whether forces move it; e + A dL, A (`expect`); L [N, N m].
+"""Rigid motion of an organ: d [m], r [rad] about c [m]; R; e + A dL, A (`expect`); L [N, N m].
 Of the last matrix: A, r and d."""
 
 

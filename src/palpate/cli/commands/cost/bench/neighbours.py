@@ -31,6 +31,8 @@ def neighbours(
     from palpate.studies.organ_pairs import search
     from palpate.studies.organ_stacks import search_stacks
 
+    if not pairs and not stacks:
+        raise typer.BadParameter("found 0 pairs and 0 stacks, expected one of them above 0")
     found: dict[str, list[dict[str, Any]]] = {"pairs": [], "stacks": []}
     with StageBars(silent=as_json) as bars:
         for name, count in (("pairs", pairs), ("stacks", stacks)):
