@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.kernel import ieee_kernel, kernel
-from palpate.physics.arrays import Array, Matrix, Points, Vector
+from palpate.physics.arrays import Array, Indices, Matrix, Points, Vector
 from palpate.physics.special import gauss_legendre
 
 WIDTH = 0.5191
@@ -41,6 +41,7 @@ WIDTH = 0.5191
 FAR = 8.0  # [1] Parts farther from a vertex than this, over the reach, are left out
 NEAR, FINE, COARSE = 3.0, 0.25, 1.0
 """[1] Over the reach: within NEAR of a vertex, a region is a set of points FINE apart, farther away COARSE apart."""
+GROUPED = 1.5  # [1] Over the reach: sides of the cubes of points that are compared with a vertex together
 SHARPER = 0.75
 """[1] Reach of a map over the radius of the patch, for a body that averages the map over the patch, which widens it."""
 MOST_NODES, FAR_NODES = 24, 3  # of the rules in a ball, near to a vertex and far from it
@@ -85,7 +86,8 @@ def region_map(
     shares = np.zeros(len(places))
     if len(points):
         for size in (FINE, COARSE):
-            _region(places, facing, *merged(points, volumes, size * reach), size == FINE, reach, shares)
+            cubes = _cubes(*merged(points, volumes, size * reach), GROUPED * reach)
+            _region(places, facing, *cubes, size == FINE, reach, shares)
     return stiffening(shares, ratio)
 
 
@@ -95,15 +97,44 @@ def stiffening(share: np.ndarray, ratio: float) -> np.ndarray:
     return np.asarray(1.0 + part * (ratio - 1.0) / (1.0 + 0.4 * (1.0 - part) * (ratio - 1.0)))
 
 
+def _cube_of(points: np.ndarray, size: float) -> np.ndarray:
+    """Number, from 0, of the cube of the side `size` [m] in which each point (P,3) is."""
+    corner = np.floor(points / size).astype(np.int64)
+    corner -= corner.min(axis=0)
+    return np.unique(np.ravel_multi_index(tuple(corner.T), tuple(corner.max(axis=0) + 1)), return_inverse=True)[1]
+
+
 def merged(points: Points, volumes: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (Q,3) with their volumes (Q): the centroids of those in each cube of the side `size` [m]."""
     places, weights = np.asarray(points, float), np.asarray(volumes, float)
-    corner = np.floor(places / size).astype(np.int64)
-    corner -= corner.min(axis=0)
-    cells = np.unique(np.ravel_multi_index(tuple(corner.T), tuple(corner.max(axis=0) + 1)), return_inverse=True)[1]
+    cells = _cube_of(places, size)
     sums = [np.bincount(cells, weights * place) for place in places.T]
     volume = np.bincount(cells, weights)
     return np.column_stack(sums) / volume[:, None], volume
+
+
+class _Cubes(NamedTuple):
+    """Points in the order of the cubes that they are in, and balls around these.
+
+    points [m] (P,3), volumes [m³] (P);  begins (C+1)  first point of each cube
+    middles [m] (C,3), radii [m] (C)     of balls that contain the points of a cube
+    """
+
+    points: np.ndarray
+    volumes: np.ndarray
+    begins: np.ndarray
+    middles: np.ndarray
+    radii: np.ndarray
+
+
+def _cubes(points: np.ndarray, volumes: np.ndarray, size: float) -> _Cubes:
+    cells = _cube_of(points, size)
+    order = np.argsort(cells, kind="stable")
+    points, cells = np.ascontiguousarray(points[order]), cells[order]
+    begins = np.searchsorted(cells, np.arange(cells[-1] + 2)).astype(np.int64)
+    middles = np.add.reduceat(points, begins[:-1]) / np.diff(begins)[:, None]
+    away = np.sum(np.square(points - middles[cells]), axis=1)
+    return _Cubes(points, volumes[order], begins, middles, np.sqrt(np.maximum.reduceat(away, begins[:-1])))
 
 
 def _check(**given: float) -> None:
@@ -212,14 +243,19 @@ def _ball(
 
 @ieee_kernel
 def _region(
-    places: Matrix, facing: Matrix, points: Matrix, volumes: Array, fine: bool, reach: float, shares: Array
+    places: Matrix, facing: Matrix, points: Matrix, volumes: Array, begins: Indices, middles: Matrix, radii: Array,
+    fine: bool, reach: float, shares: Array,
 ):  # fmt: skip
-    """Add to the shares (V) those of points (P,3) with their volumes (P): the `fine` ones near to a vertex, the others
-    far from it."""
-    width = WIDTH * reach
+    """Add to the shares (V) those of points, as of `_Cubes`: the `fine` ones near to a vertex, the others far from
+    it."""
+    width, near, far = WIDTH * reach, NEAR * reach, FAR * reach
     for v in range(len(places)):
-        for p in range(len(points)):
-            depth, square, away = _below(places, facing, v, points[p])
-            near = away < (NEAR * reach) * (NEAR * reach)
-            if near == fine and depth > 0.0 and away < (FAR * reach) * (FAR * reach):
-                shares[v] += volumes[p] * energy_density(square, depth, width)
+        for c in range(len(radii)):
+            away = _below(places, facing, v, middles[c])[2]
+            out = (near if fine else far) + radii[c]
+            if away > out * out or (not fine and np.sqrt(away) + radii[c] < near):
+                continue
+            for p in range(begins[c], begins[c + 1]):
+                depth, square, away = _below(places, facing, v, points[p])
+                if (away < near * near) == fine and depth > 0.0 and away < far * far:
+                    shares[v] += volumes[p] * energy_density(square, depth, width)
