@@ -32,7 +32,7 @@ from palpate.launch.load.network import device_delays, unknown_delays, unlike_de
 from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.resting import restless
 from palpate.launch.load.scene import Scene, condition
-from palpate.launch.load.several.described import add_nodules, take_organs
+from palpate.launch.load.several.described import add_parts, take_organs
 from palpate.launch.load.several.lines import has_marks, repeat_lines
 from palpate.launch.load.several.reach import pairs_in_reach
 from palpate.launch.load.values.lines import BOOLEAN, fill, quantity
@@ -158,10 +158,10 @@ def _repeat_for_organs(
 ) -> tuple[list[str], dict[str, str]]:
     """Apply the overrides, those of the scene first: on it depends which lines are repeated for which organs, and which
     organs move. Notes, and why nodes of pairs out of reach do not run."""
-    organs, notes, nodules = take_organs(scene, faults)
+    organs, notes, parts = take_organs(scene, faults)
     of_scene = [change for change in changes if change.keys[0] == "scene" and len(change.keys) > 1]
     apply(of_scene, source, scene, faults)
-    notes = (*notes, *add_nodules(nodules, scene, faults))
+    notes = (*notes, *add_parts(parts, scene, faults))
     several = has_marks(source)
     pairs, apart = pairs_in_reach(organs or [], scene, faults) if several else ([], {})
     off = repeat_lines(source, organs, pairs, apart, faults)

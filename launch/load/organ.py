@@ -13,13 +13,15 @@ from palpate.launch.load.files import Override
 from palpate.launch.load.labelled.table import tissue_of
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Vector3
-from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.bone import WithBone
 from palpate.nodes.base.surface import REFINE, OnSurface, Placed, rotation_matrix, surface_mesh
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.mesh import Mesh, heights, summit
+from palpate.physics.segmentation.endings import JOIN, ON
 
 if TYPE_CHECKING:
     from palpate.engine.graph import Graph
+    from palpate.launch.load.labelled.bone import RigidBone
     from palpate.launch.load.labelled.nodule import Nodule
     from palpate.launch.load.organ_file import OrganFile
 
@@ -50,7 +52,7 @@ def place_organ(
     MeshError: a graph without a surface and a hand, a segmentation that cannot be used. SettingError: the mesh is
     unusable.
     """
-    given_as, (label, nodule) = organ.file, organ.labelled()
+    given_as, labelled = organ.file, organ.labelled()
     organ, made = organ.as_mesh()
     # Settings of the user's surface apply to the organ; the path was written for the scene's surface without them.
     unit, piece = organ.in_unit(), organ.setting
@@ -89,27 +91,33 @@ def place_organ(
         values["scene", "hand"] = scene["hand"] | _hand(path, points)
         narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""
         text += f", and the hand's path follows it{narrower}"
-    if nodule is not None:
+    if labelled.parts:
         at = _vector(turned.nodes[node.name].settings["position"] if _names(overrides, POSITION) else moved)
-        taken, more = _take_nodule(turned, nodule, Mesh(mesh.vertices + at, mesh.triangles), rotation, at)
-        values, made = values | taken, (*made, *more)
+        placed = Mesh(mesh.vertices + at, mesh.triangles)
+        for part in labelled.parts:
+            taken, more = _take_part(turned, part, placed, rotation, at)
+            values, made = values | taken, (*made, *more)
+    label = labelled.name
     if (tissue := tissue_of(label)) and not _names(overrides, "scene.tissue"):
         made = (*made, f"label {label} has the tissue of the scene; published: --set scene.tissue={tissue}")
     place = Location(f"--organ {given_as}")
     return [Override(keys, YamlSource(value, {(): place})) for keys, value in values.items()], (*made, text)
 
 
-def _take_nodule(
-    graph: Graph, nodule: Nodule, mesh: Mesh, rotation: Vector3, position: Vector3
+def _take_part(
+    graph: Graph, part: Nodule | RigidBone, mesh: Mesh, rotation: Vector3, position: Vector3
 ) -> tuple[dict[tuple[str, ...], Any], tuple[str, ...]]:
     """The settings of a nodule in an organ at this place, in the scene's part `nodule` or on the bodies that have one,
-    and notes. MeshError: none has."""
-    found, notes = nodule.settings(mesh, rotation_matrix(rotation), np.array(position))
-    if isinstance(graph.scene.get("nodule"), dict):
+    or of bone next to it, and notes. MeshError: no body has them."""
+    found, notes = part.settings(mesh, rotation_matrix(rotation), np.array(position))
+    if isinstance(graph.scene.get("nodule"), dict) and graph.scene["nodule"].keys() >= found.keys():
         return {("scene", "nodule", key): value for key, value in found.items()}, notes
-    bodies = [name for name, node in graph.nodes.items() if issubclass(node.cls, WithNodule)]
+    bodies = [name for name, node in graph.nodes.items() if issubclass(node.cls, WithBone)]
     if not bodies:
-        raise MeshError(f"--label: no body of {graph.path.stem} has a nodule; take MassSpring, or a label without `+`")
+        raise MeshError(
+            f"--label: no body of {graph.path.stem} has a nodule or bone; take MassSpring, or a label without `{JOIN}` "
+            f"and `{ON}`"
+        )
     return {(body, key): value for body in bodies for key, value in found.items()}, notes
 
 

@@ -4,6 +4,7 @@ organ: liver.stl                                  # relative to the file with th
 organ: {file: liver.stl, unit: mm, piece: 2}
 organ: {file: seg.nii.gz, label: liver}           # a label of a segmentation: its number or its name
 organ: {file: seg.nii.gz, label: liver+tumour}    # the second one is a nodule inside of the first
+organ: {file: seg.nii.gz, label: liver/rib_left_9}   # the second one is rigid bone next to the first
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from palpate.engine.faults import NOWHERE, Fault, GraphError, Location, choices
+from palpate.launch.load.labelled.bone import RigidBone, bones_nearby
 from palpate.launch.load.labelled.nodule import Nodule
 from palpate.physics.errors import MeshError
 from palpate.physics.segmentation.endings import ending_of
@@ -24,14 +26,27 @@ ALL = "all"
 SMALL = 100_000  # [bytes] of a file that is read twice, the first time to refuse it early
 
 
+class Labelled(NamedTuple):
+    """The label of an organ as the file writes it, "" without one; the nodule and the bone that it names."""
+
+    name: str = ""
+    nodule: Nodule | None = None
+    bone: RigidBone | None = None
+
+    @property
+    def parts(self) -> list[Nodule | RigidBone]:
+        """The nodule and the bone."""
+        return [part for part in (self.nodule, self.bone) if part is not None]
+
+
 @dataclass(frozen=True)
 class OrganFile:
     """A mesh file, or a segmentation.
 
     unit   of a mesh: m, cm or mm; None: the only one in which its size is plausible
     piece  1: its largest separate piece, 2: the second largest ...; "all": every piece; None: all but small islands
-    label  of a segmentation: number or name; liver+tumour: the second is a nodule inside of the first; None: its
-           only one
+    label  of a segmentation: number or name; liver+tumour: the second is a nodule inside of the first; liver/rib: the
+           second is bone next to it; None: its only one
     """
 
     file: Path
@@ -65,16 +80,18 @@ class OrganFile:
         if self.unit is not None:
             raise MeshError(f"--unit: {self.file} is a segmentation, whose header has the unit. Leave it out")
         stored = store_surface(self.file, self.label)
-        return OrganFile(stored.path, "m", self.piece), stored.notes
+        more = bones_nearby(stored.near, str(self.file), self.label)
+        return OrganFile(stored.path, "m", self.piece), (*stored.notes, *more)
 
-    def labelled(self) -> tuple[str, Nodule | None]:
-        """The label as the file writes it, "" without one, and the nodule that it names. MeshError: as of `as_mesh`."""
+    def labelled(self) -> Labelled:
+        """What the label names. MeshError: as of `as_mesh`."""
         if not ending_of(self.file):
-            return "", None
+            return Labelled()
         from palpate.physics.segmentation.stored import store_surface
 
         stored = store_surface(self.file, self.label)
-        return stored.organ, stored.inside and Nodule(stored.inside, stored.organ, str(self.file))
+        nodule = stored.inside and Nodule(stored.inside, stored.organ, str(self.file))
+        return Labelled(stored.organ, nodule, stored.bone and RigidBone(stored.bone, stored.organ, str(self.file)))
 
     @property
     def setting(self) -> int:

@@ -6,10 +6,10 @@ import numpy as np
 
 from palpate.compiler.records import floats, integers, lend, nth, vector
 from palpate.messages import Load, Surface
+from palpate.nodes.base.bone import WithBone
 from palpate.nodes.base.compiled import TABLE, CompiledNode
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.node import Node, SettingError, inputs
-from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.mass_spring import normal_force
 
 SEVERAL = {"laws": TABLE, "slopes": TABLE, "coupling": TABLE}
@@ -69,7 +69,7 @@ def unknown_vertex(load, count):
     return False
 
 
-class MeshBody(CompiledNode, WithNodule):
+class MeshBody(CompiledNode, WithBone):
     """A body that takes loads on the vertices of its mesh, and has no fault but `NO_VERTEX`."""
 
     def explain(self, fault: int, *messages: Sequence[Load]) -> Exception:

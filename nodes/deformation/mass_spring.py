@@ -146,7 +146,9 @@ class MassSpring(MeshBody):
             self._notes.append("MassSpring: its force law K s^n stays; scene.surface.area changes only its surface")
         mapped = self.stiffness_map == "basis"
         self._hardness = (
-            self.hardness() if self.nodule_radius > 0.0 or mapped or self.measured_map or self.map_factors else None
+            self.hardness()
+            if self.nodule_radius > 0.0 or self.bone_shape or mapped or self.measured_map or self.map_factors
+            else None
         )
         if self._hardness is not None:
             self.hold("hard", self._hardness)
@@ -168,8 +170,8 @@ class MassSpring(MeshBody):
             self._reference().basis()
 
     def hardness(self) -> np.ndarray:
-        """Factor [1] (V) on K of each surface vertex, of nodule and maps. SettingError: no basis is stored, or the file
-        cannot be used."""
+        """Factor [1] (V) on K of each surface vertex, of nodule, bone and maps. SettingError: no basis is stored, or a
+        file cannot be used."""
         factor = super().hardness()
         if self.measured_map:
             factor = factor * measured_factor(self.measured_map, self.mesh().vertices, self.map_factors)

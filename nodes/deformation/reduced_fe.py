@@ -37,10 +37,10 @@ from palpate.physics.geometry.mesh import Mesh
 
 BUILT_FROM = (
     "model", "modes", "surface", "file_unit", "piece", "poisson", "bed", "walls", "coarse", "capsule_thickness",
-    "capsule_ratio",
+    "capsule_ratio", "bone_shape",
 )  # fmt: skip
 """Settings that the basis depends on."""
-LAYERED = ("poisson", "bed", "coarse", "capsule_thickness", "nodule_radius")
+LAYERED = ("poisson", "bed", "coarse", "capsule_thickness", "nodule_radius", "bone_shape")
 """Settings of a homogeneous organ, which the stored layers of the fingertip replace."""
 NODULE = ("vertices", "position", "rotation", "nodule_position", "nodule_depth", "nodule_radius", "nodule_ratio",
           "nodule_shape")  # fmt: skip
@@ -329,6 +329,8 @@ class ReducedFE(MeshBody):
                 inputs |= {"nodule": [basis_store.start_key(*self.region()), self.nodule_ratio]}
             elif self.nodule_radius > 0:
                 inputs |= {"nodule": [*self.nodule_centre(), self.nodule_radius, self.nodule_ratio]}
+            if self.bone_shape:
+                inputs |= {"bone": basis_store.start_key(*self.bone())}
             if self.capsule_thickness > 0:
                 inputs |= {"capsule": [self.capsule_thickness, self.capsule_ratio]}
         return inputs

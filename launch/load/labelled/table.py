@@ -38,6 +38,11 @@ def tissue_of(name: str) -> str | None:
     return next((str(tissue) for word, tissue in _table()["labels"].items() if word in words), None)
 
 
+def is_bone(name: str) -> bool:
+    """Whether a label is one of bone."""
+    return any(line.get("bone", False) and set(_words(name)) & set(line["words"]) for line in _table()["inside"])
+
+
 def ratio_of(name: str, organ: str) -> Ratio | None:
     """The ratio of a label inside of an organ; None: it is not in the table."""
     for line in _table()["inside"]:

@@ -4,25 +4,26 @@ organs:
   - {name: liver, file: liver.stl, unit: mm, position: [0, 0, 0.128], tissue: liver-human}
   - {name: kidney, file: seg.nii.gz, label: 2}       # labels of one segmentation keep their places
   - {file: seg.nii.gz, label: prostate+tumour}       # the second label is a nodule inside of the first
+  - {file: seg.nii.gz, label: liver/rib_left_9}      # the second label is rigid bone next to the first
   - {surface: sphere, name: ball, position: [0, 0, 0.084], tissue: {young: 40 kPa}}
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from typing import Any
 
 from palpate.engine.faults import Fault, Faults, GraphError, choices
+from palpate.launch.load.labelled.bone import RigidBone
 from palpate.launch.load.labelled.nodule import Nodule
 from palpate.launch.load.labelled.table import tissue_of
-from palpate.launch.load.organ_file import organ_of
+from palpate.launch.load.organ_file import Labelled, organ_of
 from palpate.launch.load.several.reach import placed_mesh
 from palpate.launch.load.tissues import fill_in
 from palpate.launch.load.values.source import YamlSource, merge
 from palpate.messages.wording import written
 from palpate.physics.errors import PalpateError
-from palpate.physics.segmentation.endings import JOIN
+from palpate.physics.segmentation.endings import JOIN, ON
 
 ORGANS = "organs"  # key of a scene
 FILE = ("file", "unit", "piece", "label")
@@ -30,11 +31,13 @@ PLACE = ("position", "rotation", "vertices", "refine")
 KEYS = ("name", "surface", *FILE, *PLACE, "tissue")
 MOST = 16
 
+Parts = dict[str, list[Nodule | RigidBone]]
 
-def take_organs(scene: YamlSource, faults: Faults) -> tuple[list[str] | None, tuple[str, ...], dict[str, Nodule]]:
+
+def take_organs(scene: YamlSource, faults: Faults) -> tuple[list[str] | None, tuple[str, ...], Parts]:
     """Replace the list of organs in a scene by a part for each, named like the organ, with its `surface`, over that of
     the scene, and its `tissue`, without one that of the scene. Returns the names in the order of the list, None without
-    a list, what was changed for segmentations, and the nodules of organs by their names.
+    a list, what was changed for segmentations, and nodules and bone of organs by their names.
 
     A fault for each entry that cannot be used.
     """
@@ -50,28 +53,28 @@ def take_organs(scene: YamlSource, faults: Faults) -> tuple[list[str] | None, tu
     del scene.data[ORGANS]
     names: list[str] = []
     notes: list[str] = []
-    nodules: dict[str, Nodule] = {}
+    parts: Parts = {}
     for entry in entries:
         read = faults.keep(_read, entry, scene, names)
         if read is not None:
-            name, part, made, nodule = read
+            name, part, made, found = read
             scene.put((name,), part)
-            nodules |= {} if nodule is None else {name: nodule}
+            parts[name] = found
             names.append(name)
             notes += made
-    return names, tuple(notes), nodules
+    return names, tuple(notes), parts
 
 
-def add_nodules(nodules: Mapping[str, Nodule], scene: YamlSource, faults: Faults) -> tuple[str, ...]:
-    """Put the nodules of organs into their tissues, where these do not set them, at the places that the organs have
-    now. Returns notes; a fault for each nodule that cannot be in its organ."""
+def add_parts(parts: Parts, scene: YamlSource, faults: Faults) -> tuple[str, ...]:
+    """Put nodules and bone of organs into their tissues, where these do not set them, at the places that the organs
+    have now. Returns notes; a fault for each nodule that cannot be in its organ."""
     notes: list[str] = []
-    for name, nodule in nodules.items():
+    for name, part in [(name, part) for name, found in parts.items() for part in found]:
         mesh, rotation, position = placed_mesh(scene.data[name].get("surface"))
         if mesh is None:
             continue  # the nodes report why
         try:
-            found, more = nodule.settings(mesh, rotation, position)
+            found, more = part.settings(mesh, rotation, position)
         except PalpateError as error:
             faults.add(f"organs: {error}", "", scene.place(name))
             continue
@@ -90,8 +93,8 @@ def _places(scene: YamlSource, number: int) -> dict[tuple[Any, ...], Any]:
 
 def _read(
     entry: YamlSource, scene: YamlSource, names: list[str]
-) -> tuple[str, YamlSource, tuple[str, ...], Nodule | None]:
-    """Name, part of the scene, notes and nodule of one organ. GraphError: it cannot be used."""
+) -> tuple[str, YamlSource, tuple[str, ...], list[Nodule | RigidBone]]:
+    """Name, part of the scene, notes, and nodule and bone of one organ. GraphError: it cannot be used."""
     data, place = entry.data, entry.place()
     if not isinstance(data, dict):
         raise GraphError([Fault(f"organs: found {written(data)}, expected {{file: liver.stl, unit: mm}}", "", place)])
@@ -102,13 +105,13 @@ def _read(
         raise GraphError([Fault("organs: expected either `file` or `surface` of each organ", "", place)])
     surface: dict[str, Any] = {"spacing": 0}  # a contact of organs needs all vertices
     notes: tuple[str, ...] = ()
-    nodule, label, stem = None, "", data.get("surface")
+    labelled, stem = Labelled(), data.get("surface")
     if "file" in data:
         organ = organ_of({key: data[key] for key in FILE if key in data}, entry.place("file"))
-        stem = str(data.get("label") or organ.stem).split(JOIN)[0].strip()
+        stem = str(data.get("label") or organ.stem).split(ON)[0].split(JOIN)[0].strip()
         try:
             organ.check()
-            label, nodule = organ.labelled()
+            labelled = organ.labelled()
             organ, notes = organ.as_mesh()
             surface |= {"surface": str(organ.file.absolute()), "file_unit": organ.in_unit(), "piece": organ.setting}
         except PalpateError as error:
@@ -123,9 +126,9 @@ def _read(
         what = "an organ" if name in names else "a part of the scene"
         raise GraphError([Fault(f"organs: {what} has the name {name!r}", "Give it another `name`.", place)])
     surface |= {key: data[key] for key in PLACE if key in data}
-    if "tissue" not in data and (tissue := tissue_of(label)):
+    if "tissue" not in data and (tissue := tissue_of(labelled.name)):
         entry.put(("tissue",), YamlSource(tissue, {(): place}))
-        notes = (*notes, f"organs: {name} has the tissue {tissue}, for its label {label}; `tissue:` changes it")
+        notes = (*notes, f"organs: {name} has the tissue {tissue}, for its label {labelled.name}; `tissue:` changes it")
     fill_in(entry, "tissue")
     part = YamlSource({}, {(): place})
     part.put(("surface",), YamlSource(surface, {(): place} | {(key,): entry.place(key) for key in surface}))
@@ -135,4 +138,4 @@ def _read(
     if not isinstance(part.data["tissue"], dict):
         text = f"organs: found the tissue {written(data.get('tissue'))} of {name}, expected a name or a mapping"
         raise GraphError([Fault(text, "`tissue: liver-human`, or {young: 19 kPa}", entry.place("tissue"))])
-    return name, part, notes, nodule
+    return name, part, notes, labelled.parts

@@ -153,7 +153,7 @@ def test_a_label_that_is_no_sphere_keeps_its_voxels(folder):
     far = tumour - [12, 0, 0]
     voxels[tuple(far[: len(far) // 2].T)] = 2
     write_nifti(folder / "seg.nii.gz", voxels, affine)
-    _, nodule = organ_of({"file": "seg.nii.gz", "label": "1+2"}).labelled()
+    nodule = organ_of({"file": "seg.nii.gz", "label": "1+2"}).labelled().nodule
     assert nodule.sphere.notes[0].startswith("2 separate parts, the largest 67%: each keeps its voxels")
     mesh = organ_mesh("seg.nii.gz")
     found, (text, *_) = nodule.settings(mesh, np.eye(3), np.zeros(3))
@@ -161,7 +161,7 @@ def test_a_label_that_is_no_sphere_keeps_its_voxels(folder):
     voxels[voxels == 2] = 1
     voxels[np.linalg.norm((points - AT) / (12.0, 6.0, 6.0), axis=-1) < 1.0] = 2
     write_nifti(folder / "long.nii.gz", voxels, affine)
-    _, nodule = organ_of({"file": "long.nii.gz", "label": "1+2"}).labelled()
+    nodule = organ_of({"file": "long.nii.gz", "label": "1+2"}).labelled().nodule
     found = re.search(r"about ([\d.]+) x ([\d.]+) x ([\d.]+) mm, no sphere", " ".join(nodule.sphere.notes))
     assert found and np.allclose([float(side) for side in found.groups()], [24, 12, 12], atol=1.2)
     graph, body = placed("long.nii.gz")
@@ -195,7 +195,7 @@ def test_bone_is_stiff_and_a_vessel_is_a_soft_cavity(folder):
 
 
 def test_a_nodule_outside_of_the_surface_is_refused(named):
-    _, nodule = organ_of({"file": "seg.seg.nrrd", "label": "1+2"}).labelled()
+    nodule = organ_of({"file": "seg.seg.nrrd", "label": "1+2"}).labelled().nodule
     with pytest.raises(MeshError, match="mm outside of the organ's surface, expected inside"):
         nodule.settings(organ_mesh("seg.seg.nrrd"), np.eye(3), np.array([0.0, 0.0, 0.05]))
 

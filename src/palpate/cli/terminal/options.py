@@ -211,8 +211,10 @@ def organ_file(
         return organ, ()
     from palpate.models.build.repair import repair_mesh
 
-    if organ.labelled()[1] is not None:
-        raise typer.BadParameter(f"--repair: found --label {label}, expected one label; a repaired mesh has no nodule")
+    if organ.labelled().parts:
+        raise typer.BadParameter(
+            f"--repair: found --label {label}, expected one label; a repaired mesh has no nodule and no bone"
+        )
     organ, made = organ.as_mesh()
     if not silent:
         write(f"repairing {file} ...", err=True)

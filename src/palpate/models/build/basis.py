@@ -141,7 +141,8 @@ def _organ(node: ReducedFE, begin: Begin, vertices: int | None = None, what: str
         nodule = Nodule(node.nodule_centre(), node.nodule_radius, node.nodule_ratio, region) if hard else Nodule()
         capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
         edge = edge_for(surface, vertices) if vertices else 0.0
-        organ = Organ(surface, node.poisson, node.bed, nodule, capsule, edge, node.near_walls())
+        bone = node.bone() if node.bone_shape else None
+        organ = Organ(surface, node.poisson, node.bed, nodule, capsule, edge, node.near_walls(), bone)
     except MeshError as error:
         raise SettingError(f"surface {node.surface!r}: {error}") from None
     _check_size(node, organ.surface)

@@ -13,3 +13,5 @@ def ending_of(path: str | Path) -> str:
 
 JOIN = "+"
 """Between two labels, `liver+tumour`: the second is inside of the first."""
+ON = "/"
+"""Between an organ and bone, `gluteus/femur+hip`: the labels of bone are next to the organ, and rigid."""

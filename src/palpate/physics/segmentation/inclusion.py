@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation, find_objects
 from scipy.ndimage import label as find_pieces
 
 from palpate.physics.errors import MeshError
-from palpate.physics.segmentation.endings import JOIN
+from palpate.physics.segmentation.endings import JOIN, ON
 from palpate.physics.segmentation.image import LabelImage, Segment, choose_label
 from palpate.physics.segmentation.region import Region
 
@@ -37,29 +37,42 @@ class Inclusion(NamedTuple):
     shape: str = ""
 
 
-def choose_organ(image: LabelImage, label: int | str | None) -> tuple[LabelImage, Segment, Segment | None]:
-    """The image, the segment of an organ, and the segment inside of it. A label with `+` is two of them, unless the
-    file has a label of this name; the voxels of the second are then also voxels of the first.
+class Chosen(NamedTuple):
+    """The segments that a label names: an organ, a part inside of it, and bone next to it; and the image, in which the
+    voxels of the part are also voxels of the organ."""
 
-    MeshError: a label is missing or not unique, or there are more than two.
+    image: LabelImage
+    organ: Segment
+    inside: Segment | None = None
+    bone: tuple[Segment, ...] = ()
+
+
+def choose_organ(image: LabelImage, label: int | str | None) -> Chosen:
+    """The segments that a label names, `organ`, `organ+inside`, `organ/bone+bone` or `organ+inside/bone`, unless the
+    file has a label of this name. MeshError: a label is missing or not unique, or there is more than one part inside.
     """
     text = str(label).strip()
-    if JOIN not in text or any(text.casefold() == each.name.casefold() for each in image.segments):
-        return image, choose_label(image, label), None
-    names = [name.strip() for name in text.split(JOIN)]
-    if len(names) > 2 or not all(names):
+    if not {JOIN, ON} & set(text) or any(text.casefold() == each.name.casefold() for each in image.segments):
+        return Chosen(image, choose_label(image, label))
+    body, on, below = text.partition(ON)
+    names, bones = ([name.strip() for name in part.split(JOIN)] for part in (body, below))
+    if len(names) > 2 or not all(names) or (on and not all(bones)) or ON in below:
         raise MeshError(
-            f"{image.file}: found the label {text!r}, expected an organ and one label inside of it, such as "
-            "liver+tumour; a body has one nodule"
+            f"{image.file}: found the label {text!r}, expected an organ and one label inside of it, as "
+            "liver+tumour, or bone next to it, as liver/rib_left_9+rib_left_10; a body has one nodule"
         )
-    organ, inside = (choose_label(image, name) for name in names)
+    organ, *parts = (choose_label(image, name) for name in names)
+    bone = tuple(choose_label(image, name) for name in bones) if on else ()
+    if not parts:
+        return Chosen(image, organ, None, bone)
+    inside = parts[0]
     if organ == inside:
         raise MeshError(f"{image.file}: found the label {text!r}, which names {organ} twice")
     layers = image.layers.copy()
     layers[organ.layer][image.mask(inside)] = organ.value
     listed = image.listed or tuple(image.segments)
     joined = LabelImage(image.file, layers, image.affine, listed, image.names, image.notes)
-    return joined, organ, inside
+    return Chosen(joined, organ, inside, bone)
 
 
 def inclusion_of(image: LabelImage, segment: Segment, organ: Segment) -> tuple[Inclusion, Region | None]:

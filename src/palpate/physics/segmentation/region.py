@@ -48,6 +48,10 @@ class Region(NamedTuple):
 
     def border_distance(self, points: Points) -> np.ndarray:
         """Distance [m] (n) of points (n,3) to the nearest face between a voxel of the label and another one."""
+        return np.asarray(np.sqrt(np.sum(np.square(self.nearest_border(points) - points), axis=1)))
+
+    def nearest_border(self, points: Points) -> np.ndarray:
+        """Middle [m] (n,3) of this face."""
         whole = np.pad(self.voxels, 1)
         middles = []
         for axis in range(3):
@@ -55,7 +59,7 @@ class Region(NamedTuple):
             low[:, axis] += 0.5
             middles.append(low)
         places = einsum("nj,ij->ni", np.concatenate(middles), self.affine[:, :3]) + self.affine[:, 3]
-        return np.asarray(nearest(tree_of(places), np.asarray(points, float))[0][:, 0])
+        return np.asarray(places[nearest(tree_of(places), np.asarray(points, float))[1][:, 0]])
 
     def save(self, path: Path) -> None:
         """Write it. OSError: it cannot be written."""

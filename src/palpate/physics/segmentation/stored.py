@@ -16,6 +16,7 @@ from palpate.physics.archive import replacing
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.mesh import write_ply
 from palpate.physics.readable import check_file
+from palpate.physics.segmentation.backing import Bone, bone_of, neighbours
 from palpate.physics.segmentation.endings import ending_of
 from palpate.physics.segmentation.inclusion import Inclusion, choose_organ, inclusion_of
 from palpate.physics.segmentation.read import read_labels
@@ -23,18 +24,20 @@ from palpate.physics.segmentation.region import read_region
 from palpate.physics.segmentation.surface import label_surface
 from palpate.physics.segmentation.voxels import MOST_FILE
 
-VERSION = 4  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
+VERSION = 5  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
 
 
 class StoredSurface(NamedTuple):
-    """A mesh file in metres, what it shows, what was changed on the way, the organ's label, and its nodule, if the
-    label names one."""
+    """A mesh file in metres, what it shows, what was changed on the way, the organ's label, its nodule and bone, if the
+    label names them, and the labels next to the organ with their distances [m]."""
 
     path: Path
     name: str
     notes: tuple[str, ...]
     organ: str = ""
     inside: Inclusion | None = None
+    bone: Bone | None = None
+    near: tuple[tuple[str, float], ...] = ()
 
 
 def store_surface(file: Path, label: int | str | None) -> StoredSurface:
@@ -44,23 +47,28 @@ def store_surface(file: Path, label: int | str | None) -> StoredSurface:
     if (stored := _read(kept, about)) is not None:
         return stored
     image = read_labels(file)
-    joined, segment, within = choose_organ(image, label)
+    joined, segment, within, bones = choose_organ(image, label)
+    bone, rigid = bone_of(joined, bones, segment) if bones else (None, None)
     made = label_surface(joined, segment)
     inside, region = (None, None) if within is None else inclusion_of(image, within, segment)
     if inside is not None and region is not None:
         inside = inside._replace(shape=str(kept.with_suffix(".npz")))
+    if bone is not None:
+        bone = bone._replace(shape=str(kept.with_suffix(".bone.npz")))
     name = f"label {segment} of {file}"
     first = (
         f"{name}: {1e6 * made.volume:.4g} cm³ of voxels of {' x '.join(f'{1e3 * side:.3g}' for side in image.spacing)} "
         f"mm, its surface encloses {made.enclosed / made.volume - 1.0:+.2%}"
     )
     notes = (first, *(f"{file}: {note}" for note in made.notes))
-    found = StoredSurface(kept, name, notes, str(segment), inside)
+    found = StoredSurface(kept, name, notes, str(segment), inside, bone, () if bones else neighbours(joined, segment))
     try:
         make_folder(kept.parent)
         write_ply(kept, made.mesh)
         if region is not None:
             region.save(kept.with_suffix(".npz"))
+        if rigid is not None:
+            rigid.save(kept.with_suffix(".bone.npz"))
         with replacing(about) as part:
             text = json.dumps({**found._asdict(), "path": None, "sha256": _hash(kept)})
             part.write_text(text, encoding="utf-8")
@@ -77,9 +85,10 @@ def _read(kept: Path, about: Path) -> StoredSurface | None:
         stored = json.loads(about.read_text(encoding="utf-8"))
         if stored["sha256"] == _hash(kept):
             inside = None if stored["inside"] is None else _inclusion(*stored["inside"])
-            return StoredSurface(
-                kept, str(stored["name"]), tuple(map(str, stored["notes"])), str(stored["organ"]), inside
-            )
+            bone = None if stored["bone"] is None else _bone(*stored["bone"])
+            near = tuple((str(name), float(away)) for name, away in stored["near"])
+            notes = tuple(map(str, stored["notes"]))
+            return StoredSurface(kept, str(stored["name"]), notes, str(stored["organ"]), inside, bone, near)
     except (OSError, ValueError, LookupError, TypeError):
         pass  # it is made again
     return None
@@ -89,10 +98,20 @@ def _inclusion(name: Any, centre: Any, radius: Any, notes: Any, shape: Any) -> I
     """ValueError, TypeError: other values than those of an inclusion, or its voxels cannot be read."""
     x, y, z = map(float, centre)
     if shape:
-        if not may_read(Path(shape)):
-            raise ValueError(f"{shape}: missing or untrusted")
-        read_region(shape)
+        _check_region(shape)
     return Inclusion(str(name), (x, y, z), float(radius), tuple(map(str, notes)), str(shape))
+
+
+def _bone(name: Any, distance: Any, shape: Any) -> Bone:
+    """ValueError, TypeError: other values than those of bone, or its voxels cannot be read."""
+    _check_region(shape)
+    return Bone(str(name), float(distance), str(shape))
+
+
+def _check_region(shape: Any) -> None:
+    if not may_read(Path(shape)):
+        raise ValueError(f"{shape}: missing or untrusted")
+    read_region(shape)
 
 
 def _hash(file: Path) -> str:

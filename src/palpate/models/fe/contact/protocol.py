@@ -81,17 +81,18 @@ class ContactPair(ABC):
 
 
 class ElasticFoundation(ContactPair):
-    """Springs of a stiffness > 0 [Pa/m] between boundary faces (F,6) and their undeformed position; one of the contacts
-    of an `fe.Solver`."""
+    """Springs of a stiffness > 0 [Pa/m], one or (F), between boundary faces (F,6) and their undeformed position; one of
+    the contacts of an `fe.Solver`."""
 
-    def __init__(self, faces: np.ndarray, stiffness: float) -> None:
-        if not stiffness > 0:
-            raise ValueError(f"elastic foundation: found {stiffness} Pa/m, expected a positive number")
+    def __init__(self, faces: np.ndarray, stiffness: float | np.ndarray) -> None:
+        if not np.all(np.asarray(stiffness) > 0):
+            raise ValueError(f"elastic foundation: found {np.min(stiffness)} Pa/m, expected a positive number")
         self.faces, self.stiffness = faces, stiffness
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         area = face_rule.areas(points, self.faces)
-        self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, face_rule.VALUES, face_rule.VALUES)
+        block = np.einsum("fq,qa,qb->fab", area, face_rule.VALUES, face_rule.VALUES)
+        self._block = np.reshape(self.stiffness, (-1, 1, 1)) * block
         self.couple(pattern)
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
@@ -101,4 +102,5 @@ class ElasticFoundation(ContactPair):
 
     def inputs(self) -> bytes:
         """All that its forces depend on."""
-        return repr(self.stiffness).encode() + np.ascontiguousarray(self.faces).tobytes()
+        stiff = self.stiffness.tobytes() if isinstance(self.stiffness, np.ndarray) else repr(self.stiffness).encode()
+        return stiff + np.ascontiguousarray(self.faces).tobytes()

@@ -24,6 +24,7 @@ FINER = 4.0
 """[1] Triangles to which a surface is decimated before it is meshed, over the triangles that are wanted: fTetWild takes
 5 times as long for 80 000 triangles as for 8 000, and the surface moves by 0.04 mm."""
 SLACK = 1.1  # [1] The distance of the boundary from the surface over the envelope, with what decimation moves it
+FACES = 0.5  # [1] least cosine between the normal of a face and the direction to the bone that it faces
 LEAST = 1e-3  # Volume of the tetrahedron from a point to a triangle, over the mean, above which the triangle is visible
 
 
@@ -248,6 +249,8 @@ class Organ:
     `edge`   [m] length of the edges to which the surface is reduced; 0: its vertices are kept where possible
     `bed`    [1/m] stiffness per area of the foundation under faces with normals towards -z, over the organ's modulus
     `walls`  [m] walls of the surface that are nearer to each other push on each other as if they touched; 0: none do
+    `bone`   rigid voxels in the organ's frame, to which faces towards them are fixed by a layer of the organ's
+             tissue as thick as their distance, if it is stiffer than the foundation
     """
 
     surface: Mesh
@@ -257,6 +260,7 @@ class Organ:
     capsule: Capsule = Capsule()  # harder surface layer
     edge: float = 0.0
     walls: float = 0.0
+    bone: Region | None = None
 
     def __post_init__(self) -> None:
         if not self.bed > 0:
@@ -304,3 +308,19 @@ class Organ:
         """Whether each face is on the foundation (F,)."""
         normal = Mesh(self.mesh.points, self.faces[:, :3]).face_vectors
         return normal[:, 2] < -0.5 * np.linalg.norm(normal, axis=1)
+
+    def resting(self) -> tuple[np.ndarray, float | np.ndarray]:
+        """Whether each face has springs (F,), and their stiffness per area over the modulus [1/m]: one, or that of each
+        of these faces."""
+        under = self.under()
+        if self.bone is None:
+            return under, self.bed
+        corners = self.mesh.points[self.faces[:, :3]]
+        away = self.bone.nearest_border(corners.mean(axis=1)) - corners.mean(axis=1)
+        normal = Mesh(self.mesh.points, self.faces[:, :3]).face_vectors
+        distance = np.linalg.norm(away, axis=1)
+        least = 0.5 * float(np.linalg.norm(self.bone.affine[:, :3], axis=0).max())
+        facing = np.einsum("fi,fi->f", away, normal) > FACES * distance * np.linalg.norm(normal, axis=1)
+        stiff = 1.0 / np.maximum(distance, least)  # nearer than half a voxel is not known
+        fixed = (facing | (distance < least)) & (stiff > self.bed)
+        return under | fixed, np.where(fixed, stiff, self.bed)[under | fixed]

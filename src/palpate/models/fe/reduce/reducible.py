@@ -59,7 +59,8 @@ class Reducible:
 
 def of_organ(organ: Organ) -> Reducible:
     def supports(young: float) -> list[ElasticFoundation | Walls]:
-        bed = ElasticFoundation(organ.faces[organ.under()], organ.bed * young)
+        on, stiff = organ.resting()
+        bed = ElasticFoundation(organ.faces[on], stiff * young)
         pairs = organ.facing
         if pairs is None:
             return [bed]

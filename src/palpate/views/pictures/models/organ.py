@@ -15,6 +15,7 @@ from palpate.physics.errors import MeshError
 from palpate.physics.geometry.felt.bridge import Felt, close_surface
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.segmentation.backing import Bone
 from palpate.physics.segmentation.endings import ending_of
 from palpate.physics.segmentation.image import LabelImage, Segment
 from palpate.physics.segmentation.inclusion import Inclusion, choose_organ
@@ -44,6 +45,7 @@ class Shown:
     thickness  [m] smallest, and its place [m] (3)
     image      the segmentation and the segment; None: the organ is a mesh file
     nodule     label inside of the organ, as a sphere; None: the label names none
+    bone       labels of bone next to it; None: the label names none
     """
 
     name: str
@@ -53,6 +55,7 @@ class Shown:
     image: tuple[LabelImage, Segment] | None
     notes: tuple[str, ...]
     nodule: Inclusion | None = None
+    bone: Bone | None = None
 
 
 def describe_organ(organ: OrganFile, width: float = WIDTH) -> Shown:
@@ -69,8 +72,9 @@ def describe_organ(organ: OrganFile, width: float = WIDTH) -> Shown:
         felt = close_surface(mesh, 0.5 * width)
     except (MeshError, ImportError) as error:
         felt, notes = None, (*notes, f"it is not known where the finger does not fit: {error}")
-    nodule = organ.labelled()[1]
-    return Shown(str(organ.file), mesh, felt, _thickness(mesh), image, notes, nodule and nodule.sphere)
+    _, nodule, bone = organ.labelled()
+    inside, rigid = nodule and nodule.sphere, bone and bone.bone
+    return Shown(str(organ.file), mesh, felt, _thickness(mesh), image, notes, inside, rigid)
 
 
 def _thickness(mesh: Mesh) -> tuple[float, np.ndarray]:
@@ -103,6 +107,8 @@ def rows(shown: Shown) -> dict[str, Any]:
         found["volume of the voxels m3"] = shown.image[0].volume(shown.image[1])
     if shown.nodule is not None:
         found |= {"nodule radius m": shown.nodule.radius, "nodule at m": list(shown.nodule.centre)}
+    if shown.bone is not None:
+        found |= {"bone": shown.bone.name, "bone distance m": shown.bone.distance}
     if shown.felt is not None:
         found |= {"bridged m2": shown.felt.area, "bridge m": shown.felt.depth, "bridge at m": shown.felt.place.tolist()}
     return found
@@ -225,5 +231,7 @@ def _text(shown: Shown, width: float) -> str:
         at = ", ".join(f"{1e3 * x:.3g}" for x in shown.nodule.centre)
         lines.append(f"nodule: label {shown.nodule.name}, radius {1e3 * shown.nodule.radius:.3g} mm, at ({at}) mm")
         lines += list(shown.nodule.notes)
+    if shown.bone is not None:
+        lines.append(f"rigid: {shown.bone.name}, {1e3 * shown.bone.distance:.2g} mm from the organ")
     lines += [note.removeprefix(f"{shown.name}: ") for note in shown.notes[1:]]
     return "\n".join(textwrap.fill(line, 62, subsequent_indent="   ") for line in lines)

@@ -18,7 +18,8 @@ def labels(
     """List the labels of a segmentation: name, volume and extent.
 
     Each can be an organ: `palpate run kidney --organ FILE --label LABEL`. With `--label liver+tumour` the tumour is a
-    nodule in the liver, and "inside" is its modulus over that of the organ.
+    nodule in the liver, and "inside" is its modulus over that of the organ; with `--label liver/rib_left_9` the rib is
+    rigid and supports the liver.
     """
     from palpate.launch.load.labelled.table import ratio_of, tissue_of
     from palpate.physics.segmentation.image import extents
