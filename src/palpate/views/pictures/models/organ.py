@@ -147,7 +147,7 @@ def _fill(out: Figure, shown: Shown, width: float) -> Figure:
             )
         axes.set(xlim=1e3 * np.array([low[across], high[across]]), ylim=1e3 * np.array([low[up], high[up]]),
                  xlabel=f"{right} [mm]", ylabel=f"{above} [mm]", aspect="equal",
-                 title=f"{seen}, through {1e3 * middle[axis]:.3g} mm".lstrip(", "))  # fmt: skip
+                 title=f"{seen}, through {1e3 * middle[axis]:.1f} mm".lstrip(", "))  # fmt: skip
     panels[3].axis("off")
     known = [dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True)) for axes in panels[:3]]
     marks = known[0] | known[1] | known[2]  # a plane may miss another label

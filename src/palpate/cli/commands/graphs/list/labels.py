@@ -21,7 +21,7 @@ def labels(
     nodule in the liver, and "inside" is its modulus over that of the organ; with `--label liver/rib_left_9` the rib is
     rigid and supports the liver.
     """
-    from palpate.launch.load.labelled.table import ratio_of, tissue_of
+    from palpate.launch.load.labelled.table import is_bone, ratio_of, tissue_of
     from palpate.physics.segmentation.image import extents
     from palpate.physics.segmentation.read import read_labels
 
@@ -38,7 +38,7 @@ def labels(
         return
     rows = [
         (str(each["label"]), each["name"], f"{1e6 * each['volume m3']:.4g}", _mm(each["extent m"], " x "),
-         _mm(each["centre m"], ", "), _becomes(each["tissue"], each["ratio inside"]))
+         _mm(each["centre m"], ", "), _becomes(each["tissue"], each["ratio inside"], is_bone(each["name"])))
         for each in found
     ]  # fmt: skip
     heads = (">label", "name", ">volume [cm³]", "extent [mm]", "centre: right, front, head [mm]", "becomes")
@@ -52,6 +52,8 @@ def _mm(lengths: list[float], between: str) -> str:
     return between.join(f"{1e3 * each:.3g}" for each in lengths)
 
 
-def _becomes(tissue: str | None, ratio: float | None) -> str:
-    """What a label becomes: the published tissue of an organ, and the modulus of a part inside of one."""
+def _becomes(tissue: str | None, ratio: float | None, bone: bool) -> str:
+    """What a label becomes: the published tissue of an organ, the modulus of a part inside of one, or bone."""
+    if bone:
+        return "rigid next to an organ"
     return tissue or (f"inside: {ratio:g} x the modulus of its organ" if ratio else "")
