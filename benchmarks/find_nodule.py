@@ -3,8 +3,9 @@
     python benchmarks/find_nodule.py [--touches N] [--seeds S ...] [--store FOLDER] [--picture FILE] [--json]
 
 Errors of the trees of docs/examples/find_nodule.py for each seed, which draws touches, livers and trees; next to a
-constant guess, and the rule of the gym's scripted policy `Search`, the place of the largest forces, on the same
-measured maps. Needs the extra `learn`.
+constant guess, the rule of the gym's scripted policy `Search`, the place of the largest forces, on the same measured
+maps, and `Search` itself, which steers the finger over the same tumours, once each, with the finger and tissue of the
+graph `nodule` and without noise. Needs the extra `learn`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ import numpy as np
 from tables import parser, print_tables
 
 import palpate
+from palpate.gym.find_nodule import FindNodule
+from palpate.gym.hands import Changes
+from palpate.gym.scripted import Search, score
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "docs" / "examples"))
 import find_nodule as example
@@ -42,6 +46,22 @@ def touches(folder: Path, count: int, seed: int) -> tuple[example.Touches, examp
     return found[0], found[1]
 
 
+class AtTumour(FindNodule):
+    """`FindNodule` with the nodule where the label of the organ is."""
+
+    def draw_settings(self) -> Changes:
+        return {name: values for name, values in super().draw_settings().items() if name != self.body}
+
+
+def steer(folder: Path, seed: int) -> dict[str, float]:
+    """Errors of the scripted policy on the livers of a seed, whose files are in the folder."""
+    away = []
+    for number in range(LIVERS):
+        env = AtTumour(organ={"file": str(folder / f"liver-{seed}-{number}.nii.gz"), "label": "1+2"})
+        away.append(1e3 * score(env, lambda env=env: Search(env.step_time), range(1))[0]["distance"])
+    return {"place, median": float(np.median(away)), "place, 90 %": float(np.quantile(away, 0.9))}
+
+
 def compare(folder: Path, count: int, seed: int) -> tuple[list[dict[str, Any]], tuple[np.ndarray, np.ndarray]]:
     """Rows of a seed, and the found places (n,4) with the answers."""
     training, livers = touches(folder, count, seed)
@@ -52,6 +72,7 @@ def compare(folder: Path, count: int, seed: int) -> tuple[list[dict[str, Any]], 
         "trees": example.errors(found, livers.answers),
         "constant guess": example.errors(constant, livers.answers),
         "rule of Search": example.errors(example.peak_rule(livers.features), livers.answers),
+        "Search steers": steer(folder, seed),
     }
     return [{"seed": seed, "by": name, **row} for name, row in by.items()], (found, livers.answers)
 

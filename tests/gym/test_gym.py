@@ -22,11 +22,11 @@ from palpate.gym import FindNodule, Press, Touch  # noqa: E402
 from palpate.gym.find_nodule import HELD  # noqa: E402
 from palpate.gym.hands import ROOM, SPEED  # noqa: E402
 from palpate.gym.scripted import Approach, Search, score  # noqa: E402
-from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.vector import VectorTouch  # noqa: E402
 from palpate.launch.run.notes import lines  # noqa: E402
 from palpate.nodes.base import SettingError  # noqa: E402
 from palpate.physics.errors import ArgumentError, PalpateError, PalpateWarning  # noqa: E402
+from palpate.records.side_view import FINGER, FORCE  # noqa: E402
 
 # Random and scripted actions leave the ranges of the laws; the tests of notes expect the warnings.
 pytestmark = pytest.mark.filterwarnings("ignore::palpate.PalpateWarning")

@@ -1,6 +1,7 @@
 """Data sets in the format of LeRobot: the rules of its version 3.0, values and statistics by an independent route."""
 
 import errno
+import io
 import json
 import sys
 import warnings
@@ -18,6 +19,7 @@ from palpate.records.lerobot.features import Feature
 from palpate.records.lerobot.frames import Frames
 from palpate.records.lerobot.writer import LeRobotSet
 from palpate.records.reader import Recording
+from palpate.records.side_view import FINGER, FORCE, TISSUE
 from palpate.records.stored import RecordingError
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -258,3 +260,44 @@ def test_a_window_has_no_gap_between_frames():
         assert np.all(samples[1:, 0] - samples[:-1, -1] <= 1.0 / touch + 1e-9) and samples[0, 0] == pytest.approx(0.0)
         assert np.allclose(np.diff(samples, axis=1), 1.0 / touch) and np.all(samples[:, -1] == times)
         assert 3.0 - times[-1] < 1.0 / rate
+
+
+def test_pictures_show_finger_force_and_tissue_of_each_frame(recording, tmp_path):
+    from PIL import Image
+
+    export(recording, "lerobot", tmp_path / "set", camera=True)
+    info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
+    feature = info["features"]["observation.images.side"]
+    assert feature["dtype"] == "image" and feature["shape"] == [240, 320, 3]
+    assert feature["names"] == ["height", "width", "channels"]
+    rows = pq.read_table(next((tmp_path / "set").glob("data/*/*.parquet"))).to_pylist()
+    scale, pressed, thinned = 320 / 0.08, 0, []
+    for row in rows:
+        picture = np.array(Image.open(io.BytesIO(row["observation.images.side"]["bytes"])))
+        assert picture.shape == (240, 320, 3) and row["observation.images.side"]["path"] is None
+        thinned.append(picture[::4, ::4] / 255.0)
+        y, x = np.nonzero((picture == FINGER).all(axis=-1))
+        away = np.array(row["observation.state"][:3]) - BEGIN
+        assert x.min() + x.max() + 1 == pytest.approx(320 + 2 * scale * away[0], abs=3)
+        assert y.max() == pytest.approx(scale * (0.01 - away[2]), abs=2)  # the lowest point
+        bar = (picture == FORCE).all(axis=-1).any(axis=1).sum()
+        force = np.linalg.norm(row["observation.touch.contact"][-1][6:])
+        assert bar == pytest.approx(scale * 6e-3 * force, abs=2)
+        pressed += bar > 4
+    assert pressed > 2
+    sinks = [np.argmax((np.rint(255 * each) == TISSUE).all(axis=-1)[:, 40:44].any(axis=1)) for each in thinned]
+    assert sinks[-1] > sinks[0]  # the tissue below the finger yields
+    for found in (
+        json.loads((tmp_path / "set" / "meta" / "stats.json").read_text())["observation.images.side"],
+        {name: pq.read_table(next((tmp_path / "set").glob("meta/episodes/*/*.parquet")))[
+            f"stats/observation.images.side/{name}"].to_pylist()[0] for name in ("mean", "std", "count", "q90")},
+    ):  # fmt: skip
+        flat = np.reshape(thinned, (-1, 3))
+        assert np.shape(found["mean"]) == (3, 1, 1) and found["count"] == [len(rows)]
+        for name, value in {"mean": flat.mean(0), "std": flat.std(0), "q90": np.quantile(flat, 0.9, axis=0)}.items():
+            np.testing.assert_allclose(np.ravel(found[name]), value, rtol=1e-5)
+
+
+def test_pictures_need_frames(recording, tmp_path):
+    with pytest.raises(RecordingError, match="--camera: found --to csv, expected --to lerobot"):
+        export(recording, "csv", tmp_path / "set", camera=True)

@@ -13,7 +13,6 @@ from gymnasium.spaces import Box, Dict, Space
 
 from palpate.gym.gradients import TOLERANCE, GradientLanes, parameters_of
 from palpate.gym.hands import BOUNDS, ROOM, SPEED, Changes, Hand, hand_of, simulated_hands, within
-from palpate.gym.side_view import side_view
 from palpate.launch.load.arguments import Organ, describe_run
 from palpate.launch.load.checks.ideal import OPTION
 from palpate.launch.load.files import Override
@@ -22,6 +21,7 @@ from palpate.launch.run.notes import RunNote, first_of_each_kind, warn
 from palpate.messages import Contact, Friction, Pose, Surface
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
+from palpate.records.side_view import side_view
 from palpate.stepping import Stepper, Tick
 
 
@@ -209,7 +209,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._observe_tick(tick), reward, over, late, info
 
     def render(self) -> np.ndarray | None:
-        """Picture (240,320,3) of the scene from the side, see `gym.side_view`; None without a `render_mode`.
+        """Picture (240,320,3) of the scene from the side, see `records.side_view`; None without a `render_mode`.
 
         ArgumentError: no reset before.
         """

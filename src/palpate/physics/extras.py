@@ -18,7 +18,7 @@ EXTRAS = {
         "pynrrd": "nrrd",
         "matplotlib": "matplotlib",
     },
-    "export": {"pyarrow": "pyarrow"},
+    "export": {"pyarrow": "pyarrow", "pillow": "PIL"},
     "table": {"pandas": "pandas"},
     "sheets": {"openpyxl": "openpyxl"},
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},

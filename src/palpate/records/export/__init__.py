@@ -33,6 +33,7 @@ def export(
     subject: Mapping[str, str] | None = None,
     fps: int | None = None,
     touch_rate: float | None = None,
+    camera: bool = False,
 ) -> list[Path]:
     """Write a recording in another format; returns the files.
 
@@ -43,6 +44,7 @@ def export(
     every    write every n-th message; None: all
     subject  nwb: what is known of the subject, by the names of NWB (subject_id, age, sex, species, ...)
     fps, touch_rate  lerobot: rates of the frames and of the touch samples [Hz]; None: 30 and 150
+    camera   lerobot: a picture of each frame from the side
 
     RecordingError: an argument is invalid, or a package is missing.
     """
@@ -60,11 +62,12 @@ def export(
     if subject and to != "nwb":
         raise RecordingError(f"--subject: found --to {to}, expected --to nwb; other formats have no subject")
     given: dict[str, object] = {"subject": subject or {}} if to == "nwb" else {}
-    rates = {name: rate for name, rate in (("fps", fps), ("touch_rate", touch_rate)) if rate is not None}
-    if rates and to != "lerobot":
-        option = next(iter(rates)).replace("_", "-")
+    framed = {"fps": fps, "touch_rate": touch_rate, "camera": camera or None}
+    framed = {name: value for name, value in framed.items() if value is not None}
+    if framed and to != "lerobot":
+        option = next(iter(framed)).replace("_", "-")
         raise RecordingError(f"--{option}: found --to {to}, expected --to lerobot; other formats have no frames")
-    given |= rates
+    given |= framed
     return write(recording, target, tuple(streams) or tuple(recording.streams), every, **given)
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from palpate.engine.plan import Plan
 from palpate.messages.tactile import TaxelForces
 from palpate.physics.errors import PalpateWarning
-from palpate.records.lerobot.features import Sources, find_sources, target_of
-from palpate.records.lerobot.frames import Frames, features_of, sample_frames
+from palpate.records.lerobot.features import TOUCHED, Sources, find_sources, target_of
+from palpate.records.lerobot.frames import Frames, features_of, held_rows, sample_frames
+from palpate.records.lerobot.pictures import FEATURE, KEY, draw_pictures
 from palpate.records.lerobot.writer import LeRobotSet, check_empty
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
@@ -25,12 +26,14 @@ def write_lerobot(
     every: int | None,
     fps: int = 30,
     touch_rate: float = 150.0,
+    camera: bool = False,
 ) -> list[Path]:
     """Write a data set with one episode: docs/lerobot.md has its features.
 
     streams     of touch that become features; poses of fingers always do
     fps         rate of the frames [Hz]
     touch_rate  rate of the touch samples [Hz]
+    camera      whether frames have a picture from the side
 
     RecordingError: a stream is missing or sent less often. ArgumentError: the folder is not empty, a rate is invalid.
     """
@@ -46,8 +49,13 @@ def write_lerobot(
     found = sample_frames(sources, frames, times, values, clocks, targets)
     about = {"recording": recording.path.name, "about": recording.about, "touch_rate": frames.touch, "begin": times[0]}
     features = features_of(sources, frames, values)
-    made = LeRobotSet(folder, fps, features, f"touch: {plan.graph.path.stem}", about, len(times))
-    return made.add(found)
+    if not camera:
+        return LeRobotSet(folder, fps, features, f"touch: {plan.graph.path.stem}", about, len(times)).add(found)
+    fingers = [values[pose, "position"][0][held_rows(clocks[pose], times)] for pose in sources.poses]
+    touches = [found[window.key][0, :, -1] for window in sources.windows if window.names == TOUCHED]
+    drawn = draw_pictures(recording, plan, times, fingers, touches)
+    made = LeRobotSet(folder, fps, {**features, KEY: FEATURE}, f"touch: {plan.graph.path.stem}", about, len(times))
+    return made.add(found, pictures={KEY: drawn})
 
 
 def _sources(recording: Recording, plan: Plan, streams: Collection[str]) -> Sources:

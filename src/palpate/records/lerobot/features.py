@@ -19,16 +19,19 @@ from palpate.physics.device.grip import path_point
 
 AXES = ("x", "y", "z")
 TOUCH = ("point", "displacement", "force")
+TOUCHED = tuple(f"{part}.{axis}" for part in TOUCH for axis in AXES)  # elements of a sample of touch
 Values = Mapping[tuple[str, str], np.ndarray]
 """By stream and field: (episodes, rows, ...)."""
 
 
 class Feature(NamedTuple):
-    """A feature of each frame: its shape, the names of the elements of its last axis, and their units."""
+    """A feature of each frame: its shape, the names of the elements of its last axis, or of the axes of a picture,
+    their units, and the type by its name in LeRobot."""
 
     shape: tuple[int, ...]
     names: tuple[str, ...]
     units: tuple[str, ...]
+    kind: str = "float32"
 
 
 @dataclass(frozen=True)
@@ -112,9 +115,8 @@ def _touch(contact: str, friction: str | None) -> Window:
             force = force - found[5]
         return np.concatenate([point, -indentation[..., None] * normal, force], axis=-1)
 
-    names = tuple(f"{part}.{axis}" for part in TOUCH for axis in AXES)
     rubbing = [(friction, "force")] if friction else []
-    return Window(f"observation.touch.{contact}", (*fields, *rubbing), of, names, ("m",) * 6 + ("N",) * 3)
+    return Window(f"observation.touch.{contact}", (*fields, *rubbing), of, TOUCHED, ("m",) * 6 + ("N",) * 3)
 
 
 def _wrench(stream: str) -> Window:

@@ -22,6 +22,7 @@ import numpy as np
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.physics.extras import require_extra
 from palpate.records.lerobot.features import Feature
+from palpate.records.lerobot.pictures import Pictures
 from palpate.records.lerobot.statistics import Totals, of_episodes
 
 VERSION = "v3.0"
@@ -38,7 +39,7 @@ class LeRobotSet:
 
     folder    to make; ArgumentError: it has files, or pyarrow is missing
     rate      of the frames [Hz]
-    features  by name; float32
+    features  by name; float32, or pictures
     task      what the episodes show, as text
     about     origin of the touches, as plain data
     frames    that the set will have, at most
@@ -56,10 +57,14 @@ class LeRobotSet:
         self.episodes = self.frames = self._files = 0
         """Numbers of complete episodes, frames and files."""
 
-    def add(self, values: Mapping[str, np.ndarray], settings: Mapping[str, Sequence[Any]] | None = None) -> list[Path]:
+    def add(
+        self, values: Mapping[str, np.ndarray], settings: Mapping[str, Sequence[Any]] | None = None,
+        pictures: Mapping[str, Pictures] | None = None,
+    ) -> list[Path]:  # fmt: skip
         """Write episodes of equal length into new files; returns these.
 
         values    by feature, float32 (episodes, frames, ...)
+        pictures  by feature
         settings  columns of the table of episodes, by name: a number or text for each episode
 
         ArgumentError: a value is not finite. RunError: the disk is full or unavailable; the set is as before.
@@ -70,7 +75,7 @@ class LeRobotSet:
         stage = self.folder / STAGE
         try:
             stage.mkdir(parents=True)
-            return self._add(stage, values, settings or {})
+            return self._add(stage, values, settings or {}, pictures or {})
         except OSError as error:
             kept = f"its {self.episodes} complete episodes stay readable" if self.episodes else "nothing is kept"
             raise RunError(f"{self.folder}: {error.strerror or error}; {kept}. Free some space, or write to another "
@@ -80,23 +85,26 @@ class LeRobotSet:
             if self._made and not self.episodes:  # it has no complete episode
                 shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _add(self, stage: Path, values: Mapping[str, np.ndarray], settings: Mapping[str, Sequence[Any]]) -> list[Path]:
+    def _add(
+        self, stage: Path, values: Mapping[str, np.ndarray], settings: Mapping[str, Sequence[Any]],
+        pictures: Mapping[str, Pictures],
+    ) -> list[Path]:  # fmt: skip
         import pyarrow.parquet as pq
 
         episodes, length = values["action"].shape[:2]
         whole = dict(values) | self._counters(episodes, length)
-        each = {name: of_episodes(given if given.ndim > 2 else given[..., None]) for name, given in whole.items()}
-        totals = self._totals.with_more(
-            {name: given if given.ndim > 2 else given[..., None] for name, given in whole.items()}, each, self.frames
-        )
+        counted = {name: given if given.ndim > 2 else given[..., None] for name, given in whole.items()}
+        counted |= {name: given.thinned for name, given in pictures.items()}
+        each = {name: of_episodes(given) for name, given in counted.items()}
+        totals = self._totals.with_more(counted, each, self.frames)
         spot = {"chunk_index": self._files // FILES, "file_index": self._files % FILES}
         tables = {
-            DATA.format(**spot): self._frames(whole),
+            DATA.format(**spot): self._frames(whole, pictures),
             EPISODES.format(**spot): self._rows(length, each, settings, spot),
         }
         if not self._files:
             tables["meta/tasks.parquet"] = self._tasks()
-        texts = {"meta/stats.json": totals.statistics(), "meta/palpate.json": self._about,
+        texts = {"meta/stats.json": self._shaped(totals.statistics()), "meta/palpate.json": self._about,
                  "meta/info.json": self._info(self.episodes + episodes, self.frames + episodes * length)}  # fmt: skip
         # Everything is written before anything appears under its name, the head last.
         for name in (*tables, *texts):
@@ -123,12 +131,27 @@ class LeRobotSet:
             "task_index": np.zeros((episodes, length), np.int64),
         }
 
-    def _frames(self, values: Mapping[str, np.ndarray]) -> Any:
+    def _shaped(self, statistics: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+        """Statistics by feature and name, those of pictures with the axes (3,1,1) of LeRobot's channels."""
+        found = {}
+        for feature, given in statistics.items():
+            pictured = feature in self._features and self._features[feature].kind == "image"
+            found[feature] = {
+                name: np.reshape(value, (*np.shape(value), 1, 1)).tolist() if pictured and name != "count" else value
+                for name, value in given.items()
+            }
+        return found
+
+    def _frames(self, values: Mapping[str, np.ndarray], pictures: Mapping[str, Pictures]) -> Any:
         """The table of frames."""
         columns = {}
         for name, given in values.items():
             rows = given.reshape(-1, *given.shape[2:])
             columns[name] = self._column(rows, fixed=rows.ndim == 2)
+        picture = self._arrow.struct({"bytes": self._arrow.binary(), "path": self._arrow.string()})
+        for name, drawn in pictures.items():
+            files = [{"bytes": each, "path": None} for each in drawn.encoded]
+            columns[name] = self._arrow.array(files, picture)
         return self._arrow.table(columns)
 
     def _column(self, rows: np.ndarray, fixed: bool = False) -> Any:
@@ -159,7 +182,10 @@ class LeRobotSet:
         for head in ("data", "meta/episodes"):
             columns |= {f"{head}/{name}": np.full(count, value) for name, value in spot.items()}
         for feature, statistics in each.items():
-            columns |= {f"stats/{feature}/{name}": self._column(value) for name, value in statistics.items()}
+            pictured = feature in self._features and self._features[feature].kind == "image"
+            for name, value in statistics.items():
+                shaped = value[..., None, None] if pictured and name != "count" else value
+                columns[f"stats/{feature}/{name}"] = self._column(shaped)
         columns |= {f"settings/{name}": list(given) for name, given in settings.items()}
         return self._arrow.table(columns)
 
@@ -175,7 +201,7 @@ class LeRobotSet:
 
     def _info(self, episodes: int, frames: int) -> dict[str, Any]:
         features: dict[str, Any] = {
-            name: {"dtype": "float32", "shape": list(f.shape), "names": list(f.names), "units": list(f.units)}
+            name: {"dtype": f.kind, "shape": list(f.shape), "names": list(f.names), "units": list(f.units)}
             for name, f in self._features.items()
         }
         features |= {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in COLUMNS.items()}

@@ -38,6 +38,9 @@ def export(
     touch_rate: Annotated[
         float | None, typer.Option(help="With --to lerobot: touch samples per second; default: 150.", min=1)
     ] = None,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="With --to lerobot: a picture of each frame from the side.")
+    ] = False,
     full: Annotated[
         bool, typer.Option("--full", help="With --to mcap, of a recording of sources: compute and write all messages.")
     ] = False,
@@ -66,8 +69,9 @@ def export(
     one_of("--to", to, *FORMATS, MCAP)
     recording = Recording(file)
     written = write(
-        recording, to, out, stream or (), every=every, subject=_pairs(subject or []), fps=fps, touch_rate=touch_rate
-    )
+        recording, to, out, stream or (), every=every, subject=_pairs(subject or []), fps=fps, touch_rate=touch_rate,
+        camera=camera,
+    )  # fmt: skip
     if as_json:
         files = [str(path) for path in written]
         print_json({"ok": True, "files": files, "complete": recording.complete, "ending": recording.ending})
