@@ -74,6 +74,17 @@ def test_switches_change_body_and_effects_and_start_again(page):
     assert page.problems == []
 
 
+def test_two_switches_at_once_both_take_effect(page):
+    page.evaluate("""() => {
+        const body = document.getElementById("body"), friction = document.querySelector("#effects input[data-effect=friction]");
+        body.value = "deformation.Rigid"; body.dispatchEvent(new Event("change"));
+        friction.checked = false; friction.dispatchEvent(new Event("change"));
+    }""")
+    page.wait_for_function("palpate.newest && palpate.newest.time > 0.05 && palpate.newest.stick === undefined")
+    assert page.input_value("#body") == "deformation.Rigid"
+    assert page.problems == []
+
+
 def test_the_slider_orders_the_bodies_by_their_error_and_starts_them(page):
     page.evaluate("document.getElementById('more').open = true")
     page.wait_for_function("/^MassSpring: error .* here [1-9]/.test(document.getElementById('priced').textContent)")

@@ -23,7 +23,7 @@ function load(hash) {
 export function connect({ told, came }) {
   const text = globalThis.palpateWorker, worker = new Worker(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
   const say = (what) => told({ kind: "status", text: what, keep: true, panel: null });
-  let chosen = site.variants.find(({ first }) => first), switching = 0, alive = false;
+  let chosen = site.variants.find(({ first }) => first), running = chosen, switching = 0, alive = false; // the variant asked for last, and the one that came
   let used = null, after = null, halted = false; // the device, what follows when its exchange has ended, whether its run has stopped
 
   const ask = (order, key) => new Promise((resolve) => { waiting.set(key, resolve); worker.postMessage(order); });
@@ -37,6 +37,7 @@ export function connect({ told, came }) {
   // Start a variant, after its files have come. device: what the worker opens for it.
   async function begin(variant, recording, device) {
     const mine = ++switching;
+    chosen = variant;
     alive = false;
     halted = false;
     if (used && !variant.device) { after = () => begin(variant, recording); worker.postMessage({ device: null }); return; }
@@ -46,10 +47,13 @@ export function connect({ told, came }) {
       const { hashes } = await ask({ needs: { hash: variant.hash } }, `needs ${variant.hash}`);
       await Promise.all(hashes.map(bring));
       if (mine !== switching) return;
-      chosen = variant;
+      running = variant;
       worker.postMessage({ begin: { hash: variant.hash, code: site.code, recording, device } });
       alive = true;
-    } catch (error) { say(`stopped: ${error.message}`); }
+    } catch (error) {
+      if (mine === switching) chosen = running;
+      say(`stopped: ${error.message}`);
+    }
   }
 
   // The variant that differs from this one in what is asked for, or why there is none. Another scene or organ starts with its
