@@ -1,10 +1,11 @@
 """Bitwise reproducible arithmetic: the instruction set that a process computes with.
 
-Kernels are always compiled for x86-64-v3 (AVX2 and FMA; every server since 2015; see `kernel`), and the shipped nodes
-compute the force with kernels. numpy and OpenBLAS choose their inner loops, and with them the order of their sums, by
-the processor when they are loaded. Processes that palpate starts (command line, workers, studies) are pinned to the
-same instructions with `pin` or `environment`. A process that imports palpate is not pinned: custom nodes that use
-numpy, and a basis built there, may differ in the last bits. `in_force` reports what a process uses.
+Kernels are always compiled for x86-64-v3 (AVX2 and FMA; every server since 2015; see `kernel`), or on 64-bit ARM for
+ARMv8-A without extensions, and the shipped nodes compute the force with kernels. numpy and OpenBLAS choose their inner
+loops, and with them the order of their sums, by the processor when they are loaded. On x86-64, processes that palpate
+starts (command line, workers, studies) are pinned to the same instructions with `pin` or `environment`. A process that
+imports palpate is not pinned: custom nodes that use numpy, and a basis built there, may differ in the last bits.
+`in_force` reports what a process uses.
 
 `PALPATE_NATIVE=1` in the environment selects the fastest instructions of the processor; the last bits then differ.
 """
@@ -20,6 +21,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 LEVEL = "x86-64-v3"
+ARM64 = "generic"  # LLVM's name of ARMv8-A without extensions, which all 64-bit ARM processors have
 CORE = "Haswell"  # OpenBLAS's name of its kernels for these instructions
 
 _FLAGS = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "xsave"}
@@ -60,6 +62,14 @@ def pinnable() -> bool:
     except OSError:
         return False
     return set(flags) >= _FLAGS
+
+
+def kernel_processor() -> str:
+    """LLVM's name of the processor for which kernels are compiled; empty: that of this machine, with its extensions."""
+    if pinnable():
+        return LEVEL
+    arm = platform.machine() in ("aarch64", "arm64")
+    return ARM64 if arm and not os.environ.get("PALPATE_NATIVE") else ""
 
 
 def in_force(*, here: bool = True) -> dict[str, str]:
@@ -132,6 +142,8 @@ def _openblas() -> list[tuple[str, int]]:
 def _kernels() -> str:
     if pinnable():
         return f"{LEVEL} with SVML" if "numba" in sys.modules and sys.modules["numba"].config.USING_SVML else LEVEL
+    if processor := kernel_processor():
+        return processor
     from numba.core.registry import cpu_target  # kernels are then compiled with numba's defaults
 
     _, name, features = cpu_target.target_context.codegen().magic_tuple()

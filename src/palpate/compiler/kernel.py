@@ -1,7 +1,8 @@
 """Kernels: functions that numba compiles at their first call and caches on disk (`code_cache`).
 
-Kernels are compiled for x86-64-v3 in any process (`arithmetic.pinnable`), independent of the processor for which numba
-compiles the user's functions (`target`). Functions of `numba.njit` may call kernels, but not the reverse.
+Kernels are compiled for x86-64-v3, or on 64-bit ARM for ARMv8-A, in any process (`arithmetic.kernel_processor`),
+independent of the processor for which numba compiles the user's functions (`target`). Functions of `numba.njit` may
+call kernels, but not the reverse.
 """
 
 from collections.abc import Callable

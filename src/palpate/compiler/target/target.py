@@ -27,7 +27,7 @@ from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, 
 from numba.core.typing import Context
 from numba.core.utils import threadsafe_cached_property
 
-from palpate.compiler.arithmetic import LEVEL, pinnable
+from palpate.compiler.arithmetic import kernel_processor
 from palpate.compiler.target.code_library import REPLACEMENT, Codegen
 
 TARGET = "palpate"  # Name of the target of kernels
@@ -66,13 +66,13 @@ class _Processor(CPU):
 
 
 class _PinnedCodegen(Codegen):
-    """Code generator for x86-64-v3 instead of the host processor."""
+    """Code generator for x86-64-v3 or ARMv8-A instead of the host processor."""
 
     def _get_host_cpu_name(self) -> str:
-        return LEVEL if pinnable() else super()._get_host_cpu_name()
+        return kernel_processor() or super()._get_host_cpu_name()
 
     def _get_host_cpu_features(self) -> str:
-        return "" if pinnable() else super()._get_host_cpu_features()
+        return "" if kernel_processor() else super()._get_host_cpu_features()
 
     def __init__(self, module_name: str) -> None:
         super().__init__(module_name)

@@ -1,9 +1,8 @@
 """Links kernels and all functions that they call to one WebAssembly module.
 
-The IR of kernels is that which x86-64 code is made of; only the layout of data and the target differ. Numbers are the
-same bit for bit: kernels contain no function of the C library (`target.REPLACED`), LLVM joins no product and sum, and
-what WebAssembly lacks is exact (`runtime`). Words that hold addresses have 64 bits in the memory of kernels, and are
-cut to 32 bits where they are used.
+The IR of kernels is that of which code for x86-64 and ARM is made, with another layout of data (`target.processors`).
+Numbers are the same bit for bit: what WebAssembly lacks is exact (`runtime`). Words that hold addresses have 64 bits in
+the memory of kernels, and are cut to 32 bits where they are used.
 """
 
 import hashlib
@@ -16,13 +15,11 @@ import llvmlite.binding as llvm
 from numba import types
 
 from palpate.compiler.target.code_library import COUNTING
+from palpate.compiler.target.processors import WASM
 from palpate.compiler.wasm import runtime
 from palpate.compiler.wasm.object_file import Linked, finish
 from palpate.compiler.wasm.store import stored
 
-TRIPLE = "wasm32-unknown-unknown"
-FEATURES = "+bulk-memory,+bulk-memory-opt,+mutable-globals,+sign-ext,+nontrapping-fptoint,+simd128"
-"""Instructions that all browsers have had since 2023."""
 INSTRUCTIONS = {"sqrt": "llvm.sqrt.f64", "floor": "llvm.floor.f64", "ceil": "llvm.ceil.f64", "rint": "llvm.rint.f64",
                 "trunc": "llvm.trunc.f64", "llvm.fma.f64": "fma", "fabs": "llvm.fabs.f64"}  # fmt: skip
 """Functions of C that are instructions of WebAssembly, and the instruction that is not, by their replacement."""
@@ -166,7 +163,7 @@ def link(entries: Sequence[Kernel], exports: Mapping[str, Kernel]) -> tuple[Link
     places = list(dict.fromkeys(symbols[entry] for entry in entries))
     joined = ", ".join(f'ptr @"{name}"' for name in places)
     text += f"@palpate.entries = global [{len(places)} x ptr] [{joined}]\n"
-    given = "\n".join([*sorted(parts), text, FEATURES, RAISES, *INSTRUCTIONS, llvmlite.__version__])
+    given = "\n".join([*sorted(parts), text, WASM.features, RAISES, *INSTRUCTIONS, llvmlite.__version__])
     name = f"palpate.wasm-{hashlib.sha256(given.encode()).hexdigest()[:32]}.bin"
     linked = stored(name, lambda: _compiled(parts, text, list(exports)))
     if linked.imported:
@@ -176,8 +173,6 @@ def link(entries: Sequence[Kernel], exports: Mapping[str, Kernel]) -> tuple[Link
 
 def _compiled(parts: Mapping[str, Any], text: str, exports: Sequence[str]) -> Linked:
     """The module of parts of IR and of more IR as text."""
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
     names = {name: name for name in (*exports, "place_heap", "heap_top")}
     module = llvm.parse_assembly(_with_declarations(_for_target(str(_joined(parts.values()))) + text))
     return finish(_generate(module, [*names, *CALLED_BY_LLVM]), names)
@@ -245,10 +240,8 @@ def _export(name: str, symbol: str, kernel: Kernel) -> str:
 
 def _generate(module: Any, kept: Sequence[str]) -> bytes:
     """The object of a module, of which only these functions are visible."""
-    machine = llvm.Target.from_triple(TRIPLE).create_target_machine(
-        cpu="generic", features=FEATURES, opt=3, reloc="static", codemodel="default"
-    )
-    module.triple, module.data_layout = TRIPLE, str(machine.target_data)
+    machine = WASM.machine()
+    WASM.adopt(module, machine)
     for function in module.functions:
         if not function.is_declaration:
             function.linkage = "external" if function.name in kept else "internal"
