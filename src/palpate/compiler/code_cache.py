@@ -44,21 +44,21 @@ class CodeCache:
     """
 
     def __init__(self, kernel: Any, machine_code: bool) -> None:
-        self._kernel, self._machine_code = kernel, machine_code
+        self._kernel, self.machine_code = kernel, machine_code
         self.cache_path = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
         self._folders = [path for path in (kernel_cache.shipped_folder(), self.cache_path) if path is not None]
         self._names: dict[Any, Names] = {}
 
     def names(self, sig: Any) -> "Names":
         """The names that the file for these types may have; read again when the kernel is compiled."""
-        types = _types(sig)
+        types = types_of(sig)
         if types not in self._names:
-            self._names[types] = Names(self._kernel, types)
+            self._names[types] = Names(self._kernel, types, target.PINNED.target_context.codegen())
         return self._names[types]
 
     def forget(self, sig: Any) -> None:
         """Determine the names for these types again: a value that the kernel refers to may have changed."""
-        self._names.pop(_types(sig), None)
+        self._names.pop(types_of(sig), None)
 
     def flush(self) -> None:
         """Remove the files that this process has looked for (`Dispatcher.recompile`)."""
@@ -97,13 +97,13 @@ class CodeCache:
                     contextlib.suppress(Exception),
                 ):  # such as a class of the user that was renamed
                     types, parts = pickle.loads(content)
-                    if types == _types(sig):
+                    if types == types_of(sig):
                         return CompileResult._rebuild(target_context, *parts)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store the code for these types, if the folder can be written."""
-        if self._machine_code:
+        if self.machine_code:
             data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
         names = self.names(sig)
         reason = "it refers to an object of the process" if data.library.has_dynamic_globals else names.reason
@@ -112,22 +112,22 @@ class CodeCache:
             text = f"{self._kernel.py_func.__qualname__} is compiled in each process: {reason}"
             warnings.warn_explicit(text, numba.NumbaWarning, where.co_filename, where.co_firstlineno)
             return
-        content = dumps((_types(sig), data._reduce()))
+        content = dumps((types_of(sig), data._reduce()))
         with contextlib.suppress(OSError):
             kernel_files.write(self.cache_path, names.of(data.library.replaced), content)
             kernel_cache.limit_size(self.cache_path)
 
 
 class Names:
-    """Names of the file of a kernel for some types: the usual one, and one for code that calls functions of the C
-    library which its source does not name. Iterable.
+    """Names of the file of a kernel for some types and a code generator: the usual one, and one for code that calls
+    functions of the C library which its source does not name. Iterable.
 
     tag     a part of the first name, for the names of compiled functions
     reason  why the code cannot be cached; empty: it can
     """
 
-    def __init__(self, kernel: Any, types: Any) -> None:
-        self._kernel, self._types = kernel, types
+    def __init__(self, kernel: Any, types: Any, generator: Any) -> None:
+        self._kernel, self._types, self._processor = kernel, types, generator.magic_tuple()
         self.reason = ""
         try:
             self._name, self._called = self._hashed(everything=False)
@@ -154,8 +154,7 @@ class Names:
         digest, called = closure.digest(
             [self._kernel, *given.uses], target.replacement, [*target.REPLACED] if everything else ()
         )
-        processor = target.PINNED.target_context.codegen().magic_tuple()
-        text = repr((types, digest, processor, _settings(), _compiler()))
+        text = repr((types, digest, self._processor, _settings(), _compiler()))
         return f"{_name(self._kernel)}-{hashlib.sha256(text.encode()).hexdigest()[:32]}.nbc", called
 
 
@@ -181,7 +180,7 @@ def _compiler() -> list[str]:
     return found
 
 
-def _types(sig: Any) -> tuple[Any, Any]:
+def types_of(sig: Any) -> tuple[Any, Any]:
     """Types of the arguments, and of the result if the signature states it."""
     return tuple(getattr(sig, "args", sig)), getattr(sig, "return_type", None)
 

@@ -46,6 +46,8 @@ OTHERS = {
 OVERRIDDEN = {
     "codegen.JITCPUCodegen._get_host_cpu_name": "the fixed processor",
     "codegen.JITCPUCodegen._get_host_cpu_features": "its instructions",
+    "codegen.JITCPUCodegen._init": "LLVM's machine of another processor, without an engine",
+    "codegen.JITCPUCodegen._create_empty_module": "for another processor",
     "codegen.JITCPUCodegen._library_class": "the class of libraries",
     "codegen.JITCPUCodegen.set_env": "sets environments when machine code exists",
     "codegen.JITCodeLibrary.add_ir_module": "replaces calls of the C library",
@@ -53,6 +55,7 @@ OVERRIDDEN = {
     "codegen.JITCodeLibrary._optimize_functions": "optimises whole entry points only",
     "codegen.JITCodeLibrary.has_dynamic_globals": "also of linked functions",
     "codegen.JITCodeLibrary.finalize": "generates machine code of an entry point with all functions that it calls",
+    "codegen.JITCodeLibrary._finalize_final_module": "generates machine code that this process does not load",
     "codegen.JITCodeLibrary._finalize_specific": "registers the functions of machine code",
     "codegen.JITCodeLibrary.get_pointer_to_function": "generates machine code on request",
     "codegen.JITCodeLibrary.serialize_using_object_code": "stores IR, or machine code of an entry point",

@@ -5,6 +5,7 @@ python -m palpate.cli.machine.kernels bodies     compile those of the usual grap
 python -m palpate.cli.machine.kernels all        compile those of all graphs, bodies and nodes
 python -m palpate.cli.machine.kernels check      exit code 3 if one of the usual graphs needs a compilation
 python -m palpate.cli.machine.kernels copy TO    copy the compiled kernels that all graphs load to a folder
+python -m palpate.cli.machine.kernels copy TO aarch64    compile them for machines of this name
 """
 
 import contextlib
@@ -124,18 +125,31 @@ def _compile_nodes() -> None:
     palpate.Ensemble("kidney", lanes=2, duration=TICKS * 1e-3).run(quiet=True)
 
 
-def copy_loaded(to: Path) -> int:
+def copy_loaded(to: Path, machine: str = "") -> int:
     """Copy the files from which this process has loaded kernels to a folder with the name of the shipped one. Returns
-    their number."""
-    from palpate.compiler.kernel import CachedFunction
+    their number.
 
+    machine  write files for machines of this name instead
+    """
+    from palpate.compiler.kernel import CachedFunction
+    from palpate.compiler.target.elsewhere import Elsewhere
+    from palpate.compiler.target.processors import named
+    from palpate.compiler.target.translation import Translation
+
+    generator = Elsewhere(named(machine)) if machine else None
     folder = to / f"{kernel_cache.PREFIX}{kernel_cache.versions(minor=True)}"
     folder.mkdir(parents=True)
     functions = [function for function in gc.get_objects() if isinstance(function, CachedFunction)]
-    files = {function.file(types) for function in functions for types in function.stats.cache_hits}
-    for file in sorted(filter(None, files)):
-        shutil.copyfile(file, folder / file.name)
-    return len(files)
+    hits = [(function, types) for function in functions for types in function.stats.cache_hits]
+    loaded = {file: hit for hit in hits if (file := hit[0].file(hit[1])) is not None}
+    for count, file in enumerate(sorted(loaded)):
+        if generator is None:
+            shutil.copyfile(file, folder / file.name)
+        else:
+            _report(machine, count)
+            function, types = loaded[file]
+            Translation(function, generator, folder).write(types)
+    return len(loaded)
 
 
 def _compile_bodies(folder: Path) -> None:
@@ -173,6 +187,24 @@ def _report(name: str, count: int) -> None:
         print(f"\rcompiling kernels: {count}, {name:40}", end="", file=sys.stderr, flush=True)
 
 
+def _forget_results(empty: Path) -> None:
+    """Compute what earlier runs have stored, such as prepared surfaces: the kernels for that are needed elsewhere. The
+    folder of kernels, which may lie in the same place, stays."""
+    kernel_cache.folder()
+    os.environ["XDG_CACHE_HOME"] = str(empty)
+
+
+def check_machine(*names: str) -> None:
+    """SystemExit: no kernels can be compiled for machines of one of these names."""
+    from palpate.compiler.target.processors import ProcessorError, named
+
+    try:
+        for name in names:
+            named(name)
+    except ProcessorError as error:
+        raise SystemExit(str(error)) from None
+
+
 def main(words: Sequence[str]) -> None:
     scratch = ScratchFolder("kernels")
     folder = Path(scratch.name)
@@ -189,16 +221,20 @@ def main(words: Sequence[str]) -> None:
             case ["bodies"]:
                 _compile_bodies(folder)
             case ["all"]:
+                _forget_results(folder)
                 compile_all(_report, shipped_launches(), folder, nodes=True)
-            case ["copy", to]:
+            case ["copy", to, *machine] if len(machine) < 2:
+                check_machine(*machine)
+                _forget_results(folder)
                 if count := compile_all(_report, shipped_launches(), folder, nodes=True):
                     raise SystemExit(f"compiled {count} kernels, expected that all are in {kernel_cache.folder()}")
-                copy_loaded(Path(to))
+                copy_loaded(Path(to), *machine)
             case []:
                 compile_usual()
             case _:
                 raise SystemExit(
-                    f"found {' '.join(words)!r}, expected nothing, bodies, all, check, or copy and a folder"
+                    f"found {' '.join(words)!r}, expected nothing, bodies, all, check, or copy, a folder and perhaps a "
+                    "machine"
                 )
 
 

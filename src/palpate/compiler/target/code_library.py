@@ -93,10 +93,15 @@ class Library(JITCodeLibrary):
             self._tidied = _part(module)
         return self._tidied
 
+    @property
+    def names(self) -> list[str]:
+        """The functions that the library itself defines."""
+        return self._loaded[0] if self._loaded is not None else _defined_functions(self._final_module)
+
     def finalize(self) -> None:
         """Generate machine code."""
         self._raise_if_finalized()
-        names = self._loaded[0] if self._loaded is not None else _defined_functions(self._final_module)
+        names = self.names
         parts = self.parts().values()
         self._replaced = _replaced(parts)
         for part in self._part().values() if self._loaded is not None else ():
@@ -154,7 +159,7 @@ class Library(JITCodeLibrary):
         if self._finalized:
             return self.name, "object", (self._get_compiled_object(), _names(self._final_module))
         parts = {digest: part.as_bitcode() for digest, part in self.parts().items()}
-        return self.name, "parts", (_defined_functions(self._final_module), parts)
+        return self.name, "parts", (self.names, parts)
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:
