@@ -2,10 +2,12 @@
 # The bytes of an emulated 64-bit ARM processor against those of this x86-64 machine: tests/arm64.sh FOLDER [RUN...]
 #   tests/arm64.sh FOLDER                                       all bodies and shipped graphs, 17 runs
 #   tests/arm64.sh FOLDER "kidney --set tissue.use=deformation.ReducedFE" texture
+#   WHEEL=yes tests/arm64.sh FOLDER [RUN...]                    from the wheel for aarch64, whose kernels are made here
 # As root on Debian 12: apt install qemu-user-static debootstrap. The first call fills FOLDER (0.6 GB): Debian's packages of
 # Python 3.11 for arm64, and the wheels for aarch64 of the packages that this environment has. Each RUN, the arguments of
 # `palpate run`, is computed here and there; the streams are compared, and each recording is checked on the other machine.
-# Emulated compilation takes minutes for a graph, and its result stays in FOLDER. docs/install.md has the results.
+# Emulated compilation takes minutes for a graph, and its result stays in FOLDER. With WHEEL it fails if a kernel is
+# compiled there. docs/install.md has the results.
 set -eu
 cd "$(dirname "$0")/.."
 here=$PWD
@@ -32,8 +34,15 @@ END
 chmod +x "$folder/python"
 mkdir -p "$folder/site"
 echo "import sys; sys.executable = '$folder/python'" >"$folder/site/sitecustomize.py"
+palpate=$here/src cache=$folder/cache
+if [ -n "${WHEEL:-}" ]; then
+    palpate=$folder/content cache=$folder/empty
+    rm -rf "$folder/wheel" "$palpate" "$cache"
+    .venv/bin/python -m build --wheel -C kernels=aarch64 --outdir "$folder/wheel" >"$folder/build" 2>&1 || { cat "$folder/build"; exit 1; }
+    .venv/bin/python -m zipfile -e "$folder"/wheel/palpate-*_aarch64.whl "$palpate"
+fi
 there() {
-    env PYTHONPATH="$folder/site:$here/src:$folder/packages" NUMBA_CACHE_DIR="$folder/cache" \
+    env PYTHONPATH="$folder/site:$palpate:$folder/packages" NUMBA_CACHE_DIR="$cache" XDG_CACHE_HOME="$cache" \
         "$folder/python" -m palpate.cli "$@"
 }
 # Whether the check of a recording finds all messages bit-equal; streams that were left out of it are not compared.
@@ -68,7 +77,10 @@ $run: other bytes"
 $run: replayed on ARM"
     bit_equal .venv/bin/python -m palpate.cli replay "$arm" || failed="$failed
 $run: replayed from ARM"
-    echo "$run: emulated run $((ran - begun)) s, check $(($(date +%s) - ran)) s"
+    compiled=$(find "$cache" -name "*.nbc" | wc -l)
+    [ -z "${WHEEL:-}" ] || [ "$compiled" = 0 ] || failed="$failed
+$run: $compiled kernels compiled on ARM"
+    echo "$run: emulated run $((ran - begun)) s, check $(($(date +%s) - ran)) s, $compiled kernels compiled there so far"
 done
 awk '{ equal += $1; all += $2; runs += $1 == $2 }
     END { print equal, "of", all, "streams have the same bytes on both processors; all streams in", runs, "of", NR, "runs" }' "$folder/equal"

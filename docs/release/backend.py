@@ -1,6 +1,7 @@
-"""Builds the wheel (PEP 517): that of setuptools, with the kernels compiled for this Python and numba on Linux, x86-64.
+"""Builds the wheel (PEP 517): that of setuptools, with the kernels compiled for this Python and numba on Linux.
 
-`python -m build` calls it; `python -m build -C kernels=no` leaves the kernels out, so that the wheel fits any machine.
+`python -m build` calls it; `python -m build -C kernels=aarch64` compiles them for 64-bit ARM on any machine with Linux,
+and `python -m build -C kernels=no` leaves the kernels out, so that the wheel fits any machine.
 The kernels are compiled from the content of the wheel and stored in `palpate/compiler/compiled`, where palpate looks
 before its cache. A checkout without symbolic links builds the same files.
 """
@@ -20,7 +21,8 @@ from typing import Any
 from setuptools import build_meta
 from setuptools.build_meta import *  # noqa: F403
 
-PLATFORM = "manylinux_2_17_x86_64"  # kernels need no C library; those of numba's wheels are newer
+PLATFORMS = {name: f"manylinux_2_17_{name}" for name in ("x86_64", "aarch64")}
+"""Platform tags by the name of the machine. Kernels need no C library; those of numba's wheels are newer."""
 SHIPPED = "palpate/compiler/compiled"
 LINKED = ("graphs", "launch", "messages", "nodes")  # folders at the top, linked from src/palpate
 NEEDED = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "docs/release", "src")
@@ -29,7 +31,7 @@ NEEDED = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "docs/release
 def get_requires_for_build_wheel(config_settings: Any = None) -> list[str]:
     """Requirements of setuptools and, for the kernels, those of palpate."""
     required = build_meta.get_requires_for_build_wheel(config_settings)
-    if not _with_kernels(config_settings):
+    if not _machine(config_settings):
         return required
     with open("pyproject.toml", "rb") as file:
         return [*required, "wheel>=0.40", *tomllib.load(file)["project"]["dependencies"]]
@@ -40,7 +42,8 @@ def build_wheel(wheel_directory: str, config_settings: Any = None, metadata_dire
     wheel_directory = os.path.abspath(wheel_directory)
     with _whole_tree():
         name = build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
-    return _add_kernels(Path(wheel_directory, name)) if _with_kernels(config_settings) else name
+    machine = _machine(config_settings)
+    return _add_kernels(Path(wheel_directory, name), machine) if machine else name
 
 
 def build_sdist(sdist_directory: str, config_settings: Any = None) -> str:
@@ -72,25 +75,35 @@ def _whole_tree() -> Iterator[None]:
             yield
 
 
-def _with_kernels(settings: Any) -> bool:
-    here = sys.platform == "linux" and platform.machine() == "x86_64" and not os.environ.get("PALPATE_NATIVE")
-    return here and (settings or {}).get("kernels", "yes") != "no"
+def _machine(settings: Any) -> str:
+    """The name of the machines for which the wheel contains kernels; empty: it contains none. SystemExit: unknown."""
+    wanted = (settings or {}).get("kernels", "yes")
+    linux = sys.platform == "linux"
+    if wanted == "yes":
+        wanted = platform.machine() if linux and not os.environ.get("PALPATE_NATIVE") else "no"
+        return wanted if wanted in PLATFORMS else ""
+    if wanted not in ("no", *PLATFORMS):
+        raise SystemExit(f"-C kernels: found {wanted!r}, expected yes, no, {' or '.join(PLATFORMS)}")
+    if wanted != "no" and not linux:
+        raise SystemExit(f"-C kernels={wanted}: needs Linux; a wheel without kernels: python -m build -C kernels=no")
+    return "" if wanted == "no" else wanted
 
 
-def _add_kernels(wheel: Path) -> str:
-    """Replace the wheel by one with kernels; returns its name."""
+def _add_kernels(wheel: Path, machine: str) -> str:
+    """Replace the wheel by one with kernels for machines of this name; returns its name."""
+    other = [] if machine == platform.machine() else [machine]
     with tempfile.TemporaryDirectory() as temporary:
         unpacked, cache = Path(temporary, "wheel"), Path(temporary, "cache")
         _run("wheel", "unpack", str(wheel), "--dest", str(unpacked))
         [content] = unpacked.iterdir()
         environment = {**os.environ, "PYTHONPATH": str(content), "NUMBA_CACHE_DIR": str(cache)}
         environment["PYTHONDONTWRITEBYTECODE"] = "1"
-        for words in (["all"], ["copy", str(content / SHIPPED)]):
+        for words in (["all"], ["copy", str(content / SHIPPED), *other]):
             _run("palpate.cli.machine.kernels", *words, folder=temporary, environment=environment)
         shutil.rmtree(cache)
         _run("wheel", "pack", str(content), "--dest", str(wheel.parent))
     python = f"cp{sys.version_info[0]}{sys.version_info[1]}"
-    tags = ["--python-tag", python, "--abi-tag", "none", "--platform-tag", PLATFORM]
+    tags = ["--python-tag", python, "--abi-tag", "none", "--platform-tag", PLATFORMS[machine]]
     return _run("wheel", "tags", "--remove", *tags, str(wheel)).split()[-1]
 
 

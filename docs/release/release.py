@@ -31,7 +31,9 @@ HOLDS = (
 """Required files of the wheel."""
 KERNELS = "palpate/compiler/compiled/kernels-"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
-"""Versions of Python with a wheel that contains compiled kernels."""
+"""Versions of Python with wheels that contain compiled kernels."""
+MACHINES = ("x86_64", "aarch64")
+"""Machines for which these wheels are; this one compiles the kernels of all."""
 
 
 def notes(changelog: str) -> str:
@@ -108,7 +110,8 @@ def main() -> None:
         run(sys.executable, "-m", "build", "-C", "kernels=no", folder=clone)
         for python in given.python:
             uv = [sys.executable, "-m", "uv", "build", "-q", "--wheel", "--python", python, "--out-dir", "dist"]
-            run(*uv, folder=clone)
+            for machine in MACHINES:
+                run(*uv, "-C", f"kernels={machine}", folder=clone)
         files = sorted((clone / "dist").glob("palpate*"))
         for file in files:
             if file.suffix == ".whl":

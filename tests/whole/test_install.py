@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -220,6 +221,27 @@ def test_the_wheel_with_kernels_compiles_nothing(compiled, tmp_path):
         done = call(compiled, tmp_path, run)
         assert done.returncode == 0, done.stderr
     assert not list((tmp_path / "cache").rglob("*.nbc"))
+
+
+def test_the_wheel_for_arm_contains_the_same_kernels_for_that_processor(compiled, tmp_path):
+    """`WHEEL=yes tests/arm64.sh` runs them under emulation."""
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(tmp_path / "clone")], check=True)
+    wheel = build(tmp_path, "-C", "kernels=aarch64")
+    python = f"cp{sys.version_info[0]}{sys.version_info[1]}"
+    assert wheel.name.endswith(f"-{python}-none-manylinux_2_17_aarch64.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        found = {name: archive.read(name) for name in archive.namelist() if name.endswith(".nbc")}
+    here = {file.name: file.read_bytes() for file in compiled.rglob("*.nbc")}
+    assert len(found) == len(here) > 80
+    for files, number, other in ((found, b"\xb7", b"\x3e"), (here, b"\x3e", b"\xb7")):  # the machine in the head of ELF
+        kinds = {content[at + 18 : at + 19] for content in files.values() for at in starts_of_objects(content)}
+        assert number in kinds and other not in kinds
+    kernels = [sorted(Path(name).name.partition("-")[0] for name in files) for files in (found, here)]
+    assert kernels[0] == kernels[1] and not {Path(name).name for name in found} & here.keys()
+
+
+def starts_of_objects(content):
+    return [found.start() for found in re.finditer(rb"\x7fELF\x02\x01\x01", content)]
 
 
 BLOCKS = re.findall(r"^```sh\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)

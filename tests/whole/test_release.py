@@ -137,10 +137,26 @@ BACKEND = """
 import backend
 backend.build_meta.get_requires_for_build_wheel = lambda settings: ["setuptools>=77"]
 assert backend.get_requires_for_build_wheel({"kernels": "no"}) == ["setuptools>=77"]
-if backend._with_kernels(None):
+if backend._machine(None):
     assert any(one.startswith("numba") for one in backend.get_requires_for_build_wheel())
-backend.platform.machine = lambda: "aarch64"
-assert backend.get_requires_for_build_wheel() == ["setuptools>=77"]
+backend.sys.platform = "linux"
+backend.os.environ.pop("PALPATE_NATIVE", None)
+for machine, wanted, found in (
+    ("x86_64", "yes", "x86_64"), ("aarch64", "yes", "aarch64"), ("riscv64", "yes", ""), ("x86_64", "no", ""),
+    ("x86_64", "aarch64", "aarch64"), ("aarch64", "x86_64", "x86_64"),
+):
+    backend.platform.machine = lambda: machine
+    assert backend._machine({"kernels": wanted}) == found, (machine, wanted)
+    assert (len(backend.get_requires_for_build_wheel({"kernels": wanted})) > 1) == bool(found)
+for system, wanted, words in (("linux", "arm", "found 'arm', expected yes, no, x86_64 or aarch64"),
+                              ("darwin", "aarch64", "needs Linux")):
+    backend.sys.platform = system
+    try:
+        backend.get_requires_for_build_wheel({"kernels": wanted})
+    except SystemExit as error:
+        assert words in str(error) and len(str(error).splitlines()) == 1
+    else:
+        raise AssertionError(wanted)
 assert backend.get_requires_for_build_editable is backend.build_meta.get_requires_for_build_editable
 """
 
