@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from palpate.cli.machine.kernels import BODIES, MISSING, TOUCHES, USUAL, shipped_launches
-from palpate.launch.load.launchfile import names
+from palpate.cli.machine.kernels import BODIES, MISSING, OTHER_SCENES, TOUCHES, USUAL, shipped_launches
+from palpate.launch.load.launchfile import SCENES, names
 
 
 def call(tmp_path, *words):
@@ -39,6 +39,7 @@ def test_compiled_kernels_suffice_for_the_usual_graphs_in_one_and_several_proces
 
 
 @pytest.mark.long
-def test_the_wheel_contains_every_graph_and_body():
+def test_the_wheel_contains_every_graph_scene_and_body():
+    assert {file.stem for file in SCENES.glob("*.yaml")} - set(names()) == set(OTHER_SCENES)
     listed = [name for name, _ in shipped_launches()]
     assert set(listed) >= set(names()) | {f"{graph} with {body}" for graph in TOUCHES for body in BODIES}

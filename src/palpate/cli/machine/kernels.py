@@ -23,7 +23,7 @@ from palpate import registry
 from palpate.compiler import kernel_cache
 from palpate.compiler.cores import usable_cores
 from palpate.engine.segment import kernels, table_runner
-from palpate.launch.load.launchfile import LaunchFile, find, names
+from palpate.launch.load.launchfile import SCENES, LaunchFile, find, names
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.execute import execute
@@ -38,6 +38,11 @@ from palpate.physics.scratch import ScratchFolder
 BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
 USUAL = BODIES[:3]
 TOUCHES = ("kidney", "nodule")  # Graphs in which every body fits
+OTHER_SCENES = {
+    "afferents": "nodule", "breathing": "kidney", "frictionless": "kidney", "grating": "texture", "lift": "pinch",
+    "softness-4-newtons": "softness",
+}  # fmt: skip
+"""Shipped scenes that no graph names, and a graph that they fit."""
 MISSING = 3  # Exit code of a check that finds a kernel which is not compiled
 TICKS = 3
 
@@ -49,8 +54,10 @@ def usual() -> Iterator[tuple[str, LaunchFile]]:
 
 
 def shipped_launches() -> Iterator[tuple[str, LaunchFile]]:
-    """Return all graphs, with emulated devices; graphs of one touch with each body."""
+    """Return all graphs, with emulated devices, also with other scenes; graphs of one touch with each body."""
     yield from usual()
+    for scene, name in OTHER_SCENES.items():
+        yield f"{name} with {scene}", find(name).but(scene=SCENES / f"{scene}.yaml")
     for name in names():
         launch = find(name)
         nodes = launch.load().nodes
