@@ -24,7 +24,7 @@ if [ ! -e "$folder/tree/usr/bin/python3.11" ]; then
     for package in "$folder"/tree/var/cache/apt/archives/*.deb; do dpkg-deb -x "$package" "$folder/tree"; done
 fi
 if [ ! -d "$folder/packages/numba" ]; then
-    wanted=$(.venv/bin/pip freeze | grep -E "^(numpy|scipy|numba|llvmlite|msgspec|PyYAML|mcap|zstandard|lz4|rich|typer|pyzmq)==")
+    wanted=$(.venv/bin/pip freeze | grep -E "^(numpy|scipy|numba|llvmlite|msgspec|PyYAML|mcap|zstandard|lz4|rich|typer|pyzmq|scikit-image|manifold3d)==")
     .venv/bin/pip install -q --target "$folder/packages" --platform manylinux2014_aarch64 --platform manylinux_2_27_aarch64 \
         --platform manylinux_2_28_aarch64 --python-version 3.11 --implementation cp --only-binary=:all: $wanted
 fi
