@@ -2,6 +2,7 @@
 
 import dis
 import functools
+import itertools
 import random
 import sys
 from pathlib import Path
@@ -14,9 +15,11 @@ from numba import from_dtype, types
 from palpate.compiler import code_cache
 from palpate.compiler.content import bytecode, closure
 from palpate.compiler.kernel import CompiledKernel, kernel, replacement
+from palpate.compiler.target import target
 from palpate.nodes.base.compiled import CompiledNode, record
 
 CHANGES = 200
+HERE = target.PINNED.target_context.codegen()
 OTHERS = 30  # Kernels, drawn at random, that a change does not concern
 
 
@@ -99,6 +102,16 @@ def a_default(kernel, draw):
 KINDS = [a_constant, a_global, a_callee, a_variable, a_layout, an_option, a_default]
 
 
+def of_modules(function, name):
+    """The global names of which a function reads this attribute."""
+    lines = list(dis.get_instructions(function.__code__))
+    return {
+        one.argval
+        for one, other in itertools.pairwise(lines)
+        if one.opname == "LOAD_GLOBAL" and other.opname in ("LOAD_ATTR", "LOAD_METHOD") and other.argval == name
+    }
+
+
 def concerned(what):
     """The kernels that depend on a function or a NamedTuple, or that read a global name of a module."""
     if isinstance(what, type):
@@ -110,9 +123,9 @@ def concerned(what):
     value, found = namespace[name], set()
     for function in {id(each.py_func): each.py_func for each in shipped.kernels().values()}.values():
         used = shipped.global_names(function)
-        by_module = any(vars(function.__globals__[each]) is namespace for each in used
+        by_module = any(vars(function.__globals__[each]) is namespace for each in of_modules(function, name)
                         if isinstance(function.__globals__.get(each), ModuleType))  # fmt: skip
-        if (function.__globals__ is namespace and name in used) or (by_module and name in function.__code__.co_names):
+        if (function.__globals__ is namespace and name in used) or by_module:
             found |= shipped.callers()[id(function)]
     assert value is namespace[name]
     return found
@@ -172,7 +185,7 @@ def test_another_layout_of_a_record_alters_the_name():
             np.dtype({"names": names[::-1], "formats": formats[::-1], "offsets": [k + 8 for k in offsets[::-1]]}),
             np.dtype([(n, "<f4" if k == at else f) for k, (n, f) in enumerate(zip(names, formats, strict=True))]),
         ]
-        made = {code_cache.Names(kind.compute, ((from_dtype(each), types.float64), None))._name for each in forms}
+        made = {code_cache.Names(kind.compute, ((from_dtype(each), types.float64), None), HERE)._name for each in forms}
         assert len(made) == len(forms), kind
 
 
@@ -216,6 +229,6 @@ def test_kernels_that_call_each_other_have_names():
 
 def test_every_shipped_kernel_has_a_name_that_does_not_depend_on_the_process():
     for name, each in shipped.kernels().items():
-        assert not code_cache.Names(each, ((types.float64,), None)).reason, name
+        assert not code_cache.Names(each, ((types.float64,), None), HERE).reason, name
     things = [known.of for known in closure._KNOWN.values()]
     assert not [each for each in things if isinstance(each, ModuleType)]  # nothing is read as a whole file

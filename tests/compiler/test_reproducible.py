@@ -50,8 +50,9 @@ EXEMPT = {
     "src/palpate/physics/device/stick.py:": "notes about a resting finger",
     **{
         f"src/palpate/physics/segmentation/{name}.py:": "makes a mesh file or nodule, by libraries that are not pinned"
-        for name in ("boxed", "dicom", "image", "inclusion", "isosurface", "read", "smoothed", "surface")
+        for name in ("backing", "boxed", "dicom", "image", "inclusion", "isosurface", "read", "smoothed", "surface")
     },
+    "src/palpate/physics/materials/bone.py:_distances": "the nearest voxels by index; distances are computed there",
     "src/palpate/physics/table_books.py:matlab_lines": "a table of measurements, which no replay reads",
     "src/palpate/physics/display/shape_display.py:": "a power of whole numbers",
     "src/palpate/physics/fingertip/surfaces.py:level": "fingers from images",

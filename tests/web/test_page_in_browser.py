@@ -76,7 +76,8 @@ def test_switches_change_body_and_effects_and_start_again(page):
 
 def test_two_switches_at_once_both_take_effect(page):
     page.evaluate("""() => {
-        const body = document.getElementById("body"), friction = document.querySelector("#effects input[data-effect=friction]");
+        const body = document.getElementById("body");
+        const friction = document.querySelector("#effects input[data-effect=friction]");
         body.value = "deformation.Rigid"; body.dispatchEvent(new Event("change"));
         friction.checked = false; friction.dispatchEvent(new Event("change"));
     }""")

@@ -23,7 +23,6 @@ between organ and bone, and the curvature of the surface.
 """
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from palpate.compiler.exact import exp, log, solve
 from palpate.compiler.kernel import ieee_kernel, kernel
@@ -48,7 +47,7 @@ def bone_map(vertices: Points, normals: Points, bone: Region, reach: float) -> n
     reach [m] > 0    R, radius over which a fingertip spreads its load
     """
     sides = np.linalg.norm(bone.affine[:, :3], axis=0)
-    away = distance_transform_edt(~np.pad(bone.voxels, 1), sampling=sides).astype(np.float32)
+    away = _distances(np.pad(bone.voxels, 1), sides)
     to_index = np.ascontiguousarray(solve(bone.affine[:, :3], np.eye(3)))
     begin = bone.affine[:, 3] - bone.affine[:, :3].sum(axis=1)  # of the voxels with their margin
     cosines, weights = (0.5 * each for each in gauss_legendre(LEVELS))
@@ -58,7 +57,19 @@ def bone_map(vertices: Points, normals: Points, bone: Region, reach: float) -> n
         np.ascontiguousarray(vertices, float), np.ascontiguousarray(normals, float), away, to_index, begin, sides,
         np.column_stack([cosines + 0.5, weights]), np.column_stack([along + 0.5, parts]), reach, shares,
     )  # fmt: skip
-    return np.asarray(exp(np.minimum(-4.0 / 3.0 * log(np.maximum(1.0 - shares, 1e-9)), np.log(MOST))))
+    return np.minimum(exp(-4.0 / 3.0 * log(np.maximum(1.0 - shares, 1e-9))), MOST)
+
+
+def _distances(voxels: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """Distance [m] (i,j,k), float32, of the middle of each voxel to that of the nearest true one."""
+    from scipy.ndimage import distance_transform_edt
+
+    found = distance_transform_edt(~voxels, sampling=sides, return_distances=False, return_indices=True)
+    square = np.zeros(voxels.shape)
+    for axis, side in enumerate(sides):
+        line = np.arange(voxels.shape[axis]).reshape([-1 if k == axis else 1 for k in range(3)])
+        square += np.square(side * (found[axis] - line))
+    return np.sqrt(square).astype(np.float32)
 
 
 @kernel
