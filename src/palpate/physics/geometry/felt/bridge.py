@@ -80,7 +80,7 @@ def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] 
     rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
     if rims is not None:
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
-        *moves, turned = round_rims(vertices, normals, rims, radius, RIM)
+        *moves, turned = round_rims(vertices, normals, rims, touched, radius, RIM)
         moves = [np.where(moved != vertices, rounded(moved), vertices) for moved in moves]
         triangles, origin = flip_caps(moves[0], triangles, _still(vertices, moves[0], triangles)), origin[part]
         vertices, normals = unfolded(vertices, normals, moves, turned, triangles)

@@ -3,19 +3,24 @@
 The closing by a ball of radius r has a kink at each sharp rim of a bridge: there the ball turns about the rim by the
 angle θ between the normal n_1 of the body and the direction n_2 to the centre at which the ball also touches the other
 rim (θ ~ w/(2r) over a gap w). A point that follows the surface takes this turn at once, with a change of direction and
-of depth rate; a pulp is soft and takes it over a length. So the surface within
+of depth rate; a pulp is soft and takes it over a length. Its patch, of radius r, reaches the gap when the foot is r from
+the rim. So the surface sinks at the distance s from the rim by
 
-    t = min(r θ, w/2, `WIDEST` r)
+    c (1 - s/b)³                         on the body, up to b = r, or half of the way to the next rim,
+    c (1 - s/a)² (1 + β s/a)             on the bridge, up to a = min(r θ, w/2),
 
-of a rim is replaced by the parabola that is tangent to both sides at this distance. At the distance s from the rim
+along n_1 + n_2. The two constants make slope and curvature equal on both sides of the rim (those of a flat body):
 
-    shift = -(t - s)²/(4 t) |n_2 - n_1| (n_1 + n_2)/|n_1 + n_2|,    normal = n_a + (t - s)/(2 t) (n_b - n_a)
+    c (3/b + (2 - β)/a) = θ,    c ((2 - 4β)/a² - 6/b²) = 1/r    =>    c = (4 θ/a - 1/r) / (6 (1/a + 1/b)²)
 
-with n_a the normal of this side and n_b that of the other one. So it is cut by t θ/4 at the rim (31 um over a gap of
-2 mm, 0.26 mm over one of 8 mm, r = 8 mm), not in the middle of a bridge, and its normal turns by θ/(2t) per length:
-1/(2r) over gaps up to r/2, as slowly as that of the bridge, whose curvature is 1/r without it; twice as fast over a gap
-of r, where a slower turn would cut more. The parabola is the quadratic Bezier curve of the rim and the two points at
-the distance t (G. Farin, Curves and Surfaces for CAGD, Morgan Kaufmann 2002, ch. 4).
+and β = 2 + 3 a/b - a θ/c. Where this is below -1, as over gaps above r, β = -1, the largest with which the bridge sinks
+nowhere below the ball, and c = θ a b/(3 (a + b)). So the rim sinks by 0.05 mm over a gap of 2 mm and by 0.47 mm over one
+of 8 mm, the middle of a bridge not at all, and the normal of the rim tilts by 3 c/b: 0.02 and 0.18.
+
+The curvature matters below the surface: in the depth d the foot moves 1/(1 - κ d) times as far as the bone. At a convex
+rim κ = 6 c/b², 1/(105 mm) over a gap of 3 mm and 1/(23 mm) over one of 8 mm, is added to that of the body. With a
+parabola up to 1.5 and 2 mm it was 1/(16 mm) and 1/(8 mm), and began at once: 8 mm deep in an ellipsoid with a fissure
+the foot moved from one tick to the next 3 times as far, and viscous beams answered with 0.5 N.
 """
 
 from typing import NamedTuple
@@ -30,13 +35,15 @@ from palpate.physics.geometry.refined.divided import divide_triangles
 from palpate.physics.geometry.refined.edge_list import edges_of
 from palpate.physics.nearest import nearest, tree_of
 
-WIDEST = 0.25  # [1] of the radius: largest t
-LEAST = 0.02  # [1] of the radius: t below which a rim stays, that of a gap of 0.3 mm
-FINEST = 0.4  # [1] of t: longest edge across a rim
+WIDEST = 0.25  # [1] of the radius: distance from a rim of points of a bridge by which it is found
+LEAST = 0.02  # [1] of the radius: a below which a rim stays, that of a gap of 0.3 mm
+FINEST, EVEN = 0.4, 0.2  # [1] of a, and of b: longest edge across a rim
+AWAY = 0.5  # [1] cosine to the direction away from the gap from which another rim lies on this side
+ENDS = 0.25  # [1] of the radius, or a: length from its end over which a rim becomes sharp
 UNFOLDED = 12  # rounds, because a point that stays may fold its neighbours
 HALVINGS = 7  # of an edge at most
 CORNER = 0.7  # [1] cosine between normals below which two rims meet at an edge of the body, where they stay
-CLEAR = 2.2  # [1] distance from an edge of the body over the largest t up to which rims stay
+CLEAR = 2.2  # [1] distance from an edge of the body over that of an end up to which rims stay
 STEEP = 0.5  # [1] sine of half the tilt from which a rim is an edge of the body: 60 degrees, over a gap of 1.7 r
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
@@ -48,13 +55,23 @@ ROUNDS = 8  # each halves the distance from the other rim
 
 class Rims(NamedTuple):
     """Points on rims [m] (n,3), normals of the body and of the bridge there and the direction of the rim [1] (n,3), and
-    t [m] (n)."""
+    a and b [m] (n)."""
 
     points: np.ndarray
     body: np.ndarray
     bridge: np.ndarray
     along: np.ndarray
     reach: np.ndarray
+    far: np.ndarray
+
+    def sinks(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """c/θ [m] (n) and β [1] (n)."""
+        a, b = self.reach, self.far
+        half = np.minimum(0.5 * np.linalg.norm(self.bridge - self.body, axis=1), 1.0)
+        turn = 2.0 * arctan2(half, np.sqrt(1.0 - half * half))
+        c = (4.0 / a - 1.0 / (radius * np.maximum(turn, a / radius))) / (6.0 * (1.0 / a + 1.0 / b) ** 2)
+        beta = 2.0 + 3.0 * a / b - a / c
+        return np.where(beta < -1.0, a * b / (3.0 * (a + b)), c), np.maximum(beta, -1.0)
 
 
 def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshClosestPoint, radius: float) -> Rims | None:
@@ -75,29 +92,42 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
     half = np.minimum(0.5 * np.linalg.norm(bridge - body, axis=1), 1.0)
     tilt = 2.0 * arctan2(half, np.sqrt(1.0 - half * half))
     wide = np.linalg.norm(other - foot, axis=1)
-    reach = np.minimum(np.minimum(radius * tilt, 0.5 * wide), WIDEST * radius)
+    reach = np.minimum(radius * tilt, 0.5 * wide)
     good &= (reach > LEAST * radius) & (half < STEEP)
     if not good.any():
         return None
     foot, body, bridge, reach = foot[good], body[good], bridge[good], reach[good]
-    one, other = tree_of(foot).query_pairs(CLEAR * reach.max(), output_type="ndarray").T
+    one, other = tree_of(foot).query_pairs(CLEAR * min(float(reach.max()), ENDS * radius), output_type="ndarray").T
     meet = einsum("ij,ij->i", body[one], body[other]) < CORNER
     inner = np.ones(len(foot), bool)
     inner[one[meet]] = inner[other[meet]] = False
     if not inner.any():
         return None
     foot, body, bridge, reach = foot[inner], body[inner], bridge[inner], reach[inner]
-    bridge, reach = _along_rims(foot, body, bridge, reach)
+    far = _before_next_rim(foot, body, bridge, radius)
+    bridge, reach, far = _along_rims(foot, body, bridge, reach, far)
     along = np.cross(body, bridge)
     along /= np.linalg.norm(along, axis=1)[:, None]
-    return Rims(foot, body, bridge, along, reach)
+    return Rims(foot, body, bridge, along, reach, far)
+
+
+def _before_next_rim(points: np.ndarray, body: np.ndarray, bridge: np.ndarray, radius: float) -> np.ndarray:
+    """b [m] (n): the radius, or half of the distance of another rim that lies away from the gap."""
+    one, other = tree_of(points).query_pairs(2.0 * radius, output_type="ndarray").T
+    one, other = np.concatenate([one, other]), np.concatenate([other, one])
+    out, back = points[other] - points[one], body - bridge
+    length = np.linalg.norm(out, axis=1)
+    behind = einsum("ij,ij->i", out, back[one]) > AWAY * length * np.linalg.norm(back, axis=1)[one]
+    far = np.full(len(points), radius)
+    np.minimum.at(far, one[behind], 0.5 * length[behind])
+    return far
 
 
 def _along_rims(
-    points: np.ndarray, body: np.ndarray, bridge: np.ndarray, reach: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Normals of the bridge [1] (n,3) and t [m] (n) as means over the points of the same rim within t, because where a
-    ball rests on three rims its other one changes from point to point."""
+    points: np.ndarray, body: np.ndarray, bridge: np.ndarray, reach: np.ndarray, far: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Normals of the bridge [1] (n,3), a and b [m] (n) as means over the points of the same rim within a, because where
+    a ball rests on three rims its other one changes from point to point."""
     pairs = tree_of(points).query_pairs(reach.max(), output_type="ndarray")
     pairs = pairs[np.lexsort(pairs.T)]  # scipy's order depends on the processor
     one, other = np.concatenate([pairs, pairs[:, ::-1], np.repeat(np.arange(len(points)), 2).reshape(-1, 2)]).T
@@ -108,7 +138,8 @@ def _along_rims(
     total = np.bincount(one, weight, len(points))
     mean = np.stack([np.bincount(one, weight * bridge[other, k], len(points)) for k in range(3)], axis=1)
     mean = mean / np.linalg.norm(mean, axis=1)[:, None]
-    return mean, np.bincount(one, weight * reach[other], len(points)) / total
+    a, b = (np.bincount(one, weight * each[other], len(points)) / total for each in (reach, far))
+    return mean, a, b
 
 
 def _resting(
@@ -146,17 +177,19 @@ def divide_near(
     """The surface with edges near rims that are short across them: points, triangles, normals; the triangle of which
     each is a part."""
     tree, origin = tree_of(rims.points), np.arange(len(triangles))
-    shortest = FINEST * rims.reach.min()
+    shortest = min(FINEST * rims.reach.min(), EVEN * rims.far.min())
     for _ in range(HALVINGS):
         ends, of, _ = edges_of(triangles, len(points))
         edge = points[ends[:, 1]] - points[ends[:, 0]]
         length = np.linalg.norm(edge, axis=1)
         long = np.flatnonzero(length > shortest)
         away, which = (each[:, 0] for each in nearest(tree, 0.5 * (points[ends[long, 0]] + points[ends[long, 1]])))
-        reach, along = rims.reach[which], rims.along[which]
-        across = edge[long] - einsum("ij,ij->i", edge[long], along)[:, None] * along
-        near = away < reach + 0.5 * length[long]
-        long = long[near & (np.linalg.norm(across, axis=1) > FINEST * reach)]
+        along = rims.along[which]
+        across = np.linalg.norm(edge[long] - einsum("ij,ij->i", edge[long], along)[:, None] * along, axis=1)
+        near = np.zeros(len(long), bool)
+        for reach, most in ((rims.reach[which], FINEST), (rims.far[which], EVEN)):
+            near |= (away < reach + 0.5 * length[long]) & (across > most * reach)
+        long = long[near]
         if not len(long):
             break
         number = np.full(len(ends), -1)
@@ -170,29 +203,33 @@ def divide_near(
 
 
 def round_rims(
-    points: np.ndarray, normals: np.ndarray, rims: Rims, radius: float, lift: float
+    points: np.ndarray, normals: np.ndarray, rims: Rims, touched: MeshClosestPoint, radius: float, lift: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points [m] (V,3) of the surface with rounded rims, on ball and body and as far from them as they were, and its
     normals [1] (V,3).
 
-    radius  [m] of the ball;  lift  [m] of the plug above the body beyond a rim
+    touched  the part of the body that the ball touches, whose normals next to a rim are not those of walls
+    radius   [m] of the ball;  lift  [m] of the plug above the body beyond a rim
     """
     away, which = (each[:, 0] for each in nearest(tree_of(rims.points), points))
     spacing = APART * radius
-    near = np.flatnonzero(away < rims.reach[which] + spacing)
+    near = np.flatnonzero(away < np.maximum(rims.reach, rims.far)[which] + spacing)
     which = which[near]
-    first, second, along, reach = (each[which] for each in (rims.body, rims.bridge, rims.along, rims.reach))
+    first, second, along = (each[which] for each in (rims.body, rims.bridge, rims.along))
+    reach, far = rims.reach[which], rims.far[which]
     out = points[near] - rims.points[which]
-    part = einsum("ij,ij->i", out, along)
-    square = einsum("ij,ij->i", out, out) - part * part + np.maximum(np.abs(part) - spacing, 0.0) ** 2
-    share = np.clip(1.0 - np.sqrt(np.maximum(square, 0.0)) / reach, 0.0, 1.0)
     over = einsum("ij,ij->i", out, second - first) > 0.0
+    part = einsum("ij,ij->i", out, along)
+    across = np.sqrt(np.maximum(einsum("ij,ij->i", out, out) - part * part, 0.0))
+    # 1 on rims, 0 beyond their ends, on the other side of a thin body, and on other faces at a corner
     up = first + second
     up /= np.maximum(np.linalg.norm(up, axis=1), 1e-12)[:, None]
-    # the other side of a thin body, and other faces at a corner, stay
     low, high = SAME_SIDE
-    share *= np.clip((einsum("ij,ij->i", normals[near], up) - low) / (high - low), 0.0, 1.0)
-    bent = np.linalg.norm(second - first, axis=1)
+    there = np.clip((einsum("ij,ij->i", normals[near], up) - low) / (high - low), 0.0, 1.0)
+    past = np.clip(1.0 - np.maximum(np.abs(part) - spacing, 0.0) / np.minimum(reach, ENDS * radius), 0.0, 1.0)
+    there *= past * past * (3.0 - 2.0 * past)
+    close = there * (1.0 - np.clip(across / np.minimum(reach, ENDS * radius), 0.0, 1.0) ** 2)
+    sink, turn = _sink(across, over, reach, far, *(each[which] for each in rims.sinks(radius)))
     # the bridge is part of the ball: the chords of its facets at the rim are up to 20 um too low; the plug beyond the
     # rim is up to 10 um above the body
     flat = out - part[:, None] * along - radius * second
@@ -200,19 +237,26 @@ def round_rims(
     high = np.maximum(einsum("ij,ij->i", out, first), 0.0)
     high *= np.clip(2.0 - high / lift, 0.0, 1.0)
     exact = np.where(over[:, None], (radius / length - 1.0)[:, None] * flat, -high[:, None] * first)
-    exact *= (share * (2.0 - share))[:, None]
     moved, facing = points.copy(), normals.copy()
-    moved[near] -= (0.25 * share * share * reach * bent)[:, None] * up
+    moved[near] -= (there * sink * np.linalg.norm(second - first, axis=1))[:, None] * up
     settled = moved.copy()
-    settled[near] += exact
-    on_bridge = -flat / length[:, None]
-    on_body = normals[near] + (share * (2.0 - share))[:, None] * (first - normals[near])
-    own = np.where(over[:, None], on_bridge, on_body)
-    other = np.where(over[:, None], first - second, second - first)
-    new = own + 0.5 * share[:, None] * other
-    new /= np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
-    facing[near] = np.where((share > 0.0)[:, None], new, normals[near])
+    settled[near] += close[:, None] * exact
+    own = np.where(over[:, None], -flat / length[:, None], touched.find_along(points[near])[1])
+    own = normals[near] + close[:, None] * (own - normals[near])
+    new = own + (there * turn)[:, None] * np.where(over[:, None], first - second, second - first)
+    facing[near] = new / np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
     return settled, moved, facing
+
+
+def _sink(
+    s: np.ndarray, over: np.ndarray, reach: np.ndarray, far: np.ndarray, c: np.ndarray, beta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sinking over θ [m] (n) and turn over θ [1] (n) at distances s [m] (n) from rims, on the bridge or on the body."""
+    x = np.where(over, np.clip(1.0 - s / reach, 0.0, 1.0), np.clip(1.0 - s / far, 0.0, 1.0))
+    # on the bridge x² (1 + β (1 - x))
+    sink = np.where(over, x * x * (1.0 + beta * (1.0 - x)), x**3)
+    turn = np.where(over, x * (2.0 + 2.0 * beta - 3.0 * beta * x) / reach, 3.0 * x * x / far)
+    return c * sink, c * turn
 
 
 def unfolded(
