@@ -3,24 +3,26 @@
 The closing by a ball of radius r has a kink at each sharp rim of a bridge: there the ball turns about the rim by the
 angle θ between the normal n_1 of the body and the direction n_2 to the centre at which the ball also touches the other
 rim (θ ~ w/(2r) over a gap w). A point that follows the surface takes this turn at once, with a change of direction and
-of depth rate; a pulp is soft and takes it over a length. Its patch, of radius r, reaches the gap when the foot is r from
-the rim. So the surface sinks at the distance s from the rim by
+of depth rate. A pulp is soft: it sinks by as much of the dip of the ball, D = θ a/2, as its patch lacks support. At the
+distance y from the middle of a gap of half the width a, over which the line integral (1 - y²/R²)^(5/2) of the biweight
+patch is
 
-    c (1 - s/b)³                         on the body, up to b = r, or half of the way to the next rim,
-    c (1 - s/a)² (1 + β s/a)             on the bridge, up to a = min(r θ, w/2),
+    B(y) = (Φ((y + a)/R) - Φ((y - a)/R)) / (2 Φ(a/R)),        Φ(u) = integral_0^u (1 - v²)^(5/2) dv,
 
-along n_1 + n_2. The two constants make slope and curvature equal on both sides of the rim (those of a flat body):
+the surface is that of the body, continued over the gap, less D B(y). So at the distance s from a rim it sinks along
+n_1 + n_2 by
 
-    c (3/b + (2 - β)/a) = θ,    c ((2 - 4β)/a² - 6/b²) = 1/r    =>    c = (4 θ/a - 1/r) / (6 (1/a + 1/b)²)
+    θ (a/2) B(a + s)                        on the body, up to R = r, or half of the way to the next rim,
+    θ ((a/2) B(a - s) - s + s²/(2a))        on the bridge, up to a = min(r θ, w/2),
 
-and β = 2 + 3 a/b - a θ/c. Where this is below -1, as over gaps above r, β = -1, the largest with which the bridge sinks
-nowhere below the ball, and c = θ a b/(3 (a + b)). So the rim sinks by 0.05 mm over a gap of 2 mm and by 0.47 mm over one
-of 8 mm, the middle of a bridge not at all, and the normal of the rim tilts by 3 c/b: 0.02 and 0.18.
+which is 0 in the middle. Slope and curvature are equal on both sides of a rim, also on a curved body, where θ = a/r + k a
+with the curvature k. Over gaps of 2, 4 and 8 mm (r = 8 mm) a rim sinks by 0.06, 0.22 and 0.63 mm and its normal tilts by
+0.008, 0.03 and 0.16. Full finite elements of a pad (0.1 to 0.38 N) tilt by 0.13 to 0.16 there over 8 mm.
 
-The curvature matters below the surface: in the depth d the foot moves 1/(1 - κ d) times as far as the bone. At a convex
-rim κ = 6 c/b², 1/(105 mm) over a gap of 3 mm and 1/(23 mm) over one of 8 mm, is added to that of the body. With a
-parabola up to 1.5 and 2 mm it was 1/(16 mm) and 1/(8 mm), and began at once: 8 mm deep in an ellipsoid with a fissure
-the foot moved from one tick to the next 3 times as far, and viscous beams answered with 0.5 N.
+The curvature matters below the surface: in the depth d the foot moves 1/(1 - κ d) times as far as the bone. Beyond a rim
+κ is at most 1/(110 mm), 1/(80 mm) and 1/(30 mm), added to that of the body. (With a parabola up to 1.5 mm over a gap of
+3 mm it was 1/(16 mm) and began at once: 8 mm deep in an ellipsoid with a fissure the foot moved from one tick to the next
+3 times as far, and viscous beams answered with 0.5 N.)
 """
 
 from typing import NamedTuple
@@ -37,7 +39,7 @@ from palpate.physics.nearest import nearest, tree_of
 
 WIDEST = 0.25  # [1] of the radius: distance from a rim of points of a bridge by which it is found
 LEAST = 0.02  # [1] of the radius: a below which a rim stays, that of a gap of 0.3 mm
-FINEST, EVEN = 0.4, 0.2  # [1] of a, and of b: longest edge across a rim
+FINEST, EVEN = 0.4, 0.2  # [1] of a, and of R: longest edge across a rim
 AWAY = 0.5  # [1] cosine to the direction away from the gap from which another rim lies on this side
 ENDS = 0.25  # [1] of the radius, or a: length from its end over which a rim becomes sharp
 UNFOLDED = 12  # rounds, because a point that stays may fold its neighbours
@@ -55,7 +57,7 @@ ROUNDS = 8  # each halves the distance from the other rim
 
 class Rims(NamedTuple):
     """Points on rims [m] (n,3), normals of the body and of the bridge there and the direction of the rim [1] (n,3), and
-    a and b [m] (n)."""
+    a and R [m] (n)."""
 
     points: np.ndarray
     body: np.ndarray
@@ -63,15 +65,6 @@ class Rims(NamedTuple):
     along: np.ndarray
     reach: np.ndarray
     far: np.ndarray
-
-    def sinks(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """c/θ [m] (n) and β [1] (n)."""
-        a, b = self.reach, self.far
-        half = np.minimum(0.5 * np.linalg.norm(self.bridge - self.body, axis=1), 1.0)
-        turn = 2.0 * arctan2(half, np.sqrt(1.0 - half * half))
-        c = (4.0 / a - 1.0 / (radius * np.maximum(turn, a / radius))) / (6.0 * (1.0 / a + 1.0 / b) ** 2)
-        beta = 2.0 + 3.0 * a / b - a / c
-        return np.where(beta < -1.0, a * b / (3.0 * (a + b)), c), np.maximum(beta, -1.0)
 
 
 def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshClosestPoint, radius: float) -> Rims | None:
@@ -112,7 +105,7 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
 
 
 def _before_next_rim(points: np.ndarray, body: np.ndarray, bridge: np.ndarray, radius: float) -> np.ndarray:
-    """b [m] (n): the radius, or half of the distance of another rim that lies away from the gap."""
+    """R [m] (n): the radius, or half of the distance of another rim that lies away from the gap."""
     one, other = tree_of(points).query_pairs(2.0 * radius, output_type="ndarray").T
     one, other = np.concatenate([one, other]), np.concatenate([other, one])
     out, back = points[other] - points[one], body - bridge
@@ -126,7 +119,7 @@ def _before_next_rim(points: np.ndarray, body: np.ndarray, bridge: np.ndarray, r
 def _along_rims(
     points: np.ndarray, body: np.ndarray, bridge: np.ndarray, reach: np.ndarray, far: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normals of the bridge [1] (n,3), a and b [m] (n) as means over the points of the same rim within a, because where
+    """Normals of the bridge [1] (n,3), a and R [m] (n) as means over the points of the same rim within a, because where
     a ball rests on three rims its other one changes from point to point."""
     pairs = tree_of(points).query_pairs(reach.max(), output_type="ndarray")
     pairs = pairs[np.lexsort(pairs.T)]  # scipy's order depends on the processor
@@ -138,8 +131,8 @@ def _along_rims(
     total = np.bincount(one, weight, len(points))
     mean = np.stack([np.bincount(one, weight * bridge[other, k], len(points)) for k in range(3)], axis=1)
     mean = mean / np.linalg.norm(mean, axis=1)[:, None]
-    a, b = (np.bincount(one, weight * each[other], len(points)) / total for each in (reach, far))
-    return mean, a, b
+    half, patch = (np.bincount(one, weight * each[other], len(points)) / total for each in (reach, far))
+    return mean, half, patch
 
 
 def _resting(
@@ -229,7 +222,7 @@ def round_rims(
     past = np.clip(1.0 - np.maximum(np.abs(part) - spacing, 0.0) / np.minimum(reach, ENDS * radius), 0.0, 1.0)
     there *= past * past * (3.0 - 2.0 * past)
     close = there * (1.0 - np.clip(across / np.minimum(reach, ENDS * radius), 0.0, 1.0) ** 2)
-    sink, turn = _sink(across, over, reach, far, *(each[which] for each in rims.sinks(radius)))
+    sink, turn = _sink(across, over, reach, far)
     # the bridge is part of the ball: the chords of its facets at the rim are up to 20 um too low; the plug beyond the
     # rim is up to 10 um above the body
     flat = out - part[:, None] * along - radius * second
@@ -242,21 +235,29 @@ def round_rims(
     settled = moved.copy()
     settled[near] += close[:, None] * exact
     own = np.where(over[:, None], -flat / length[:, None], touched.find_along(points[near])[1])
-    own = normals[near] + close[:, None] * (own - normals[near])
+    steady = np.where(over, close, there * (1.0 - np.clip(across / far, 0.0, 1.0) ** 2))
+    own = normals[near] + steady[:, None] * (own - normals[near])
     new = own + (there * turn)[:, None] * np.where(over[:, None], first - second, second - first)
     facing[near] = new / np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
     return settled, moved, facing
 
 
-def _sink(
-    s: np.ndarray, over: np.ndarray, reach: np.ndarray, far: np.ndarray, c: np.ndarray, beta: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sinking over θ [m] (n) and turn over θ [1] (n) at distances s [m] (n) from rims, on the bridge or on the body."""
-    x = np.where(over, np.clip(1.0 - s / reach, 0.0, 1.0), np.clip(1.0 - s / far, 0.0, 1.0))
-    # on the bridge x² (1 + β (1 - x))
-    sink = np.where(over, x * x * (1.0 + beta * (1.0 - x)), x**3)
-    turn = np.where(over, x * (2.0 + 2.0 * beta - 3.0 * beta * x) / reach, 3.0 * x * x / far)
-    return c * sink, c * turn
+def _sink(s: np.ndarray, over: np.ndarray, half: np.ndarray, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sinking over θ [m] (n) and turn over θ [1] (n), at least 0, at distances s [m] (n) from rims, on the bridge or on
+    the body; half [m] (n) is a, patch [m] (n) is R."""
+    at = np.minimum(s, half)
+    y, scale = np.where(over, half - at, half + s), 0.5 * half / (2.0 * _supported(half / patch)[0])
+    (ahead, first), (behind, second) = _supported((y + half) / patch), _supported((y - half) / patch)
+    sink, turn = scale * (ahead - behind), scale * (second - first) / patch
+    return np.where(over, sink - at + at * at / (2.0 * half), sink), np.where(over, 1.0 - at / half - turn, turn)
+
+
+def _supported(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Φ [1] (n), and its derivative."""
+    v = np.clip(u, -1.0, 1.0)
+    root = np.sqrt(1.0 - v * v)
+    part = v * (33.0 - v * v * (26.0 - 8.0 * v * v)) * root
+    return (part + 15.0 * arctan2(v, root)) / 48.0, root**5
 
 
 def unfolded(
