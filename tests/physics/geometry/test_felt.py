@@ -81,19 +81,34 @@ def felt_block(name, offset=0.0):
     return close_surface(body, R, (offset, 0.7 * offset, 0.3 * offset))
 
 
+@cache
+def lacking(half):
+    """Distances [m] (n) and the part of a biweight patch of radius R, so far from the middle of a gap, that is over it,
+    over that in the middle: by sums over the patch."""
+    x = (np.arange(1600) + 0.5) / 1600 * 2.0 * R - R
+    line = np.clip(1.0 - (x[:, None] ** 2 + x**2) / R**2, 0.0, None) ** 2
+    cumulated = np.concatenate([[0.0], np.cumsum(line.sum(axis=0))])
+    edges, y = np.linspace(-R, R, 1601), np.linspace(0.0, R + half, 4000)
+    over = np.interp(y + half, edges, cumulated) - np.interp(y - half, edges, cumulated)
+    return y, over / over[0]
+
+
 def rounded_line(width):
-    """Points [m] (n,2), y and height, of the right half of the surface of `rolls` whose kinks at the rims are parabolas
-    up to the distance t."""
+    """Points [m] (n,2), y and height, of the right half of the surface of `rolls` that sinks round its rims by as much as
+    the patch lacks support."""
     half = 0.5 * width
     theta = np.arcsin(half / R)
-    t = min(R * theta, half, 0.25 * R) if theta < np.pi / 3.0 else 1e-12  # a steep rim stays
     angle = np.linspace(0.0, theta, 2000)
     over = np.stack([R * np.sin(angle), np.sqrt(R * R - half * half) - R * np.cos(angle)], axis=1)
     flat = np.stack([np.linspace(half, 0.02, 20_000), np.zeros(20_000)], axis=1)
     line = np.concatenate([over, flat])
-    near = np.maximum(t - np.linalg.norm(line - (half, 0.0), axis=1), 0.0)
+    s, on_bridge = np.linalg.norm(line - (half, 0.0), axis=1), np.arange(len(line)) < len(over)
+    at = np.minimum(s, half)
+    sink = 0.5 * half * np.interp(np.where(on_bridge, half - at, half + s), *lacking(half))
+    sink -= np.where(on_bridge, at - at * at / width, 0.0)
+    sink *= theta < np.pi / 3.0  # a steep rim stays
     # towards the difference of the tangents of both sides
-    return line + (near * near / (4.0 * t))[:, None] * (np.array([1.0, 0.0]) - (np.cos(theta), np.sin(theta)))
+    return line + sink[:, None] * (np.array([1.0, 0.0]) - (np.cos(theta), np.sin(theta)))
 
 
 def rounded(width, y):
@@ -131,27 +146,29 @@ def test_a_gap_that_closes_converges_to_the_uncut_body():
         felt = felt_cut(gap)
         y = np.array([-3e-3, -1e-3, -0.4 * gap, 0.0, 0.4 * gap, 1e-3, 3e-3])
         over = np.abs(y) < 0.5 * gap
-        np.testing.assert_allclose(dips(felt, y), np.where(over, rolls(gap, np.where(over, y, 0)), 0.0), atol=NEAR)
+        ball = np.where(over, rolls(gap, np.where(over, y, 0)), 0.0)  # rims of narrow gaps stay
+        np.testing.assert_allclose(dips(felt, y), rounded(gap, y) if gap > 0.3e-3 else ball, atol=NEAR)
+        assert (dips(felt, y) < gap * gap / (8.0 * R) + NEAR).all()
         _, normal, _, _ = MeshClosestPoint(felt.mesh).find(np.stack([0 * y, y, 0 * y + TOP + 2e-3], axis=1))
         assert (np.abs(normal[:, 1]) <= 0.5 * gap / R + 0.02).all()
 
 
-@pytest.mark.parametrize("gap", [2e-3])
-def test_the_normal_turns_at_a_rim_as_slowly_as_on_the_bridge(gap):
+def test_the_normal_turns_at_a_rim_by_what_the_patch_loses_of_its_support():
     """A slide at 200 mm/s over 2 mm changed the force on the hand by 0.22 N in a millisecond, by a turn of 7 degrees
-    within one triangle."""
-    half, theta = 0.5 * gap, np.arcsin(0.5 * gap / R)
+    within one triangle. The first parabola at the rim turned it by 1/(2 R) per length, and tilted it by 0.06."""
+    gap = 2e-3
     y = np.linspace(-2.0 * gap, 2.0 * gap, 161)
     high = TOP - dips(felt_cut(gap), y)
     _, normal, _, _ = MeshClosestPoint(felt_cut(gap).mesh).find(np.stack([np.full(len(y), 0.3e-3), y, high], axis=1))
-    tilt = np.arcsin(normal[:, 1])
-    reach = int(0.25 * half / (y[1] - y[0]))
-    turn = np.abs(tilt[reach:] - tilt[:-reach]) / (0.25 * half)
-    assert 0.8 / (2.0 * R) < turn.max() < 1.8 / (2.0 * R)  # before, more than 10 times as much
-    assert 0.4 * theta < np.abs(tilt).max() < 0.65 * theta
-    slope = np.arctan((high[reach:] - high[:-reach]) / (0.25 * half))
+    tilt, right = np.arcsin(normal[:, 1]), np.gradient(rounded(gap, y), y)  # up to 0.009
+    np.testing.assert_allclose(tilt, right, atol=5e-3)
+    assert 0.8 < tilt[y > gap].sum() / right[y > gap].sum() < 1.2
+    reach = 10
+    turn = np.abs(tilt[reach:] - tilt[:-reach]) / (y[reach] - y[0])
+    assert turn.max() < 0.3 / (2.0 * R)
+    slope = np.arctan((high[reach:] - high[:-reach]) / (y[reach] - y[0]))
     mean = 0.5 * (tilt[reach:] + tilt[:-reach])
-    assert np.abs(slope + mean).max() < 0.5 * theta  # so the depth changes as the normal says
+    assert np.abs(slope + mean).max() < 0.03  # so the depth changes as the normal says, but for 10 um at the rims
 
 
 @pytest.mark.parametrize(
@@ -174,8 +191,8 @@ def test_no_point_of_a_rim_is_above_the_surface(name, offset):
 
 
 @pytest.mark.parametrize("high", [0.7e-3, -2.8e-3])
-def test_a_slide_over_a_wide_groove_turns_as_the_rounded_ball_does(high):
-    """Bones 0.7 mm above the top and 2.8 mm below it, which turns twice as fast there; steps of 200 mm/s at 1 kHz."""
+def test_a_slide_over_a_wide_groove_turns_as_the_rounded_surface_does(high):
+    """Bones 0.7 mm above the top and 2.8 mm below it; steps of 200 mm/s at 1 kHz."""
     width, step = 8e-3, 0.2e-3
     y = np.arange(1.5e-3, 8e-3, step)
     right, tilt = slide(width, np.stack([y, np.full(len(y), high)], axis=1))

@@ -42,7 +42,8 @@ LEAST = 0.02  # [1] of the radius: a below which a rim stays, that of a gap of 0
 FINEST, EVEN = 0.4, 0.2  # [1] of a, and of R: longest edge across a rim
 AWAY = 0.5  # [1] cosine to the direction away from the gap from which another rim lies on this side
 ENDS = 0.25  # [1] of the radius, or a: length from its end over which a rim becomes sharp
-UNFOLDED = 12  # rounds, because a point that stays may fold its neighbours
+LESS = (0.75, 0.5, 0.25)  # [1]
+UNFOLDED = 24  # rounds, because a point that stays may fold its neighbours
 HALVINGS = 7  # of an edge at most
 CORNER = 0.7  # [1] cosine between normals below which two rims meet at an edge of the body, where they stay
 CLEAR = 2.2  # [1] distance from an edge of the body over that of an end up to which rims stay
@@ -264,8 +265,10 @@ def unfolded(
     points: np.ndarray, normals: np.ndarray, moves: list[np.ndarray], turned: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moved points [m] and turned normals (V,3). Where a triangle would face away from its normals, its vertices take
-    the next one of the moved points [m] (V,3), and at last stay as they were."""
-    stages = np.stack([*moves, points])
+    the next one of the moved points [m] (V,3), then `LESS` of the motion, and at last stay as they were: a vertex that
+    stayed at once would fold its neighbours, and these theirs."""
+    stages = np.stack([*moves, *(points + share * (moves[-1] - points) for share in LESS), points])
+    last = len(stages) - 1
     stage, kept, each = np.zeros(len(points), np.int64), np.zeros(len(points), bool), np.arange(len(points))
     for both in (False, True):  # first the points alone, since the normals of what stays are those of its surroundings
         for _ in range(UNFOLDED):
@@ -273,9 +276,9 @@ def unfolded(
             a, b, c = (moved[triangles[:, k]] for k in range(3))
             back = einsum("ij,ij->i", np.cross(b - a, c - a), facing[triangles].sum(axis=1)) < 0.0
             ends = np.unique(triangles[back])
-            ends = ends[(stage[ends] < len(moves)) | (both & ~kept[ends])]
+            ends = ends[(stage[ends] < last) | (both & ~kept[ends])]
             if not len(ends):
                 break
-            kept[ends] |= both & (stage[ends] == len(moves))
-            stage[ends] = np.minimum(stage[ends] + 1, len(moves))
+            kept[ends] |= both & (stage[ends] == last)
+            stage[ends] = np.minimum(stage[ends] + 1, last)
     return stages[stage, each], np.where(kept[:, None], normals, turned)

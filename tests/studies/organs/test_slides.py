@@ -1,0 +1,57 @@
+"""Slides over a gap: the foot and the force on the hand move as over the body without it."""
+
+import numpy as np
+import pytest
+
+from palpate.studies.organs.gaps import FISSURE, MM
+from palpate.studies.organs.runs import run
+from palpate.studies.organs.slides import LIGHT, MORE, largest_change, slide_touch
+from palpate.studies.organs.touches import Setting
+from palpate.studies.organs.widths import on
+from palpate.studies.organs.zoo import USUAL
+
+R = 8 * MM
+
+
+@pytest.fixture(scope="module")
+def slid(tmp_path_factory):
+    """Traces of slides in both directions over an ellipsoid with a fissure and over the whole one, 8 mm deep."""
+    setting = Setting("block", USUAL, "BeamBundle", friction="", width=2 * R)
+    touches = [slide_touch(setting, way, 0.2, 4 * MM, 0.3 * MM) for way in (1.0, -1.0)]
+    folder = tmp_path_factory.mktemp("meshes")
+    return [run([on(touch, name) for touch in touches], folder)[0] for name in ("fissure", "unfissured")]
+
+
+def test_viscous_beams_push_the_hand_no_more_suddenly_than_without_a_fissure(slid):
+    """By 0.5 N in a tick, 4.2 times the limit, when the foot passed a rim."""
+    fissure, whole = (largest_change(traces)[0] for traces in slid)
+    assert (fissure < MORE * whole + LIGHT).all()
+    assert (fissure > 0.5 * whole).all()
+
+
+def test_a_foot_over_a_fissure_moves_as_over_the_whole_body(slid):
+    """At a rim it moved twice as far as the finger from one tick to the next, the limit of `geometry.proxy`. In the depth
+    of 8 mm over a curvature of c/b² a foot moves 1/(1 - 8 mm x 25 mm/(35 mm)²) = 1.2 times as far."""
+    found = []
+    for traces in slid:
+        time = np.arange(traces["finger.position"].shape[1]) * traces.step
+        y = np.stack([traces[name][:, (time > 0.53) & (time < 0.57), 1] for name in ("collision.foot", "finger.position")])
+        foot, bone = y[:, :, 4:] - y[:, :, :-4]
+        found.append(foot / bone)
+    fissure, whole = found
+    assert 0.9 < fissure.min() and fissure.max() < 1.5
+    np.testing.assert_allclose(whole, 1.2, atol=0.06)
+
+
+def test_the_force_over_a_fissure_is_that_of_the_beams_next_to_it(slid):
+    """Beams under a patch of the pressure p have the stiffness (sum p)²/(sum p²); arm and finger in series add to the
+    compliance, so the force is between this share and 1."""
+    x, y = np.meshgrid(*(np.linspace(-R, R, 801),) * 2)
+    p = np.clip(1.0 - (x * x + y * y) / R**2, 0.0, None) ** 2
+    stiffness = [(p * there).sum() ** 2 / (p * p * there).sum() for there in (np.abs(y) > 0.5 * FISSURE, p > 0.0)]
+    least, found = stiffness[0] / stiffness[1], []
+    for traces in slid:
+        at = np.abs(traces["collision.foot"][:, 530:, 1]).argmin(axis=1) + 530
+        found.append(traces["contact.force"][np.arange(len(at)), at])
+    share = found[0] / found[1]
+    assert (least < share).all() and (share < 0.85).all()
