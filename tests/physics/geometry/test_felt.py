@@ -94,8 +94,8 @@ def lacking(half):
 
 
 def rounded_line(width):
-    """Points [m] (n,2), y and height, of the right half of the surface of `rolls` that sinks round its rims by as much as
-    the patch lacks support."""
+    """Points [m] (n,2), y and height, of the right half of the surface of `rolls` that sinks round its rims by as much
+    as the patch lacks support."""
     half = 0.5 * width
     theta = np.arcsin(half / R)
     angle = np.linspace(0.0, theta, 2000)
@@ -168,7 +168,7 @@ def test_the_normal_turns_at_a_rim_by_what_the_patch_loses_of_its_support():
     assert turn.max() < 0.3 / (2.0 * R)
     slope = np.arctan((high[reach:] - high[:-reach]) / (y[reach] - y[0]))
     mean = 0.5 * (tilt[reach:] + tilt[:-reach])
-    assert np.abs(slope + mean).max() < 0.03  # so the depth changes as the normal says, but for 10 um at the rims
+    assert np.abs(slope + mean).max() < 0.03  # so the depth changes as the normal says, within 10 um at the rims
 
 
 @pytest.mark.parametrize(

@@ -15,14 +15,14 @@ n_1 + n_2 by
     θ (a/2) B(a + s)                        on the body, up to R = r, or half of the way to the next rim,
     θ ((a/2) B(a - s) - s + s²/(2a))        on the bridge, up to a = min(r θ, w/2),
 
-which is 0 in the middle. Slope and curvature are equal on both sides of a rim, also on a curved body, where θ = a/r + k a
-with the curvature k. Over gaps of 2, 4 and 8 mm (r = 8 mm) a rim sinks by 0.06, 0.22 and 0.63 mm and its normal tilts by
-0.008, 0.03 and 0.16. Full finite elements of a pad (0.1 to 0.38 N) tilt by 0.13 to 0.16 there over 8 mm.
+which is 0 in the middle. Slope and curvature are equal on both sides of a rim, also on a body with the curvature k,
+where θ = a/r + k a. Over gaps of 2, 4 and 8 mm (r = 8 mm) a rim sinks by 0.06, 0.22 and 0.63 mm and its normal tilts by
+0.005, 0.03 and 0.16. Full finite elements of a pad (0.1 to 0.38 N) tilt by 0.13 to 0.16 there over 8 mm.
 
-The curvature matters below the surface: in the depth d the foot moves 1/(1 - κ d) times as far as the bone. Beyond a rim
-κ is at most 1/(110 mm), 1/(80 mm) and 1/(30 mm), added to that of the body. (With a parabola up to 1.5 mm over a gap of
-3 mm it was 1/(16 mm) and began at once: 8 mm deep in an ellipsoid with a fissure the foot moved from one tick to the next
-3 times as far, and viscous beams answered with 0.5 N.)
+The curvature κ matters below the surface: in the depth d the foot moves 1/(1 - κ d) times as far as the bone. Beyond a
+rim, it is at most 1/(222 mm), 1/(74 mm) and 1/(31 mm), and adds to that of the body. (With a parabola up to 1.5 mm over
+a gap of 3 mm it was 1/(16 mm) and began at once: 8 mm deep in an ellipsoid with a fissure the foot moved from one tick
+to the next twice as far as the bone, the limit of `geometry.proxy`, and viscous beams answered with 0.5 N.)
 """
 
 from typing import NamedTuple
