@@ -1,8 +1,8 @@
 """Shutdown of a run: orders to the workers, deadlines, and kills after them."""
 
-import time
 from collections.abc import Callable, Collection, Mapping
 
+from palpate.engine import clock
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import KILL, Close, Kill, Quit, Stop
@@ -46,12 +46,12 @@ class Ending:
 
     def stop(self) -> None:
         self._control.send_order("*", Stop())
-        self._deadline = time.monotonic() + STOP_PATIENCE
+        self._deadline = clock.seconds() + STOP_PATIENCE
 
     def quit_after(self, seconds: float) -> None:
         """Schedule an immediate shutdown in this time."""
         if self._deadline is None:
-            self._checked = time.monotonic()
+            self._checked = clock.seconds()
             self._quit_at = self._checked + seconds
             self._deadline = self._quit_at + STOP_PATIENCE
 
@@ -70,11 +70,11 @@ class Ending:
             ]
             self.closed = True
             self._control.send_order("*", Close(tuple(lost)))
-            self._deadline = None if left else time.monotonic() + STOP_PATIENCE
+            self._deadline = None if left else clock.seconds() + STOP_PATIENCE
 
     def check(self, begun: bool) -> None:
         """Act on deadlines. `begun`: tick 0 has begun; before, workers that build nodes are killed 0.5 s after Quit."""
-        moment = time.monotonic()
+        moment = clock.seconds()
         if self._quit_at is not None and moment - self._checked > STALL:  # the workers could not run either
             self._quit_at += moment - self._checked
         self._checked = moment

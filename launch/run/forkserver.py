@@ -25,6 +25,7 @@ import zmq
 from palpate.compiler.arithmetic import environment
 from palpate.launch.run.descendants import die_with_parent, set_title
 from palpate.launch.run.reports import ANSWERS, REPORTED, REQUESTS, Exited, Kill, Prepare, Start, Started
+from palpate.launch.run.work.activity import activity
 from palpate.launch.run.work.forked import Child, fork, forkable
 
 COLLECTION = (700, 10, 10)  # Python's thresholds of garbage collection, whose pauses are the shortest
@@ -37,6 +38,9 @@ class ForkServer:
     forked  fork it from this process, if that is safe. It inherits the files, modules and state of this process, so
             only a process that palpate has started itself should ask for it
     """
+
+    look = staticmethod(activity)
+    """What the process with an id does; None: unknown."""
 
     def __init__(self, forked: bool = False) -> None:
         self.socket, theirs = socket.socketpair()

@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 import os
 import signal
-import time
 import uuid
 from collections.abc import Callable, Sequence
 
 import msgspec
-import zmq
 
-from palpate.engine.clock import Silence, now
+from palpate.engine import clock
+from palpate.engine.clock import Silence
 from palpate.engine.job import Job, members
 from palpate.launch.run import reports
 from palpate.launch.run.ending import Ending
@@ -29,7 +28,14 @@ from palpate.launch.run.wire.addresses import has_unix_sockets
 from palpate.launch.run.wire.discover import Running
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.wire.printable import lines_of, one_line, printable
-from palpate.launch.run.wire.wires import ControlChannel, blocked_by, listeners, read_streams, wrong_endpoint
+from palpate.launch.run.wire.wires import (
+    ControlChannel,
+    ControlSockets,
+    blocked_by,
+    listeners,
+    read_streams,
+    wrong_endpoint,
+)
 from palpate.launch.run.work.activity import ENDED, Activity
 from palpate.launch.run.work.spawner import Spawner, worker_server
 from palpate.launch.run.work.worker import REPORT
@@ -50,6 +56,7 @@ class Launcher:
 
     jobs        one per worker; those in `joined` are started by hand on another machine (`palpate remote join`)
     forkserver  what starts the workers; None: make one
+    sockets     makes the sockets to the workers: name of the run, `address`, `key`
     address     TCP address of this launcher for other machines: `tcp://host:port`, reports at port + 1
     key         encrypts TCP; None: no encryption
     patience    [s] without a heartbeat after which a worker counts as hung
@@ -65,6 +72,7 @@ class Launcher:
         jobs: Sequence[Job],
         forkserver: ForkServer | Spawner | None = None,
         *,
+        sockets: Callable[[str, str | None, Key | None], ControlSockets] = ControlSockets,
         joined: frozenset[str] = frozenset(),
         address: str | None = None,
         key: Key | None = None,
@@ -75,11 +83,13 @@ class Launcher:
         printed: Callable[[str], None] = silent,
         died: Callable[[NodeFault], None] = lambda _: None,
     ) -> None:
-        self.begun = time.monotonic()
+        self.begun = clock.seconds()
         self.jobs = {job.group: job for job in jobs}
-        self.members = {job.group: WorkerHandle(job, joined=job.group in joined) for job in jobs}
-        self._nodes = {name for member in self.members.values() for name in member.nodes}
         self.forkserver = forkserver or worker_server()
+        self.members = {
+            job.group: WorkerHandle(job, joined=job.group in joined, look=self.forkserver.look) for job in jobs
+        }
+        self._nodes = {name for member in self.members.values() for name in member.nodes}
         self.address, self.key, self.patience, self.restart, self.spared = address, key, patience, restart, spared
         self.show, self.printed, self.died = show, printed, died
         self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
@@ -95,7 +105,7 @@ class Launcher:
         self._beat = 0.0
         self._caught_up = False  # whether all received reports were handled
         try:
-            self._control = ControlChannel(self.run_id, self.jobs, address, key)
+            self._control = ControlChannel(sockets(self.run_id, address, key), self.jobs)
         except OSError:
             self.forkserver.close()
             raise
@@ -103,9 +113,7 @@ class Launcher:
         for group in joined:
             self._control.expect(group)
             self.members[group].busy = f"{group} (palpate remote join {address} {group})"
-        self._poller = zmq.Poller()
-        self._control.register(self._poller)
-        self.forkserver.register(self._poller)
+        self._control.sockets.wake_by(self.forkserver)
 
     @property
     def pids(self) -> dict[str, int]:
@@ -161,19 +169,19 @@ class Launcher:
             if self._control.foreign:
                 text = f"{self._control.foreign} frames that do not belong to this run were dropped"
                 self.result.notes.append(text)
-            self._control.close(200)
+            self._control.sockets.close(200)
 
     def _fork(self, member: WorkerHandle) -> None:
         self._control.expect(member.job.group)
         member.reset_state()
         member.starter = self.forkserver.pid
-        control = self._control
+        sockets = self._control.sockets
         self.forkserver.ask(
-            reports.Start(member.job, self.run_id, control.control, control.reports, self.key, control.guarded)
+            reports.Start(member.job, self.run_id, sockets.control, sockets.reports, self.key, sockets.guarded)
         )
 
     def _turn(self) -> None:
-        self._poller.poll(100)
+        self._control.sockets.wait(100)
         self._control.deliver()
         self._caught_up = not all(self._next_report() for _ in range(MOST_REPORTS))
         self._listen()
@@ -198,7 +206,7 @@ class Launcher:
 
     def _next_report(self, wait: int = 0) -> bool:
         """Handle the next report. False: none arrived within `wait` [ms]."""
-        if not self._control.has_report(wait):
+        if not self._control.sockets.has_report(wait):
             return False
         addressed = self._control.report()
         if addressed is not None:
@@ -324,10 +332,10 @@ class Launcher:
 
     def _go(self) -> None:
         self.phase = "running"
-        self._started = time.monotonic()
+        self._started = clock.seconds()
         self.result.start = self._started - self.begun
         self.result.origin = self._started
-        self.origin = now() + (HEAD_START if self._real else 0)
+        self.origin = clock.now() + (HEAD_START if self._real else 0)
         self._control.send_order("*", reports.Go(self.origin))
         for member in self.members.values():
             member.state = "running"
@@ -390,7 +398,7 @@ class Launcher:
 
     def _is_gone(self, member: WorkerHandle) -> None:
         member.state = "gone"
-        self._ended = time.monotonic()
+        self._ended = clock.seconds()
         self._ending.follow()
 
     def _leads(self) -> list[WorkerHandle]:
@@ -411,7 +419,7 @@ class Launcher:
             self._ending.stop()
 
     def _check_time(self) -> None:
-        moment = time.monotonic()
+        moment = clock.seconds()
         if self.address and moment - self._beat > BEAT:
             self._beat = moment
             for group, member in self.members.items():
@@ -439,12 +447,10 @@ class Launcher:
             if not text:
                 continue
             self.forkserver.ask(reports.Kill(group, reports.ASK))  # prints its traceback, reports its node
-            before, until = len(self._tail), time.monotonic() + 0.5
-            while (len(self._tail) == before or not member.busy) and time.monotonic() < until:
-                time.sleep(0.05)
+            before, until = len(self._tail), clock.seconds() + 0.5
+            while (len(self._tail) == before or not member.busy) and clock.seconds() < until:
+                self._next_report(50)
                 self._listen()
-                while self._next_report():
-                    pass
             if not member.alive:
                 continue
             where = "step" if member.state == "running" else "start"

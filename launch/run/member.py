@@ -1,6 +1,5 @@
 """The launcher's state of a worker, with detection of hangs and of lost messages."""
 
-import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -66,7 +65,7 @@ class WorkerHandle:
     taken: bool = False
     _pulsed: bool = False  # whether the pulse is newer than the last reading
     _passed: float = 0.0  # [s] since the last reading, as far as it counts
-    _checked: float = field(default_factory=time.monotonic)
+    _checked: float = field(default_factory=clock.seconds)
 
     @property
     def alive(self) -> bool:
@@ -82,7 +81,7 @@ class WorkerHandle:
         return ", ".join(self.nodes)
 
     def reset_silence(self) -> None:
-        self.silent, self._passed, self._checked = SilentTime(), 0.0, time.monotonic()
+        self.silent, self._passed, self._checked = SilentTime(), 0.0, clock.seconds()
 
     def waits(self, awaits: tuple[str, int] | None) -> None:
         """Note the message that it waits for, from a heartbeat."""
@@ -97,7 +96,7 @@ class WorkerHandle:
 
         Each call counts at most `LONGEST_GAP`, so time in which the launcher was not scheduled does not count.
         """
-        moment = time.monotonic()
+        moment = clock.seconds()
         self._passed, self._checked = self._passed + min(moment - self._checked, LONGEST_GAP), moment
         if self.joined and self.silent.total > QUIET:
             if self._pulsed:

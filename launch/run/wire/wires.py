@@ -5,6 +5,7 @@ The launcher sends orders and receives reports. Orders to a worker wait until it
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
+from typing import Protocol
 
 import msgspec
 import zmq
@@ -19,18 +20,26 @@ from palpate.launch.run.wire.printable import one_line
 LONGEST_REPORT = 1 << 26  # [bytes]
 
 
-class ControlChannel:
+class Waker(Protocol):
+    """What has sockets that wake the launcher: the fork server."""
+
+    def register(self, poller: zmq.Poller) -> None:
+        """Register them."""
+
+
+class ControlSockets:
     """Sockets of the launcher of a run, and the folder of all Unix sockets of the run.
 
+    address  TCP address for workers on other machines: `tcp://host:port`, reports at port + 1
+    key      encrypts TCP; None: no encryption
+
     control, reports  addresses that workers on this machine connect to: Unix sockets, or without them TCP on loopback
-    address           TCP address for workers on other machines: `tcp://host:port`, reports at port + 1
-    key               encrypts TCP; None: no encryption
+    guarded           whether they are encrypted
 
     OSError: that address cannot be bound.
     """
 
-    def __init__(self, run: str, jobs: Mapping[str, Job], address: str | None, key: Key | None) -> None:
-        self.foreign = 0  # dropped frames that are not reports of this run's workers
+    def __init__(self, run: str, address: str | None, key: Key | None) -> None:
         unix = has_unix_sockets()
         self._folder = RunFolder(run) if unix else None
         guard = key if address or not unix else None
@@ -41,10 +50,12 @@ class ControlChannel:
         self._orders.set(zmq.XPUB_VERBOSE, 1)
         self._orders.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
         self._told.set(zmq.MAXMSGSIZE, LONGEST_REPORT)
+        self._poller = zmq.Poller()
         for socket in (self._orders, self._told):
             socket.set(zmq.LINGER, 500)
             if guard is not None:
                 guard.secure(socket, server=True)
+            self._poller.register(socket, zmq.POLLIN)
         ends = [endpoint(run, name) for name in ("control", "reports")] if unix else [f"tcp://{LOOPBACK}:*"] * 2
         self._orders.bind(ends[0])
         self._told.bind(ends[1])
@@ -59,54 +70,30 @@ class ControlChannel:
             except zmq.ZMQError as error:
                 self.close(0)
                 raise OSError(f"cannot bind {address} (and the port after it): {error.strerror}") from None
-        self._missing = dict.fromkeys(jobs, 0)  # workers of each group that have yet to subscribe
-        self._waiting: dict[str, list[bytes]] = {group: [] for group in jobs}  # orders for them
 
-    def register(self, poller: zmq.Poller) -> None:
-        """Wake this poller on reports and subscriptions."""
-        poller.register(self._told, zmq.POLLIN)
-        poller.register(self._orders, zmq.POLLIN)
+    def wake_by(self, forkserver: Waker) -> None:
+        """`wait` also returns when the fork server answers."""
+        forkserver.register(self._poller)
 
-    def send_order(self, group: str, order: Order) -> None:
-        """Send an order to the worker of a group; `*`: to all."""
-        for name in self._missing if group == "*" else (group,):
-            data = frame(f"~{name}", msgspec.json.encode(order))
-            if self._missing.get(name, 0) > 0:
-                self._waiting[name].append(data)
-            else:
-                self._orders.send(data)
+    def wait(self, wait: int) -> None:
+        """Wait up to `wait` [ms] for reports, subscriptions and answers of the fork server."""
+        self._poller.poll(wait)
 
-    def expect(self, group: str) -> None:
-        """A worker of this group starts; orders to its predecessor are void."""
-        self._missing[group] += 1
-        self._waiting[group].clear()
+    def send(self, data: bytes) -> None:
+        """Send an order to its subscribers."""
+        self._orders.send(data)
 
-    def deliver(self) -> None:
-        """Send waiting orders to the workers that have subscribed since the last call."""
-        while self._orders.poll(0):
-            note = self._orders.recv()
-            group = note[2:-1].decode(errors="replace")
-            if note[:2] == b"\x01~" and group in self._missing:
-                self._missing[group] -= 1
-                while self._missing[group] <= 0 and self._waiting[group]:
-                    self._orders.send(self._waiting[group].pop(0))
-            elif note[:1] not in (b"\x00", b"\x01"):
-                self.foreign += 1
+    def subscription(self) -> bytes | None:
+        """The next subscription (first byte 1) or cancellation (0); None: none has arrived."""
+        return self._orders.recv() if self._orders.poll(0) else None
 
     def has_report(self, wait: int = 0) -> bool:
         """Whether a report is waiting, or arrives within `wait` [ms]."""
         return bool(self._told.poll(wait))
 
-    def report(self) -> Addressed | None:
-        """The next report; None if it is not from a worker of this run."""
-        try:
-            addressed = REPORTS.decode(self._told.recv())
-        except (msgspec.MsgspecError, ValueError):
-            addressed = None
-        if addressed is None or addressed.group not in self._missing:
-            self.foreign += 1
-            return None
-        return addressed
+    def report(self) -> bytes:
+        """The next report."""
+        return self._told.recv()
 
     def close(self, linger: int) -> None:
         """Close; buffered orders have `linger` [ms] to be delivered."""
@@ -115,6 +102,52 @@ class ControlChannel:
         self._context.destroy(linger=linger)
         if self._folder is not None:
             self._folder.close()
+
+
+class ControlChannel:
+    """Orders of the launcher to its workers, and their reports."""
+
+    def __init__(self, sockets: ControlSockets, jobs: Mapping[str, Job]) -> None:
+        self.sockets = sockets
+        self.foreign = 0  # dropped frames that are not reports of this run's workers
+        self._missing = dict.fromkeys(jobs, 0)  # workers of each group that have yet to subscribe
+        self._waiting: dict[str, list[bytes]] = {group: [] for group in jobs}  # orders for them
+
+    def send_order(self, group: str, order: Order) -> None:
+        """Send an order to the worker of a group; `*`: to all."""
+        for name in self._missing if group == "*" else (group,):
+            data = frame(f"~{name}", msgspec.json.encode(order))
+            if self._missing.get(name, 0) > 0:
+                self._waiting[name].append(data)
+            else:
+                self.sockets.send(data)
+
+    def expect(self, group: str) -> None:
+        """A worker of this group starts; orders to its predecessor are void."""
+        self._missing[group] += 1
+        self._waiting[group].clear()
+
+    def deliver(self) -> None:
+        """Send waiting orders to the workers that have subscribed since the last call."""
+        while (note := self.sockets.subscription()) is not None:
+            group = note[2:-1].decode(errors="replace")
+            if note[:2] == b"\x01~" and group in self._missing:
+                self._missing[group] -= 1
+                while self._missing[group] <= 0 and self._waiting[group]:
+                    self.sockets.send(self._waiting[group].pop(0))
+            elif note[:1] not in (b"\x00", b"\x01"):
+                self.foreign += 1
+
+    def report(self) -> Addressed | None:
+        """The next report; None if it is not from a worker of this run."""
+        try:
+            addressed = REPORTS.decode(self.sockets.report())
+        except (msgspec.MsgspecError, ValueError):
+            addressed = None
+        if addressed is None or addressed.group not in self._missing:
+            self.foreign += 1
+            return None
+        return addressed
 
 
 OUTLETS = {"force": "force", "observers": "members"}  # names of the local sockets by outlet

@@ -8,14 +8,16 @@ import socket
 import sys
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 import msgspec
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
-from palpate.engine.clock import Silence, now, real_time
+from palpate.engine import clock
+from palpate.engine.clock import Silence, real_time
+from palpate.engine.job import Job
 from palpate.engine.slot import NodeError
 from palpate.launch.run import reports
 from palpate.launch.run.descendants import die_with_parent
@@ -39,11 +41,9 @@ LINGER = 1000  # [ms] to send this report
 
 
 def serve(start: reports.Start, alone: bool = False) -> int:
-    """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
+    """Set this process up and run a job in it; returns the exit code, see `work`.
 
     alone  the worker is not a child of the launcher: end on Ctrl-C, and without heartbeats of the launcher
-
-    Returns the exit code: 0, or 1 after a failure, which is reported with its traceback.
     """
     if not alone:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
@@ -55,14 +55,24 @@ def serve(start: reports.Start, alone: bool = False) -> int:
     local = has_unix_sockets() and not alone
     bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded, local)
     _answer_when_silent(bus)
+    return work(job, bus, alone)
+
+
+def work(job: Job, bus: Bus, alone: bool, claim: Callable[..., list[str]] = real_time) -> int:
+    """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
+
+    claim  takes the core and the priority for this process, and returns what the system refused
+
+    Returns the exit code: 0, or 1 after a failure, which is reported with its traceback.
+    """
     worker, begun, clean_exit, stack = None, None, False, contextlib.ExitStack()
     try:
         worker = Worker(job, bus, bus.report, alone)
         stack.enter_context(compiler_watched(lambda active: bus.report(reports.Compiling(active))))
         worker.start()
-        refused = real_time(job.core, job.priority if real else None)
+        refused = claim(job.core, job.priority if job.clock == "real" else None)
         endpoints = bus.bind(job.host)
-        bus.report(reports.Ready(endpoints, refused, bool(job.host and start.key)))
+        bus.report(reports.Ready(endpoints, refused, bool(job.host and bus.key)))
         with contextlib.suppress(EndedError):
             begun = _link(bus, alone)
             run(worker, *begun)
@@ -110,7 +120,7 @@ def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
     groups that the observers here read. EndedError: the run ended before. RunError, for a worker that was started by
     hand (`alone`): the launcher sends nothing, or names a local socket."""
     senders: set[str] = set()
-    launcher, reported = Silence(), now()
+    launcher, reported = Silence(), clock.now()
 
     def poll(wait: int = 0) -> reports.Order | None:
         nonlocal reported
@@ -121,8 +131,8 @@ def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
             launcher.reset()
         elif alone and launcher.poll() > ORPHANED:
             raise RunError("the launcher sent nothing for 5 s; it has ended, or the network was interrupted")
-        if now() - reported > REPORT:
-            reported = now()
+        if clock.now() - reported > REPORT:
+            reported = clock.now()
             bus.report(reports.Alive({}))
         return order
 

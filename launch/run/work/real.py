@@ -22,7 +22,7 @@ up from zero (nodes/base/absence.py).
 
 from typing import Protocol
 
-from palpate.engine.clock import now, sleep_until
+from palpate.engine import clock
 from palpate.engine.job import Job
 from palpate.engine.schedule import (
     FRESH,
@@ -49,13 +49,13 @@ def run_real(worker: Worker, origin: int) -> None:
     """Run until the worker's last tick or until it is stopped. `origin` [ns]: time of tick 0."""
     paced = next((slot for slot in worker.slots if slot.node.paced), None)
     lead = paced or worker.slots[0]
-    clock = _RealClock(worker, lead, origin)
+    ticks = _RealClock(worker, lead, origin)
     while worker.last is None or worker.tick < worker.last:
-        if worker.hop is not None and clock.hop(worker.hop):
+        if worker.hop is not None and ticks.hop(worker.hop):
             continue
-        started = _pace(worker, lead, origin, 1e9 / clock.rate) if paced else _follow(worker, lead)
+        started = _pace(worker, lead, origin, 1e9 / ticks.rate) if paced else _follow(worker, lead)
         if started is not None:
-            clock.run(*started)
+            ticks.run(*started)
 
 
 class _RealClock:
@@ -69,7 +69,7 @@ class _RealClock:
     def run(self, tick: int, at: int) -> None:
         """Run the nodes that step at this tick, then orders and housekeeping."""
         worker = self.worker
-        self.begins(tick, at, now())
+        self.begins(tick, at, clock.now())
         run_tick(worker.parts, tick, self)
         worker.check_orders()
         worker.housekeep()
@@ -103,7 +103,7 @@ class _RealClock:
         """Send the outputs, and record their latency."""
         slot.due = next_run(tick, slot.every)
         self.worker.send(slot)
-        age = max(0, now() - self.origin - self.at)
+        age = max(0, clock.now() - self.origin - self.at)
         slot.health.age.add(age)
         slot.health.overdue += age > self.period
 
@@ -127,14 +127,14 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
     """Wait for the next tick of the clock; returns tick and time. Ticks whose whole period has passed are left out,
     except the last one of the run."""
     tick = worker.tick + 1
-    late = sleep_until(origin + begin_of(tick, period))
+    late = clock.sleep_until(origin + begin_of(tick, period))
     skipped = left_out(late, period, tick, FAR if worker.last is None else worker.last)
     if worker.tick >= 0:  # a restarted worker begins at the current tick
         lead.health.late += skipped
     if worker.stopping:
         raise EndedError
     worker.drain()
-    return tick + skipped, now() - origin
+    return tick + skipped, clock.now() - origin
 
 
 def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:

@@ -4,7 +4,7 @@ Each node waits for exactly the messages that `schedule` defines, so that the re
 Every worker runs its nodes in the graph's order, which excludes deadlocks.
 """
 
-from palpate.engine.clock import now, sleep_until
+from palpate.engine import clock
 from palpate.engine.schedule import nanoseconds, next_run
 from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import Input, NodeError, Slot
@@ -19,17 +19,17 @@ BLOCK = 20_000_000  # [ns] time limit of a block of ticks, since Ctrl-C takes ef
 
 def run_simulated(worker: Worker, origin: int) -> None:
     """Run the ticks from 0 to the worker's last. `origin` [ns]: time of tick 0, for a paced run."""
-    rate, pace, clock = worker.job.rate, worker.job.pace, SimulatedClock(worker)
+    rate, pace, ticks = worker.job.rate, worker.job.pace, SimulatedClock(worker)
     lead = next((slot for slot in worker.slots if slot.node.paced), None)
-    tick, begun = 0, now()
+    tick, begun = 0, clock.now()
     while worker.last is None or tick <= worker.last:
         if pace is not None and lead is not None:
-            sleep_until(origin + round(nanoseconds(tick, rate) / pace))
-        before, tick = tick, clock.run(tick, 1 if pace is not None and lead is not None else MOST)
-        ticks = tick - before
+            clock.sleep_until(origin + round(nanoseconds(tick, rate) / pace))
+        before, tick = tick, ticks.run(tick, 1 if pace is not None and lead is not None else MOST)
+        count = tick - before
         if lead is not None:
-            ended = now()
-            lead.health.age.add((ended - begun) // ticks, ticks)
+            ended = clock.now()
+            lead.health.age.add((ended - begun) // count, count)
             begun = ended
             if worker.stopping:
                 _agree_on_the_end(worker, tick - 1)
@@ -51,10 +51,10 @@ class SimulatedClock:
             after = worker.hop.run(tick, tick + most, self)
             self.begins(after - 1)
         elif most > 1 and (part := alone(worker)) is not None:
-            after, begun = tick + min(most, self._block), now()
+            after, begun = tick + min(most, self._block), clock.now()
             self.begins(after - 1)
             part.run_many(tick, after - tick)
-            self._block = max(16, self._block // 2) if now() - begun > BLOCK else min(2 * self._block, MOST)
+            self._block = max(16, self._block // 2) if clock.now() - begun > BLOCK else min(2 * self._block, MOST)
         else:
             after = tick + 1
             self.begins(tick)

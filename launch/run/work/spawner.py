@@ -19,12 +19,14 @@ from palpate.compiler.arithmetic import environment
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.reports import KILL, REPORTED, Exited, Kill, Prepare, Start, Started
 from palpate.launch.run.wire.addresses import has_unix_sockets
+from palpate.launch.run.work.activity import activity
 
 
 class Spawner:
     """Starts and ends workers, with the methods of `ForkServer`."""
 
     alive = True
+    look = staticmethod(activity)
     pid: int | None = None  # each worker is started at once, and then known by its number
 
     def __init__(self) -> None:

@@ -9,7 +9,8 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
-from palpate.engine.clock import POLL_INTERVAL, Silence, now
+from palpate.engine import clock
+from palpate.engine.clock import POLL_INTERVAL, Silence
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
 from palpate.engine.schedule import nanoseconds
@@ -77,8 +78,6 @@ class Worker:
     report  takes a report for the launcher
     alone   started by hand: it ends without heartbeats of the launcher
     """
-
-    now = staticmethod(now)
 
     def __init__(self, job: Job, bus: Bus | None, report: Callable[[Report], None], alone: bool = False) -> None:
         self.job, self.bus, self.report, self._alone = job, bus, report, alone
@@ -221,7 +220,7 @@ class Worker:
         for observer in self.audience.begun:
             observer.node.take_origin(origin)
         if self._real:
-            self._since = max(0, int((now() - origin) * 1e-9 * self.job.rate))
+            self._since = max(0, int((clock.now() - origin) * 1e-9 * self.job.rate))
             self.tick = max(self.tick, self._since - 1)  # ignore messages from before a restart
             if self._since > 0:
                 for slot in self.slots:
@@ -313,6 +312,10 @@ class Worker:
             text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
             raise NodeError(output.stream.partition(".")[0], f"step at tick {tick}", text)
 
+    def now(self) -> int:
+        """The time of the machine [ns]."""
+        return clock.now()
+
     def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
         """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one
         arrived. Otherwise poll all sockets."""
@@ -376,7 +379,7 @@ class Worker:
         self.drain()
         self.check_orders()
         self._overhear_some()
-        if now() - self._reported > REPORT:
+        if clock.now() - self._reported > REPORT:
             self._flush()
             self.sign_of_life()
 
@@ -429,7 +432,7 @@ class Worker:
     def housekeep(self, ticks: int = 1) -> None:
         """After some ticks: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
         self._burst += ticks
-        moment = now()
+        moment = clock.now()
         if self._real:
             next(self._sign, None)
         due = moment - self._reported > REPORT  # slow nodes must also send heartbeats
@@ -465,7 +468,7 @@ class Worker:
         if self.bus is not None:
             self.bus.sweep()
         self.check_orders()
-        if now() - self._reported > REPORT:
+        if clock.now() - self._reported > REPORT:
             self.sign_of_life()
 
     def _mark_heard(self) -> None:
@@ -485,7 +488,7 @@ class Worker:
     def _signs(self) -> Iterator[None]:
         """Send the health of the nodes in parts: on the real clock one after each block of ticks, since the whole would
         take longer than a tick."""
-        self._reported = now()
+        self._reported = clock.now()
         if self.hop is not None:
             self.hop.count()
         for part in self.parts:

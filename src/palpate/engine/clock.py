@@ -14,7 +14,14 @@ _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
-now = time.monotonic_ns  # [ns] the machine's monotonic clock, the same in all of its processes
+now = time.monotonic_ns
+"""[ns] The machine's monotonic clock, the same in all of its processes. The launcher and the workers call it and
+`sleep_until` as attributes of this module, so that a simulation can replace both (`studies/faults/launch`)."""
+
+
+def seconds() -> float:
+    """The same in [s]."""
+    return 1e-9 * now()
 
 
 def sleep_until(deadline: int) -> int:

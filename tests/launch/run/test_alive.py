@@ -127,7 +127,7 @@ def seen(behaviour: str, moment: float) -> Activity | None:
 def moment(monkeypatch):
     """A clock that only the test advances [s]."""
     now = SimpleNamespace(s=0.0)
-    monkeypatch.setattr(member, "time", SimpleNamespace(monotonic=lambda: now.s))
+    monkeypatch.setattr(clock, "seconds", lambda: now.s)
     return now
 
 
@@ -204,7 +204,6 @@ def test_the_end_of_a_joined_process_is_a_failure_with_its_name():
 def test_a_waiting_worker_sends_heartbeats_and_notices_the_end_of_its_launcher(monkeypatch, alone):
     now, sent = [0], []
     monkeypatch.setattr(clock, "now", lambda: now[0])
-    monkeypatch.setattr(process, "now", lambda: now[0])
 
     def order(wait: int) -> reports.Order | None:
         now[0] += wait * 1_000_000

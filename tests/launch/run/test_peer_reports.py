@@ -67,7 +67,7 @@ def test_a_worker_here_may_also_name_its_sockets_and_no_others():
 def launcher():
     made = Launcher((NODES,), joined=frozenset(("a",)), address=f"tcp://127.0.0.1:{free_port()}")
     yield made
-    made._control.close(0)
+    made._control.sockets.close(0)
     made.forkserver.close()
 
 

@@ -36,7 +36,7 @@ def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: N
     return SimpleNamespace(
         job=SimpleNamespace(rate=rate, links=links),
         wait=wait,
-        now=lambda: real.now(),
+        now=lambda: real.clock.now(),
         stopping=False,
         tick=-1,
         last=None,
@@ -102,7 +102,7 @@ def test_only_inputs_older_than_required_count_as_held(age, every, loop, held):
 
 def test_a_step_waits_for_its_inputs_until_the_deadline_and_no_longer(monkeypatch):
     clock = [0]
-    monkeypatch.setattr(real, "now", lambda: clock[0])
+    monkeypatch.setattr(real.clock, "now", lambda: clock[0])
 
     def gather(comes: int | None, waits: bool) -> tuple[list | None, int]:
         clock[0] = 0
@@ -202,8 +202,8 @@ def test_a_waiting_node_ends_on_an_order():
 @pytest.mark.parametrize("before", [-1, 0, 4])
 def test_ticks_whose_whole_period_has_passed_are_omitted_and_counted(monkeypatch, late, skipped, before):
     origin, deadlines = 1000, []
-    monkeypatch.setattr(real, "sleep_until", lambda deadline: deadlines.append(deadline) or round(late * MS))
-    monkeypatch.setattr(real, "now", lambda: origin + 77)
+    monkeypatch.setattr(real.clock, "sleep_until", lambda deadline: deadlines.append(deadline) or round(late * MS))
+    monkeypatch.setattr(real.clock, "now", lambda: origin + 77)
     made, here = slot("Source", ("torque", {"loop": True})), worker()
     here.tick = before
     assert real._pace(here, made, origin, MS) == (before + 1 + skipped, 77)
@@ -212,14 +212,14 @@ def test_ticks_whose_whole_period_has_passed_are_omitted_and_counted(monkeypatch
 
 
 def test_a_stall_at_the_end_causes_no_tick_beyond_the_last(monkeypatch):
-    monkeypatch.setattr(real, "sleep_until", lambda deadline: 10 * MS)
+    monkeypatch.setattr(real.clock, "sleep_until", lambda deadline: 10 * MS)
     made, here = slot("Source", ("torque", {"loop": True})), worker()
     here.tick, here.last = 597, 599
     assert real._pace(here, made, 0, MS)[0] == 599 and made.health.late == 1
 
 
 def test_a_stopped_run_ends_at_its_next_tick(monkeypatch):
-    monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
+    monkeypatch.setattr(real.clock, "sleep_until", lambda deadline: 0)
     here = worker()
     here.stopping = True
     with pytest.raises(EndedError):
@@ -275,8 +275,8 @@ def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):
         deadlines.append((deadline, leading))
         return None if tick == 3 else [None]
 
-    monkeypatch.setattr(real, "sleep_until", sleep)
-    monkeypatch.setattr(real, "now", lambda: here.clock[0])
+    monkeypatch.setattr(real.clock, "sleep_until", sleep)
+    monkeypatch.setattr(real.clock, "now", lambda: here.clock[0])
     monkeypatch.setattr(real, "take_inputs", gather)
     real.run_real(here, origin)
     assert here.sent == [(0, 0), (1, 0), (0, 1), (0, 2), (1, 2)]
@@ -293,7 +293,7 @@ def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):
 def test_a_node_does_not_wait_for_a_stopped_optional_sender(monkeypatch):
     """Otherwise every step of its reader would take one more period."""
     clock = [0]
-    monkeypatch.setattr(real, "now", lambda: clock[0])
+    monkeypatch.setattr(real.clock, "now", lambda: clock[0])
     waited = []
 
     def gather(optional: str, age: int) -> int:
@@ -330,8 +330,8 @@ def test_a_stall_of_the_node_ages_its_inputs_only_for_hardware(hardware, absent)
 
 def test_an_output_after_the_period_is_overdue(monkeypatch):
     here = Here(last=0)
-    monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
-    monkeypatch.setattr(real, "now", lambda: here.clock[0])
+    monkeypatch.setattr(real.clock, "sleep_until", lambda deadline: 0)
+    monkeypatch.setattr(real.clock, "now", lambda: here.clock[0])
     monkeypatch.setattr(real, "take_inputs", lambda *given: [None])
     here.slots[0].node.step = lambda torque, **given: here.clock.__setitem__(0, MS - 30_000) or POSE
     here.slots[0].takes(here.slots[0].counts)
@@ -349,7 +349,7 @@ def test_a_step_has_the_time_of_its_driving_message_and_first_a_nominal_dt(monke
     here.tick = 99
     put(made, 0, POSE, 100)
     put(made, 1, FORCE, 100)
-    monkeypatch.setattr(real, "now", lambda: 0)
+    monkeypatch.setattr(real.clock, "now", lambda: 0)
     monkeypatch.setattr(made, "step", lambda *given: seen.append(given))
     here.send = lambda sent: None
     real.run_real(here, 0)

@@ -29,7 +29,6 @@ def time(monkeypatch):
     """A clock that only the test advances [ns]."""
     moment = SimpleNamespace(ns=0)
     monkeypatch.setattr(clock, "now", lambda: moment.ns)
-    monkeypatch.setattr(ending, "time", SimpleNamespace(monotonic=lambda: moment.ns * 1e-9))
     return moment
 
 
@@ -94,7 +93,6 @@ def test_the_last_report_of_a_worker_is_read_after_a_stall(time, monkeypatch):
         return True
 
     monkeypatch.setattr(clock, "now", later)
-    monkeypatch.setattr("palpate.launch.run.launcher.time.monotonic", lambda: later() * 1e-9)
     launcher = SimpleNamespace(members={"a": member}, _next_report=next_report, _is_gone=lambda member: None)
     Launcher._answer(launcher, Exited("a", 1))
     assert member.state == "failed"

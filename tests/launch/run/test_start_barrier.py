@@ -105,5 +105,5 @@ def test_a_late_report_of_a_killed_worker_is_ignored(launched, report):
     member.state = "killed"
     launcher._take(member, report)
     assert member.state == "killed"
-    launcher._control.close(0)
+    launcher._control.sockets.close(0)
     launcher.forkserver.close()

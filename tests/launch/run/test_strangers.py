@@ -22,7 +22,7 @@ from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.reports import Addressed, NodesEnded, Note
 from palpate.launch.run.result import Result
 from palpate.launch.run.wire import addresses, keys
-from palpate.launch.run.wire.wires import ControlChannel
+from palpate.launch.run.wire.wires import ControlChannel, ControlSockets
 
 
 def run(folder: Path, during, foreign: int = 0) -> Result:
@@ -95,26 +95,26 @@ def test_invalid_subscriptions_and_orders_are_dropped(tmp_path):
 
 def test_invalid_reports_are_handled_in_limited_numbers():
     """Otherwise a flood would block the launcher: it handles a limited number per turn."""
-    control = ControlChannel(f"{os.getpid()}-flood", {}, None, None)
+    control = ControlChannel(ControlSockets(f"{os.getpid()}-flood", None, None), {})
     try:
         with zmq.Context() as context, context.socket(zmq.PUSH) as stranger:
-            stranger.connect(control.reports)
+            stranger.connect(control.sockets.reports)
             for _ in range(3):
                 stranger.send(b"x")
             for count in (1, 2, 3):
-                assert control.has_report(60_000) and control.report() is None
+                assert control.sockets.has_report(60_000) and control.report() is None
                 assert control.foreign == count
-            assert not control.has_report()
+            assert not control.sockets.has_report()
     finally:
-        control.close(0)
+        control.sockets.close(0)
 
 
 def test_a_peer_with_too_long_a_subscription_is_disconnected():
-    control = ControlChannel(f"{os.getpid()}-large", {}, None, None)
+    control = ControlChannel(ControlSockets(f"{os.getpid()}-large", None, None), {})
     try:
         with zmq.Context() as context, context.socket(zmq.XSUB) as stranger:
             monitor = stranger.get_monitor_socket(zmq.EVENT_DISCONNECTED)
-            stranger.connect(control.control)
+            stranger.connect(control.sockets.control)
             stranger.send(b"\x07" + bytes(1000))
             stranger.send(b"\x07" + bytes(2000))
             assert monitor.poll(20_000), "it may send frames of any length"
@@ -122,7 +122,7 @@ def test_a_peer_with_too_long_a_subscription_is_disconnected():
             assert control.foreign == 1
             stranger.disable_monitor()
     finally:
-        control.close(0)
+        control.sockets.close(0)
 
 
 def test_only_the_user_can_reach_the_sockets_which_are_removed_at_the_end(tmp_path):

@@ -33,8 +33,8 @@ def touch(monkeypatch, clock: str, ready: bool) -> tuple[list[dict[str, bytes]],
         for slot in worker.slots:
             slot.near = False
     times = count(step=100_000)
-    monkeypatch.setattr(real, "now", lambda: next(times))
-    monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
+    monkeypatch.setattr(real.clock, "now", lambda: next(times))
+    monkeypatch.setattr(real.clock, "sleep_until", lambda deadline: 0)
     sent = []
 
     def housekeep(ticks: int = 1) -> None:
