@@ -10,6 +10,7 @@ from palpate.launch.run.wire.wires import ControlChannel
 from palpate.launch.run.work.spawner import Spawner
 
 STOP_PATIENCE = 10.0  # [s] for the workers to end after the order; a busy machine may delay them by seconds
+WAITS = 0.4  # [s] two intervals between heartbeats
 STALL = 0.3  # [s] between two checks: a longer gap means that the machine stalled
 
 
@@ -32,6 +33,8 @@ class Ending:
         self._quit_at: float | None = None
         self._deadline: float | None = None
         self._checked = 0.0
+        self._quits = False  # whether an immediate shutdown was scheduled
+        self.unreachable = False  # whether a worker on another machine hangs, for which the others may wait
         self.closed = False  # whether all nodes have ended and only observers are left
 
     @property
@@ -49,11 +52,12 @@ class Ending:
         self._deadline = clock.seconds() + STOP_PATIENCE
 
     def quit_after(self, seconds: float) -> None:
-        """Schedule an immediate shutdown in this time."""
-        if self._deadline is None:
+        """Schedule an immediate shutdown in this time; also after `stop`, when a node dies on which others wait."""
+        if not self._quits:
+            self._quits = True
             self._checked = clock.seconds()
             self._quit_at = self._checked + seconds
-            self._deadline = self._quit_at + STOP_PATIENCE
+            self._deadline = self._deadline or self._quit_at + STOP_PATIENCE
 
     def follow(self) -> None:
         """A worker has ended: on the real clock stop all nodes if no paced one is left; without nodes close observers.
@@ -70,7 +74,10 @@ class Ending:
             ]
             self.closed = True
             self._control.send_order("*", Close(tuple(lost)))
-            self._deadline = None if left else clock.seconds() + STOP_PATIENCE
+            if any(member.state == "running" for member in left):  # observers, which may write for long
+                self._deadline = None
+            elif self._deadline is None or not left:
+                self._deadline = clock.seconds() + STOP_PATIENCE
 
     def check(self, begun: bool) -> None:
         """Act on deadlines. `begun`: tick 0 has begun; before, workers that build nodes are killed 0.5 s after Quit."""
@@ -83,8 +90,13 @@ class Ending:
             self._control.send_order("*", Quit())
             if not begun:
                 self._deadline = moment + 0.5
-        if self._deadline is not None and moment >= self._deadline:
-            self._kill_silent(begun)
+        if self._deadline is not None:
+            for member in self._members.values():  # counts the time since the last call
+                member.silence()
+            if self.unreachable and moment >= self._deadline + STOP_PATIENCE:
+                self.kill()
+            elif moment >= self._deadline:
+                self._kill_silent(begun)
 
     def _kill_silent(self, begun: bool) -> None:
         """Kill workers that ignored the order and are silent, and workers that still build nodes before tick 0. If the
@@ -94,19 +106,40 @@ class Ending:
             name: one for name, one in self._members.items() if not (one.flushed or one.state in ("killed", "gone"))
         }
         building = {group for group, member in left.items() if member.state == "starting" and not begun}
-        silent = {group for group, member in left.items() if member.silence() > STOP_PATIENCE} - building
+        silent = {group for group, member in left.items() if member.silent.total > STOP_PATIENCE} - building
+        if any(self.forsake(left[group]) for group in silent):
+            return
         for group in silent:
             if left[group].alive:
                 self._note(f"{left[group].names} did not end within {STOP_PATIENCE:g} s and was killed")
         self.kill(None if last else silent | building)
         if silent:
             self._control.send_order("*", Quit())  # otherwise the others wait for their messages
+            self.unreachable = self.unreachable or any(left[group].joined for group in silent)
+
+    def forsake(self, observer: WorkerHandle) -> bool:
+        """If an observer waits in vain after the end of all nodes, have the observers end without the last messages of
+        workers on other machines. These have reported their end, and may have been killed before the messages arrived.
+        Returns whether there are any."""
+        if not self.closed or clock.seconds() - observer.waited > WAITS:
+            return False
+        absent = [m for m in self._members.values() if m.joined and m.state == "gone" and m.clean_exit]
+        for member in absent:
+            member.clean_exit = False
+        if absent:
+            self._note(f"the last messages of {', '.join(member.names for member in absent)} may be missing")
+            for member in self._members.values():
+                member.reset_silence()
+            self.follow()
+        return bool(absent)
 
     def kill(self, only: Collection[str] | None = None) -> None:
-        """Kill these workers, or all."""
+        """Kill these workers, or all. One on another machine cannot be killed, and is awaited no longer."""
         for group, member in self._members.items():
             if member.state != "gone" and (only is None or group in only):
                 self._forkserver.ask(Kill(group, KILL))
                 member.state = "killed" if member.state not in ("done", "failed") else member.state
+                member.clean_exit = False
                 if member.pid is None:
                     member.state = "gone"
+                    self.follow()

@@ -21,7 +21,7 @@ from palpate.launch.run import reports
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
-from palpate.launch.run.member import WorkerHandle, find_loss
+from palpate.launch.run.member import Asked, WorkerHandle, find_loss
 from palpate.launch.run.notes import RunNote
 from palpate.launch.run.result import NodeFault, Result
 from palpate.launch.run.wire.addresses import has_unix_sockets
@@ -43,6 +43,7 @@ from palpate.launch.run.work.worker import REPORT
 HEAD_START = 40_000_000  # [ns] from the order `Go` to tick 0, so that every worker has received it
 BEAT = 0.5  # [s] between heartbeats to workers on other machines
 GRACE = 0.1  # [s] from the death of a node on the real clock to the shutdown, so that the device gets zero force
+ANSWER = 0.5  # [s] to wait for the traceback of a hung worker
 LAST_REPORT = 5.0  # [s] to wait for the last report of a worker that has sent one
 MOST_REPORTS = 1000  # handled in a row, so that a flood of reports does not block the launcher
 
@@ -181,12 +182,15 @@ class Launcher:
         )
 
     def _turn(self) -> None:
-        self._control.sockets.wait(100)
+        leaving = any(member.exited is not None for member in self.members.values())
+        self._control.sockets.wait(1 if leaving else 100)
         self._control.deliver()
         self._caught_up = not all(self._next_report() for _ in range(MOST_REPORTS))
         self._listen()
         for answer in self.forkserver.answers():
             self._answer(answer)
+        for member in self.members.values():
+            self._end_process(member)
         if not self.forkserver.alive:
             self.result.deaths.append(NodeFault("all", "process", "the fork server ended", "\n".join(self._tail)))
             for member in self.members.values():
@@ -217,11 +221,14 @@ class Launcher:
         if member.state == "gone" and not isinstance(report, reports.Alive):
             return  # the end of its process was handled before
         unchanged = self._ending.closed and isinstance(report, reports.Alive) and not self._progress(report)
-        if not (unchanged or isinstance(report, reports.Pulse)):
+        if unchanged:
+            member.waited = clock.seconds()
+        elif not isinstance(report, reports.Pulse):
             member.reset_silence()
         match report:
             case reports.Hello():
-                member.taken = True
+                if not member.taken:
+                    member.taken, member.busy = True, ""
                 self._control.send_order(f"join-{member.job.group}", reports.Take(member.job, self.run_id))
             case reports.Pulse(found):
                 self._take_pulse(member, found)
@@ -241,9 +248,7 @@ class Launcher:
                 member.waits(awaits)
             case reports.Paused(tick):
                 member.paused = tick
-                ticks = [lead.paused for lead in self._leads()]
-                if None not in ticks:
-                    self._control.send_order("*", reports.End(max(tick for tick in ticks if tick is not None)))
+                self._agree_on_the_end()
             case NodeFault(node, where, text, trace):
                 text, trace = (lines_of(each) if member.joined else printable(each) for each in (text, trace))
                 # a node may find the fault of another one, which sent it a message that is none
@@ -260,6 +265,9 @@ class Launcher:
                 self._ending.follow()
             case reports.NodesEnded(clean_exit):
                 member.flushed, member.clean_exit = True, clean_exit
+                if clean_exit and member.job.leads and member.paused is None and member.job.ticks is not None:
+                    member.paused = member.job.ticks - 1
+                    self._agree_on_the_end()
                 if member.alive:
                     member.state = "done"
                     self._ending.follow()
@@ -315,9 +323,12 @@ class Launcher:
             if other.endpoints:
                 # The local address if both are children of this process, else the TCP address.
                 address = other.endpoints[outlet][-1 if member.joined or other.joined else 0]
-                observed = outlet == "observers"
-                sources.append(reports.OutletAddress(group, address, tuple(streams), observed, other.secured))
-        self._control.send_order(member.job.group, reports.Connect(tuple(sources), listeners(member.job, others)))
+                seen = outlet == "observers"
+                sources.append(reports.OutletAddress(group, address, tuple(streams), seen, other.secured))
+        observed = listeners(member.job, others)
+        self._control.send_order(
+            member.job.group, reports.Connect(tuple(sources), observed, awaited=self.phase != "running")
+        )
 
     def _link_worker(self, member: WorkerHandle) -> None:
         if not member.alive:
@@ -357,11 +368,11 @@ class Launcher:
         dead = {node.name for node in member.job.nodes}
         self._send_gone(dead)
         continues = self._real and self.phase == "running" and dead and not self._ending.near
-        if continues and dead <= self.restart:
+        if continues and dead <= self.restart and not member.joined:
             member.state = "restarting"
         elif continues and dead <= self.spared:
             self.result.notes.append(f"{', '.join(sorted(dead))} failed; the run continued without")
-        elif dead or self.phase != "running":
+        elif dead or self.phase in ("starting", "linking"):
             self._end_after(GRACE if self.phase == "running" and self._real else 0.0)
 
     def _end_after(self, seconds: float) -> None:
@@ -378,23 +389,43 @@ class Launcher:
         if isinstance(answer, reports.Started):
             member.pid = answer.pid
             return
-        # The last report was sent before the process ended, but it may arrive after this answer, on a busy machine
-        # seconds later. A process with one of these exit codes has certainly sent it.
-        silence = Silence()
-        limit = LAST_REPORT if answer.status in (0, reports.REPORTED) else 0.5 if answer.status > 0 else 0.002
-        while member.alive and silence.poll() < limit * 1e9:
-            self._next_report(1)
+        member.exited, member.since = answer.status, Silence()
+
+    def _end_process(self, member: WorkerHandle) -> None:
+        """Handle the end of a worker's process, once its last report has arrived.
+
+        This report was sent before the process ended, but it may arrive after the answer of the fork server, on a busy
+        machine seconds later. A process with one of these exit codes has certainly sent it.
+        """
+        status = member.exited
+        if status is None:
+            return
+        limit = LAST_REPORT if status in (0, reports.REPORTED) else 0.5 if status > 0 else 0.002
+        if member.alive and member.since.poll() < limit * 1e9:
+            return
+        how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
+        trace = "\n".join(self._tail) if status != -reports.KILL else ""
         if member.alive:
-            status = answer.status
-            how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
-            self._listen()
-            trace = "\n".join(self._tail) if status != -reports.KILL else ""
             self._report_death(member, NodeFault("", "process", f"its process ended: {how}", trace))
-        member.pid = None
+        elif member.clean_exit and member.state == "done" and status != 0:
+            self._lose_messages(member, f"its process ended before its last messages were delivered: {how}")
+        member.pid = member.exited = None
         if member.state == "restarting":
             self._fork(member)
         else:
             self._is_gone(member)
+
+    def _lose_messages(self, member: WorkerHandle, text: str) -> None:
+        """A worker has ended after its nodes, and observers may lack its last messages."""
+        member.clean_exit = False
+        if not self._ending.near:
+            self.result.deaths.append(NodeFault(member.names, "process", text))
+
+    def _agree_on_the_end(self) -> None:
+        """On the simulated clock all workers end at the same tick: the largest at which a paced one waits or ended."""
+        ticks = [lead.paused for lead in self._leads() if lead.paused is not None]
+        if not self._real and len(ticks) == len(self._leads()) and any(lead.alive for lead in self._leads()):
+            self._control.send_order("*", reports.End(max(ticks)))
 
     def _is_gone(self, member: WorkerHandle) -> None:
         member.state = "gone"
@@ -423,8 +454,8 @@ class Launcher:
         if self.address and moment - self._beat > BEAT:
             self._beat = moment
             for group, member in self.members.items():
-                if member.state != "starting":
-                    self._control.send_order(group, reports.Beat())
+                if member.state != "starting" or member.taken:
+                    self._control.send_order(group, reports.Beat(self._control.received[group]))
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()
@@ -441,21 +472,30 @@ class Launcher:
     def _check_hung(self) -> None:
         """Kill workers that are silent for too long."""
         for group, member in self.members.items():
-            if not member.alive or (member.joined and member.state == "starting" and not member.taken):
+            if member.joined and member.state == "starting" and not member.taken:
                 continue  # it has yet to be started by hand
-            text = member.hang(self.patience)
-            if not text:
+            if member.clean_exit and member.state == "done" and (text := member.hang(self.patience)):
+                self._lose_messages(member, f"{text} before its last messages were delivered")
+                self.forkserver.ask(reports.Kill(group, reports.KILL))
                 continue
-            self.forkserver.ask(reports.Kill(group, reports.ASK))  # prints its traceback, reports its node
-            before, until = len(self._tail), clock.seconds() + 0.5
-            while (len(self._tail) == before or not member.busy) and clock.seconds() < until:
-                self._next_report(50)
-                self._listen()
             if not member.alive:
+                continue
+            if member.asked is None:
+                if text := member.hang(self.patience):
+                    if self._ending.forsake(member):
+                        continue
+                    self.forkserver.ask(reports.Kill(group, reports.ASK))  # prints its traceback, reports its node
+                    member.asked = Asked(text, len(self._tail), Silence())
+                continue
+            text, lines, since = member.asked
+            if (len(self._tail) == lines or not member.busy) and since.poll() < ANSWER * 1e9:
                 continue
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             self._report_death(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, reports.KILL))
             if member.joined:
+                self._ending.unreachable = True
+                if not self._real:  # the others wait until it has received their messages
+                    self._end_after(0.0)
                 self._is_gone(member)

@@ -1,8 +1,9 @@
 """The launcher's state of a worker, with detection of hangs and of lost messages."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from palpate.engine import clock
 from palpate.engine.job import Job, members
@@ -15,6 +16,19 @@ LONGEST_GAP = 1e-9 * clock.LONGEST_GAP  # [s] counted at most between two checks
 QUIET = 0.3  # [s] of silence after which the process table is read
 LOOK = 0.4  # [s] between two readings of the process table, which has a file for each thread
 PULSELESS = 2.0  # [s] without a pulse after which it is unknown what a process on another machine does
+
+
+class Asked(NamedTuple):
+    """A silent worker was asked for its traceback.
+
+    text   why it counts as hung
+    lines  number of lines printed before
+    since  when it was asked
+    """
+
+    text: str
+    lines: int
+    since: clock.Silence
 
 
 @dataclass
@@ -41,6 +55,10 @@ class WorkerHandle:
     silent     time without a sign of life
     pulse      what its process on another machine did last
     taken      it was started by hand and has its job
+    waited     [s] time of its last heartbeat without progress, when all nodes have ended
+    exited     exit status of its process, whose last report may arrive later
+    since      the end of its process
+    asked      why it counts as hung, while the launcher waits for its traceback
     """
 
     job: Job
@@ -63,6 +81,10 @@ class WorkerHandle:
     silent: SilentTime = field(default_factory=SilentTime)
     pulse: Activity | None = None
     taken: bool = False
+    waited: float = -math.inf
+    exited: int | None = None
+    since: clock.Silence = field(default_factory=clock.Silence)
+    asked: Asked | None = None
     _pulsed: bool = False  # whether the pulse is newer than the last reading
     _passed: float = 0.0  # [s] since the last reading, as far as it counts
     _checked: float = field(default_factory=clock.seconds)
@@ -126,6 +148,8 @@ class WorkerHandle:
         silent, starting = self.silent, self.state == "starting"
         if silent.stopped and silent.stopped + min(silent.idle, 2.0 * QUIET) > patience:
             return f"no sign of life for {patience:g} s: a signal has stopped its process"
+        if self.state == "done":  # it waits for its observers
+            return ""
         limit = START_PATIENCE if starting else patience
         longest = max(limit, LONGEST) if self.compiling or starting else limit
         idle = silent.total - silent.busy
@@ -139,7 +163,7 @@ class WorkerHandle:
 
     def reset_state(self) -> None:
         """Reset the state for a new process."""
-        self.state, self.pid, self.paused = "starting", None, None
+        self.state, self.pid, self.paused, self.exited, self.asked = "starting", None, None, None, None
         self.flushed = self.observes = self.clean_exit = self.compiling = False
         self.reset_silence()
 

@@ -33,10 +33,13 @@ class OutletAddress(msgspec.Struct, frozen=True):
 
 
 class Connect(msgspec.Struct, frozen=True, tag=True):
-    """Connect to these outlets. `observed`: number of other workers that observe each stream of this one."""
+    """Connect to these outlets, then wait for the readers of this worker: `observed`, number of other workers that
+    observe each stream, and the nodes of the job's `external`. A restarted worker waits for none (`awaited`), as they
+    may have ended, and on the real clock they may connect later."""
 
     sources: tuple[OutletAddress, ...]
     observed: dict[str, int]
+    awaited: bool = True
 
 
 class Go(msgspec.Struct, frozen=True, tag=True):
@@ -74,7 +77,9 @@ class Quit(msgspec.Struct, frozen=True, tag=True):
 
 
 class Beat(msgspec.Struct, frozen=True, tag=True):
-    """Heartbeat for workers on other machines."""
+    """Heartbeat for workers on other machines. `received`: number of the last report that has arrived."""
+
+    received: int = 0
 
 
 class Hello(msgspec.Struct, frozen=True, tag=True):
@@ -127,7 +132,7 @@ class Alive(msgspec.Struct, frozen=True, tag=True):
 
 
 class Paused(msgspec.Struct, frozen=True, tag=True):
-    """A paced worker waits after this tick for the number of the last tick."""
+    """A paced worker waits after this tick, or in it for a message, for the number of the last tick."""
 
     tick: int
 
@@ -169,10 +174,15 @@ Report = (
 
 
 class Addressed(msgspec.Struct, frozen=True):
-    """A report and the group that sends it."""
+    """A report and the group that sends it. `number` of the report, if it is sent again until it has arrived."""
 
     group: str
     report: Report
+    number: int = 0
+
+
+REPEATED = (Ready, Linked, Paused, NodeFault, Note, Observes, NodesEnded)
+"""Reports that a worker on another machine numbers and sends again, as its connection may break."""
 
 
 class Prepare(msgspec.Struct, frozen=True, tag=True):

@@ -102,7 +102,9 @@ def apart(graph, folder):
 
         def watch(launcher):
             for worker in launcher.members.values():
-                for address in sum(worker.endpoints.values(), [launcher._control.sockets.control, launcher._control.sockets.reports]):
+                for address in sum(
+                    worker.endpoints.values(), [launcher._control.sockets.control, launcher._control.sockets.reports]
+                ):
                     if address not in addresses:
                         addresses.add(address)
                         stranger.connect(address)

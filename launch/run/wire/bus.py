@@ -22,7 +22,7 @@ import zmq
 from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.engine.slot import Output
 from palpate.launch.run.hop.blocks import frames_of
-from palpate.launch.run.reports import ORDERS, Addressed, NodesEnded, Note, Order, Report
+from palpate.launch.run.reports import ORDERS, REPEATED, Addressed, Beat, NodesEnded, Note, Order, Report
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import HIGH_WATER, LONGEST_FRAME, Inlet, TcpInlet
 from palpate.launch.run.wire.keys import Authenticator, Key, connect
@@ -54,6 +54,44 @@ def split(data: bytes) -> tuple[str, bytes]:
     if not zero:
         raise ValueError(f"not a frame: no zero byte among {len(data)} bytes")
     return topic.decode(), payload
+
+
+class Exchange:
+    """The numbers of orders and reports of one worker, see `ControlChannel`.
+
+    repeats  whether its connection may break, so that its reports are sent again
+    """
+
+    def __init__(self, group: str, repeats: bool) -> None:
+        self._group, self._repeats = group, repeats
+        self._taken = 0  # number of the last order
+        self._number = self._checked = 0  # of the last report, and of the last one at the last heartbeat
+        self._unread: dict[int, bytes] = {}  # reports that have not arrived, as far as is known
+
+    def take(self, data: bytes) -> Order | None:
+        """The order of a frame, if it is the next one. ValueError, MsgspecError: not an order."""
+        number, _, encoded = split(data)[1].partition(b" ")
+        if int(number) not in (0, self._taken + 1):
+            return None
+        self._taken = max(self._taken, int(number))
+        return ORDERS.decode(encoded)
+
+    def write(self, report: Report) -> bytes:
+        """A report as a frame."""
+        number = 0
+        if self._repeats and isinstance(report, REPEATED):
+            number = self._number = self._number + 1
+        data = msgspec.msgpack.encode(Addressed(self._group, report, number))
+        if number:
+            self._unread[number] = data
+        return data
+
+    def lost(self, received: int) -> list[bytes]:
+        """The reports to send again after a heartbeat: all from the first that was sent before the last heartbeat and
+        has not arrived."""
+        self._unread = {number: data for number, data in self._unread.items() if number > received}
+        checked, self._checked = self._checked, self._number
+        return list(self._unread.values()) if min(self._unread, default=checked + 1) <= checked else []
 
 
 class Bus:
@@ -93,6 +131,7 @@ class Bus:
             connect(socket, address, key if guarded else None)
         self._control.subscribe(f"~{group}".encode() + b"\0")
         self._ordered = True  # whether orders may be waiting
+        self._exchange = Exchange(group, repeats=not local)
         self._watch.add(int(self._control.get(zmq.FD)), self._note_order)
         self._outlet = Outlet(group, self._external, real, self._watch)
         self._far: zmq.Socket | None = None  # for nodes on other machines
@@ -175,7 +214,7 @@ class Bus:
     # -- with the launcher ---------------------------------------------------------------------------------------
 
     def report(self, report: Report) -> None:
-        self._reports.send(msgspec.msgpack.encode(Addressed(self.group, report)))  # type: ignore[arg-type]
+        self._reports.send(self._exchange.write(report))
 
     def _note_order(self) -> None:
         self._ordered = True
@@ -186,7 +225,12 @@ class Bus:
         while (wait or self._ordered) and self._control.poll(wait):
             self._ordered = True
             with contextlib.suppress(msgspec.MsgspecError, ValueError, zmq.Again):
-                return ORDERS.decode(split(self._control.recv(zmq.NOBLOCK))[1])
+                order = self._exchange.take(self._control.recv(zmq.NOBLOCK))
+                if isinstance(order, Beat):
+                    for data in self._exchange.lost(order.received):
+                        self._reports.send(data)
+                if order is not None:
+                    return order
         self._ordered = False
         return None
 
@@ -268,11 +312,13 @@ class Bus:
         """Whether a full buffer of this reader blocks its sender."""
         return self._outlet.waits_for(reader)
 
-    def wait_linked(self, observers: dict[str, int], poll: Callable[[], object]) -> None:
-        """Wait until all readers of all streams and all writers of the nodes here are connected.
+    def wait_linked(self, observers: dict[str, int], poll: Callable[[], object], awaited: bool = True) -> None:
+        """Wait until all readers of all streams (if `awaited`) and all writers of the nodes here are connected.
 
         poll  called repeatedly meanwhile (it may raise)
         """
+        external = self._external if awaited else {}
+        observers = observers if awaited else {}
         missing = {stream.encode() + b"\0": count for stream, count in observers.items() if count}
         until = now() + LINK_TIME
         wakes = [int(socket.get(zmq.FD)) for socket in (self._observers, self._far) if socket is not None]
@@ -282,7 +328,7 @@ class Bus:
             any(count > 0 for count in missing.values())
             or any(
                 self._outlet.count_groups(stream) + self._far_readers[stream.encode() + b"\0"] < len(groups)
-                for stream, groups in self._external.items()
+                for stream, groups in external.items()
             )
             or (any(inlet.awaits_writer for inlet in self._inlets.values()) and not (self.real and now() > until))
         ):
@@ -387,21 +433,21 @@ class Bus:
             self._observers.set(zmq.XPUB_NODROP, 1)
             self._observers.send(self._end(), zmq.NOBLOCK)
 
-    def _wait_taken(self, end: bytes) -> None:
+    def _wait_taken(self, end: bytes, orphaned: Callable[[], bool]) -> None:
         """Wait until libzmq has delivered everything: remote nodes close their inlets, observers disconnect. Messages
         to nodes on this machine are in kernel buffers, which outlive this worker.
 
         end  the end-of-stream marker. It is sent repeatedly, because libzmq silently skips a connection that was full
              until it has found room there; `XPUB_NODROP` does not cover this case
         """
-        while self._observed_by_members(END):
+        while self._observed_by_members(END) and not orphaned():
             if self._observers.poll(POLL_INTERVAL):
                 self._listener(self._observers.recv())
             else:
                 with contextlib.suppress(zmq.Again):
                     self._observers.send(end, zmq.NOBLOCK)
         if self._far is not None and not self.real:
-            while any(self._far_readers[stream.encode() + b"\0"] > 0 for stream in self._external):
+            while any(self._far_readers[stream.encode() + b"\0"] > 0 for stream in self._external) and not orphaned():
                 self._far.poll(POLL_INTERVAL)
                 self._count_far()
 
@@ -412,24 +458,34 @@ class Bus:
             self.report(Note(text))
         self.report(NodesEnded(clean_exit))
 
-    def close(self, clean_exit: bool) -> None:
-        """Deliver buffered frames and close. After a clean exit, send the end-of-stream marker."""
+    def close(self, clean_exit: bool, orphaned: Callable[[], bool] = lambda: False) -> None:
+        """Deliver buffered frames and close. After a clean exit, send the end-of-stream marker.
+
+        orphaned  asked repeatedly meanwhile: whether the launcher has ended, so that no other process ends readers that
+                  hang
+        """
+
+        def holds() -> None:
+            if orphaned():
+                self._parcels.clear()
+
         for inlet in self._inlets.values():
             inlet.close()
         self._observed.close(linger=0)
         with contextlib.suppress(zmq.ZMQError):
-            self.flush()
+            self.flush(holds)
             if clean_exit:
                 self._observers.set(zmq.XPUB_NODROP, 1)
                 self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
                 self._shown.append(frame(END, self.group.encode()))
                 self._kept.append(self._end())
-                self.flush()
+                self.flush(holds)
                 self.update_listeners()
-                self._wait_taken(self._end())
+                self._wait_taken(self._end(), orphaned)
+        linger = 0 if orphaned() else None
         self._outlet.close()
         self._public.close()
         if self._keeper is not None:
             self._keeper.close()
         self._control.close(linger=0)
-        self.context.destroy()
+        self.context.destroy(linger=linger)

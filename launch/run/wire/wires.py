@@ -11,7 +11,7 @@ import msgspec
 import zmq
 
 from palpate.engine.job import Job
-from palpate.launch.run.reports import REPORTS, Addressed, Order
+from palpate.launch.run.reports import REPORTS, Addressed, Beat, Order
 from palpate.launch.run.wire.addresses import LOOPBACK, RunFolder, endpoint, has_unix_sockets, is_tcp
 from palpate.launch.run.wire.bus import END, HEALTH, frame
 from palpate.launch.run.wire.keys import Authenticator, Key
@@ -105,48 +105,60 @@ class ControlSockets:
 
 
 class ControlChannel:
-    """Orders of the launcher to its workers, and their reports."""
+    """Orders of the launcher to its workers, and their reports.
+
+    The orders to a worker are numbered, and sent again whenever it subscribes: at its start, and when its connection to
+    another machine was broken. The worker takes each once, in their order (`Bus.order`); so does this side the reports
+    with a number.
+
+    received  number of the last numbered report of each group
+    foreign   dropped frames that are not reports of this run's workers
+    """
 
     def __init__(self, sockets: ControlSockets, jobs: Mapping[str, Job]) -> None:
         self.sockets = sockets
-        self.foreign = 0  # dropped frames that are not reports of this run's workers
-        self._missing = dict.fromkeys(jobs, 0)  # workers of each group that have yet to subscribe
-        self._waiting: dict[str, list[bytes]] = {group: [] for group in jobs}  # orders for them
+        self.foreign = 0
+        self.received = dict.fromkeys(jobs, 0)
+        self._sent: dict[str, list[bytes]] = {group: [] for group in jobs}
 
     def send_order(self, group: str, order: Order) -> None:
         """Send an order to the worker of a group; `*`: to all."""
-        for name in self._missing if group == "*" else (group,):
-            data = frame(f"~{name}", msgspec.json.encode(order))
-            if self._missing.get(name, 0) > 0:
-                self._waiting[name].append(data)
-            else:
-                self.sockets.send(data)
+        for name in self._sent if group == "*" else (group,):
+            number = 0  # of an order that is not sent again
+            if name in self._sent and not isinstance(order, Beat):
+                number = len(self._sent[name]) + 1
+            data = frame(f"~{name}", b"%d %b" % (number, msgspec.json.encode(order)))
+            if number:
+                self._sent[name].append(data)
+            self.sockets.send(data)
 
     def expect(self, group: str) -> None:
         """A worker of this group starts; orders to its predecessor are void."""
-        self._missing[group] += 1
-        self._waiting[group].clear()
+        self._sent[group].clear()
+        self.received[group] = 0
 
     def deliver(self) -> None:
-        """Send waiting orders to the workers that have subscribed since the last call."""
+        """Send all their orders to the workers that have subscribed since the last call."""
         while (note := self.sockets.subscription()) is not None:
             group = note[2:-1].decode(errors="replace")
-            if note[:2] == b"\x01~" and group in self._missing:
-                self._missing[group] -= 1
-                while self._missing[group] <= 0 and self._waiting[group]:
-                    self.sockets.send(self._waiting[group].pop(0))
+            if note[:2] == b"\x01~" and group in self._sent:
+                for data in self._sent[group]:
+                    self.sockets.send(data)
             elif note[:1] not in (b"\x00", b"\x01"):
                 self.foreign += 1
 
     def report(self) -> Addressed | None:
-        """The next report; None if it is not from a worker of this run."""
+        """The next report; None if it is not from a worker of this run, or has arrived before."""
         try:
             addressed = REPORTS.decode(self.sockets.report())
         except (msgspec.MsgspecError, ValueError):
             addressed = None
-        if addressed is None or addressed.group not in self._missing:
+        if addressed is None or addressed.group not in self._sent:
             self.foreign += 1
             return None
+        if addressed.number not in (0, self.received[addressed.group] + 1):
+            return None
+        self.received[addressed.group] = max(self.received[addressed.group], addressed.number)
         return addressed
 
 

@@ -26,14 +26,13 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     if freezes:
         gc.freeze()
     try:
-        if worker.slots and worker.job.clock == "real":
+        if worker.slots:
+            real = worker.job.clock == "real"
             try:
-                run_real(worker, origin)
-            except EndedError:
-                if not worker.stopping:  # `Quit` was ordered; after `Stop` the observers continue
+                (run_real if real else run_simulated)(worker, origin)
+            except EndedError:  # after the last tick the observers continue, unless `Quit` was ordered
+                if not (worker.stopping if real else worker.last is not None and worker.tick > worker.last):
                     raise
-        elif worker.slots:
-            run_simulated(worker, origin)
         if worker.audience.slots and worker.bus is not None:
             if worker.slots:
                 worker.end_streams()

@@ -98,7 +98,19 @@ def work(job: Job, bus: Bus, alone: bool, claim: Callable[..., list[str]] = real
     finally:
         stack.close()
         bus.end(clean_exit)
-        bus.close(clean_exit)
+        bus.close(clean_exit, _orphan_check(bus, alone))
+
+
+def _orphan_check(bus: Bus, alone: bool) -> Callable[[], bool]:
+    """Returns whether the launcher of a worker that was started by hand (`alone`) has ended; call it often."""
+    launcher = Silence()
+
+    def ended() -> bool:
+        while alone and bus.order(1) is not None:
+            launcher.reset()
+        return alone and launcher.poll() > ORPHANED
+
+    return ended
 
 
 def _answer_when_silent(bus: Bus) -> None:
@@ -138,13 +150,13 @@ def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
 
     while True:
         match poll(WAIT):
-            case reports.Connect(sources, observed):
+            case reports.Connect(sources, observed, awaited):
                 for source in sources:
                     if alone and not is_tcp(source.address):
                         raise RunError(f"the launcher names {source.address}, expected an address tcp://host:port")
                     bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}
-                bus.wait_linked(observed, poll)
+                bus.wait_linked(observed, poll, awaited)
                 bus.report(reports.Linked())
             case reports.Go(origin):
                 return origin, senders
@@ -189,7 +201,8 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
                 raise RunError(f"{address} refuses the connection: its key is different, or only one side is encrypted")
             if incoming.poll(250):
                 with contextlib.suppress(msgspec.MsgspecError, ValueError):  # another order, or not of a launcher
-                    take = msgspec.json.decode(split(incoming.recv())[1], type=reports.Take)
+                    order = split(incoming.recv())[1].partition(b" ")[2]
+                    take = msgspec.json.decode(order, type=reports.Take)
                     break
         else:
             what = "" if key is None else " and has the same key"

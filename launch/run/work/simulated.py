@@ -32,7 +32,9 @@ def run_simulated(worker: Worker, origin: int) -> None:
             lead.health.age.add((ended - begun) // count, count)
             begun = ended
             if worker.stopping:
-                _agree_on_the_end(worker, tick - 1)
+                _offer_the_end(worker, tick - 1)
+            while not worker.agreed:
+                worker.pause()
 
 
 class SimulatedClock:
@@ -105,14 +107,18 @@ def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None
             if worker.last is not None and worker.tick > worker.last:
                 raise EndedError
             worker.awaits = port.stream, need
+            # the sender may need a tick of another paced node, which waits for the end after an earlier one
+            if worker.stopping and any(each.node.paced for each in worker.slots):
+                _offer_the_end(worker, worker.tick)
     finally:
         worker.awaits = None
 
 
-def _agree_on_the_end(worker: Worker, tick: int) -> None:
-    """Report this tick and wait for the launcher to set the last one: the largest tick of all paced workers."""
+def _offer_the_end(worker: Worker, tick: int) -> None:
+    """Report that the run may end after this tick. The launcher sets the last one: the largest of all paced workers."""
     worker.stopping = False
-    worker.last = tick if worker.bus is None else None
-    worker.report(Paused(tick))
-    while worker.last is None:
-        worker.pause()
+    if worker.bus is None:
+        worker.last = tick
+    else:
+        worker.agreed = False
+        worker.report(Paused(tick))

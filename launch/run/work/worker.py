@@ -93,6 +93,7 @@ class Worker:
         self._real = job.clock == "real"
         self.stopping = False
         self.last = job.ticks - 1 if job.ticks is not None else None
+        self.agreed = True  # whether the last tick is known: not between `Paused` and `End`
         self.tick = -1
         self.awaits: tuple[str, int] | None = None
         """Stream and tick of the message that it waits for, from the first `POLL_INTERVAL` on."""
@@ -402,7 +403,7 @@ class Worker:
                     self.stopping = True
                     self.audience.lost |= set(lost)
                 case End(tick):
-                    self.last = tick
+                    self.last, self.agreed = tick, True
                 case Gone(nodes, blocked, back):
                     self._handle_deaths(set(nodes), set(blocked), back)
                 case Quit() if self.slots:

@@ -16,7 +16,7 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 now = time.monotonic_ns
 """[ns] The machine's monotonic clock, the same in all of its processes. The launcher and the workers call it and
-`sleep_until` as attributes of this module, so that a simulation can replace both (`studies/faults/launch`)."""
+`sleep_until` as attributes of this module, so that a simulation can replace both (`studies/faults/launcher`)."""
 
 
 def seconds() -> float:

@@ -124,7 +124,7 @@ def offering(port: int, job: Job, received: list[reports.Report]) -> None:
             if not isinstance(report, reports.Hello):
                 received.append(report)
                 return
-            orders.send(frame("~join-far", msgspec.json.encode(reports.Take(job, "run"))))
+            orders.send(frame("~join-far", b"0 " + msgspec.json.encode(reports.Take(job, "run"))))
 
 
 def test_join_refuses_the_job_of_a_peer_and_reports_it(mark):

@@ -88,14 +88,14 @@ def test_the_last_report_of_a_worker_is_read_after_a_stall(time, monkeypatch):
         time.ns += 5000 * MS
         return time.ns
 
-    def next_report(wait: int) -> bool:
-        member.state = "failed"  # like the report of its fault
-        return True
-
     monkeypatch.setattr(clock, "now", later)
-    launcher = SimpleNamespace(members={"a": member}, _next_report=next_report, _is_gone=lambda member: None)
+    launcher = SimpleNamespace(members={"a": member}, _is_gone=lambda member: None, _tail=[])
     Launcher._answer(launcher, Exited("a", 1))
-    assert member.state == "failed"
+    Launcher._end_process(launcher, member)
+    assert member.exited == 1  # the reports that have arrived meanwhile are handled before the next turn
+    member.state = "failed"
+    Launcher._end_process(launcher, member)
+    assert (member.state, member.exited) == ("failed", None)
 
 
 @pytest.mark.parametrize(("status", "state"), [(REPORTED, "failed"), (3, "died")])
@@ -104,20 +104,16 @@ def test_the_launcher_waits_for_a_reported_failure_only(time, status, state):
     member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), state="running", pid=1)
     due = time.ns + 2000 * MS
 
-    def next_report(wait: int) -> bool:
-        time.ns += MS
-        if time.ns >= due:
-            member.state = "failed"
-        return True
-
     def died(member: WorkerHandle, fault: NodeFault) -> None:
         member.state = "died"
 
-    launcher = SimpleNamespace(
-        members={"a": member}, _next_report=next_report, _is_gone=lambda member: None, _report_death=died, _tail=[],
-        _listen=lambda: None,
-    )  # fmt: skip
+    launcher = SimpleNamespace(members={"a": member}, _is_gone=lambda member: None, _report_death=died, _tail=[])
     Launcher._answer(launcher, Exited("a", status))
+    while member.exited is not None:
+        time.ns += MS
+        if time.ns >= due:
+            member.state = "failed"
+        Launcher._end_process(launcher, member)
     assert member.state == state
 
 
