@@ -12,6 +12,7 @@ from palpate.studies.faults.chain import Chain
 from palpate.studies.faults.draw import Touch, draw_faults, draw_touch
 from palpate.studies.faults.fault import Fault, suffer
 from palpate.studies.faults.judge import judge
+from palpate.studies.faults.reduced import reduce_faults
 from palpate.studies.faults.touch import Felt, feel
 from palpate.studies.organs.score import Score
 
@@ -92,12 +93,12 @@ def _touch(random_: random.Random) -> tuple[Touch, Chain, Felt]:
 
 def _reduced(found: Found, run: Chain, faults: Sequence[Fault], base: Felt) -> Found:
     """The same with the fewest of the faults that still break the invariant, by leaving out one after the other."""
-    left, score = list(faults), found.score
-    for fault in faults:
-        fewer = [one for one in left if one is not fault]
-        scores = judge(run, found.touch, fewer, base) if fewer else {}
-        if found.invariant in scores and scores[found.invariant].broken:
-            left, score = fewer, scores[found.invariant]
+
+    def breaks(fewer: list[Fault]) -> Score | None:
+        score = judge(run, found.touch, fewer, base).get(found.invariant) if fewer else None
+        return score if score is not None and score.broken else None
+
+    left, score = reduce_faults(faults, found.score, breaks)
     events = _last_events(run, found.touch, left)
     return replace(found, score=score, faults=tuple(map(str, left)), events=events)
 
