@@ -119,11 +119,11 @@ class Ending:
 
     def forsake(self, observer: WorkerHandle) -> bool:
         """If an observer waits in vain after the end of all nodes, have the observers end without the last messages of
-        workers on other machines. These have reported their end, and may have been killed before the messages arrived.
-        Returns whether there are any."""
+        workers that have ended: one on another machine may have been killed before they arrived. Returns whether
+        there are any."""
         if not self.closed or clock.seconds() - observer.waited > WAITS:
             return False
-        absent = [m for m in self._members.values() if m.joined and m.state == "gone" and m.clean_exit]
+        absent = [m for m in self._members.values() if m.state == "gone" and m.clean_exit]
         for member in absent:
             member.clean_exit = False
         if absent:

@@ -138,12 +138,13 @@ def _stop(outcome: Outcome) -> Iterator[str]:
 
 
 def _clear_deaths(outcome: Outcome, during: int) -> Iterator[Struck]:
-    """Kills of workers here that run on the real clock, and whose launcher is not disturbed within this time [ns]."""
+    """Kills and reported failures of workers here that run on the real clock, while nothing else disturbs the launcher
+    for this time [ns]."""
     scene = outcome.scene
     for struck in outcome.struck:
         fault, until = struck.fault, struck.at + during
-        by_signal = fault.kind == "kill" or (fault.kind == "exit" and fault.status < 0)
-        clear = scene.clock == "real" and by_signal and struck.state == "running" and not (struck.near or struck.ended)
+        at_once = fault.kind in ("kill", "raise") or (fault.kind == "exit" and fault.status < 0)
+        clear = scene.clock == "real" and at_once and struck.state == "running" and not (struck.near or struck.ended)
         if not clear or fault.group in scene.joined or outcome.returned < until:
             continue
         others = (other for other in outcome.struck if other is not struck and other.fault.kind != "helper")
