@@ -10,6 +10,7 @@ from palpate.launch.run.wire.wires import ControlChannel
 from palpate.launch.run.work.spawner import Spawner
 
 STOP_PATIENCE = 10.0  # [s] for the workers to end after the order; a busy machine may delay them by seconds
+LEFT = 1.0  # [s] from the death of a node during a shutdown, until workers that wait for its messages end
 WAITS = 0.4  # [s] two intervals between heartbeats
 STALL = 0.3  # [s] between two checks: a longer gap means that the machine stalled
 
@@ -52,9 +53,10 @@ class Ending:
         self._deadline = clock.seconds() + STOP_PATIENCE
 
     def quit_after(self, seconds: float) -> None:
-        """Schedule an immediate shutdown in this time; also after `stop`, when a node dies on which others wait."""
+        """Schedule an immediate shutdown in this time; after `stop` in at least `LEFT`, in which the others may end."""
         if not self._quits:
             self._quits = True
+            seconds = max(seconds, LEFT) if self.near else seconds
             self._checked = clock.seconds()
             self._quit_at = self._checked + seconds
             self._deadline = self._deadline or self._quit_at + STOP_PATIENCE

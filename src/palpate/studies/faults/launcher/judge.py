@@ -2,7 +2,8 @@
 
 ends      the launcher returns: at most `run.LIMIT` after the last fault and the last tick
 errors    no exception in the launcher, and none in a worker but those that it reports
-named     a worker that dies, hangs or fails before the end of its nodes is among `result.deaths`
+named     a worker that dies, hangs or fails before the end of its nodes, or is killed while its last messages are
+          delivered, is among `result.deaths`
 innocent  no other node is
 left      each process here has ended before the launcher returns, and a joined one `run.AFTER` later
 stop      after Ctrl-C the run ends within `STOP` if no process is stopped or hangs, else `STUCK`; after a second one
@@ -19,6 +20,7 @@ from collections.abc import Iterator
 
 from palpate.launch.run.ending import STOP_PATIENCE
 from palpate.launch.run.launcher import GRACE
+from palpate.launch.run.member import ALIVE
 from palpate.studies.faults.launcher.outcome import Outcome, Struck
 from palpate.studies.faults.launcher.run import AFTER
 from palpate.studies.faults.launcher.scene import Fault, Scene
@@ -83,9 +85,10 @@ def _named(outcome: Outcome) -> Iterator[str]:
     named = set().union(*_deaths(outcome))
     for struck in outcome.struck:
         fault = struck.fault
-        if fault.kind not in DEADLY or struck.near or struck.ended or "all" in named:
+        delivers = struck.state == "done" and (fault.kind == "kill" or (fault.kind == "exit" and fault.status != 0))
+        if fault.kind not in DEADLY or struck.near or "all" in named or not struck.taken:
             continue
-        if not struck.taken or struck.state not in ("starting", "ready", "linked", "running"):
+        if not delivers and (struck.ended or struck.state not in ALIVE):
             continue
         if fault.kind == "raise" and fault.moment.call == "step" and struck.state == "starting":
             continue  # a step on examples
