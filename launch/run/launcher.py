@@ -474,8 +474,10 @@ class Launcher:
         for group, member in self.members.items():
             if member.joined and member.state == "starting" and not member.taken:
                 continue  # it has yet to be started by hand
-            if member.clean_exit and member.state == "done" and (text := member.hang(self.patience)):
-                self._lose_messages(member, f"{text} before its last messages were delivered")
+            if member.state == "done" and (text := member.hang(self.patience)):
+                if member.clean_exit:
+                    self._lose_messages(member, f"{text} before its last messages were delivered")
+                member.reset_silence()
                 self.forkserver.ask(reports.Kill(group, reports.KILL))
                 continue
             if not member.alive:

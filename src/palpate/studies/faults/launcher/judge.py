@@ -29,6 +29,7 @@ from palpate.studies.faults.launcher.world import MS, SECOND
 NEWS = 20 * MS  # [ns]
 NOW = 2 * SECOND  # [ns]
 STOP = 3 * SECOND  # [ns]
+TOGETHER = SECOND // 5  # [ns] between two signals that count as one: a terminal that closes may cause several
 STUCK = int((2 * STOP_PATIENCE + 5) * SECOND)  # [ns]
 BACK = SECOND  # [ns]
 LATE = 40 * MS  # [ns] of the slowest frames
@@ -128,6 +129,7 @@ def _left(outcome: Outcome) -> Iterator[str]:
 def _stop(outcome: Outcome) -> Iterator[str]:
     scene = outcome.scene
     times = [struck.at for struck in outcome.struck if struck.fault.kind == "interrupt"]
+    times = times[:1] + [at for at in times[1:] if at - times[0] > TOGETHER]
     stalls = sum(int(s.fault.duration * SECOND) for s in outcome.struck if s.fault.kind in ("stall", "pause", "break"))
     if len(times) > 1 and outcome.returned - times[1] > NOW + stalls:
         yield f"it ends {(outcome.returned - times[1]) * 1e-9:.3f} s after the second Ctrl-C"
