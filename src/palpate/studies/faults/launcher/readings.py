@@ -71,6 +71,7 @@ class Reading:
         self.reader, self.group, self.streams, self.observed = reader, group, set(streams), observed
         self.writer: Wired | None = None
         self.waiting = 0  # messages in transit
+        self._turn = 0  # number of the connection, of which these are
         self._random = reader.world.random_of(f"reading {group} {reader.process.name} {observed}")
         self._last = 0
 
@@ -108,7 +109,7 @@ class Reading:
 
     def lose(self) -> None:
         """The writer has ended; what it sent arrives."""
-        self.writer = None
+        self.writer, self.waiting, self._turn = None, 0, self._turn + 1
         if self.reader.open:
             self._link(False)
             self.seek()
@@ -126,12 +127,14 @@ class Reading:
         self.waiting += 1
         sender, left = self.writer.process if self.writer else None, (world.time + self._last) // 2
 
+        turn = self._turn
+
         def arrive() -> None:
             # frames for observers leave the process later, as reports do
             if self.observed and sender is not None and sender.stopped_before(left):
                 sender.held.append(arrive)
                 return
-            self.waiting -= 1
+            self.waiting -= turn == self._turn
             kept = self.observed and sender is not None and sender.ended is not None and sender.ended < left
             if reader.open and not kept:
                 (reader.overheard_frames if self.observed else reader.inlet(stream).queue).append(data)
