@@ -238,11 +238,12 @@ def _closest(key: str, cls: type[Node]) -> str:
 
 def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
     """The settings of all node classes in a class's module or folder, and whether all of them could be imported."""
-    return _shipped_family(cls) if cls.__module__.startswith(SHIPPED) else _read_family(cls)
+    kind: Any = cls
+    return _shipped_family(kind) if cls.__module__.startswith(SHIPPED) else _read_family(cls)
 
 
 @cache
-def _shipped_family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
+def _shipped_family(cls: Any) -> tuple[dict[str, Setting], bool]:
     """`_read_family`, kept because loading a graph asks for it 14 times; the classes of a user may change."""
     return _read_family(cls)
 

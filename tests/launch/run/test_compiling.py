@@ -10,10 +10,11 @@ import pytest
 from rich.console import Console
 
 from palpate.compiler.kernel import kernel
+from palpate.engine import clock
 from palpate.engine.health import HealthCounters
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.slot import NodeError, ObserverSlot
-from palpate.launch.run import launcher, member
+from palpate.launch.run import member
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.reports import Compiling
 from palpate.launch.run.result import Result
@@ -121,17 +122,17 @@ def test_waiting_for_a_kernel_that_another_process_compiles_is_a_sign_of_life(mo
 def test_the_launcher_does_not_end_a_worker_that_compiles(monkeypatch):
     """It hangs if it is silent for 120 s, and while it compiles for half an hour."""
     now, faults = [0.0], []
-    monkeypatch.setattr(member.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(launcher.time, "sleep", lambda _: None)
+    monkeypatch.setattr(clock, "now", lambda: int(1e9 * now[0]))
     worker = member.WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
     fake = SimpleNamespace(
         members={"a": worker}, patience=5.0, forkserver=SimpleNamespace(ask=lambda _: None), _tail=[],
-        _listen=lambda: now.__setitem__(0, now[0] + 1.0), _report_death=lambda member, fault: faults.append(fault.text),
-        _ending=SimpleNamespace(closed=False), _next_report=lambda: False,
+        _report_death=lambda member, fault: faults.append(fault.text),
+        _ending=SimpleNamespace(closed=False, forsake=lambda member: False),
     )  # fmt: skip
 
     def silent(seconds):
         faults.clear()
+        worker.asked = None
         end = now[0] + seconds
         while now[0] < end and not faults:
             now[0] += 0.05

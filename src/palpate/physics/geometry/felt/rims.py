@@ -256,9 +256,10 @@ def _sink(s: np.ndarray, over: np.ndarray, half: np.ndarray, patch: np.ndarray) 
 def _supported(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Φ [1] (n), and its derivative."""
     v = np.clip(u, -1.0, 1.0)
-    root = np.sqrt(1.0 - v * v)
+    square = 1.0 - v * v
+    root = np.sqrt(square)
     part = v * (33.0 - v * v * (26.0 - 8.0 * v * v)) * root
-    return (part + 15.0 * arctan2(v, root)) / 48.0, root**5
+    return (part + 15.0 * arctan2(v, root)) / 48.0, square * square * root
 
 
 def unfolded(
