@@ -101,20 +101,25 @@ class Ending:
                 self._kill_silent(begun)
 
     def _kill_silent(self, begun: bool) -> None:
-        """Kill workers that ignored the order and are silent, and workers that still build nodes before tick 0. If the
-        nodes of all workers have ended, kill all: no observer is left to read their messages."""
+        """Kill workers that ignored the order and are silent, those that a signal has stopped after their last report,
+        and workers that still build nodes before tick 0. If the nodes of all workers have ended, kill all: no observer
+        is left to read their messages."""
         last = all(member.flushed or member.state == "gone" for member in self._members.values())
         left = {
             name: one for name, one in self._members.items() if not (one.flushed or one.state in ("killed", "gone"))
         }
         building = {group for group, member in left.items() if member.state == "starting" and not begun}
         silent = {group for group, member in left.items() if member.silent.total > STOP_PATIENCE} - building
+        stopped = {
+            group for group, one in self._members.items()
+            if one.flushed and one.state not in ("killed", "gone") and one.silent.stopped > STOP_PATIENCE
+        }  # fmt: skip
         if any(self.forsake(left[group]) for group in silent):
             return
         for group in silent:
             if left[group].alive:
                 self._note(f"{left[group].names} did not end within {STOP_PATIENCE:g} s and was killed")
-        self.kill(None if last else silent | building)
+        self.kill(None if last else silent | stopped | building)
         if silent:
             self._control.send_order("*", Quit())  # otherwise the others wait for their messages
             self.unreachable = self.unreachable or any(left[group].joined for group in silent)

@@ -262,12 +262,12 @@ class Launcher:
                 self.printed(note.text + "\n")
             case reports.Observes():
                 member.observes = True
+                self._note_last_tick(member)
                 self._ending.follow()
             case reports.NodesEnded(clean_exit):
                 member.flushed, member.clean_exit = True, clean_exit
-                if clean_exit and member.job.leads and member.paused is None and member.job.ticks is not None:
-                    member.paused = member.job.ticks - 1
-                    self._agree_on_the_end()
+                if clean_exit:
+                    self._note_last_tick(member)
                 if member.alive:
                     member.state = "done"
                     self._ending.follow()
@@ -420,6 +420,12 @@ class Launcher:
         member.clean_exit = False
         if not self._ending.near:
             self.result.deaths.append(NodeFault(member.names, "process", text))
+
+    def _note_last_tick(self, member: WorkerHandle) -> None:
+        """The nodes of a worker have made all their ticks, perhaps before it was asked where it may end."""
+        if member.job.leads and member.paused is None and member.job.ticks is not None:
+            member.paused = member.job.ticks - 1
+            self._agree_on_the_end()
 
     def _agree_on_the_end(self) -> None:
         """On the simulated clock all workers end at the same tick: the largest at which a paced one waits or ended."""

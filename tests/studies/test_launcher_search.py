@@ -216,8 +216,25 @@ def without_a_look_at_finished_workers(monkeypatch):
     monkeypatch.setattr(WorkerHandle, "hang", lambda m, t: "" if m.state == "done" else hang(m, t))
 
 
+def without_leads_next_to_observers(monkeypatch):
+    """A paced node that has made all its ticks takes part in the agreement only if its process has no observers."""
+    note = launcher.Launcher._note_last_tick
+    monkeypatch.setattr(launcher.Launcher, "_note_last_tick", lambda self, m: m.observes or note(self, m))
+
+
+def without_an_end_of_stopped_workers(monkeypatch):
+    """A worker that has reported its failure, and that a signal stops before it exits, is awaited."""
+    kill = ending.Ending.kill
+
+    def old(self, only=None):
+        kill(self, None if only is None else {g for g in only if not self._members[g].flushed})
+
+    monkeypatch.setattr(ending.Ending, "kill", old)
+
+
 FAR, LOG = frozenset(["spring"]), frozenset(["log"])
 SECOND = (("source", "log"), ("spring",), ("sum",), ("second",))
+LOGGED = (("source", "spring", "sum"), ("second", "log"))
 COUPLED = (("source", "sum"), ("spring", "second"), ("drag",), ("log",))
 TOGETHER = (("source",), ("spring",), ("sum", "log"))
 LATER = at("interrupt", "", 2.5)
@@ -246,6 +263,11 @@ PLANTED = [
     (with_late_news, "gone", [scene(at("kill", "spring", 0.8), LATER, restart=FAR)]),
     (without_a_look_at_finished_workers, "innocent",
      [scene(after("stop", "spring", "NodesEnded", 1e-5), ticks=20, seed=seed) for seed in range(3)]),
+    (without_leads_next_to_observers, "ends",
+     [scene(at("interrupt", "", 0.3), clock="simulated", groups=LOGGED, slower=("source",), ticks=80)]),
+    (without_an_end_of_stopped_workers, "ends",
+     [scene(Fault("raise", "source", Moment(call="step", count=19), node="source"),
+            after("stop", "source", "NodesEnded", 6e-4), seed=seed) for seed in range(3)]),
     (with_a_wait_for_readers_that_have_ended, "returns",
      [scene(at("kill", "log", 0.5), at("kill", "spring", 1.8), restart=FAR, ticks=400)]),
 ]  # fmt: skip
