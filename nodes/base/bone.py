@@ -4,10 +4,8 @@ from typing import Annotated
 
 import numpy as np
 
-from palpate.compiler.exact import einsum
 from palpate.nodes.base.node import SettingError
 from palpate.nodes.base.nodule import WithNodule
-from palpate.nodes.base.surface import rotation_matrix
 from palpate.physics.archive import ArchiveError
 from palpate.physics.segmentation.region import Region, read_region
 
@@ -24,10 +22,7 @@ class WithBone(WithNodule):
             return factor
         from palpate.physics.materials.bone import bone_map  # scipy.ndimage, which few graphs need
 
-        mesh, turn = self.mesh(), rotation_matrix(self.rotation)
-        places = mesh.vertices - np.asarray(self.position, float)
-        vertices, normals = (einsum("vk,kj->vj", each, turn) for each in (places, mesh.normals))
-        return factor * bone_map(vertices, normals, self.bone(), self.radius)
+        return factor * bone_map(*self.in_frame_of_surface(), self.bone(), self.radius)
 
     def bone(self) -> Region:
         """The voxels of `bone_shape`. SettingError: the file cannot be read."""

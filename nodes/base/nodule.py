@@ -12,8 +12,23 @@ from palpate.nodes.base.effect import Switch
 from palpate.nodes.base.node import SettingError
 from palpate.nodes.base.surface import rotation_matrix
 from palpate.physics.archive import ArchiveError
-from palpate.physics.materials.nodule import FINE, SHARPER, nodule_centre, region_map, stiffness_map
+from palpate.physics.kept import keep_results
+from palpate.physics.materials.nodule import (
+    FINE,
+    SHARPER,
+    nodule_centre,
+    region_shares,
+    stiffening,
+    stiffness_map,
+)
 from palpate.physics.segmentation.region import Region, read_region
+
+
+@keep_results
+def _shares(vertices: np.ndarray, normals: np.ndarray, region: Region, reach: float) -> np.ndarray:
+    """Shares of the energy in the voxels of a label, kept because all lanes of an ensemble have the same."""
+    points, volume = region.points(FINE * reach)
+    return region_shares(vertices, normals, points, np.full(len(points), volume), reach)
 
 
 class WithNodule(WithArea):
@@ -39,12 +54,14 @@ class WithNodule(WithArea):
             return np.ones(len(mesh.vertices))
         reach = SHARPER * self.radius if self.nodule_reach is None else self.nodule_reach
         if self.nodule_shape:
-            points, volume = self.region().points(FINE * reach)
-            turn, origin = rotation_matrix(self.rotation), np.asarray(self.position, float)
-            vertices, normals = (einsum("vk,kj->vj", each, turn) for each in (mesh.vertices - origin, mesh.normals))
-            volumes = np.full(len(points), volume)
-            return region_map(vertices, normals, points, volumes, self.nodule_ratio, reach)
+            return stiffening(_shares(*self.in_frame_of_surface(), self.region(), reach), self.nodule_ratio)
         return stiffness_map(mesh.vertices, mesh.normals, self.centre(), self.nodule_radius, self.nodule_ratio, reach)
+
+    def in_frame_of_surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices [m] and normals [1] (V,3) of the surface in its frame, in which files of voxels are."""
+        mesh, turn = self.mesh(), rotation_matrix(self.rotation)
+        places = mesh.vertices - np.asarray(self.position, float)
+        return einsum("vk,kj->vj", places, turn), einsum("vk,kj->vj", mesh.normals, turn)
 
     def region(self) -> Region:
         """The voxels of `nodule_shape`. SettingError: the file cannot be read."""

@@ -13,8 +13,8 @@ KEPT = 4  # Number of cached results per function
 
 
 def keep_results(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Decorator: cache the last `KEPT` results by the content of the arguments (arrays, numbers, and dataclasses of
-    these). The results are shared: do not write to them."""
+    """Decorator: cache the last `KEPT` results by the content of the arguments (arrays, numbers, and tuples and
+    dataclasses of these). The results are shared: do not write to them."""
     results: dict[tuple, Result] = {}
 
     @wraps(function)
@@ -32,6 +32,8 @@ def keep_results(function: Callable[..., Result]) -> Callable[..., Result]:
 def _content(given: Any) -> Any:
     if isinstance(given, np.ndarray):
         return given.shape, given.dtype.str, hashlib.sha256(np.ascontiguousarray(given).data).digest()
+    if isinstance(given, tuple):
+        return tuple(map(_content, given))
     if is_dataclass(given):
         return tuple(_content(getattr(given, field.name)) for field in fields(given))
     return given

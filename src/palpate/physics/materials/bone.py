@@ -28,6 +28,7 @@ from palpate.compiler.exact import exp, log, solve
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Points, Tensor
 from palpate.physics.bodies.true_patch import sideways
+from palpate.physics.kept import keep_results
 from palpate.physics.materials.nodule import FAR, WIDTH, energy_density
 from palpate.physics.segmentation.region import Region
 from palpate.physics.special import gauss_legendre
@@ -38,6 +39,7 @@ LEVELS, AROUND, ALONG = 10, 24, 10
 """Rays from a vertex: cosines of the angle with its normal, and directions around it; points along a ray."""
 
 
+@keep_results
 def bone_map(vertices: Points, normals: Points, bone: Region, reach: float) -> np.ndarray:
     """Factor k [1] (V) on the stiffness of each surface vertex by rigid bone in its tissue; 1 where it is farther than
     8 times the reach.
@@ -45,6 +47,8 @@ def bone_map(vertices: Points, normals: Points, bone: Region, reach: float) -> n
     vertices [m] (V,3), normals [1] (V,3) outward   undeformed surface
     bone             its voxels; the sides of a voxel at right angles
     reach [m] > 0    R, radius over which a fingertip spreads its load
+
+    The last results are kept, since all lanes of an ensemble have the same map: do not write to it.
     """
     sides = np.linalg.norm(bone.affine[:, :3], axis=0)
     away = _distances(np.pad(bone.voxels, 1), sides)

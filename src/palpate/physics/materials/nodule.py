@@ -81,14 +81,20 @@ def region_map(
     vertices: Points, normals: Points, points: Points, volumes: np.ndarray, ratio: float, reach: float
 ) -> np.ndarray:
     """As `stiffness_map`, for a region of any shape: points [m] (P,3) in it, and the volume [m³] (P) of each."""
-    _check(ratio=ratio, reach=reach)
+    _check(ratio=ratio)
+    return stiffening(region_shares(vertices, normals, points, volumes, reach), ratio)
+
+
+def region_shares(vertices: Points, normals: Points, points: Points, volumes: np.ndarray, reach: float) -> np.ndarray:
+    """Share w [1] (V) of the energy in a region under a load at each surface vertex; arguments as of `region_map`."""
+    _check(reach=reach)
     places, facing = _arrays(vertices, normals)
     shares = np.zeros(len(places))
     if len(points):
         for size in (FINE, COARSE):
             cubes = _cubes(*merged(points, volumes, size * reach), GROUPED * reach)
             _region(places, facing, *cubes, size == FINE, reach, shares)
-    return stiffening(shares, ratio)
+    return shares
 
 
 def stiffening(share: np.ndarray, ratio: float) -> np.ndarray:

@@ -161,10 +161,10 @@ def _gone(outcome: Outcome) -> Iterator[str]:
     limit = NEWS + (4 * LATE if outcome.scene.slow else 0)
     for struck in _clear_deaths(outcome, limit):
         for node in set(outcome.scene.nodes_of(struck.fault.group)) - {"log"}:
-            told = {name for dead, name, at in outcome.gone if dead == node and struck.at <= at <= struck.at + limit}
+            knows = {name for dead, name, at in outcome.gone if dead == node and struck.at <= at <= struck.at + limit}
             for worker in outcome.workers:
                 lives = worker.begun < struck.at and (worker.ended is None or worker.ended > struck.at + limit)
-                if lives and worker.group != struck.fault.group and worker.name not in told:
+                if lives and worker.group != struck.fault.group and worker.name not in knows:
                     yield f"{worker.name} does not receive the death of {node} within {limit // MS} ms"
 
 
