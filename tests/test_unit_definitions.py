@@ -43,3 +43,18 @@ def test_the_parser_of_units_is_exact(name):
 @pytest.mark.parametrize(("name", "metre"), [("in", INCH), ("mil", INCH / 1000), *LENGTHS.items()])
 def test_lengths_are_exact(name, metre):
     assert parse(name).factor == metre
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "size"),
+    [
+        ("ft", "m", FOOT), ("in", "m", INCH), ("mil", "m", INCH / 1000), ("Å", "m", Fraction(1, 10**10)),
+        ("ozf", "N", POUND * GRAVITY / 16), ("dyn", "N", Fraction(1, 10**5)), ("kp", "N", GRAVITY),
+        ("Nmm", "N m", Fraction(1, 1000)), ("Nm", "J", Fraction(1)), ("bar", "Pa", Fraction(10**5)),
+        ("L", "m^3", Fraction(1, 1000)), ("g", "kg", Fraction(1, 1000)), ("h", "s", Fraction(3600)),
+        ("min", "s", Fraction(60)), ("%", "1", Fraction(1, 100)), ("W", "J/s", Fraction(1)), ("V", "W/A", Fraction(1)),
+    ],
+)  # fmt: skip
+def test_every_unit_has_its_defined_size_and_dimension(name, unit, size):
+    assert parse(name).factor == size
+    assert convert(f"3 {name}", unit) == pytest.approx(float(3 * size), rel=1e-15)

@@ -262,6 +262,11 @@ WRONG = {
     ("k.obj", r"line 13 is 'f 1 2', expected `f` and three"): PLAIN.replace(b"f ", b"f 1 2\nf ", 1),
     ("k.obj", r"vertex 1 has the coordinate '0,5'"): PLAIN.replace(b"v 0.0", b"v 0,5", 1),
     ("k.obj", "12 vertices and no faces"): PLAIN.partition(b"f ")[0],
+    ("k.obj", "it has no vertices, lines such as `v"): b"# a comment\no ball\n",
+    ("k.stl", "it has 2 facets and 5 corners, expected 6: it is cut off"): (
+        b"solid a\n" + b"".join(b"facet normal 0 0 1\nouter loop\n" + b"vertex 0 1 2\n" * corners
+                                + b"endloop\nendfacet\n" for corners in (3, 2)) + b"endsolid\n"
+    ),
     ("k.ply", r"a face has the vertex -1, expected 0 to 11"): as_ply(POINTS, [[-1, 1, 2]]),
     ("k2.ply", r"a face has the vertex -1, expected 0 to 11"): as_ply(POINTS, [[-1, 1, 2]], "binary_big_endian"),
     ("k.ply", r"a face has the vertex 12, expected 0 to 11"): as_ply(POINTS, [[0, 1, 12]]),

@@ -88,6 +88,12 @@ def test_a_model_set_in_the_format_of_the_penn_toolkit_is_read(tmp_path):
     assert table[middle, 0, 0] == approx(0.5 + speeds[middle]) and table[0, -1, 1] == approx(2.0)
 
 
+def test_a_model_set_without_a_number_of_moving_averages_has_none(tmp_path):
+    text = penn([dict(v=50, f=1, var=0.01, a=1.0, b=2.0)])
+    (tmp_path / "ours.xml").write_text(text.replace("<numMACoeff>0</numMACoeff>", ""))
+    assert read_texture(tmp_path / "ours.xml").models[0].lsf == (1.0, 2.0)
+
+
 @pytest.mark.parametrize(
     ("text", "fault_text"),
     [
@@ -109,7 +115,15 @@ def test_a_bad_file_is_an_error_with_the_reason(tmp_path, text, fault_text):
 
 
 @pytest.mark.parametrize(
-    "at", [[(0.1, 1.0)], [(0.1, 1.0), (0.2, 1.0)], [(0.1, 1.0), (0.2, 2.0)], [(0.1, 1.0), (0.1, 2.0)]]
+    "at",
+    [
+        [(0.1, 1.0)],
+        [(0.1, 1.0), (0.2, 1.0)],
+        [(0.1, 1.0), (0.2, 2.0)],
+        [(0.1, 1.0), (0.1, 2.0)],
+        [(0.1, 1.0), (0.1, 1.5), (0.1, 2.0)],
+        [(0.1, 1.0), (0.12, 1.0), (0.2, 1.0)],
+    ],
 )
 def test_collinear_models_are_interpolated_along_their_line(at):
     models = tuple(Model(speed=v, force=f, rms=v * f, lsf=(v, 1.0 + f)) for v, f in at)

@@ -1,5 +1,6 @@
 """Separate pieces of a mesh: orientation by containment, islands, the choice of one, dialects of STL files."""
 
+import re
 import struct
 
 import numpy as np
@@ -77,6 +78,23 @@ def test_two_large_pieces_are_both_used_and_a_vessel_is_no_island(tmp_path):
     vessel.apply_translation((120, 0, 0))
     file = saved(tmp_path, ball(70.0, 3), vessel)
     assert len(volumes(read_mesh(file, 1e-3))) == 2 and "all are used" in flaws(file)[0]
+
+
+@pytest.mark.parametrize("count", [2, 8, 11])
+def test_pieces_are_listed_by_size_and_those_beyond_eight_counted(tmp_path, count):
+    file = saved(tmp_path, *(ball(40.0 - 2 * k, 1, (100 * k, 0, 0)) for k in range(count)))
+    (line,) = flaws(file)
+    assert f"{count} separate pieces (1: " in line and "; 2: " in line and ("8: " in line) == (count >= 8)
+    assert re.findall(r"and (\d+) more", line) == (["3"] if count == 11 else [])
+
+
+@pytest.mark.parametrize("size", [0.05, 50.0])
+def test_equal_pieces_near_each_other_are_two_and_nearly_coinciding_ones_are_not(tmp_path, size):
+    """One 1000th of the size apart is the limit, in any unit of the file."""
+    apart = saved(tmp_path, ball(size, 2), ball(size, 2, (0.01 * size, 0, 0)))
+    assert len(read_triangles(apart)[1]) == 2 * len(ball(size, 2).faces)
+    with pytest.raises(SettingError, match="lie at the same place"):
+        read_triangles(saved(tmp_path, ball(size, 2), ball(size, 2, (1e-3 * size, 0, 0))))
 
 
 def test_two_surfaces_at_the_same_place_are_refused_with_a_remedy(tmp_path):
