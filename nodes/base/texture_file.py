@@ -96,27 +96,32 @@ def _penn(data: bytes) -> Texture:
 
 def tabulate_texture(texture: Texture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(speeds (n), forces (m), table (n, m, p + 1)) of LSF and rms: linear on the triangles of the models' speeds and
-    forces, with the nearest node outside of them. Each row is a weighted mean of models, so it is stable."""
+    forces, with the nearest node outside of them; along the line of models in a row. Each row is a weighted mean of
+    models, so it is stable."""
     at = np.array([(model.speed, model.force) for model in texture.models])
     values = np.array([(*model.lsf, model.rms) for model in texture.models])
     speeds, forces = (np.unique([at[:, i].min(), *np.linspace(at[:, i].min(), at[:, i].max(), GRID)]) for i in (0, 1))
     x, y = np.meshgrid(speeds, forces, indexing="ij")
-    if len(speeds) == 1 or len(forces) == 1:  # models in a row
-        along = 0 if len(forces) == 1 else 1
-        order = np.argsort(at[:, along], kind="stable")
-        line = (speeds, forces)[along]
-        table = np.stack([np.interp(line, at[order, along], column) for column in values[order].T], axis=-1)
-        return speeds, forces, table.reshape(len(speeds), len(forces), -1)
     size = at.max(axis=0)
     nodes = np.column_stack([x.ravel(), y.ravel()]) / size
     known = at / size
     (a, b), (_, c) = einsum("ki,kj->ij", known - known[0], known - known[0])
-    if a * c - b * b <= 1e-12 * (a + c):  # all on one slanted line
-        table = values[nearest(tree_of(known), nodes)[1][:, 0]]
+    if a * c - b * b <= 1e-12 * (a + c):  # all in a row
+        table = _in_a_row(known, values, nodes)
     else:
         table, inside = _on_triangles(known, values, nodes)
         table[~inside] = table[inside][nearest(tree_of(nodes[inside]), nodes[~inside])[1][:, 0]]
     return speeds, forces, table.reshape(len(speeds), len(forces), -1)
+
+
+def _in_a_row(known: np.ndarray, values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Values (n,p) at places (n,2), linear along the line of the points `known` (m,2) with `values` (m,p): of the
+    nearest place of the line."""
+    away = known - known[0]
+    far = away[np.argmax((away * away).sum(axis=1))]
+    along, wanted = (einsum("nk,k->n", each - known[0], far) for each in (known, places))
+    order = np.argsort(along, kind="stable")
+    return np.stack([np.interp(wanted, along[order], column) for column in values[order].T], axis=-1)
 
 
 def _on_triangles(known: np.ndarray, values: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
