@@ -139,6 +139,9 @@ READ = {
        for form in (" [#]", " (#)", "_#", ", #", "/#", " in #")},
     **{unit: (f"Time (SEC),Depth (MM),Load ({unit})\n" + rows(columns(force=1 / size), style="{:.9f}"), "")
        for unit, size in (("KGF", 9.80665), ("lbs", 4.4482216152605), ("daN", 10.0), ("grams force", 9.80665e-3))},
+    "Latin-1 with letters that are kanji in Shift-JIS": (
+        ("Time [s],D\xe9placement [mm],Force pr\xe9lev\xe9e [N]\n" + PLAIN).encode("latin-1"),
+        "time=Time,indentation=D\xe9placement,force=Force pr\xe9lev\xe9e"),
     "specimens side by side": (TWICE, "time=1,indentation=2,force=3"),
 }  # fmt: skip
 

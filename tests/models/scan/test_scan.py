@@ -240,6 +240,27 @@ def test_broken_files_are_refused(tmp_path):
         read(tmp_path / "folder")
 
 
+def test_the_slope_and_intercept_of_dicom_scale_the_voxels(tmp_path):
+    import pydicom
+
+    plain = read(phantom.write_dicom(coarse(), tmp_path / "d")).volume
+    for path in (tmp_path / "d").iterdir():
+        image = pydicom.dcmread(path)
+        image.RescaleSlope, image.RescaleIntercept = "4", "-100"
+        image.save_as(path)
+    assert read(tmp_path / "d").volume == approx(4.0 * plain - 100.0)
+
+
+def test_a_series_that_is_larger_than_any_scan_is_refused(tmp_path, monkeypatch):
+    folder = phantom.write_dicom(coarse(), tmp_path / "d")
+    size = sum(path.stat().st_size for path in folder.iterdir())
+    monkeypatch.setattr(sys.modules["palpate.models.scan.read"], "MOST_FILE", size)
+    read(folder)
+    monkeypatch.setattr(sys.modules["palpate.models.scan.read"], "MOST_FILE", size - 1)
+    with pytest.raises(ScanError, match=f"of {size} bytes together, expected at most {size - 1}"):
+        read(folder)
+
+
 def test_two_series_in_one_folder_are_refused(tmp_path):
     folder = phantom.write_dicom(coarse(), tmp_path / "d")
     other = phantom.write_dicom(coarse(), tmp_path / "e")
