@@ -248,7 +248,7 @@ def slope(body: CondensedBody, contact: int):
     radius, power = step.stretched_radius(body.model, one)
     along(
         body.ground, body.marks[contact, 2], body.counts[contact, 1], fields[step.TILT], (n[0], n[1], n[2]),
-        radius, power, one.self_compliance, one.total, body.gradient, body.shape,
+        radius, power, one.self_compliance, one.total, one.press - one.more, body.gradient, body.shape,
     )  # fmt: skip
     if len(body.counts) > 1:
         for i in range(3):

@@ -15,6 +15,9 @@ V is R²/c times the integral of x over s/R (`large_displacement`), in which c a
 
     g = (V + k (f s - 2 V)) d ln c/dp,    k = d ln R/d ln c
 
+A viscous body keeps the displacement u while the load F m(p) moves over it: the load's power is F m.u', the finger's
+F (m.u)', so that g = F dm/dp.u. That is g at rest under the force y that holds u there, times F/y.
+
 d ln c/dp is computed from the compliance c = g.Cg/E of the linear organ under a patch round each coarse vertex: the
 gradient of this field, averaged over the patch. The gradient under the load itself would be a small difference of both
 sides of the indentation, of the order of the discretization error.
@@ -139,6 +142,7 @@ def along(
     power: float,
     compliance: float,
     force: float,
+    press: float,
     gradient: Array,
     shape: Matrix,
 ):
@@ -147,11 +151,11 @@ def along(
     nodes, touched   coarse vertices of the patch, and their number
     tilt             [1/m] (V,3) derivatives of their shares along the surface
     normal [1] (3);  radius [m] of the law of large displacement, and k [1];  compliance [m/N] of the linear organ under
-    the patch;  force [N] along the normal
+    the patch;  force [N] F along the normal;  press [N] y, the one that holds the present indentation at rest
     """
     gradient[:] = 0.0
     shape[:] = 0.0
-    if not (force > 0.0 and compliance > 0.0):
+    if not (force > 0.0 and press > 0.0 and compliance > 0.0):
         return
     softer = stack_zeros((3,))
     # derivatives of the patch's mean log compliance and mean normal along the surface
@@ -162,11 +166,11 @@ def along(
             softer[i] += grad * ground.softness[v]
             for j in range(3):
                 shape[j, i] += grad * ground.normals[v, j]
-    depth, _ = large_depth(compliance * force / radius, ground.rho)
+    depth, _ = large_depth(compliance * press / radius, ground.rho)
     energy = radius * radius / compliance * stored_energy(depth, ground.rho)
-    energy += power * (force * radius * depth - 2.0 * energy)
+    energy += power * (press * radius * depth - 2.0 * energy)
     for i in range(3):
-        gradient[i] = energy * softer[i]
+        gradient[i] = force * (energy / press) * softer[i]
     # without the part along the normal, which is work of the normal force
     out = gradient[0] * normal[0] + gradient[1] * normal[1] + gradient[2] * normal[2]
     for i in range(3):
