@@ -18,6 +18,9 @@ and d_0² is the least one with which the patch has the area of one whose foot i
 
     sum_j A_j g_j k >= integral_a^R k(h/R) 2 pi h dh.
 
+Within `SOFT` of this least area it grows into it by a parabola: a kink there is a kink of the patch's motion, which
+beams or springs that have not yielded answer within a tick.
+
 A patch above a plane has (1 - `OFF`²)^½ = 87 % of its radius at the height a, and grows with the height, to 118 % at
 1.6 R. Nodes that hardly face the contact are far and take no more than their share of it. So the load passes from one
 side of a body to the other while the contact turns. (With the nearest node in place of the area, it passed at once
@@ -47,6 +50,7 @@ FACES = 0.5  # [1] cosine to the contact's normal below which a node bears less
 TINY = 1e-9  # [1] x that cannot be divided by
 OFF = 0.5  # [1] of R, height above a plane from which the foot counts as off the surface
 WIDER = 1.5  # [1] factor from one range in which nodes are looked for to the next
+SOFT = 0.3  # [1] of the least area, from which on a patch begins to be widened
 RINGS = 16  # of the sum for the least area
 CLOSE = 1e-12  # [1] by which the area of a patch may differ from the least one
 
@@ -239,6 +243,16 @@ def _least_area(s: Spreader, r: float):
 
 
 @ieee_kernel
+def _smooth_area(area: float, least: float):
+    """The larger of a patch's `area` and the `least` one [m²], with a continuous slope: a parabola between both within
+    `SOFT` of the least one."""
+    above = area - (1.0 - SOFT) * least
+    if above <= 0.0:
+        return least
+    return area if area >= (1.0 + SOFT) * least else least + above * above / (4.0 * SOFT * least)
+
+
+@ieee_kernel
 def _shift(s: Spreader, count: int, r: float, least: float, high: float):
     """The shift d_0² [m²] in [0, `high`] with which the patch has the area `least`: regula falsi (Illinois)."""
     low, below, above = 0.0, _area(s, count, r, 0.0) - least, _area(s, count, r, high) - least
@@ -323,9 +337,9 @@ def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, r
     s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
     r = radius if radius > 0.0 else s.radius
     count, total = _weigh(s, _gather(s, foot, normal, r), r, 0.0)
-    least = share * _least_area(s, r)
-    if total < least:
-        count, total = _widen(s, foot, normal, r, least)
+    area = _smooth_area(total, share * _least_area(s, r))
+    if total < area:
+        count, total = _widen(s, foot, normal, r, area)
     for at in range(count):
         weights[at] /= total
         for k in range(3):
