@@ -43,7 +43,7 @@ def test_each_body_in_plain_python_gives_the_same_bytes_on_the_kidney(tmp_path, 
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("graph", ["nodule", "pinch", "organs", "texture", "softness", "fingertip-slide"])
+@pytest.mark.parametrize("graph", ["nodule", "pinch", "organs", "texture", "softness", "fingertip-slide", "fingertip"])
 def test_each_graph_in_plain_python_gives_the_same_bytes(tmp_path, graph):
     compiled, plain = (messages(tmp_path / f"{way}.mcap", way, graph, ()) for way in (False, True))
     assert plain == compiled

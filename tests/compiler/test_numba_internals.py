@@ -18,7 +18,7 @@ FILES = (
     "compiler/kernel.py", "compiler/target/target.py", "compiler/target/code_library.py", "compiler/code_cache.py",
     "compiler/target/elsewhere.py", "compiler/target/translation.py",
     "compiler/content/closure.py", "compiler/content/extensions.py", "compiler/memory.py", "compiler/records.py",
-    "compiler/dot.py", "physics/materials/compiled.py",
+    "compiler/dot.py",
 )  # fmt: skip
 """Files that use private members."""
 PUBLIC = ("numba.extending", "numba.core.event", "numba.types")

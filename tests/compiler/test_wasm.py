@@ -127,6 +127,23 @@ def test_a_function_that_is_missing_is_named():
         link([Kernel(digits, (types.int64,))], {})
 
 
+@kernel
+def pair(x):
+    return x, 1
+
+
+@kernel
+def first_of(at):
+    return pair(number(at))[0]
+
+
+def test_a_kernel_with_another_result_than_its_callers_expect_is_named():
+    """A call from a kernel has compiled it with an integer as second result."""
+    first_of(np.zeros(1).ctypes.data)
+    with pytest.raises(LinkError, match=r"pair.* returns .*int.*, expected UniTuple"):
+        link([Kernel(pair, (types.float64,), types.UniTuple(types.float64, 2))], {})
+
+
 def test_an_object_without_data_has_none():
     data = b"\0asm\1\0\0\0" + section(2, b"\0") + section(10, b"\0") + section(0, b"\x07linking\x02\x08\x01\0")
     assert finish(data, {}).data == 0

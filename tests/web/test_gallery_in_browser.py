@@ -14,12 +14,11 @@ READY = "() => window.palpate && window.palpate.newest"
 MOST = 3e6  # [bytes] that a page loads before the first touch
 LOADED = """performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"))
     .reduce((sum, { transferSize }) => sum + transferSize, 0)"""
-FELT = ("cartesian", "falcon", "falcons", "kidney", "neighbours", "nodule", "organs", "palpate-two", "pinch",
-        "pinch-liver", "sensors", "stack", "texture")  # fmt: skip
+FELT = ("cartesian", "falcon", "falcons", "fingertip", "kidney", "neighbours", "nodule", "organs", "palpate-two",
+        "pinch", "pinch-liver", "sensors", "stack", "texture")  # fmt: skip
 REFUSED = {
     "digit": "no node sends Surface",
     "fingertip-slide": "nodes that send DeviceState: found none",
-    "fingertip": "calls the law 'neo_hooke' by its address",
     "indentation": "no node sends Surface",
     "remote": "runs in Python",
     "softness": "nodes that send DeviceState: found none",

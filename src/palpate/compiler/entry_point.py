@@ -1,11 +1,21 @@
-"""Calls a compiled kernel without numba's dispatcher."""
+"""Calls compiled functions without numba's dispatcher: from Python (`entry_point`), and from kernels by the address of
+their machine code (`caller`), so that one cached kernel serves every function of a signature.
+
+An address is passed without cost; a function as an argument takes 40 us. In WebAssembly the number of a function in its
+table is its address.
+"""
 
 from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
-from numba import typeof
+from numba import typeof, types
+from numba.core import cgutils
 from numba.extending import is_jitted
+
+from palpate.compiler import interpreted
+from palpate.compiler.memory import intrinsic
 
 NO_NODES, NO_VECTORS, NO_FLOATS = np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0)
 """Empty arrays as in messages: read-only, which is a separate type for the compiler."""
@@ -23,6 +33,60 @@ def entry_point(kernel: Callable[..., Any], *example: Any) -> Callable[..., Any]
     if not is_jitted(kernel):
         return kernel
     function: Any = kernel
-    types = tuple(map(typeof, example))
-    known = function.overloads.get(types)
-    return function.compile(types) if known is None else known.entry_point
+    given = tuple(map(typeof, example))
+    known = function.overloads.get(given)
+    return function.compile(given) if known is None else known.entry_point
+
+
+def is_compiled(value: Any) -> bool:
+    """Whether a value is a kernel or a `numba.njit` function; without the compiler only a kernel can be recognised."""
+    return is_jitted(value) or (interpreted.ENABLED and getattr(value, "py_func", None) is value)
+
+
+def compiled(function: Callable[..., Any], signature: Any) -> Any:
+    """The code of a kernel or `numba.njit` function for a signature. TypeError: another object, or it does not match
+    the signature."""
+    if not hasattr(function, "compile"):
+        raise TypeError(f"{function!r}: expected a function compiled with numba.njit")
+    name = getattr(function, "__name__", "function")
+    try:
+        function.compile(signature)
+    except numba.NumbaError as error:
+        raise TypeError(f"{name} does not compile for {signature}: {error}") from None
+    code = function.overloads[signature.args]  # type: ignore[attr-defined]
+    if code.signature.return_type != signature.return_type:  # it was compiled earlier, with the types of a call
+        raise TypeError(f"{name} returns {code.signature.return_type}, expected {signature.return_type}")
+    return code
+
+
+def address(function: Callable[..., Any], signature: Any) -> int:
+    """Address of the machine code of a kernel or `numba.njit` function for a signature, for a `caller` of it; compiled
+    or loaded if necessary. TypeError: see `compiled`."""
+    if interpreted.ENABLED:
+        return interpreted.address(function)
+    code = compiled(getattr(function, "entry", function), signature)
+    return code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
+
+
+def caller(signature: Any) -> Any:
+    """An intrinsic for kernels, `call(address, *arguments)`: calls the function of this signature at an address, in
+    numba's convention. An exception of the function is that of the kernel."""
+
+    @intrinsic(interpreted.called)
+    def call(typing: Any, address: Any, *given: Any) -> Any:
+        result, expected = signature.return_type, signature.args
+        if len(given) != len(expected):
+            return None  # numba reports the call
+
+        def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+            convention = context.call_conv
+            place, given = arguments[0], cgutils.unpack_tuple(builder, arguments[1], len(expected))
+            form = convention.get_function_type(result, expected).as_pointer()
+            status, value = convention.call_function(builder, builder.inttoptr(place, form), result, expected, given)
+            with cgutils.if_unlikely(builder, status.is_error):
+                convention.return_status_propagate(builder, status)
+            return value
+
+        return result(types.int64, types.StarArgTuple(expected)), generate
+
+    return call

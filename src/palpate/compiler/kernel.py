@@ -77,7 +77,8 @@ class CompiledKernel(CachedFunction):
             function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
         )
         bare.__module__, bare.__qualname__ = function.__module__, f"{function.__qualname__}.{name}"
-        return CachedFunction(bare, {**self.targetoptions, "no_cpython_wrapper": True}, machine_code=machine_code)
+        options = {**self.targetoptions, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        return CachedFunction(bare, options, machine_code=machine_code)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """The types of a call from a kernel, in which constants count as any other number. numba would compile the

@@ -110,7 +110,6 @@ MEMBERS = {
     "_reduce": "result of a compilation: as the content of a file",
     "_target_name": "target: its name",
     "_values": "flags: those that differ from the default",
-    "_fields": "structure in generated code: its members",
     "_getvalue": "structure in generated code: its value",
 }
 """Private members that are used or set."""

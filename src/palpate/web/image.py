@@ -8,8 +8,8 @@ it points into, and a function's becomes its index in the function table.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class MemoryImage:
     """The memory of a segment whose nodes have started.
 
     segment    has not run
-    functions  index in the function table of each kernel, by the address of its machine code
+    functions  index in the function table of each kernel and law, by the address of its machine code
     more       other arrays of the host
     parts      what is set;  size  first address after all arrays
     """
@@ -49,7 +49,11 @@ class MemoryImage:
         records = [node._record for node in nodes]  # type: ignore[attr-defined]
         held = [array for node in nodes for array in node._held.values()]  # type: ignore[attr-defined]
         others = [*held, *segment.constants(), *more]
-        small, large = ([a for a in others if (a.nbytes >= LARGE) == big] for big in (False, True))
+        calling = [words for node in nodes for words in calling_words(node, functions)]
+        begins = {address_of(words) for words in calling}  # of arrays that variants share by their content only
+        small, large = (
+            [a for a in others if (a.nbytes >= LARGE and address_of(a) not in begins) == big] for big in (False, True)
+        )
         self._place(tables + records + small, large, segment.buffers())
         words = self._image.view(np.int64)
         for array in tables:
@@ -58,6 +62,11 @@ class MemoryImage:
             for path, array in node._held.items():  # type: ignore[attr-defined]
                 at = self.address(address_of(record)) + address_offset(record.dtype, path)
                 words[(at - BEGIN) // 8] = self.address(address_of(array)) if array.nbytes else 0
+        for array in calling:
+            first = (self.address(address_of(array)) - BEGIN) // 8
+            own = words[first : first + array.size]
+            for n in np.flatnonzero(np.isin(own, list(functions))).tolist():
+                own[n] = functions[int(own[n])]
         rows = words[(self.address(address_of(tables[0])) - BEGIN) // 8 :]
         for place in (row * ROW.itemsize + ROW.fields[name][1] for row in range(len(nodes)) for name in CODE):  # type: ignore[index]
             if rows[place // 8]:
@@ -102,6 +111,13 @@ class MemoryImage:
                 own[n] = self.address(int(own[n]))
             except KeyError:
                 continue
+
+
+def calling_words(node: Any, functions: Collection[int]) -> list[np.ndarray]:
+    """The arrays of integers and records of a node, as words, that contain addresses of these functions."""
+    arrays = (node._record, *node._held.values())
+    words = [a.ravel().view(np.int64) for a in arrays if a.nbytes % 8 == 0 and (a.dtype == np.int64 or a.dtype.names)]
+    return [each for each in words if np.isin(each, list(functions)).any()]
 
 
 def _in_order(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:

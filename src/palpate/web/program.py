@@ -12,14 +12,17 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from palpate.compiler.kernel import CompiledKernel
 from palpate.compiler.wasm.link import Kernel, LinkError, link
 from palpate.compiler.wasm.object_file import Linked
 from palpate.engine.segment import CompiledSegment, kernels
+from palpate.engine.slot import Slot
 from palpate.nodes.base.compiled import CompiledNode, arguments
+from palpate.physics.materials.compiled import LAW
 from palpate.physics.materials.hyperelastic import known_places
 from palpate.web.describe import Hosts, describe_segment
 from palpate.web.errors import WebError
-from palpate.web.image import BEGIN, MemoryImage
+from palpate.web.image import BEGIN, MemoryImage, calling_words
 from palpate.web.started import Started
 
 LEAST_STACK = 1 << 18  # [bytes] of memory for the stack, between the static data and the arrays
@@ -39,7 +42,6 @@ class Program:
 
     def describe(self, run: Started) -> dict[str, Any]:
         """The description of a variant, whose memory is added to `parts`. Its nodes have started and not stepped."""
-        _check_laws(run.segment)
         hosts = Hosts(run)
         image = MemoryImage(run.segment, self.functions, hosts.arrays)
         parts = []
@@ -77,6 +79,7 @@ def compile_program(segments: Iterable[CompiledSegment]) -> Program:
             for native, kernel in zip(kernels(kind, slot.sleeps), _kernels(kind), strict=True):
                 if native and kernel is not None:
                     found[native] = kernel
+            found |= _laws(slot)
     words = (types.int64,)
     exports = {"run": Kernel(run_table, words * 4), "encode": Kernel(encode, words * 7)}
     try:
@@ -88,18 +91,19 @@ def compile_program(segments: Iterable[CompiledSegment]) -> Program:
     return Program(code, dict(zip(found, indices, strict=True)))
 
 
-def _check_laws(segment: CompiledSegment) -> None:
-    """WebError: a node calls a material law by its address, which is not linked."""
-    places = np.array(list(known_places()), np.int64)
-    for slot in segment.slots:
-        node: Any = slot.node
-        for array in (node._record, *node._held.values()):
-            words = array.view(np.uint8).ravel()[: array.nbytes // 8 * 8].view(np.int64)
-            for word in words[np.isin(words, places)].tolist():
+def _laws(slot: Slot) -> dict[int, Kernel]:
+    """The material laws that a node calls by the addresses in its arrays. WebError: one is no kernel."""
+    known, found = known_places(), dict[int, Kernel]()
+    for words in calling_words(slot.node, known):
+        for place in words[np.isin(words, list(known))].tolist():
+            law, name = known[place]
+            if not isinstance(law, CompiledKernel):
                 raise WebError(
-                    f"{slot.name!r} ({type(node).__name__}) calls the law {known_places()[word]!r} by its address, "
-                    "which a page cannot; expected a body without material laws in its steps, such as MassSpring"
+                    f"{slot.name!r} ({type(slot.node).__name__}) calls the law {name!r}, which numba compiles for "
+                    "this processor; expected a law under @kernel(pointer=True), as in palpate.physics.materials"
                 )
+            found[place] = Kernel(law, LAW.args, LAW.return_type)
+    return found
 
 
 def _kernels(kind: type[CompiledNode]) -> tuple[Kernel, Kernel | None]:

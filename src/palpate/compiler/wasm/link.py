@@ -14,6 +14,7 @@ import llvmlite
 import llvmlite.binding as llvm
 from numba import types
 
+from palpate.compiler.entry_point import compiled
 from palpate.compiler.target.code_library import COUNTING
 from palpate.compiler.target.processors import WASM
 from palpate.compiler.wasm import runtime
@@ -129,14 +130,20 @@ class LinkError(Exception):
 
 
 class Kernel(NamedTuple):
-    """A kernel and the types of its arguments."""
+    """A kernel and the types of its arguments, and of its result if its callers expect one (`entry_point.caller`)."""
 
     function: Any  # a CompiledKernel, which a type checker would take for a method
     given: tuple[Any, ...]
+    result: Any = None
 
     def code(self) -> Any:
-        """Its compiled form, of which `library` has the IR."""
+        """Its compiled form, of which `library` has the IR. LinkError: it has another result."""
         bare = self.function.bare
+        if self.result is not None:
+            try:
+                return compiled(bare, self.result(*self.given))
+            except TypeError as error:
+                raise LinkError(str(error)) from None
         if self.given not in bare.overloads:
             bare.compile(self.given)
         return bare.overloads[self.given]

@@ -28,16 +28,16 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numba.extending import is_jitted
 
+from palpate.compiler.entry_point import is_compiled
 from palpate.compiler.kernel import kernel
 from palpate.physics import materials
 from palpate.physics.arrays import Array
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.materials.compiled import LAW, compile_law, law_at
+from palpate.physics.materials.compiled import LAW, call_law, compile_law, law_address
 from palpate.registry import modules
 
 Law = Callable[..., tuple[float, float, float, float]]
@@ -103,13 +103,12 @@ def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
 
 @kernel
 def _uniaxial(address: int, p: Array, stretch: Array, stress: Array):
-    law = law_at(address)
     P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
     for i in range(len(stretch)):
         across = stretch[i] ** -0.5
         F[0, 0], F[1, 1], F[2, 2] = stretch[i], across, across
         A[0, 0] = np.nan
-        law(F, 1.0, p, P, A)
+        call_law(address, F, 1.0, p, P, A)
         stress[i] = P[0, 0] - P[1, 1] * across / stretch[i]
 
 
@@ -187,28 +186,35 @@ def law(name: str) -> Law:
         found = getattr(library, function if module else "strain_energy")
     except (ImportError, AttributeError, ValueError):
         found = None
-    if not is_jitted(found):
+    if not is_compiled(found):
         raise MaterialError(
             f"no material law {name!r}: expected {', '.join(laws())}, or the full name of a compiled function"
         )
     return cast(Law, found)
 
 
-_placed: dict[int, str] = {}
+class PlacedLaw(NamedTuple):
+    """A law with its name."""
+
+    law: Any  # a `Law`, which a type checker would take for a method
+    name: str
+
+
+_placed: dict[int, PlacedLaw] = {}
 
 
 def place_of(law: Law, name: str) -> int:
-    """Address of a law's code in this process, for kernels with several laws (`compiled.law_at`)."""
-    place = compile_law(law, LAW).__wrapper_address__()
-    _placed[place] = name
+    """Address of a law's code in this process, for kernels with several laws (`compiled.call_law`)."""
+    place = law_address(law)
+    _placed[place] = PlacedLaw(law, name)
     return place
 
 
-def known_places() -> Mapping[int, str]:
-    """The names of laws by the addresses that `place_of` has returned."""
+def known_places() -> Mapping[int, PlacedLaw]:
+    """The laws by the addresses that `place_of` has returned."""
     return _placed
 
 
 def name_at(place: int) -> str:
     """The name of the law at an address that `place_of` returned."""
-    return _placed[int(place)]
+    return _placed[int(place)].name

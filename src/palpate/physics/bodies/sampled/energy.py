@@ -14,7 +14,7 @@ import numpy as np
 from palpate.compiler.dot import add_products, inner, left_times, times
 from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Array, Matrix
-from palpate.physics.materials.compiled import law_at
+from palpate.physics.materials.compiled import call_law
 from palpate.physics.materials.invariants import cofactor, volume_tangent
 
 ROOM = 3.0  # |q|² at which the barrier is infinite over that at which it begins, minus 1
@@ -104,8 +104,8 @@ def forces(points: Points, q: Array, work: SampledWorkspace, g: Array):
                 return np.inf
             A[0, 0] = np.nan
             w = points.weights[p]
-            law = law_at(points.laws[points.kinds[p]])
-            W, U, dU, _ = law(F, J, points.constants[p], P, A)
+            law = points.laws[points.kinds[p]]
+            W, U, dU, _ = call_law(law, F, J, points.constants[p], P, A)
             total += w * (W + U)
             for i in range(3):
                 for j in range(3):
@@ -148,8 +148,8 @@ def tangent(points: Points, q: Array, work: SampledWorkspace, hessian: Matrix):
             if not J > 0.0:
                 return False
             A[0, 0] = 0.0
-            law = law_at(points.laws[points.kinds[p]])
-            _, _, dU, ddU = law(F, J, points.constants[p], P, A)
+            law = points.laws[points.kinds[p]]
+            _, _, dU, ddU = call_law(law, F, J, points.constants[p], P, A)
             volume_tangent(F, C, dU, ddU, A)
             A *= points.weights[p]
             at = 9 * (p - start)
