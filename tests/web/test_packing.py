@@ -7,7 +7,20 @@ import in_node
 import numpy as np
 import pytest
 
-from palpate.web.packing import DIFFERENCES, FORMS, HEAD, PLAIN, SYMMETRIC, differences, packed, symmetric
+from palpate.nodes.deformation import basis_store
+from palpate.physics.bodies.sampled_body import SampledBasis
+from palpate.web.packing import (
+    DIFFERENCES,
+    FORMS,
+    HALVES,
+    HEAD,
+    PLAIN,
+    SYMMETRIC,
+    differences,
+    halves,
+    packed,
+    symmetric,
+)
 
 RESTORE = """
 import fs from "fs";
@@ -60,6 +73,47 @@ def test_another_matrix_keeps_its_numbers():
         other[i, j] = value
         assert symmetric(other.tobytes()) is None
     assert symmetric(np.zeros((9, 9), "<f4").tobytes()) is None and symmetric(b"12345") is None
+
+
+def every_half():
+    """All finite numbers of half precision up to 3e4, of both signs, times a step."""
+    words = np.arange(1 << 16, dtype="<u2").view("<f2")
+    return words[np.abs(words) <= 3e4] * np.float32(0.0217)
+
+
+@pytest.mark.parametrize("width", [4, 8])
+def test_numbers_of_half_precision_times_a_step_are_restored_to_the_same_bytes(tmp_path, width):
+    line = every_half().astype(f"<f{width}")
+    size = 77
+    square = np.random.default_rng(4).choice(line, (size, size))
+    square[0, 0], square[1, 1] = line.max(), -0.0
+    both = np.tril(square) + np.tril(square, -1).T
+    contents = [line.tobytes(), square.tobytes(), both.tobytes()]
+    forms = [halves(data) for data in contents]
+    assert [form[:2] for form in forms] == [bytes([HALVES, width])] * 3
+    assert [len(form) - HEAD for form in forms] == [2 * len(line), 2 * size * size, size * (size + 1)]
+    assert restored(tmp_path, forms) == contents
+
+
+def test_other_numbers_are_no_halves():
+    line = every_half()
+    for value in (np.inf, np.nan, np.float32(1.00049) * line[3000], 1e9):
+        other = line.copy()
+        other[3000] = value
+        assert halves(other.tobytes()) is None
+    double = line.astype(float)
+    double[3000] *= 1.0 + 1e-12
+    assert halves(double.tobytes()) is None and halves(line.tobytes() + b"1") is None
+    assert halves(b"") is None and halves(bytes(64)) is None
+
+
+def test_the_arrays_of_a_stored_basis_are_halves():
+    basis = SampledBasis.load(next(basis_store.SHIPPED.glob("fingertip*.npz")))
+    for array, most in ((basis.points.modes, 0.66), (basis.residual_compliance, 0.33), (basis.modes, 0.55)):
+        data = array.tobytes()
+        form = packed(data)
+        assert zlib.decompress(form, 31)[0] == HALVES
+        assert len(form) < most * len(zlib.compress(data, 9))
 
 
 def test_the_shortest_form_is_chosen(tmp_path):

@@ -3,7 +3,9 @@
 Arrays of floating-point numbers and of indices compress better as differences to an earlier word, with the bytes of
 equal significance together. A compliance matrix is symmetric and consists of multiples of a step
 (`physics.bodies.condensed_basis`), which are smooth along the surface: half of it as second differences of 16 bits
-takes 20 % of the bytes. Each form begins with a head of `HEAD` bytes: its kind, then as the kind needs.
+takes 20 % of the bytes. A sampled basis consists of numbers of half precision times a step
+(`physics.bodies.sampled_body`); of a symmetric matrix of these the lower half is kept. Each form begins with a head of
+`HEAD` bytes: its kind, then as the kind needs.
 """
 
 import math
@@ -13,19 +15,26 @@ import zlib
 import numpy as np
 
 HEAD = 8
-PLAIN, DIFFERENCES, SYMMETRIC = 0, 1, 2
+PLAIN, DIFFERENCES, SYMMETRIC, HALVES = range(4)
 FORMS = [(4, 0), (4, 1), (4, 3), (4, 8), (8, 0), (8, 1), (8, 3), (8, 6), (8, 7), (8, 8)]
 """Bytes of a word, and number of words to the earlier one (0: the words themselves) that are tried: indices, vectors,
 and records of 32 to 64 bytes."""
 SAMPLE = 1 << 17  # [bytes] with which a form is chosen
 MOST = 32767  # the largest multiple of a step
+LARGEST = np.float32(3e4)  # the largest number of half precision
 APART = 3  # [1] entries from a vertex to the next one
 
 
 def packed(data: bytes) -> bytes:
     """The shortest form of memory, compressed (gzip)."""
     matrix = symmetric(data) if len(data) >= SAMPLE else None
-    form = matrix or min(_forms(data), key=len)
+    if matrix is not None:
+        return _squeezed(matrix)
+    half = halves(data) if len(data) >= SAMPLE else None
+    return min(map(_squeezed, [*_forms(data), *([half] if half is not None else [])]), key=len)
+
+
+def _squeezed(form: bytes) -> bytes:
     squeeze = zlib.compressobj(9, zlib.DEFLATED, 31)
     return squeeze.compress(form) + squeeze.flush()
 
@@ -71,3 +80,40 @@ def symmetric(data: bytes) -> bytes | None:
     lower = words[np.tril_indices(size)]
     head = struct.pack("<BxHf", SYMMETRIC, size, step)
     return head + lower.view(np.uint8).reshape(-1, 2).T.tobytes()
+
+
+def halves(data: bytes) -> bytes | None:
+    """Numbers of half precision times a step, as float32 or float64: bytes of a number, rows of a symmetric matrix or
+    0, the step, and the numbers of half precision, low bytes first; of a symmetric matrix the lower half. None: another
+    content."""
+    for width in (4, 8):
+        numbers = np.frombuffer(data, f"<f{width}", len(data) // width)
+        with np.errstate(all="ignore"):
+            single = numbers.astype("<f4")
+            found = _halves(single) if single.astype(numbers.dtype).tobytes() == data else None
+        if found is not None:
+            step, words = found
+            size = math.isqrt(len(words))
+            matrix = words[: size * size].reshape(size, size)
+            alike = (
+                size * size == len(words)
+                and size < 1 << 16
+                and np.array_equal(matrix.view("<u2"), matrix.T.view("<u2"))
+            )
+            head = struct.pack("<BBHf", HALVES, width, size if alike else 0, step)
+            kept = matrix[np.tril_indices(size)] if alike else words
+            return head + kept.view(np.uint8).reshape(-1, 2).T.tobytes()
+    return None
+
+
+def _halves(numbers: np.ndarray) -> tuple[np.float32, np.ndarray] | None:
+    """The step and the numbers of half precision whose products are these float32."""
+    largest = np.abs(numbers).max(initial=0.0)
+    if not 0.0 < largest < np.inf:
+        return None
+    near = largest / LARGEST
+    for step in (near, np.nextafter(near, np.float32(0.0)), np.nextafter(near, largest)):
+        words = (numbers / step).astype("<f2")
+        if (words * step).tobytes() == numbers.tobytes():
+            return step, words
+    return None

@@ -7,7 +7,8 @@ export function restored(form) {
   if (kind === 0) return body;
   if (kind === 1) return summed(body, width, back);
   const head = new DataView(form.buffer, form.byteOffset);
-  return mirrored(body, head.getUint16(2, true), head.getFloat32(4, true));
+  const size = head.getUint16(2, true), step = head.getFloat32(4, true);
+  return kind === 2 ? mirrored(body, size, step) : multiplied(body, width, size, step);
 }
 
 // Words whose differences to the word `back` words before them are given, the lowest bytes of all words first.
@@ -40,4 +41,22 @@ function mirrored(body, size, step) {
   }
   for (let k = 0; k < all.length; k++) numbers[k] = all[k] * step;
   return new Uint8Array(numbers.buffer);
+}
+
+// Numbers of half precision times a step; if there is a size, the lower half of a symmetric matrix of so many rows.
+function multiplied(body, width, size, step) {
+  const count = body.length / 2, length = size ? size * size : count;
+  const numbers = width === 4 ? new Float32Array(length) : new Float64Array(length);
+  const number = (at) => Math.fround(half(body[at] + 256 * body[count + at]) * step);
+  if (!size) for (let at = 0; at < count; at++) numbers[at] = number(at);
+  for (let i = 0, at = 0; i < size; i++) {
+    for (let j = 0; j <= i; j++, at++) numbers[i * size + j] = numbers[j * size + i] = number(at);
+  }
+  return new Uint8Array(numbers.buffer);
+}
+
+// The finite number of half precision with these bits.
+function half(bits) {
+  const sign = bits & 0x8000 ? -1 : 1, exponent = (bits >> 10) & 31, part = bits & 1023;
+  return sign * (exponent ? (1024 + part) * 2 ** (exponent - 25) : part * 2 ** -24);
 }
