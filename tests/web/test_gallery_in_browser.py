@@ -56,6 +56,28 @@ def test_each_run_of_a_touch_has_a_force_and_the_first_loads_little(touches, nam
         assert page.problems == []
 
 
+AHEAD = """() => {
+    const { scene } = palpate, { eye, from, away } = scene.view(), painted = scene.paintAt.bind(scene);
+    return new Promise((done) => {
+        scene.paintAt = (camera, part, place, axis, length, ...rest) => {
+            const head = place.map((x, i) => x + length * axis[i] - from[i]);
+            if (part === scene.arrow) done(head.reduce((sum, x, i) => sum - x * eye[i], 0) / away);
+            painted(camera, part, place, axis, length, ...rest);
+        };
+    });
+}"""
+
+
+def test_the_force_arrow_of_a_small_body_stays_away_from_the_viewer(touches, tmp_path):
+    """Distance of its head over that of the middle of the fingertip, for a finger that presses its middle."""
+    touches.build_touches(["fingertip"])
+    with served(tmp_path) as address, opened(f"{address}/fingertip/index.html", READY) as page:
+        page.mouse.move(330, 330)
+        page.mouse.down()
+        page.wait_for_function("palpate.newest.time > 1.5 && palpate.newest.load > 1")
+        assert 0.3 < page.evaluate(AHEAD) < 1.0
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_graph_without_a_touch_is_reported_with_the_reason(touches, name, tmp_path, capsys):
     touches.build_touches([name])

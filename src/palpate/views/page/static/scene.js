@@ -19,6 +19,7 @@ void main() {
 const COLOURS = ["#e8b9a6", "#f2a07c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"];
 
 const RADIUS = 0.006, PATCH = 0.004; // [m] radius of the ball; radius of the patch around a foot point, see `dragged`
+const SMALL = 0.12; // [m] size of the bodies below which the force arrow is shorter and thinner in proportion, as it may point to the viewer
 const BALL = [0.16, 0.36, 0.55], ARROW = [0.12, 0.42, 0.66];
 
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -291,8 +292,9 @@ export class Scene {
     if (!this.labels[number]) this.labels[0].after(this.labels[number] = this.labels[0].cloneNode());
     const label = this.labels[number];
     if (load > 0.02) {
-      const length = Math.min(0.012 * load, 0.06), way = unit(force), foot = along(ball, way, RADIUS);
-      this.paintAt(camera, this.arrow, foot, way, length, Math.min(0.0022 + 0.0004 * Math.min(load, 4), 0.25 * length), ARROW, 1);
+      const scale = Math.min(1, this.size / SMALL), length = scale * Math.min(0.012 * load, 0.06);
+      const way = unit(force), foot = along(ball, way, RADIUS), width = scale * (0.0022 + 0.0004 * Math.min(load, 4));
+      this.paintAt(camera, this.arrow, foot, way, length, Math.min(width, 0.25 * length), ARROW, 1);
       this.beside(label, camera, along(foot, way, length), `${load.toFixed(2)} N`);
     } else write(label, "");
     this.paintAt(camera, this.ball, ball, up, RADIUS, RADIUS, BALL, 0.4);
