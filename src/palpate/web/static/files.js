@@ -8,8 +8,9 @@ export async function unpacked(hash, text) {
   const letters = atob(text), packed = new Uint8Array(letters.length);
   for (let k = 0; k < packed.length; k++) packed[k] = letters.charCodeAt(k);
   if (sha256(packed) !== hash) throw new Error("it does not have the hash in its name");
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return restored(new Uint8Array(await new Response(stream).arrayBuffer()));
+  const { readable, writable } = new DecompressionStream("gzip"), writer = writable.getWriter();
+  for (const done of [writer.write(packed), writer.close()]) done.catch(() => {}); // reading fails too
+  return restored(new Uint8Array(await new Response(readable).arrayBuffer()));
 }
 
 // The text in a script of data.
