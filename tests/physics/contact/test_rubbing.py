@@ -19,11 +19,11 @@ def body(rng, stiff):
     return whole[:SIZE, :SIZE], whole[:, SIZE:]
 
 
-def pair_of(rng, mu, bristles=1e4, viscous=0.0, taus=(0.02, 0.005)):
+def pair_of(rng, mu, bristles=1e4, viscous=0.0, taus=(0.02, 0.005), tangents=TANGENTS):
     (one, drag), (other, drags) = body(rng, 1.0), body(rng, 3.0)
     signs = np.repeat((-1.0, 1.0, 1.0), SIZE)[:, None]
     made = between.pair(rng.uniform(0, 2e-4, SIZE), one, other, taus)
-    return made, rubbing(TANGENTS, drag, signs * drags, mu, bristles, viscous)
+    return made, rubbing(tangents, drag, signs * drags, mu, bristles, viscous)
 
 
 def run(made, rub, motions, pressed):
@@ -37,8 +37,8 @@ def run(made, rub, motions, pressed):
         before = rub.moved.copy()
         step_rubbing(made, rub, DT)
         by = (rub.moved - before).reshape(2, 2, SIZE)
-        relative = by[0] - by[1] + np.einsum("ami,i->am", TANGENTS, carried)
-        along = np.einsum("mi,ami->am", rub.force, TANGENTS)
+        relative = by[0] - by[1] + np.einsum("ami,i->am", rub.tangents, carried)
+        along = np.einsum("mi,ami->am", rub.force, rub.tangents)
         works.append(float((along * relative).sum()))
         forces.append(rub.force.sum(axis=0))
         normals.append(made.active.force.sum())
@@ -80,6 +80,52 @@ def test_random_slides_neither_exceed_the_limit_nor_generate_energy():
         assert sum(works) + rub.balance["stored"][0] + lost[-1] == approx(0.0, abs=1e-9 * scale)
         slid += rub.balance["slipped"][0] > 1e-6
     assert slid > RUNS // 2
+
+
+def test_on_a_curved_patch_each_candidate_keeps_its_limit_and_no_energy_is_generated():
+    """Normals inclined by up to 40 degrees, pressed and dragged along any direction, with and without a film."""
+    rng, inclined = np.random.default_rng(8), 0
+    for _ in range(RUNS // 4):
+        normals = UP + 0.84 * rng.uniform(-1, 1, (SIZE, 3)) * (1.0, 1.0, 0.0) / np.sqrt(2)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        across = np.cross(normals, rng.standard_normal((SIZE, 3)))
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        mu, viscous = 10.0 ** rng.uniform(-2, 0.3), float(rng.choice([0.0, 3.0]))
+        made, rub = pair_of(rng, mu, 1e4, viscous, tangents=np.stack([across, np.cross(normals, across)]))
+        moves, pressed = random_motion(rng, 60)
+        lost, worked = 0.0, 0.0
+        for move, depth in zip(moves + np.outer(np.gradient(pressed), (0.0, 0.0, 1.0)), pressed, strict=True):
+            _, _, work = run(made, rub, [move], [depth])
+            worked += work[0]
+            mean = rub.speed - normals * (normals @ rub.speed)[:, None]
+            p = made.active.force
+            dry = np.linalg.norm(rub.force + viscous * p[:, None] * mean, axis=1)
+            assert (dry <= mu * p + 1e-9 * (p + np.linalg.norm(rub.force, axis=1))).all()
+            assert np.abs((rub.force * normals).sum(axis=1)) == approx(0.0, abs=1e-12 * (1.0 + np.abs(rub.force).max()))
+            assert rub.balance["dissipated"][0] >= lost * (1.0 - 1e-12)
+            lost = rub.balance["dissipated"][0]
+            inclined += abs(rub.speed[2]) > 0.1 * np.linalg.norm(rub.speed) > 0.0
+        assert worked + rub.balance["stored"][0] + lost == approx(0.0, abs=1e-9 * max(lost, 1e-12))
+    assert inclined > 100
+
+
+@pytest.mark.parametrize("degrees", [0.0, 10.0, 30.0])
+def test_rigid_bodies_on_a_wedge_have_the_friction_of_the_parts_along_its_faces(degrees):
+    """Half of the normal force on each face, (s, 0, c) and (-s, 0, c): the slide along the ridge has the limit mu N;
+    across it the part mu N c^2, in which Coulomb's law for each face would be mu N c; the film has c c^4 N v."""
+    s, c = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    faces = np.where(np.arange(SIZE) % 2 == 0, -1.0, 1.0)
+    across = np.stack([np.full(SIZE, c), np.zeros(SIZE), -s * faces], axis=1)
+    along = np.tile((0.0, 1.0, 0.0), (SIZE, 1))
+    stiff = 1e-7 * np.eye(SIZE)
+    drags = np.zeros((3 * SIZE, 2 * SIZE))
+    for direction, share, film in (((0.0, 1.0, 0.0), 1.0, 1.0), ((1.0, 0.0, 0.0), c**2, c**4)):
+        for viscous in (0.0, 2.0):
+            made = between.pair(np.zeros(SIZE), stiff, stiff, (0.0, 0.0))
+            rub = rubbing(np.stack([across, along]), drags, drags, 0.3, 1e6, viscous)
+            forces, normals, _ = run(made, rub, np.tile(np.array(direction) * 1e-4, (50, 1)), np.full(50, 1e-6))
+            expected = 0.3 * share * normals[-1] + viscous * film * normals[-1] * 0.1
+            assert forces[-1] == approx(-expected * np.array(direction), rel=1e-9, abs=1e-9 * normals[-1])
 
 
 def test_it_sticks_below_the_limit_with_the_stiffness_of_bodies_and_bristles_in_series():

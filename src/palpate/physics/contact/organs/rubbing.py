@@ -12,6 +12,9 @@ this step and C = sum_ij w_i w_j (m_1 D_1,ij + m_2 D_2,ij) (3,3), and the bristl
 
     (I/k + C + l I) F = z + e,    z+ = F/k,    l >= 0,    |F| <= mu N,    l (mu N - |F|) = 0
 
+Candidate i gets the part of its share along its surface, f_i = w_i (I - n_i n_i') F, conjugate to d: |f_i| <= mu p_i.
+On a curved patch F and v also have a part along the mean normal, by motions towards it along inclined surfaces.
+
 l F is the plastic slip: along the force, as A. Coulomb's law wants it, also where the bodies yield by different amounts
 along and across the motion. l is found by Newton's method for 1/|F| (J. J. More, D. C. Sorensen, SIAM J. Sci. Stat.
 Comput. 4 (1983) 553-572). A film of the viscosity c N [N s/m] in parallel replaces e and C by A e and A C,
