@@ -325,7 +325,8 @@ class Launcher:
                 address = other.endpoints[outlet][-1 if member.joined or other.joined else 0]
                 seen = outlet == "observers"
                 sources.append(reports.OutletAddress(group, address, tuple(streams), seen, other.secured))
-        observed = listeners(member.job, others)
+        alive = {group: job for group, job in others.items() if self.members[group].alive}
+        observed = listeners(member.job, alive)
         self._control.send_order(
             member.job.group, reports.Connect(tuple(sources), observed, awaited=self.phase != "running")
         )

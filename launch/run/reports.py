@@ -34,8 +34,9 @@ class OutletAddress(msgspec.Struct, frozen=True):
 
 class Connect(msgspec.Struct, frozen=True, tag=True):
     """Connect to these outlets, then wait for the readers of this worker: `observed`, number of other workers that
-    observe each stream, and the nodes of the job's `external`. A restarted worker waits for none (`awaited`), as they
-    may have ended, and on the real clock they may connect later."""
+    observe each stream, and the nodes of the job's `external`. A restarted worker (not `awaited`) waits for its
+    observers for a limited time, as they may have ended, and for no nodes: they connect later and skip what they miss.
+    """
 
     sources: tuple[OutletAddress, ...]
     observed: dict[str, int]

@@ -198,8 +198,15 @@ def without_restarts(monkeypatch):
 
 
 def with_a_wait_for_readers_that_have_ended(monkeypatch):
-    """A restarted worker waits for all readers of its streams."""
-    wait = Wire.wait_linked
+    """A restarted worker waits for all readers of its streams, also those that have ended."""
+    wait, link, count = Wire.wait_linked, launcher.Launcher._link, launcher.listeners
+
+    def linked(self, member):
+        counted = lambda job, _: count(job, {g: each for g, each in self.jobs.items() if g != job.group})  # noqa: E731
+        monkeypatch.setattr(launcher, "listeners", counted)
+        link(self, member)
+
+    monkeypatch.setattr(launcher.Launcher, "_link", linked)
     monkeypatch.setattr(Wire, "wait_linked", lambda self, observers, poll, awaited: wait(self, observers, poll, True))
 
 

@@ -42,6 +42,7 @@ QUEUED = 4000
 """Parcels that are buffered for each observer of the run on the real clock, 64 MB at most: a log process gets little
 processor time next to a browser that draws in software."""
 LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that accepts the connection and stays silent
+AGAIN_TIME = 300_000_000  # [ns] in which observers of a restarted worker connect: three intervals of libzmq
 
 
 def frame(stream: str, payload: bytes) -> bytes:
@@ -313,19 +314,20 @@ class Bus:
         return self._outlet.waits_for(reader)
 
     def wait_linked(self, observers: dict[str, int], poll: Callable[[], object], awaited: bool = True) -> None:
-        """Wait until all readers of all streams (if `awaited`) and all writers of the nodes here are connected.
+        """Wait until all readers of all streams and all writers of the nodes here are connected.
 
-        poll  called repeatedly meanwhile (it may raise)
+        awaited  if not, wait for no nodes, and for observers at most `AGAIN_TIME`: before they are connected they miss
+                 messages, so that a recording would lack the first steps of a restarted node
+        poll     called repeatedly meanwhile (it may raise)
         """
         external = self._external if awaited else {}
-        observers = observers if awaited else {}
         missing = {stream.encode() + b"\0": count for stream, count in observers.items() if count}
-        until = now() + LINK_TIME
+        until, again = now() + LINK_TIME, now() + AGAIN_TIME
         wakes = [int(socket.get(zmq.FD)) for socket in (self._observers, self._far) if socket is not None]
         for number in wakes:
             self._watch.add(number, lambda: None)
         while (
-            any(count > 0 for count in missing.values())
+            (any(count > 0 for count in missing.values()) and (awaited or now() < again))
             or any(
                 self._outlet.count_groups(stream) + self._far_readers[stream.encode() + b"\0"] < len(groups)
                 for stream, groups in external.items()

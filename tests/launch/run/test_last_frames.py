@@ -164,6 +164,24 @@ def test_the_sender_does_not_wait_for_a_killed_reader(ends):
     assert not sending.is_alive()
 
 
+@pytest.mark.parametrize("ends", [pytest.param(True, id="real clock")], indirect=True)
+def test_a_restarted_sender_waits_for_its_observers_but_not_for_those_that_have_ended(ends):
+    """The observer connects after 0.1 s; the second one of this stream never does."""
+    ends.sender.sends(["a"])
+    address = ends.sender.bind(None)["observers"][0]
+
+    def observe() -> None:
+        time.sleep(0.1)
+        ends.reader.connect(address, ["a"], observed=True, secured=False, group="one")
+
+    ends.start(observe)
+    ends.sender.wait_linked({"a": 1}, lambda: None, awaited=False)
+    assert ends.sender.has_reader("a")
+    begun = time.monotonic()
+    ends.sender.wait_linked({"a": 2}, lambda: None, awaited=False)
+    assert 1e-9 * bus_module.AGAIN_TIME <= time.monotonic() - begun < 3e-9 * bus_module.AGAIN_TIME
+
+
 def test_the_sender_does_not_wait_for_external_programs(ends):
     address = ends.sender.bind(None)["observers"][0]
     ends.sender.sends(["a"])

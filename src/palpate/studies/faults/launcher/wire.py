@@ -9,7 +9,7 @@ from palpate.engine.clock import POLL_INTERVAL
 from palpate.engine.job import Job
 from palpate.launch.run.reports import ORDERS, Beat, NodesEnded, Order, Report
 from palpate.launch.run.wire.addresses import endpoint
-from palpate.launch.run.wire.bus import END, LINK_TIME, Exchange, frame, split
+from palpate.launch.run.wire.bus import AGAIN_TIME, END, LINK_TIME, Exchange, frame, split
 from palpate.studies.faults.launcher.control import Line, Sockets
 from palpate.studies.faults.launcher.process import Process
 from palpate.studies.faults.launcher.readings import Net, Reading, Stream
@@ -156,10 +156,12 @@ class Wire:
 
     def wait_linked(self, observers: dict[str, int], poll: Callable[[], object], awaited: bool = True) -> None:
         external = self.job.external if awaited else {}
-        observers = observers if awaited else {}
-        until = self.world.time + LINK_TIME
+        until, again = self.world.time + LINK_TIME, self.world.time + AGAIN_TIME
         while (
-            any(self._count(stream) < count for stream, count in observers.items())
+            (
+                any(self._count(stream) < count for stream, count in observers.items())
+                and (awaited or self.world.time < again)
+            )
             or any(
                 len({r.reader.group for r in self.readers if not r.observed and stream in r.streams}) < len(groups)
                 for stream, groups in external.items()
