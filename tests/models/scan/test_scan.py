@@ -240,6 +240,26 @@ def test_broken_files_are_refused(tmp_path):
         read(tmp_path / "folder")
 
 
+@pytest.mark.parametrize(
+    ("shape", "text"),
+    [
+        ((0, 1, 1), "its header claims 0 voxels, expected 1 to 8"),
+        ((1, 1, 1), "found 0 dimensions, expected one volume of three"),
+        ((2, 2, 2), "expected 6 slices or more"),
+        ((3, 3, 1), "its header claims 9 voxels, expected 1 to 8"),
+    ],
+)
+def test_the_number_of_voxels_is_checked_from_one_to_its_limit(tmp_path, monkeypatch, shape, text):
+    """One voxel, and as many as the limit, are refused for their shape, not for their number."""
+    import nibabel
+
+    monkeypatch.setattr(sys.modules["palpate.models.scan.read"], "MOST_VOXELS", 8)
+    file = tmp_path / "few.nii"
+    nibabel.save(nibabel.Nifti1Image(np.zeros(shape, np.int16), np.eye(4)), file)
+    with pytest.raises(ScanError, match=text):
+        read(file)
+
+
 def test_the_slope_and_intercept_of_dicom_scale_the_voxels(tmp_path):
     import pydicom
 
