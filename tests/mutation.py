@@ -11,9 +11,9 @@
 The faults of a room or of files are in the order of a hash of file, line of code and change, so that the list is the
 same on each machine, and an edit changes the faults of the edited code only. Each is planted in a copy of the tree. The
 tests that import its module run against it, else those of the modules that import it, or those that `--tests` names,
-until the first fails. Survivors are printed with file, line and change: either a test is missing, or nothing depends on
-that line. Kernels are compiled again for each fault in one; some tests are faster as plain Python, with
-NUMBA_DISABLE_JIT=1.
+until the first fails. A test file that fails without a fault is printed and left out. Survivors are printed with file,
+line and change: either a test is missing, or nothing depends on that line. Kernels are compiled again for each fault in
+one; some tests are faster as plain Python, with NUMBA_DISABLE_JIT=1.
 """
 
 import argparse
@@ -237,25 +237,32 @@ def copied(folder: Path) -> Path:
 
 
 def run(wanted: list[Fault], tests: list[str] | None, end: float) -> int:
-    """Plant each fault and print what becomes of it. Returns the exit code: 2 if some tests fail without a fault."""
-    tried, left, sound, bad = 0, Counter[str](), dict[tuple[str, ...], bool](), 0
+    """Plant each fault and print what becomes of it. Returns the exit code: 2 if some tests fail without a fault; they
+    are printed, and the others run."""
+    tried, left, sound, bad = 0, Counter[str](), dict[str, bool](), 0
     with tempfile.TemporaryDirectory() as folder:
         tree = copied(Path(folder))
         for fault in wanted:
             if time.monotonic() > end:
                 break
-            chosen = tuple(tests or tests_of(Path(fault.file)))
-            if not sound.setdefault(chosen, bool(chosen) and survives(tree, list(chosen))):
-                print(
-                    f"not tried {fault.file}:{fault.line}: these tests fail without it: {' '.join(chosen)}", flush=True
-                )
+            chosen = []
+            for test in tests or tests_of(Path(fault.file)):
+                if test not in sound:
+                    sound[test] = survives(tree, [test])
+                    if not sound[test]:
+                        print(f"left out  {test}: it fails without a fault", flush=True)
+                        bad = 2
+                if sound[test]:
+                    chosen.append(test)
+            if not chosen:
+                print(f"not tried {fault.file}:{fault.line}: no test of it passes", flush=True)
                 bad = 2
                 continue
             place = tree / fault.file
             original = place.read_text(encoding="utf-8")
             place.write_text(fault.source(), encoding="utf-8")
             tried += 1
-            found = not survives(tree, list(chosen))
+            found = not survives(tree, chosen)
             left[room_of(Path(fault.file))] += not found
             print(f"{'found   ' if found else 'survived'}  {fault.file}:{fault.line}: {fault.change}", flush=True)
             place.write_text(original, encoding="utf-8")
