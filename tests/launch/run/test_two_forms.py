@@ -23,15 +23,16 @@ from palpate.engine.health import Histogram
 from palpate.engine.job import InputJob
 from palpate.engine.slot import Input
 from palpate.engine.table import CLOCK, INPUT, ROW
-from palpate.launch.run.hop.frames import exactly, newest, port_at, reader_at, send
-from palpate.launch.run.hop.table import READER
-from palpate.launch.run.hop.tick import tally
+from palpate.launch.run.hop.frames import deliver, exactly, newest, port_at, reader_at, segment_at, send
+from palpate.launch.run.hop.table import HOP, OUTPUT, READER, SEGMENT
+from palpate.launch.run.hop.tick import hop_at, tally
 from palpate.launch.run.wire.zmtp import frame
 from palpate.launch.run.work import real
 from palpate.messages import Contact, MessageError, Torque, pack
 from palpate.messages.checks import check_finite
 from palpate.messages.record import blank, writer
 from palpate.nodes.base import Port
+from palpate.nodes.base.block import ENTRY
 
 CASES = 10_000
 
@@ -266,6 +267,33 @@ def test_the_same_frames_are_sent():
             data = np.frombuffer(payload or b"\0", np.uint8)
             assert sent(reader.ctypes.data, data.ctypes.data, len(payload), scratch.ctypes.data) == 0
             assert far.recv(1 << 16) == frame(TOPIC + payload)
+
+
+@kernel
+def deliver_tick(hop, segment, clock):
+    return deliver(hop_at(hop), segment_at(segment), clock_at(clock))
+
+
+@pytest.mark.parametrize("size", [30_000, 200_000])
+def test_the_number_of_bytes_sent_before_a_buffer_is_full_is_known(size):
+    """Python sends the rest of the frame from there on."""
+    data, head = np.frombuffer(random.Random(9).randbytes(size), np.uint8), bytes(9) + TOPIC
+    place, scratch = np.frombuffer(head, np.uint8).copy(), np.zeros(32, np.int64)
+    hop, segment, clock = np.zeros(1, HOP), np.zeros(1, SEGMENT), np.zeros(1, CLOCK)
+    entries, readers = np.zeros(1, ENTRY), np.zeros(1, READER)
+    entries["end"] = size
+    near, far = socket.socketpair()
+    with near, far:
+        near.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        readers["fd"], readers["topic"], readers["skip"] = near.fileno(), place.ctypes.data + 9, len(TOPIC)
+        segment["reader"], segment["readers"], hop["scratch"] = readers.ctypes.data, 1, scratch.ctypes.data
+        clock["entry"], clock["entries"], clock["journal"] = entries.ctypes.data, 1, data.ctypes.data
+        send = entry_point(deliver_tick, 0, 0, 0)
+        assert send(hop.ctypes.data, segment.ctypes.data, clock.ctypes.data) == OUTPUT
+        near.close()
+        read = b"".join(iter(lambda: far.recv(1 << 16), b""))
+    assert 0 < hop["sent"][0] == len(read) < size
+    assert read == frame(TOPIC + data.tobytes())[: len(read)]
 
 
 def test_the_same_bytes_are_encoded():
