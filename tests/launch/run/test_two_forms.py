@@ -28,7 +28,7 @@ from palpate.launch.run.hop.table import HOP, OUTPUT, READER, SEGMENT
 from palpate.launch.run.hop.tick import hop_at, tally
 from palpate.launch.run.wire.zmtp import frame
 from palpate.launch.run.work import real
-from palpate.messages import Contact, MessageError, Torque, pack
+from palpate.messages import Contact, Friction, MessageError, Torque, pack
 from palpate.messages.checks import check_finite
 from palpate.messages.record import blank, writer
 from palpate.nodes.base import Port
@@ -296,23 +296,25 @@ def test_the_number_of_bytes_sent_before_a_buffer_is_full_is_known(size):
     assert read == frame(TOPIC + data.tobytes())[: len(read)]
 
 
-def test_the_same_bytes_are_encoded():
+@pytest.mark.parametrize("kind", [Contact, Friction])
+def test_the_same_bytes_are_encoded(kind):
     """Any numbers, flags and words of a message with arrays left empty; tests of the decoder go through all types."""
-    rng, form, write_to = random.Random(7), Form(Contact, "node"), np.zeros(1 << 14, np.uint8)
-    names = tuple(name for name in Contact.__struct_fields__ if name in form.blank.dtype.names)
-    write, encoded, used = writer(Contact, names), entry_point(encode, 0, 0, 0, 0, 0, 0, 0), np.zeros(4, np.int64)
-    example = Contact.example(True)
+    rng, form, write_to = random.Random(7), Form(kind, "node"), np.zeros(1 << 14, np.uint8)
+    names = tuple(name for name in kind.__struct_fields__ if name in form.blank.dtype.names)
+    write, encoded, used = writer(kind, names), entry_point(encode, 0, 0, 0, 0, 0, 0, 0), np.zeros(4, np.int64)
+    example = kind.example(True)
     given = {name: getattr(example, name) for name in example.__struct_fields__}
     for _ in range(CASES):
         ticks = tuple(rng.choice((-1, 0, 127, 128, 65_536, rng.getrandbits(40))) for _ in range(rng.randint(0, 4)))
         values = {n: odd(v, rng) for n, v in given.items() if isinstance(v, float) or is_vector(v)}
+        flags = {n: rng.random() < 0.5 for n, v in given.items() if isinstance(v, bool)}
         header = {
             "tick": rng.getrandbits(rng.randint(0, 62)),
             "time": rng.getrandbits(60),
             "used": ticks,
             "source": "node",
         }
-        message = Contact(**(given | values | header))
+        message = kind(**(given | values | flags | header))
         write(message, form.blank.view(np.uint8).data)
         used[: len(ticks)] = ticks
         where = (
