@@ -80,6 +80,15 @@ def test_docstrings_agree_with_annotations(kind):
     assert (kind.__doc__ or "").strip()[0].isupper()
 
 
+@pytest.mark.parametrize("name", ["Contcat", "contcat"])
+def test_an_unknown_message_is_an_error_and_another_one_is_found_in_its_file(name):
+    from palpate import messages
+
+    assert messages.TaxelForces in KINDS
+    with pytest.raises(AttributeError, match=f"module 'palpate.messages' has no attribute '{name}'"):
+        getattr(messages, name)
+
+
 def test_the_header_is_described():
     assert [d.name for d in documented_fields(Message)] == ["tick", "time", "source", "used", "delayed"]
 
