@@ -139,7 +139,7 @@ def measure(file: Path) -> dict[str, float]:
     found["read"], begun = _since(begun), time.process_time()
     fine = refine_mesh(given, node.refine, surface.MOST_REFINED)
     found["refine"], begun = _since(begun), time.process_time()
-    close_surface(fine, 0.5 * node.width)
+    close_surface(fine, 0.5 * node.width, given=given)
     found["touch"], begun = _since(begun), time.process_time()
     tables = MeshClosestPoint(fine).tables
     found["tree"] = _since(begun)

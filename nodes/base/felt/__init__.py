@@ -73,7 +73,8 @@ def _felt_surface(
     mesh = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece, refine)
 
     def arrays() -> dict[str, np.ndarray]:
-        return arrays_of_felt(close_surface(mesh, 0.5 * width))
+        given = surface_mesh(surface, vertices, LEVEL, LEVEL, file_unit, piece) if content else None
+        return arrays_of_felt(close_surface(mesh, 0.5 * width, given=given))
 
     try:
         if content:

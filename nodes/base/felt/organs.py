@@ -105,7 +105,8 @@ def _felt(surfaces: tuple, contents: tuple[bytes, ...], width: float) -> tuple[S
         return Mesh(np.ascontiguousarray(points), mesh.triangles, facing)
 
     def arrays() -> dict[str, np.ndarray]:
-        found = close_bodies([local(each) for each in surfaces], 0.5 * width)
+        before = [local((*each[:-1], 0.0)) for each in surfaces] if any(contents) else None  # with `refine` of 0
+        found = close_bodies([local(each) for each in surfaces], 0.5 * width, before)
         if found is None:
             return {}
         numbers = np.array([found.area, found.depth, *found.place])

@@ -73,15 +73,14 @@ def _is_near(one: Mesh, other: Mesh, width: float) -> bool:
     return bool(inside.any() and (MeshClosestPoint(one).find_along(fine.vertices[inside])[3] < width).any())
 
 
-def close_bodies(bodies: list[Mesh], radius: float) -> SharedFelt | None:
+def close_bodies(bodies: list[Mesh], radius: float, given: list[Mesh] | None = None) -> SharedFelt | None:
     """The felt surface of bodies for a ball of the radius [m]; None: the ball touches all of each.
+
+    given  the meshes of the bodies before they were refined, see `close_surface`
 
     MeshError: as of `close_surface`.
     """
-    begins = np.cumsum([0, *(len(body.vertices) for body in bodies)])
-    triangles = [body.triangles + begins[k] for k, body in enumerate(bodies)]
-    points, corners = np.concatenate([body.vertices for body in bodies]), np.concatenate(triangles)
-    felt = close_surface(Mesh(points, np.ascontiguousarray(corners, np.int32)), radius)
+    felt = close_surface(_together(bodies), radius, given=_together(given) if given else None)
     if felt is None:
         return None
     parts = np.split(felt.touchable, np.cumsum([len(body.triangles) for body in bodies])[:-1])
@@ -94,6 +93,14 @@ def close_bodies(bodies: list[Mesh], radius: float) -> SharedFelt | None:
         np.flatnonzero(part)[surface.find_along(middles)[2]] for part, surface in zip(parts, surfaces, strict=True)
     ])  # fmt: skip
     return SharedFelt(mesh, shares, away, origins.astype(np.int32), parts, felt.area, felt.depth, felt.place)
+
+
+def _together(bodies: list[Mesh]) -> Mesh:
+    """One mesh of all triangles."""
+    begins = np.cumsum([0, *(len(body.vertices) for body in bodies)])
+    triangles = [body.triangles + begins[k] for k, body in enumerate(bodies)]
+    points, corners = np.concatenate([body.vertices for body in bodies]), np.concatenate(triangles)
+    return Mesh(points, np.ascontiguousarray(corners, np.int32))
 
 
 def _divide(mesh: Mesh, surfaces: list[MeshClosestPoint], radius: float) -> tuple[Mesh, np.ndarray]:

@@ -22,6 +22,7 @@ from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
 from palpate.physics.geometry.felt.rims import divide_near, find_rims, round_rims, unfolded
+from palpate.physics.geometry.felt.ripples import without_ripples
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
@@ -54,16 +55,22 @@ class Felt(NamedTuple):
     place: np.ndarray
 
 
-def close_surface(mesh: Mesh, radius: float, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Felt | None:
+def close_surface(
+    mesh: Mesh, radius: float, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), given: Mesh | None = None
+) -> Felt | None:
     """The surface of a closed body that a ball of the radius [m] can feel; None: the ball touches every triangle.
 
     offset  [m] of the grid's origin, which changes the result by less than 20 um
+    given   the mesh of a file before it was refined: ripples of its tessellation count as touchable (`ripples`); None:
+            every triangle counts
 
     MeshError: the body has no inside, or the boolean fails.
     """
     fine, part = divide_long_edges(mesh, SHORT * radius)
     body = MeshClosestPoint(mesh)
     hidden = untouchable(fine, body, radius)
+    if given is not None and hidden.any():
+        hidden = without_ripples(fine, hidden, body, given, radius)
     if not hidden.any():
         return None
     if not mesh.closed:

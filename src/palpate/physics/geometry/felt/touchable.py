@@ -50,20 +50,27 @@ def untouchable(mesh: Mesh, closest: MeshClosestPoint, radius: float) -> np.ndar
     length = np.linalg.norm(mesh.face_vectors, axis=1)
     facing = np.flatnonzero(length > 0.0)
     hidden = np.zeros(len(mesh.triangles), bool)
-    if not len(facing):
-        return hidden
     middle = einsum("tkc,k->tc", mesh.vertices[mesh.triangles[facing]], np.full(3, 1.0 / 3.0))
-    low, size = middle.min(axis=0), max(float(np.ptp(middle, axis=0).max()), 1e-300)
-    order = np.argsort(morton(middle, low, size), kind="stable")
-    balls = np.zeros(len(facing), BALLS)
-    balls["middle"] = middle[order]
-    balls["normal"] = mesh.face_vectors[facing[order]] / length[facing[order], None]
+    hidden[facing] = hides(closest, middle, mesh.face_vectors[facing] / length[facing, None], radius)
+    return hidden
+
+
+def hides(closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, radius: float) -> np.ndarray:
+    """Whether a part of a body is inside the ball of the radius [m] that touches it at each point [m] (n,3) with this
+    unit normal (n,3): (n,)."""
+    hidden = np.zeros(len(points), bool)
+    if not len(points):
+        return hidden
+    low, size = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-300)
+    order = np.argsort(morton(points, low, size), kind="stable")
+    balls = np.zeros(len(points), BALLS)
+    balls["middle"], balls["normal"] = points[order], normals[order]
     balls["centre"] = balls["middle"] + radius * balls["normal"]
     tables = closest.tables
     leaves = np.empty(len(tables.discs), np.int64)
     closed = closest.mesh.closed  # a sheet has no inside
     _fill(*tables.arrays, balls, radius, closed, leaves, np.empty(STACK, np.int64), blank_record(FOOT))
-    hidden[facing[order]] = balls["hidden"] > 0
+    hidden[order] = balls["hidden"] > 0
     return hidden
 
 

@@ -61,15 +61,16 @@ class Shown:
 def describe_organ(organ: OrganFile, width: float = WIDTH) -> Shown:
     """Read an organ as a run does. MeshError, SettingError: it cannot be used."""
     as_mesh, notes = organ.as_mesh()
-    mesh = surface_mesh(
-        str(as_mesh.file), 0, LEVEL, LEVEL, as_mesh.in_unit(), as_mesh.setting, REFINE,
-    )  # fmt: skip
+    mesh, given = (
+        surface_mesh(str(as_mesh.file), 0, LEVEL, LEVEL, as_mesh.in_unit(), as_mesh.setting, refine)
+        for refine in (REFINE, 0.0)
+    )
     image = None
     if ending_of(organ.file):
         labels = read_labels(organ.file)
         image = choose_organ(labels, organ.label)[:2]
     try:
-        felt = close_surface(mesh, 0.5 * width)
+        felt = close_surface(mesh, 0.5 * width, given=given)
     except (MeshError, ImportError) as error:
         felt, notes = None, (*notes, f"it is not known where the finger does not fit: {error}")
     _, nodule, bone = organ.labelled()

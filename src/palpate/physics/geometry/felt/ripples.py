@@ -1,0 +1,58 @@
+"""Untouchable triangles that are ripples of a tessellation, not hollows of the body.
+
+A ball of any radius touches every point of a convex body. But where a coarse mesh is divided on a smooth surface
+(`geometry.refined`), this surface has ripples: on an ellipsoid of 756 triangles they are up to 1 mm deep, and bend more
+than a finger. Scatter of vertices makes them as well, a few 10 um deep. A bridge over a ripple changes the force by no
+more than the tessellation does, and one over each of hundreds of ripples takes a minute.
+
+Connected untouchable triangles are a hollow of the body if one of them is
+
+1. untouchable on the mesh before the division as well: a part of that mesh is within r of x + r n, x being its point
+   nearest to the middle of the triangle, and n the normal of its triangle there. No part of a convex mesh is;
+2. deeper than `SHALLOW`: its middle is not within this distance, along its normal, of a ball that avoids the body.
+
+A ball that is tangent to one side of a ripple overlaps the other side by about r (1 - cos θ), θ the angle between both.
+So the normals of a ripple that is left as it is tilt by at most (2 SHALLOW/r)^½, 9 degrees for r = 8 mm. The walls of a
+cut of any width face each other, and are as deep as the ball.
+"""
+
+import numpy as np
+
+from palpate.physics.geometry.felt.touchable import SLACK, hides
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.geometry.pieces import pieces
+
+SHALLOW = 1e-4
+"""[m] Up to which a hollow is a ripple: the hysteresis of a foot point, twice the error of a bridge."""
+
+
+def without_ripples(fine: Mesh, hidden: np.ndarray, body: MeshClosestPoint, given: Mesh, radius: float) -> np.ndarray:
+    """Which of the untouchable triangles (T,) of a mesh are in hollows of the body. given: the mesh of the file."""
+    some = np.flatnonzero(hidden)
+    vector = fine.face_vectors[some]
+    normal = vector / np.linalg.norm(vector, axis=1)[:, None]
+    middle = fine.vertices[fine.triangles[some]].mean(axis=1)
+    hollow = body.find_along(middle + (radius + SHALLOW) * normal)[3] < radius - SLACK
+    deep = np.flatnonzero(hollow)
+    if len(deep):
+        hollow[deep] = _hidden_before(middle[deep], given, radius)
+    kept = np.zeros(len(hidden), bool)
+    if hollow.any():
+        label = pieces(fine.triangles[some], len(fine.vertices))
+        found = np.zeros(int(label.max()) + 1, bool)
+        found[label[hollow]] = True
+        kept[some] = found[label]
+    return kept
+
+
+def _hidden_before(points: np.ndarray, given: Mesh, radius: float) -> np.ndarray:
+    """Whether a ball cannot touch the mesh `given` next to each point [m] (n,3); nor where that has no normal."""
+    closest = MeshClosestPoint(given)
+    foot, _, nearest, _ = closest.find_along(points)
+    vector = given.face_vectors[nearest]
+    length = np.linalg.norm(vector, axis=1)
+    hidden = length == 0.0
+    facing = np.flatnonzero(~hidden)
+    hidden[facing] = hides(closest, foot[facing], vector[facing] / length[facing, None], radius)
+    return np.asarray(hidden)
