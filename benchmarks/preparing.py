@@ -113,6 +113,7 @@ def _forget() -> None:
     surface.surface_mesh.cache_clear()
     felt._felt_surface.cache_clear()
     mesh_file._read_once.cache_clear()
+    mesh_file._right.cache_clear()
     mesh_file._flaws.cache_clear()
 
 

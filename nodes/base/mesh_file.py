@@ -1,5 +1,6 @@
 """Reading a user's triangle mesh: STL (binary or text), PLY, OBJ."""
 
+import json
 import math
 from functools import lru_cache
 from hashlib import file_digest
@@ -11,6 +12,7 @@ import scipy  # imports its slow submodules at their first use
 
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.mesh_formats import AGAIN, LARGEST_FILE, read_file
+from palpate.nodes.base.stored.surfaces import stored
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh
@@ -32,6 +34,7 @@ NOTED_ROUNDING = 1e-4
 COINCIDE = 1e-3  # [1] Difference of the bounds of two pieces, over the size, up to which they lie at the same place
 SHOWN = 8  # number of pieces that a message lists
 REPAIR = "`palpate run kidney --organ {} --repair`"
+NAME = "\0"  # the place of the file's name in stored flaws
 
 
 class Triangles(NamedTuple):
@@ -70,7 +73,7 @@ def read_mesh(path: str, scale: float, piece: int = 0) -> Mesh:
             f"setting 'surface': {path} has {shared} edges that more than two triangles share{_shared_in(triangles)}: "
             f"it has no inside. {REPAIR.format(path)} rebuilds its surface."
         )
-    right = outward(vertices, triangles)
+    right = _right(path, piece, *_stamp(path))
     if one_sided(right):
         raise SettingError(
             f"setting 'surface': {path} is one-sided, like a Möbius strip: its triangles cannot all face outwards, so "
@@ -206,49 +209,73 @@ def _near(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return same
 
 
+@lru_cache(maxsize=2)
+def _right(path: str, piece: int, *stamp: object) -> np.ndarray:
+    """The triangles (T,3) of the file with this stamp, oriented by `outward`."""
+    found = _read_once(path, piece, *stamp)
+    return outward(found.vertices, found.triangles)
+
+
 def flaws(path: str, piece: int = 0) -> list[str]:
-    """Flaws of a mesh file that can still be used, one line each: pieces, open, inside out, self-intersecting.
+    """Flaws of a mesh file that can still be used, one line each: pieces, open, inside out, self-intersecting. They are
+    stored by the content of the file.
 
     SettingError: it cannot be read.
     """
-    return list(_flaws(path, piece, *_stamp(path)))
+    return [line.replace(NAME, path) for line in _flaws(path, piece, *_stamp(path))]
 
 
 @lru_cache(maxsize=2)
 def _flaws(path: str, piece: int, *stamp: object) -> list[str]:
-    """`flaws` of the file with this stamp."""
-    vertices, triangles, notes, cut = _read_once(path, piece, *stamp)
+    """`flaws` of the file with this stamp, with `NAME` in place of its path."""
+
+    def made() -> list[str]:
+        return _find_flaws(_read_once(path, piece, *stamp), _right(path, piece, *stamp))
+
+    def arrays() -> dict[str, np.ndarray]:
+        return {"lines": np.array(json.dumps(made()))}
+
+    *_, digest = stamp
+    if not isinstance(digest, bytes):  # a file that cannot be read
+        return made()
+    inputs = {"file": digest.hex(), "type": Path(path).suffix.lower(), "piece": piece}
+    arrays_found = stored("flaws", inputs, arrays, f"{Path(path).name}, search for flaws")
+    return list(json.loads(str(arrays_found["lines"])))
+
+
+def _find_flaws(given: Triangles, right: np.ndarray) -> list[str]:
+    """`_flaws` of a file with these triangles, which `outward` orients like that."""
+    vertices, triangles, notes, cut = given
     border, _ = edge_counts(triangles, len(vertices))
-    lines = [f"{path}: {note}." for note in notes]
-    right = outward(vertices, triangles)
+    lines = [f"{NAME}: {note}." for note in notes]
     if border:
         areas = Mesh(vertices, right).face_vectors
         x, y, z = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()
         faces = f" It is a sheet that faces ({x:.2g}, {y:.2g}, {z:.2g}); touch it from there."
         lines.append(
-            f"{path} is open: {border} edges have a triangle on one side only. A finger that goes beyond them meets "
-            f"nothing, and deformation.ReducedFE needs a closed surface. {REPAIR.format(path)} closes it."
+            f"{NAME} is open: {border} edges have a triangle on one side only. A finger that goes beyond them meets "
+            f"nothing, and deformation.ReducedFE needs a closed surface. {REPAIR.format(NAME)} closes it."
             + (f" If it should be closed: {cut}." if cut else "")
             + (faces if math.hypot(x, y, z) > FLAT else "")
         )
     turned = int((_least_first(right) != _least_first(triangles)).any(axis=1).sum())
     if turned == len(triangles):
-        lines.append(f"{path} is inside out: all of its {turned} triangles face inwards. They are turned for this run.")
+        lines.append(f"{NAME} is inside out: all of its {turned} triangles face inwards. They are turned for this run.")
     elif turned:
         lines.append(
-            f"{path} is partly inside out: {turned} of its {len(triangles)} triangles face the other way than the rest."
+            f"{NAME} is partly inside out: {turned} of its {len(triangles)} triangles face the other way than the rest."
             " They are turned for this run."
         )
     try:
         through = crossing(vertices, triangles)
     except UncheckedError as error:
         through = None
-        lines.append(f"{path}: it is not checked completely whether it intersects itself: it has {error}.")
+        lines.append(f"{NAME}: it is not checked completely whether it intersects itself: it has {error}.")
     if through:
         x, y, z = through[2]
         lines.append(
-            f"{path} intersects itself, first seen at ({x:.4g}, {y:.4g}, {z:.4g}) in the file's unit. The finger may "
-            f"rest on a part that is inside. {REPAIR.format(path)} repairs it."
+            f"{NAME} intersects itself, first seen at ({x:.4g}, {y:.4g}, {z:.4g}) in the file's unit. The finger may "
+            f"rest on a part that is inside. {REPAIR.format(NAME)} repairs it."
         )
     return lines
 

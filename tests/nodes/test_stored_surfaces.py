@@ -9,9 +9,9 @@ import pytest
 
 from palpate.compiler.kernel_cache import remove_oldest
 from palpate.launch.run import progress
-from palpate.nodes.base import felt, surface
+from palpate.nodes.base import felt, mesh_file, surface
 from palpate.nodes.base.stored import prepares, surfaces, watched
-from palpate.physics.geometry.mesh import write_ply
+from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.studies.organs.shapes import boxes
 from palpate.studies.organs.zoo import mesh_of
 
@@ -121,6 +121,63 @@ def test_other_settings_and_contents_are_prepared_separately(file, first, store,
     changed.write_bytes(file.read_bytes() + b"\n")
     assert prepare(changed)[1] == 2
     assert prepare(file)[1] == 0
+
+
+def damaged_file(path):
+    """A box without a triangle, with a part inside out."""
+    mesh = boxes((-6 * MM, 6 * MM), (-MM, MM), (-3 * MM, 3 * MM), np.ones((1, 1, 1), bool), 100)
+    triangles = mesh.triangles[1:].copy()
+    triangles[:5] = triangles[:5, ::-1]
+    write_ply(path, Mesh(mesh.vertices, triangles))
+    return path
+
+
+@ONE
+def test_flaws_are_searched_once_for_each_content_and_name_the_file(store, tmp_path, monkeypatch):
+    searched, find = [], mesh_file._find_flaws
+
+    def noted(*given):
+        searched.append(given)
+        return find(*given)
+
+    monkeypatch.setattr(mesh_file, "_find_flaws", noted)
+
+    def flaws(path, piece=0):
+        mesh_file._flaws.cache_clear()
+        mesh_file._read_once.cache_clear()
+        return mesh_file.flaws(str(path), piece)
+
+    one = damaged_file(tmp_path / "one.ply")
+    first = flaws(one)
+    assert len(first) == 2 and "is open" in first[0] and "partly inside out: 5" in first[1] and len(searched) == 1
+    assert flaws(one) == first and len(searched) == 1
+    # another name: the same flaws, with this name
+    other = tmp_path / "{0} other.ply"
+    shutil.copy(one, other)
+    assert flaws(other) == [line.replace(str(one), str(other)) for line in first] and len(searched) == 1
+    assert flaws(one, piece=1) == first and len(searched) == 2
+    # other contents, and an entry that is damaged
+    damaged_file(one).write_bytes(one.read_bytes() + b"\n")
+    assert "1 bytes after its last element are ignored" in flaws(one)[0] and len(searched) == 3
+    for path in sorted(store.glob("flaws-*")):
+        flip(path)
+    assert flaws(other)[1:] == [first[1].replace(str(one), str(other))] and len(searched) == 4
+
+
+@ONE
+def test_triangles_are_oriented_once(file, store, monkeypatch):
+    turned, outward = [], mesh_file.outward
+
+    def noted(*given):
+        turned.append(given)
+        return outward(*given)
+
+    monkeypatch.setattr(mesh_file, "outward", noted)
+    for each in (mesh_file._right, mesh_file._flaws, mesh_file._read_once):
+        each.cache_clear()
+    shutil.rmtree(store)
+    mesh_file.read_mesh(str(file), 1.0)
+    assert mesh_file.flaws(str(file)) == [] and len(turned) == 1
 
 
 def cut(path):
