@@ -199,8 +199,7 @@ def _refined(coarse: Mesh, refine: float) -> dict[str, np.ndarray]:
     before, as arrays."""
     mesh, moved = refine_mesh(coarse, refine, MOST_REFINED), 0.0
     if not np.array_equal(mesh.vertices, coarse.vertices):
-        foot, *_ = MeshClosestPoint(coarse).find_along(mesh.vertices)
-        moved = float(np.linalg.norm(mesh.vertices - foot, axis=1).max())
+        moved = MeshClosestPoint(coarse).farthest(mesh.vertices)
     return {**arrays_of_mesh(mesh), "change": np.array([moved, len(coarse.vertices)])}
 
 

@@ -12,7 +12,7 @@ from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.physics.arrays import Indices, Matrix, Record
-from palpate.physics.geometry.bvh import MeshTables, mesh_tables
+from palpate.physics.geometry.bvh import MeshTables, mesh_tables, morton
 from palpate.physics.geometry.closest import FAR
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pseudonormal import EDGE, FACE, VERTEX, foot_of, normal_at, signed_distance
@@ -49,6 +49,21 @@ class MeshClosestPoint:
         """As `find`, 4 times as fast for points of which each is near the one before. Of equally near places the result
         is the one next to that of the point before."""
         return self._find(points, True)
+
+    def farthest(self, points: np.ndarray) -> float:
+        """Largest distance [m] of points (n,3) from the mesh, in less time than by `find`: no search is needed where
+        the descent from the last foot ends nearer than an earlier point was."""
+        low, size = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-300)
+        ordered = np.ascontiguousarray(points[np.argsort(morton(points, low, size), kind="stable")], dtype=float)
+        return float(_farthest(*self.tables.arrays, ordered, np.zeros(STACK, dtype=np.int64)))
+
+    def beyond(self, points: np.ndarray, distance: float) -> np.ndarray:
+        """Whether each of the points [m] (n,3) is farther than the distance [m] from the mesh, in less time than by
+        `find`: (n,)."""
+        found = np.empty(len(points), bool)
+        points = np.ascontiguousarray(points, dtype=float)
+        _farther(*self.tables.arrays, points, distance * distance, np.zeros(STACK, dtype=np.int64), found)
+        return found
 
     def _find(self, points: np.ndarray, along: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         tables, scratch = self.tables.arrays, self.scratch()[:2]
@@ -113,6 +128,41 @@ def _find(
     for k in range(len(queries)):
         tracked.exists, q = tracked.exists and along, queries[k]
         track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, tracked, work, feet[k])
+
+
+@kernel
+def _farthest(
+    points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, queries: Matrix, work: Indices
+):
+    """The largest distance [m] of the queries (n,3)."""
+    most, t = 0.0, 0
+    for q in queries:
+        t, _ = _descend(points, cells, star_at, star, q[0], q[1], q[2], t)
+        f, _, _, _ = _on_triangle(points, cells, t, q[0], q[1], q[2])
+        if f > most:
+            t = _search(points, cells, discs, q[0], q[1], q[2], t, f, work)
+            f, _, _, _ = _on_triangle(points, cells, t, q[0], q[1], q[2])
+            most = max(most, f)
+    return np.sqrt(most)
+
+
+@kernel
+def _farther(
+    points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, queries: Matrix, most: float,
+    work: Indices, found: Indices,
+):  # fmt: skip
+    """Fill in whether the squared distance of each of the queries (n,3) is above `most` [m²]."""
+    t, limit = 0, most * (1.0 + 1e-12)
+    for k in range(len(queries)):
+        q = queries[k]
+        t, _ = _descend(points, cells, star_at, star, q[0], q[1], q[2], t)
+        f, _, _, _ = _on_triangle(points, cells, t, q[0], q[1], q[2])
+        if f > most:
+            best = _search(points, cells, discs, q[0], q[1], q[2], -1, limit, work)
+            if best >= 0:
+                t = best
+                f, _, _, _ = _on_triangle(points, cells, t, q[0], q[1], q[2])
+        found[k] = f > most
 
 
 @kernel

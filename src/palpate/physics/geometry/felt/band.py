@@ -41,8 +41,7 @@ def sample(
 ) -> np.ndarray:
     """The distance [m] on the grid, exact within `WIDTH` steps of the level, elsewhere on the right side of it.
 
-    near   distance [m] of points (n,3) from the region of interest, exact up to a limit [m]; blocks beyond `reach` [m]
-           get inf
+    near   whether points (n,3) are within a distance [m] of the region of interest; blocks beyond `reach` [m] get inf
     """
     stride, root = BLOCK, np.sqrt(3.0)
     shape = tuple(n // stride for n in grid.shape)
@@ -50,7 +49,7 @@ def sample(
     while True:
         index = np.argwhere(todo)
         points, half = grid.points(index, stride), 0.5 * root * (stride - 1) * grid.step
-        inside = near(points, reach + half) <= reach + half
+        inside = near(points, reach + half)
         value[tuple(index[~inside].T)] = np.inf
         index = index[inside]
         value[tuple(index.T)] = found = distance(points[inside])

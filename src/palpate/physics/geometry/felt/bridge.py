@@ -83,7 +83,7 @@ def close_surface(
     touched = MeshClosestPoint(Mesh(fine.vertices, fine.triangles[~hidden]))
     normals = _normals(vertices, triangles[origin < 0], mesh, hollow, centres, radius)
     bridge = np.unique(triangles[origin < 0])
-    bridge = bridge[distance_to(body, vertices[bridge]) > 2.0 * RIM]
+    bridge = bridge[body.beyond(vertices[bridge], 2.0 * RIM)]
     rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
     if rims is not None:
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
@@ -92,7 +92,7 @@ def close_surface(
         triangles, origin = flip_caps(moves[0], triangles, _still(vertices, moves[0], triangles)), origin[part]
         vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
-    return _describe(felt, origin, mesh, touchable)
+    return _describe(felt, origin, body, touchable)
 
 
 def _touched(fine: Mesh, hidden: np.ndarray, radius: float) -> np.ndarray:
@@ -111,10 +111,10 @@ def _plug(
     reach = radius + 4.0 * step  # of the plug; the centres of balls that touch it are within r of it
     margin = reach + radius + hollow.size + 2.0 * BLOCK * step
     grid = Grid.round_box(hollow.low - margin + offset, hollow.high + margin + step, step)
-    distances = sample(grid, lambda at: body.find_along(at)[3], radius, hollow.about, margin)
-    touched = touched[hollow.about(touched.mean(axis=1), margin - radius) < margin - radius]
+    distances = sample(grid, lambda at: body.find_along(at)[3], radius, hollow.within, margin)
+    touched = touched[hollow.within(touched.mean(axis=1), margin - radius)]
     centres = centre_surface(body, distances, grid, radius, touched)
-    away = sample(grid, lambda at: distance_to(centres, at), radius, hollow.about, reach)
+    away = sample(grid, lambda at: distance_to(centres, at), radius, hollow.within, reach)
     closing = np.where(distances >= radius, step, radius - away)
     # raised at the rims, lowered outside, and ended inside the body
     index = np.argwhere(np.isfinite(away) & (np.abs(closing) < 2.0 * step))
@@ -206,9 +206,10 @@ def _middles(mesh: Mesh, triangles: np.ndarray) -> np.ndarray:
     return np.asarray(mesh.vertices[mesh.triangles[triangles]].mean(axis=1))
 
 
-def _describe(felt: Mesh, origin: np.ndarray, mesh: Mesh, touchable: np.ndarray) -> Felt:
+def _describe(felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, touchable: np.ndarray) -> Felt:
+    mesh = body.mesh
     kept, of_plug = np.flatnonzero(touchable), np.flatnonzero(origin < 0)
-    bridged = of_plug[distance_to(MeshClosestPoint(mesh), _middles(felt, of_plug)) > 2.0 * RIM]
+    bridged = of_plug[body.beyond(_middles(felt, of_plug), 2.0 * RIM)]
     unknown = np.flatnonzero((origin < 0) | ~touchable[origin])  # also the edge of a wall at a rim
     floor = MeshClosestPoint(Mesh(mesh.vertices, mesh.triangles[kept]))
     origin[unknown] = kept[floor.find_along(_middles(felt, unknown))[2]]

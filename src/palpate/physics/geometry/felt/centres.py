@@ -69,8 +69,8 @@ def centre_surface(
     points, triangles = divide_creases(find, points, feet, triangles, good, radius, grid.step, APART)
     middle = touched.mean(axis=1)
     if len(triangles):
-        found = MeshClosestPoint(Mesh(points, np.ascontiguousarray(triangles, np.int32))).find_along(middle)[0]
-        touched = touched[np.linalg.norm(found - middle, axis=1) > OFF_GRID * grid.step]
+        found = MeshClosestPoint(Mesh(points, np.ascontiguousarray(triangles, np.int32)))
+        touched = touched[found.beyond(middle, OFF_GRID * grid.step)]
     if len(touched):
         more, _ = divide_long_edges(
             Mesh(touched.reshape(-1, 3), np.arange(touched[..., 0].size, dtype=np.int32).reshape(-1, 3)), FINE * radius

@@ -29,6 +29,12 @@ class Hollow:
         _nearest(self._middles, self._closest.tables.discs, points, limit, np.empty(STACK, np.int64), found)
         return np.maximum(found - self.size, 0.0)
 
+    def within(self, points: np.ndarray, most: float) -> np.ndarray:
+        """Whether `about` is at most `most` [m] for each of the points [m] (n,3), in less time: (n,)."""
+        found = np.empty(len(points), bool)
+        _any_near(self._middles, self._closest.tables.discs, points, most, self.size, np.empty(STACK, np.int64), found)
+        return found
+
     def distance(self, points: np.ndarray, most: float) -> np.ndarray:
         """Distances [m] (n) of points [m] (n,3), exact up to `SHORE`; inf above `most` [m]."""
         found = self.about(points, most)
@@ -80,6 +86,35 @@ def _nearest(middles: Matrix, discs: Record, points: Matrix, limit: float, work:
                     least, nearest = square, t
         found[k] = np.sqrt(least) if nearest >= 0 else np.inf
         best = max(nearest, 0)
+
+
+@kernel
+def _any_near(
+    middles: Matrix, discs: Record, points: Matrix, most: float, size: float, work: Indices, found: Indices
+):  # fmt: skip
+    """Whether the distance of each of the points (n,3) from a middle of a triangle is at most `most` + `size` [m]; the
+    search begins at the middle that was near the point before, and ends at the first."""
+    count, leaves, best = len(middles), len(discs) // 2, 0
+    limit = ((most + size) * (1.0 + 1e-9)) ** 2
+    for k in range(len(points)):
+        p0, p1, p2 = points[k]
+        found[k] = np.sqrt(_square(middles[best], p0, p1, p2)) - size <= most
+        depth, work[0] = 0 if found[k] else 1, 1
+        while depth > 0:
+            depth -= 1
+            node = work[depth]
+            if _disc(discs[node], p0, p1, p2) >= limit:
+                continue
+            if node < leaves:
+                left = _disc(discs[2 * node], p0, p1, p2)
+                near = 2 * node if left <= _disc(discs[2 * node + 1], p0, p1, p2) else 2 * node + 1
+                work[depth], work[depth + 1] = 4 * node + 1 - near, near
+                depth += 2
+                continue
+            for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
+                if np.sqrt(_square(middles[t], p0, p1, p2)) - size <= most:
+                    found[k], best, depth = True, t, 0
+                    break
 
 
 @kernel

@@ -170,13 +170,13 @@ def divide_near(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The surface with edges near rims that are short across them: points, triangles, normals; the triangle of which
     each is a part."""
-    tree, origin = tree_of(rims.points), np.arange(len(triangles))
+    tree, origin, tested = tree_of(rims.points), np.arange(len(triangles)), 0
     shortest = min(FINEST * rims.reach.min(), EVEN * rims.far.min())
     for _ in range(HALVINGS):
         ends, of, _ = edges_of(triangles, len(points))
         edge = points[ends[:, 1]] - points[ends[:, 0]]
         length = np.linalg.norm(edge, axis=1)
-        long = np.flatnonzero(length > shortest)
+        long = np.flatnonzero((length > shortest) & (ends[:, 1] >= tested))  # others were tested in the round before
         away, which = (each[:, 0] for each in nearest(tree, 0.5 * (points[ends[long, 0]] + points[ends[long, 1]])))
         along = rims.along[which]
         across = np.linalg.norm(edge[long] - einsum("ij,ij->i", edge[long], along)[:, None] * along, axis=1)
@@ -189,6 +189,7 @@ def divide_near(
         number = np.full(len(ends), -1)
         number[long] = len(points) + np.arange(len(long))
         new, out = (0.5 * (each[ends[long, 0]] + each[ends[long, 1]]) for each in (points, normals))
+        tested = len(points)
         points = np.concatenate([points, new])
         normals = np.concatenate([normals, out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]])
         triangles, part = divide_triangles(triangles, number[of])

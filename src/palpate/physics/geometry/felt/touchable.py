@@ -23,6 +23,7 @@ SLACK = 20e-6
 """[m] By which another part may be inside the ball: facets of 1.6 mm on a concave surface just wider than the ball are
 16 um nearer than the surface that they approximate."""
 TOGETHER = 8  # balls that share a search
+LEVELS = 2  # of the tree above the leaves that each ball searches alone
 BALLS = element_type({"centre": (3,), "middle": (3,), "normal": (3,), "hidden": int})
 """A ball that would touch the middle [m] of a triangle with this normal [1]: its centre [m], and 1 if it cannot."""
 LEVEL = 1e-12  # [m] over the tangent plane up to which a part is below it, for rounding
@@ -67,9 +68,9 @@ def hides(closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, ra
     balls["middle"], balls["normal"] = points[order], normals[order]
     balls["centre"] = balls["middle"] + radius * balls["normal"]
     tables = closest.tables
-    leaves = np.empty(len(tables.discs), np.int64)
+    nodes = np.empty(len(tables.discs), np.int64)
     closed = closest.mesh.closed  # a sheet has no inside
-    _fill(*tables.arrays, balls, radius, closed, leaves, np.empty(STACK, np.int64), blank_record(FOOT))
+    _fill(*tables.arrays, balls, radius, closed, nodes, np.empty(STACK, np.int64), blank_record(FOOT))
     hidden[order] = balls["hidden"] > 0
     return hidden
 
@@ -77,17 +78,27 @@ def hides(closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, ra
 @kernel
 def _fill(
     points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, balls: Record, radius: float,
-    closed: bool, leaves: Indices, work: Indices, foot: Record,
+    closed: bool, nodes: Indices, work: Indices, foot: Record,
 ):  # fmt: skip
-    """Fill in whether each ball is hidden. Neighbouring ones share the search for the leaves of the tree."""
+    """Fill in whether each ball is hidden. First the triangle is tested that hid the ball before. Neighbouring balls
+    share the search down to `LEVELS` above the leaves."""
+    last, enough = -1, (radius - SLACK) ** 2
     for begin in range(0, len(balls), TOGETHER):
-        some = balls[begin : begin + TOGETHER]
-        size = _leaves_near(discs, some, radius, leaves, work)
+        some, size = balls[begin : begin + TOGETHER], -1
         for ball in some:
-            best, least = _in_front(points, cells, discs, ball, radius, leaves[:size])
+            if last >= 0 and _above(points, cells, last, ball, radius):
+                square, _, _, _ = _on_triangle(points, cells, last, ball.centre[0], ball.centre[1], ball.centre[2])
+                if square < enough:
+                    ball.hidden = 1
+                    continue
+            if size < 0:
+                size = _nodes_near(discs, some, radius, nodes, work)
+            best, least = _in_front(points, cells, discs, ball, radius, nodes[:size], work)
+            last = -1
             if best >= 0:
                 p0, p1, p2 = vector(ball.centre)
-                hidden = least < (radius - SLACK) ** 2
+                hidden = least < enough
+                last = best if hidden else -1
                 if closed and not hidden:
                     _, v, w, place = _on_triangle(points, cells, best, p0, p1, p2)
                     away = signed_distance(points, cells, star_at, star, best, v, w, place, p0, p1, p2, foot)
@@ -96,8 +107,9 @@ def _fill(
 
 
 @kernel
-def _leaves_near(discs: Record, balls: Record, radius: float, found: Indices, work: Indices):
-    """Fill in the leaves of the tree that may have a part in front of one of the balls; returns their number.
+def _nodes_near(discs: Record, balls: Record, radius: float, found: Indices, work: Indices):
+    """Fill in the nodes `LEVELS` above the leaves of the tree that may have a part in front of a ball; returns their
+    number.
 
     A node is left out if it is farther than the radius from all centres, or below all tangent planes: those through m
     with the normal n are at most `low` below the mean middle along the mean normal, and |n - mean| <= `spread`, so x is
@@ -117,7 +129,7 @@ def _leaves_near(discs: Record, balls: Record, radius: float, found: Indices, wo
         x, y, z = x + radius * u, y + radius * v, z + radius * w
         reach = max(reach, np.sqrt(x * x + y * y + z * z))
     p0, p1, p2 = m0 + radius * n0, m1 + radius * n1, m2 + radius * n2
-    most, leaves, size = (radius + reach) ** 2, len(discs) // 2, 0
+    most, lowest, size = (radius + reach) ** 2, max(len(discs) >> (1 + LEVELS), 1), 0
     depth = work[0] = 1
     while depth > 0:
         depth -= 1
@@ -128,7 +140,7 @@ def _leaves_near(discs: Record, balls: Record, radius: float, found: Indices, wo
         up = x * n0 + y * n1 + z * n2 + _extent(disc, n0, n1, n2)
         if up + low + away * spread <= LEVEL or _disc(disc, p0, p1, p2) >= most:
             continue
-        if node >= leaves:
+        if node >= lowest:
             found[size] = node
             size += 1
         else:
@@ -138,9 +150,9 @@ def _leaves_near(discs: Record, balls: Record, radius: float, found: Indices, wo
 
 
 @kernel
-def _in_front(points: Record, cells: Record, discs: Record, ball: Record, radius: float, near: Indices):
+def _in_front(points: Record, cells: Record, discs: Record, ball: Record, radius: float, near: Indices, work: Indices):
     """A triangle in a ball, above the tangent plane on which it lies, and its squared distance [m²] from the centre;
-    -1: none. The nearest one, or any that is nearer than `SLACK` allows. near  (n,) leaves of the tree to be searched.
+    -1: none. The nearest one, or any that is nearer than `SLACK` allows. near  (n,) nodes of the tree to be searched.
 
     All that is below the plane is outside the ball: on a smooth convex surface that is all of the neighbourhood.
     """
@@ -148,23 +160,39 @@ def _in_front(points: Record, cells: Record, discs: Record, ball: Record, radius
     n0, n1, n2 = vector(ball.normal)
     count, leaves = len(cells), len(discs) // 2
     best, least, enough = -1, radius * radius, (radius - SLACK) ** 2
-    for node in near:
-        disc = discs[node]
-        along = (p0 - disc.centre[0]) * n0 + (p1 - disc.centre[1]) * n1 + (p2 - disc.centre[2]) * n2
-        if along - _extent(disc, n0, n1, n2) >= radius - LEVEL or _disc(disc, p0, p1, p2) >= least:
-            continue
-        for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
-            low = np.inf
-            for i in range(3):
-                at = points[cells[t].corners[i]].position
-                low = min(low, (p0 - at[0]) * n0 + (p1 - at[1]) * n1 + (p2 - at[2]) * n2)
-            if low < radius - LEVEL:
-                square, _, _, _ = _on_triangle(points, cells, t, p0, p1, p2)
-                if square < least:
-                    best, least = t, square
-                if least < enough:
-                    return best, least
+    for top in near:
+        work[0] = top
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            node = work[depth]
+            disc = discs[node]
+            along = (p0 - disc.centre[0]) * n0 + (p1 - disc.centre[1]) * n1 + (p2 - disc.centre[2]) * n2
+            if along - _extent(disc, n0, n1, n2) >= radius - LEVEL or _disc(disc, p0, p1, p2) >= least:
+                continue
+            if node < leaves:
+                work[depth], work[depth + 1] = 2 * node, 2 * node + 1
+                depth += 2
+                continue
+            for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
+                if _above(points, cells, t, ball, radius):
+                    square, _, _, _ = _on_triangle(points, cells, t, p0, p1, p2)
+                    if square < least:
+                        best, least = t, square
+                    if least < enough:
+                        return best, least
     return best, least
+
+
+@kernel
+def _above(points: Record, cells: Record, t: int, ball: Record, radius: float):
+    """Whether a part of a triangle is above the tangent plane of a ball."""
+    low = np.inf
+    for i in range(3):
+        at = points[cells[t].corners[i]].position
+        x, y, z = ball.centre[0] - at[0], ball.centre[1] - at[1], ball.centre[2] - at[2]
+        low = min(low, x * ball.normal[0] + y * ball.normal[1] + z * ball.normal[2])
+    return low < radius - LEVEL
 
 
 @kernel

@@ -1,0 +1,75 @@
+"""Distance queries that end early give the answers of complete ones."""
+
+import numpy as np
+import pytest
+
+from palpate.physics.geometry.felt.hollow import Hollow
+from palpate.physics.geometry.felt.touchable import SLACK, divide_long_edges, hides, untouchable
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.studies.organs.shapes import boxes, star
+
+R = 8e-3  # [m]
+
+
+def bumpy():
+    """A body with dents and bumps."""
+    return star(lambda u: 0.03 + 0.004 * np.sin(9.0 * u[:, 0]) * np.cos(7.0 * u[:, 1] + 2.0 * u[:, 2]), 4000)
+
+
+def grooved():
+    """A block with a groove of 6 mm."""
+    full = np.ones((1, 3, 2), bool)
+    full[0, 1, 1] = False
+    return boxes((-0.02, 0.02), (-0.02, -0.003, 0.003, 0.02), (-0.012, 0.0, 0.01), full, 3000)
+
+
+def many(kind, seed=0):
+    """Points in a sphere: near each other in turn, or in a random order, with repetitions."""
+    points = np.random.default_rng(seed).uniform(-0.06, 0.06, size=(3000, 3))
+    points = points if kind == "random" else points[np.lexsort(np.round(points / 0.02).T)]
+    return np.concatenate([points, points[:100]])
+
+
+@pytest.mark.parametrize("order", ["random", "sorted"])
+@pytest.mark.parametrize("make", [bumpy, grooved])
+def test_the_farthest_of_points_and_those_beyond_a_distance(make, order):
+    closest, points = MeshClosestPoint(make()), many(order)
+    away = np.abs(closest.find(points)[3])
+    assert closest.farthest(points) == pytest.approx(away.max(), rel=1e-12)
+    inside = points[away < 0.01]
+    assert closest.farthest(inside) == pytest.approx(away[away < 0.01].max(), rel=1e-12)
+    for distance in (0.0, 1e-4, 3e-3, 0.02, 0.2):
+        np.testing.assert_array_equal(closest.beyond(points, distance), away > distance)
+    on = closest.find(points)[0]
+    assert closest.farthest(on) < 1e-15 and not closest.beyond(on, 1e-9).any()
+
+
+def test_points_near_triangles_that_a_ball_cannot_touch():
+    body = grooved()
+    closest = MeshClosestPoint(body)
+    hollow = Hollow(Mesh(body.vertices, body.triangles[untouchable(body, closest, R)]))
+    for order in ("random", "sorted"):
+        points = many(order, 1)
+        for most in (0.0, 1e-3, 0.01, 0.05):
+            near = hollow.within(points, most)
+            np.testing.assert_array_equal(near, hollow.about(points, most) <= most)
+        assert near.any() and not near.all()
+
+
+@pytest.mark.parametrize("make", [bumpy, grooved])
+def test_a_ball_is_hidden_where_the_body_is_inside_it(make):
+    """By the distance of the centre of each ball from the whole body."""
+    body = make()
+    fine, _ = divide_long_edges(body, R / 3.0)
+    closest, size = MeshClosestPoint(body), np.linalg.norm(fine.face_vectors, axis=1)
+    middle = fine.vertices[fine.triangles].mean(axis=1)
+    normal = fine.face_vectors / size[:, None]
+    away = closest.find(middle + R * normal)[3]
+    sure = np.abs(away - (R - SLACK)) > 1e-9
+    hidden = hides(closest, middle, normal, R)
+    np.testing.assert_array_equal(hidden[sure], (away < R - SLACK)[sure])
+    np.testing.assert_array_equal(hidden, untouchable(fine, closest, R))
+    assert 0.02 < hidden.mean() < 0.9 and sure.mean() > 0.99
+    turned = np.random.default_rng(2).permutation(len(middle))  # neighbours are not next to each other
+    np.testing.assert_array_equal(hides(closest, middle[turned], normal[turned], R), hidden[turned])
