@@ -13,7 +13,7 @@ R = 8e-3  # [m]
 
 
 def bumpy():
-    """A body with dents and bumps."""
+    """A ball with hollows and bumps."""
     return star(lambda u: 0.03 + 0.004 * np.sin(9.0 * u[:, 0]) * np.cos(7.0 * u[:, 1] + 2.0 * u[:, 2]), 4000)
 
 
