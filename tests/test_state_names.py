@@ -34,7 +34,7 @@ TABLES: dict[str, dict[str, str]] = {
         "own.wrench": MOTION,
         "push": MOTION,
     },
-    "nodes/contact/coupled_step.py": {"active.room": "rows of a workspace", "out": MOTION, "wrench": MOTION},
+    "nodes/contact/coupled_step.py": {"out": MOTION, "wrench": MOTION},
     "nodes/contact/finger.py": {"law": LAW, "heard": LAW},
     "nodes/contact/joint.py": {"laws": LAW, "terminal": LAW, "own.law": ROW},
     "nodes/contact/series.py": {"own.law": ROW},
@@ -73,6 +73,7 @@ TABLES: dict[str, dict[str, str]] = {
     "src/palpate/physics/bodies/sampled_body.py": {"laws": LAW, "body.fields": FIELDS},
     "src/palpate/physics/bodies/floating/mobility.py": {"expected": MOTION},
     "src/palpate/physics/contact/organs/coupled.py": {"out": MOTION, "wrench": MOTION},
+    "src/palpate/physics/contact/organs/pivoting.py": {"active.room": "rows of a workspace"},
     "src/palpate/physics/contact/organs/rigid_motion.py": {
         "by": MOTION,
         "expected": MOTION,

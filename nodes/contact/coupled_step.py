@@ -11,7 +11,7 @@ from palpate.physics.bodies.floating.turning import cross
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
 from palpate.physics.contact.organs import rigid_motion as rigid
-from palpate.physics.contact.organs.pivoting import ActiveSet, complement, refactor, relax
+from palpate.physics.contact.organs.pivoting import ActiveSet, complement, refactor
 from palpate.physics.contact.organs.rubbing import begin_rubbing, end_rubbing, open_by_friction, pull_of, solve_rubbing
 
 active_of = unpacking(ActiveSet)
@@ -204,12 +204,7 @@ def solve_normal(own, most):
     """Solve for the normal forces of all contacts, after `fill_gaps`. Returns the candidates that are left."""
     active, gap, matrix = active_of(own.active), floats(own.gap), floats(own.matrix)
     coupled.take_forces(matrix, active.order, active.tally[0].active, active.force, gap)
-    last = active.room[3]
-    for i in range(len(gap)):
-        last[i] = active.force[i]
     left = complement(matrix, gap, active, most)
-    if left > 0:
-        relax(matrix, gap, active, last)
     hand_out(own, active)
     push_all(own, 1.0, 1)
     return left

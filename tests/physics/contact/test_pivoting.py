@@ -66,6 +66,25 @@ def test_a_bounded_call_never_pulls_and_later_calls_reach_the_solution(most):
         assert left == 0 and active.force == approx(reference(matrix, gap), rel=1e-6, abs=1e-7)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_bounded_call_in_which_candidates_part_generates_no_energy(seed):
+    """Bodies whose compliance decreases with the distance part by more candidates than a call releases. The contact may
+    give them no work: the forces of the others, solved with the pull of those that are left, did 0.5 to 7 times the
+    energy that the forces before had stored."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0.0, 10.0, (40, 2))
+    away = np.linalg.norm(points[:, None] - points[None], axis=2)
+    matrix, pressed = np.exp(-away / 3.0) + 0.05 * np.eye(40), active_set(40)
+    gap = -rng.uniform(0.5, 1.0, 40)
+    assert complement(matrix, gap, pressed, 1000) == 0
+    opening = gap + matrix @ pressed.force
+    lifted = gap + rng.uniform(0.3, 1.2, 40)
+    assert complement(matrix, lifted, pressed, 4) > 5
+    work = pressed.force @ (lifted + matrix @ pressed.force - opening)
+    assert pressed.force.min() >= 0.0 and pressed.force.max() > 0.0
+    assert work < 1e-6
+
+
 def test_two_candidates_at_one_place_carry_the_force_of_one():
     """A singular matrix: the second of two equal candidates stays free, at the gap 0."""
     active = active_set(2)

@@ -11,8 +11,8 @@ rule, which ends after a finite number of changes for every W of this kind). The
 the next, so that a steady contact needs one round. The factor W_SS = U'U is kept between calls and changed by one row
 and column per change: O(n²) instead of O(n³) (G. H. Golub, C. F. Van Loan, Matrix Computations, 2013, 6.5).
 
-After `most` changes the call ends, and the next one continues. Until then forces that pull are left out, so that the
-contact never pulls; the violations are counted.
+After `most` changes the call ends, and the next one continues. Its forces are then those of the last call, improved
+(`_relax`): they never pull, and generate no energy; the violations are counted.
 """
 
 from typing import Annotated, NamedTuple
@@ -27,7 +27,7 @@ from palpate.physics.arrays import Array, Matrix
 PATIENCE = 3  # rounds without progress before single changes
 ROUNDS = 64  # most rounds of a call: those with changes are limited by `most`
 LEAST_PIVOT = 1e-10  # [1] share of a candidate's compliance that must be independent of the active ones
-SWEEPS = 20  # of `relax`
+SWEEPS = 20  # of `_relax`
 EXACT = 1e-12  # [1] of the largest |g|: overlap below which a free candidate does not violate
 
 
@@ -44,7 +44,7 @@ class ActiveSet(NamedTuple):
     tally  (1)    `TALLY`
     factor (m,m)  U, upper triangular
     force  (m)    p
-    room   (4,m)  workspace; the last row is left to the caller
+    room   (4,m)  workspace
     changing (m)  workspace: candidates that violate
     """
 
@@ -190,10 +190,10 @@ def _worst_first(active: ActiveSet, slack: Array, found: int, wanted: int):
 
 
 @kernel
-def relax(matrix: Matrix, gap: Array, active: ActiveSet, before: Array):
+def _relax(matrix: Matrix, gap: Array, active: ActiveSet, before: Array):
     """Improve the forces of the active candidates by projected Gauss-Seidel sweeps from those before, for a call that
-    did not end: where W is nearly singular, as of rigid bodies, the forces at its end may be far too large. Each sweep
-    lowers p.W p/2 + g.p, so that the answer is no worse than the forces before.
+    did not end: without those that pull the others are too large, by far where W is nearly singular, as of rigid
+    bodies. Each sweep lowers p.W p/2 + g.p, so that the answer is no worse than the forces before.
 
     before [N] (m) >= 0
     """
@@ -211,16 +211,16 @@ def relax(matrix: Matrix, gap: Array, active: ActiveSet, before: Array):
 
 @ieee_kernel
 def complement(matrix: Matrix, gap: Array, active: ActiveSet, most: int):
-    """Solve for the forces p >= 0 in `active.force`, from the active candidates of the last call. Returns the number of
-    violations that are left; 0: solved.
+    """Solve for the forces p >= 0 in `active.force`, from the active candidates of the last call and their forces.
+    Returns the number of violations that are left; 0: solved.
 
     matrix [m/N] (m,m)  W, whose part of the active candidates is in the factor (`refactor` after a change)
     gap    [m] (m)      g
     most                changes of sides in this call, > 0
     """
-    slack, largest = active.room[1], 0.0
+    slack, last, largest = active.room[1], active.room[3], 0.0
     for i in range(len(gap)):
-        largest = max(largest, abs(gap[i]))
+        largest, last[i] = max(largest, abs(gap[i])), active.force[i]
     least, fewest, patience, changes, rounds = EXACT * largest, len(gap) + 1, PATIENCE, 0, 0
     while True:
         rounds += 1
@@ -249,8 +249,8 @@ def complement(matrix: Matrix, gap: Array, active: ActiveSet, most: int):
                 changes += 1
         if changes == before:
             break
-    for k in range(active.tally[0].active):
-        active.force[active.order[k]] = max(active.force[active.order[k]], 0.0)
+    if found > 0:
+        _relax(matrix, gap, active, last)
     tally = active.tally[0]
     tally.left, tally.changes, tally.rounds = found, changes, rounds
     return found
