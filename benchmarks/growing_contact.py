@@ -75,10 +75,12 @@ def faces_at(mesh: TetMesh, flags: np.ndarray) -> np.ndarray:
     return mesh.faces[flags[mesh.faces[:, :3]].all(axis=1)]
 
 
-def run(solver: Solver, touch: Pair | RigidIndenter, energy: object = None) -> np.ndarray:
-    """Approach [m], force [N], contact radius [m] and energy of the slab [J] (4,n), up to the last of `FORCES`."""
+def run(
+    solver: Solver, touch: Pair | RigidIndenter, energy: object = None, most: float = float(FORCES[-1])
+) -> np.ndarray:
+    """Approach [m], force [N], contact radius [m] and energy of the slab [J] (4,n), up to a force of `most` [N]."""
     rows = [(0.0, 0.0, 0.0, 0.0)]
-    while rows[-1][1] < FORCES[-1]:
+    while rows[-1][1] < most:
         begun = time.perf_counter()
         solver.advance(max(1.18 * rows[-1][0], 2e-4))
         area = QUARTERS * touch.contact_area(solver.displacement)
