@@ -131,3 +131,32 @@ def test_the_matrix_of_two_contacts_of_an_organ_is_that_of_its_mobility():
                 soft, sides[k], turns[k], levers[k], sides[j], turns[j], levers[j], found, begins[k], begins[j]
             )
     np.testing.assert_allclose(found, rows @ whole @ rows.T, rtol=1e-12, atol=1e-14)
+
+
+def test_motions_and_moments_at_a_place_are_those_of_the_mean_frame():
+    """About the centre where the organ is now; the mobility at a place in the axes at the start, by matrices."""
+    rng = np.random.default_rng(6)
+    rides, mobilities, arms, turns = [], [], [], []
+    place = rng.normal(0.0, 0.05, 3)
+    for _ in range(2):
+        at, turn, centre = rng.normal(0.0, 0.02, 3), rng.normal(0.0, 0.6, 3), rng.normal(0.0, 0.05, 3)
+        ride, arm, soft = ride_at(at, turn, centre), place - centre - at, np.zeros((6, 6))
+        for half in (slice(0, 3), slice(3, 6)):
+            root = rng.normal(size=(3, 3))
+            soft[half, half] = root @ root.T
+            ride["soft"][half] = soft[half, half]
+        by, force = rng.normal(size=6), rng.normal(size=3)
+        moved, moment = rigid.moved_at(ride, by, tuple(place)), rigid.torque_at(ride, tuple(force), tuple(place))
+        np.testing.assert_allclose(moved, by[:3] + np.cross(by[3:], arm), rtol=1e-12)
+        np.testing.assert_allclose(moment, np.cross(arm, force), rtol=1e-12, atol=1e-15)
+        rides.append(ride)
+        mobilities.append(soft)
+        arms.append(np.cross(np.eye(3), arm))  # of omega: arm x omega is minus the motion
+        turns.append(Rotation.from_rotvec(turn).as_matrix())
+    mean, total = 0.5 * (turns[0] + turns[1]), np.zeros((3, 3))
+    for soft, skew in zip(mobilities, arms, strict=True):
+        motion = np.hstack([np.eye(3), skew])  # of the place by a motion (6) of the organ
+        total += motion @ soft @ motion.T
+    found = np.zeros((3, 3))
+    rigid.mobile_at(*rides, tuple(place), found)
+    np.testing.assert_allclose(found, mean.T @ total @ mean, rtol=1e-10)
