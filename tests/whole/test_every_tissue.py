@@ -1,5 +1,7 @@
 """Every body has the force of ReducedFE for every published tissue, on the kidney and on the slab, within its range."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from expected_notes import BEYOND, RIGID, STIFF, UNTAKEN
@@ -71,5 +73,5 @@ def test_modulus_and_force_of_the_beams_are_proportional():
 @pytest.mark.parametrize(("tissue", "deep"), [("kidney-human-76Hz", False), ("brain-human-compound", True)])
 def test_an_indentation_beyond_the_range_is_noted(body, tissue, deep):
     sets = [*SETS, f"tissue.use=deformation.{body}", f"scene.tissue={tissue}"]
-    result = execute(find("kidney").but(overrides=sets, duration=0.4, place="fused", record=None)).result
+    result = execute(replace(find("kidney").but(overrides=sets, duration=0.4, place="fused"), record=None)).result
     assert any("1.5 radii of the patch" in note for note in result.notes) == deep

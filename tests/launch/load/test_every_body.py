@@ -1,5 +1,7 @@
 """Every shipped body loads in every shipped graph and scene, with the files that it needs at its start."""
 
+from dataclasses import replace
+
 import pytest
 
 from palpate.cli.terminal.options import choose_launch
@@ -61,6 +63,6 @@ def test_a_nodule_has_the_position_of_the_scene_in_every_body():
 @pytest.mark.parametrize("graph", PRESSED)
 def test_a_body_runs_in_a_graph(graph, body):
     for node in PRESSED[graph]:
-        run = find(graph).but(duration=0.05, record=None, place="fused", overrides=[f"{node}.use={body}"])
-        outcome = execute(run)
+        run = find(graph).but(duration=0.05, place="fused", overrides=[f"{node}.use={body}"])
+        outcome = execute(replace(run, record=None))
         assert outcome.result.ok, outcome.result.deaths
