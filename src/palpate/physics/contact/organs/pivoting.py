@@ -11,8 +11,9 @@ rule, which ends after a finite number of changes for every W of this kind). The
 the next, so that a steady contact needs one round. The factor W_SS = U'U is kept between calls and changed by one row
 and column per change: O(n²) instead of O(n³) (G. H. Golub, C. F. Van Loan, Matrix Computations, 2013, 6.5).
 
-After `most` changes the call ends, and the next one continues. Its forces are then those of the last call, improved
-(`_relax`): they never pull, and generate no energy; the violations are counted.
+After `most` changes the call ends, and the next one continues; the violations are counted. If active candidates that
+pull are left, the forces are those of the last call, improved (`_relax`), so that the contact neither pulls nor does
+work on the bodies; else they are those of the active candidates.
 """
 
 from typing import Annotated, NamedTuple
@@ -176,6 +177,15 @@ def _violations(active: ActiveSet, slack: Array, least: float):
 
 
 @kernel
+def _pulls(active: ActiveSet):
+    """Whether an active candidate pulls."""
+    least = 0.0
+    for k in range(active.tally[0].active):
+        least = min(least, active.force[active.order[k]])
+    return least < 0.0
+
+
+@kernel
 def _worst_first(active: ActiveSet, slack: Array, found: int, wanted: int):
     """Move the `wanted` worst of the listed candidates to the front: first those that pull, then the deepest."""
     listed = active.changing
@@ -249,7 +259,7 @@ def complement(matrix: Matrix, gap: Array, active: ActiveSet, most: int):
                 changes += 1
         if changes == before:
             break
-    if found > 0:
+    if _pulls(active):
         _relax(matrix, gap, active, last)
     tally = active.tally[0]
     tally.left, tally.changes, tally.rounds = found, changes, rounds
