@@ -95,13 +95,13 @@ def halves(data: bytes) -> bytes | None:
             step, words = found
             size = math.isqrt(len(words))
             matrix = words[: size * size].reshape(size, size)
-            alike = (
+            mirrored = (
                 size * size == len(words)
                 and size < 1 << 16
                 and np.array_equal(matrix.view("<u2"), matrix.T.view("<u2"))
             )
-            head = struct.pack("<BBHf", HALVES, width, size if alike else 0, step)
-            kept = matrix[np.tril_indices(size)] if alike else words
+            head = struct.pack("<BBHf", HALVES, width, size if mirrored else 0, step)
+            kept = matrix[np.tril_indices(size)] if mirrored else words
             return head + kept.view(np.uint8).reshape(-1, 2).T.tobytes()
     return None
 
