@@ -96,7 +96,7 @@ class OnThinnedSurface(OnSurface):
         return _thinned_mesh(*self._surface, content_of(self.surface), self.spacing)
 
     def whole(self) -> Mesh:
-        """The mesh of all vertices: that of a subset may have holes."""
+        """The mesh of all vertices, whose thickness is exact."""
         return surface_mesh(*self._surface)
 
     def thicknesses(self) -> np.ndarray:

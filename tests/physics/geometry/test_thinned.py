@@ -41,6 +41,21 @@ def test_the_remaining_vertices_are_spaced_and_cover_a_closed_surface():
     assert max(counts) < 1.25 * min(counts)
 
 
+@pytest.mark.parametrize(("thick", "spacing"), [(0.01, 1e-3), (0.1, 0.7e-3), (1.0, 1e-3)])
+def test_a_closed_surface_of_uneven_triangles_has_no_holes(thick, spacing):
+    points = np.random.default_rng(1).normal(size=(30_000, 3))
+    points *= 21e-3 / np.linalg.norm(points, axis=1)[:, None]
+    triangles = scipy.spatial.ConvexHull(points).simplices
+    corners = points[triangles]
+    inward = np.einsum("tj,tj->t", np.cross(*np.diff(corners, axis=1).swapaxes(0, 1)), corners[:, 0]) < 0
+    triangles[inward] = triangles[inward][:, [0, 2, 1]]
+    mesh = Mesh(points * (1.0, 1.0, thick), triangles.astype(np.int32))
+    thin = thin_mesh(mesh, spacing)
+    assert len(thin.vertices) < 0.5 * len(mesh.vertices)
+    assert edge_counts(thin.triangles, len(thin.vertices)) == (0, 0)
+    assert len(thin.triangles) == 2 * len(thin.vertices) - 4
+
+
 def test_both_sides_of_a_sheet_thinner_than_the_spacing_remain_separate():
     ball = fine()
     mesh = Mesh(ball.vertices * (1.0, 1.0, 0.01), ball.triangles)  # 0.4 mm thick

@@ -32,16 +32,29 @@ def thin_mesh(mesh: Mesh, spacing: float) -> Mesh:
     star_at, star = stars(mesh.triangles, len(mesh.vertices))
     owner = _owners(mesh.vertices, mesh.triangles, star_at, star, spacing)
     facing = np.stack([np.bincount(owner, mesh.areas * along) for along in mesh.normals.T], axis=1)
-    corners = owner[mesh.triangles]
-    a, b, c = corners.T
-    corners = corners[(a != b) & (b != c) & (c != a)]
-    first = corners.argmin(axis=1)[:, None]
-    corners = np.unique(np.take_along_axis(corners, (first + np.arange(3)) % 3, axis=1), axis=0)
-    _, same, count = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True, return_counts=True)
-    corners = corners[count[same.ravel()] == 1]  # without pairs of opposite triangles
+    corners = _image(owner[mesh.triangles])
     kept, triangles = np.unique(corners, return_inverse=True)
     facing = facing[kept] / np.maximum(np.linalg.norm(facing[kept], axis=1), 1e-300)[:, None]
     return Mesh(np.ascontiguousarray(mesh.vertices[kept]), triangles.reshape(-1, 3).astype(np.int32), facing)
+
+
+def _image(corners: np.ndarray) -> np.ndarray:
+    """The triangles (T,3) to which a surface is mapped, from the remaining vertices (n,3) to which the corners of its
+    triangles belong: those that it covers more often in one direction than in the other.
+
+    The difference of both counts is the image of the surface as a chain, whose border is the image of its border: a
+    closed surface stays closed where a few vertices are cut off from the others with the same owner, so that triangles
+    are covered twice, or back and forth.
+    """
+    a, b, c = corners.T
+    corners = corners[(a != b) & (b != c) & (c != a)]
+    order = corners.argsort(axis=1)
+    odd = (order[:, 1] - order[:, 0]) % 3 == 2
+    found, which = np.unique(np.take_along_axis(corners, order, axis=1), axis=0, return_inverse=True)
+    times = np.bincount(which.ravel(), np.where(odd, -1.0, 1.0), len(found))
+    back = times < 0.0
+    found[back] = found[back][:, [0, 2, 1]]
+    return np.unique(found[times != 0.0], axis=0)
 
 
 def _is_crowded(mesh: Mesh, spacing: float) -> bool:
