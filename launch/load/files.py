@@ -56,23 +56,36 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> Ya
         found = "nothing" if source.data is None else written(source.data)
         raise GraphError([Fault(f"found {found}, expected a mapping of keys to values", place=Location(str(path), 1))])
     fill_in(source, *(("tissue",) if folder == SCENES else ("scene", "tissue")))
+    return extend(source, path.parent, folder, (*inside, path))
+
+
+def extend(source: YamlSource, at: Path, folder: Path, inside: tuple[Path, ...] = ()) -> YamlSource:
+    """A mapping merged over the file that it `extends:`, a path from the folder `at` or a shipped file of `folder`.
+
+    inside  files that lead here by `extends:`
+
+    GraphError: as of `read_extended`.
+    """
     base_name = source.data.pop("extends", None)
     place = source.place("extends")
     if base_name is None:
         return source
     if not isinstance(base_name, str):
         raise GraphError([Fault(f"extends: found {written(base_name)}, expected the name of one file", place=place)])
-    base = find_file(base_name, folder, path.parent, place, "extends: file")
-    if base in (*inside, path):
-        chain = " -> ".join(p.name for p in (*inside, path, base))
+    base = find_file(base_name, folder, at, place, "extends: file")
+    if base in inside:
+        chain = " -> ".join(p.name for p in (*inside, base))
         raise GraphError([Fault(f"extends: leads back to itself: {chain}", place=place)])
-    return _join(read_extended(base, folder, (*inside, path)), source)
+    return _join(read_extended(base, folder, inside), source)
 
 
 def _join(base: YamlSource, top: YamlSource) -> YamlSource:
-    """Merge `top` over `base`. A scene written in `top` overrides the scene file of `base`; a node with a new class
-    and new inputs drops its old inputs."""
-    if isinstance(base.data.get("scene"), str) and isinstance(top.data.get("scene"), dict):
+    """Merge `top` over `base`. A scene written in `top` overrides the scene of `base`, or extends another one; a node
+    with a new class and new inputs drops its old inputs."""
+    scene = top.data.get("scene")
+    if isinstance(scene, dict) and "extends" in scene:
+        base.data.pop("scene", None)
+    elif isinstance(scene, dict) and isinstance(base.data.get("scene"), str):
         base.put(("scene",), _named_scene(base))
     for name, line in _mapping(top.sub("nodes")).items():
         old, new = _mapping(base.sub("nodes", name)), line if isinstance(line, dict) else {}
@@ -114,16 +127,17 @@ def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, 
         if isinstance(scene, Mapping):
             given = YamlSource(dict(scene), {(): Location("the scene given")})
             fill_in(given, "tissue")
-            return given
+            return extend(given, Path.cwd(), SCENES)
         if scene is not None:
             return read_extended(find_file(str(scene), SCENES, what="scene"), SCENES)
         if isinstance(named, str):
             return _named_scene(graph)
         if isinstance(named, dict):
-            return graph.sub("scene")
+            return extend(graph.sub("scene"), Path(graph.place("scene").file).parent, SCENES)
     except GraphError as error:
         faults.entries.extend(error.faults)
-        stem = Path(str(named if scene is None else scene)).stem
+        wrong = named if scene is None else scene
+        stem = Path(str(wrong.get("extends") if isinstance(wrong, Mapping) else wrong)).stem
         close = nearest(stem, [path.stem for path in SCENES.glob("*.yaml")], 1)
         if not close:
             faults.done()

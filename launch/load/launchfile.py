@@ -194,10 +194,15 @@ def _run(source: YamlSource, path: Path, kind: type[_RunKeys]) -> LaunchFile:
     def file(key: str, name: str, folder: Path) -> Path | None:
         return faults.keep(find_file, name, folder, path.parent, source.place(key), key)
 
+    def scene(named: Any) -> Any:
+        if isinstance(named, dict) and isinstance(named.get("extends"), str):
+            return {**named, "extends": str(file("scene", named["extends"], SCENES))}
+        return file("scene", named, SCENES) if isinstance(named, str) else named
+
     launch = LaunchFile(
         graph=(file("graph", given.graph, GRAPHS) if isinstance(given, _LaunchKeys) else None) or path,
         path=path,
-        scene=file("scene", given.scene, SCENES) if isinstance(given.scene, str) else given.scene,
+        scene=scene(given.scene),
         place=given.place if given.place in (None, *BUILT_IN) else file("place", given.place, PLACES),
         clock=given.clock,
         duration=given.duration,

@@ -8,6 +8,7 @@ import pytest
 from palpate.engine.faults import GraphError
 from palpate.engine.graph import Edge
 from palpate.launch.load.graph import load
+from palpate.launch.load.launchfile import find
 
 
 def held(graph):
@@ -123,6 +124,22 @@ def test_a_scene_file_is_found_next_to_the_graph_and_may_extend_another(whole, w
     whole.write_text("scene: scenes/soft.yaml\nnodes:" + body)
     graph = load(whole)
     assert graph.scene == {"tissue": {"stiffness": 2}, "finger": {"radius": "1 mm"}}
+
+
+def test_a_scene_written_in_a_graph_a_launch_file_or_python_extends_a_file(whole, write):
+    write("scenes/soft.yaml", "extends: base.yaml\ntissue: {stiffness: 2}\n")
+    write("scenes/base.yaml", "tissue: {friction: true, stiffness: 1}\nfinger: {radius: 4 mm}\n")
+    inline = "scene: {extends: scenes/soft.yaml, finger: {h0: 1 mm}}\n"
+    expected = {"tissue": {"friction": True, "stiffness": 2}, "finger": {"radius": "4 mm", "h0": "1 mm"}}
+    child = write("child.yaml", f"extends: whole.yaml\n{inline}")
+    launch = find(str(write("launch.yaml", f"graph: whole.yaml\n{inline}")))
+    given = {"extends": str(whole.parent / "scenes" / "soft.yaml"), "finger": {"h0": "1 mm"}}
+    for graph in (load(child), launch.load(), load(whole, scene=given)):
+        assert graph.scene == expected
+    assert given["extends"]  # the caller's mapping stays
+    for scene, message in (({"extends": "kidny"}, "'kidny' not found"), ({"extends": 3}, "extends: found 3")):
+        with pytest.raises(GraphError, match=message):
+            load(whole, scene=scene)
 
 
 def test_a_graph_extends_another_node_by_node(whole, write):
