@@ -9,6 +9,7 @@ from typing import Any
 
 from palpate.engine.graph import Graph
 from palpate.launch.load.classes import ClassError, find_class
+from palpate.physics.readable import DATA, hash_of_file
 
 
 def files_of(base: Graph) -> Iterator[tuple[str, str]]:
@@ -32,17 +33,20 @@ def texts(value: Any) -> Iterator[str]:
 
 def content(name: str) -> str:
     """Hash of the file at a path, or of the source of a custom class; "" for other texts."""
-    path = Path(name)
+    if found := hash_of_file(name):
+        return found
     try:
-        if not path.is_file():
-            cls = find_class(name)
-            path = Path("" if cls.__module__.startswith("palpate.") else inspect.getsourcefile(cls) or "")
-        if not path.is_file():
-            return ""
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+        cls = find_class(name)
     except (OSError, ValueError, ClassError):
         return ""
+    return hash_of_file("" if cls.__module__.startswith("palpate.") else inspect.getsourcefile(cls) or "")
+
+
+def data_files(graph: Graph) -> dict[str, str]:
+    """The data files in the settings of a graph, with hashes of their content: those that its recording contains."""
+    named = {text for spec in graph.nodes.values() if not spec.observer for text in texts(spec.settings)}
+    files = {text: hash_of_file(text) for text in sorted(named) if Path(text).suffix.lower() in DATA}
+    return {name: found for name, found in files.items() if found}
 
 
 def digest(data: Any) -> str:

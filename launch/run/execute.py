@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from rich.console import Console
@@ -22,6 +22,7 @@ from palpate.engine.graph import Graph
 from palpate.engine.job import Job
 from palpate.engine.plan import Plan, force_path
 from palpate.engine.provenance import about
+from palpate.launch.load.dependencies import data_files
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, Placement, auto
 from palpate.launch.load.plan import plan
@@ -189,7 +190,11 @@ def _jobs(
     recorded, planned  the plan before and after the nodes were removed whose messages a replay computes
     """
     groups = {group.name: group.nodes for group in place.groups}
-    more = {"checked": {s: sorted(names) for s, names in planned.wanted.items()}} if planned is not recorded else {}
+    more: dict[str, Any] = {}
+    if planned is not recorded:
+        more["checked"] = {s: sorted(names) for s, names in planned.wanted.items()}
+    if files := data_files(recorded.graph):
+        more["files"] = files
     provenance = about(recorded, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups, **more)
     return jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
 

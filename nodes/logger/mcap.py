@@ -18,6 +18,7 @@ from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Block, Observer, SettingError, Stream
 from palpate.nodes.base.block import MARGIN
+from palpate.records.format.attached import attach_files
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION, head_alone
 from palpate.records.format.mcap_writer import CHUNK_SIZE, HEAD, Compression, McapWriter, Piece
 
@@ -131,6 +132,7 @@ class Mcap(Observer):
         self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
         self._writer = McapWriter(self._file, PROFILE, self.compression)
         self._writer.add_metadata("palpate.about", {k: json.dumps(v) for k, v in self.about.items()})
+        attach_files(self._writer, self.about.get("files", {}))
         simulated = self.about.get("clock") == "simulated"
         check = round(CHECK * self.about.get("plan", {}).get("rate", 1000.0))
         schemas: dict[type, int] = {}

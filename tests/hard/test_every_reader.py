@@ -65,6 +65,8 @@ NO_READERS = {
     "src/palpate/physics/claims.py": "called by readers",
     "src/palpate/physics/segmentation/stored.py": "a store; `trust.py` checks its owner",
     "src/palpate/physics/scratch.py": "a lock in a temporary folder of the user",
+    "src/palpate/physics/readable.py": "the bytes of any file, for a hash",
+    "src/palpate/records/format/attached.py": "`mcap_file.py` reads the file; the bytes of others are only copied",
     "src/palpate/records/reader.py": "a recording that `records/stored.py` has opened",
     "src/palpate/records/format/claim.py": "a regular file, to be overwritten",
     "src/palpate/records/format/mcap_append.py": "a recording that this process has written",

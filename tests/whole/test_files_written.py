@@ -26,6 +26,7 @@ DIRECTLY = {
     "src/palpate/cli/commands/cost/bench/fits.py": "a press of the search, next to its kept results",
     "src/palpate/models/files/apart.py": "answers to the process that waits for them, in its temporary folder",
     "src/palpate/studies/fits/tables.py": "a table under a temporary name",
+    "src/palpate/studies/faults/launcher/scene.py": "a temporary folder",
     "src/palpate/studies/kept.py": "appends results line by line; a cut line is skipped",
     "src/palpate/studies/inverse/measured.py": "a temporary folder of this object",
     "src/palpate/compiler/kernel_files.py": "writes under a temporary name, relative to an opened folder",

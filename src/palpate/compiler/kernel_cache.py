@@ -21,7 +21,9 @@ from pathlib import Path
 from palpate.compiler.trust import check_folder, check_trust, user_cache, warn
 
 KEPT = 4  # Folders that are kept, of the versions that were used last
-SIZE = 180_000_000  # [bytes] Size of a folder; the kernels of all graphs take 15 MB, so that branches recompile nothing
+SIZE = (
+    180_000_000  # [bytes] Size of a folder; the kernels of all graphs take 92 MB, so that a branch recompiles nothing
+)
 PREFIX = "kernels-"
 COMPILED = (
     "palpate.compiler",

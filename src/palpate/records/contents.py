@@ -39,6 +39,10 @@ def contents(recording: Stored) -> dict[str, Any]:
         **{key: about.get(key) for key in ("clock", "date", "commit", "versions", "machine", "arithmetic")},
         "restarted": recording.restarted,
         "notes": [{"text": text, "node": node, "time": time} for text, node, time in recording.notes],
+        "files": [
+            {"name": name, "differs": recording.wrong.get(name), "copy": recording.moved.get(name)}
+            for name in recording.files
+        ],
         "left_out": sorted(known - set(recording.streams)),
         "streams": streams,
     }

@@ -20,6 +20,7 @@ from palpate.engine.slot import NodeError
 from palpate.messages import fields
 from palpate.physics.archive import replacing
 from palpate.records.differences import ELSEWHERE, Comparer, Difference, NodeReport, Report
+from palpate.records.format.attached import copy_attached
 from palpate.records.format.head import PROFILE, head_of, is_head
 from palpate.records.format.mcap_append import NOTES
 from palpate.records.format.mcap_writer import McapWriter
@@ -183,6 +184,7 @@ def begin_copy(recording: Stored, file: IO[bytes], about: dict[str, Any]) -> tup
     """A writer for a copy of a recording, and the channel number of each stream. `about` replaces the provenance."""
     writer = McapWriter(file, PROFILE)
     write_json(writer, "palpate.about", about)
+    copy_attached(recording.path, writer, recording.moved)
     if recording.notes:
         write_json(writer, NOTES, {"notes": recording.notes})
     for node, ticks in recording.restarted.items():

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import Any
 
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.imports import full_name
@@ -9,6 +10,7 @@ from palpate.engine.job import ObserverJob, StreamJob
 from palpate.engine.plan import Plan
 from palpate.engine.provenance import about
 from palpate.engine.slot import ObserverSlot
+from palpate.launch.load.dependencies import data_files
 from palpate.messages import Health
 from palpate.nodes.base import Observer, Stream
 from palpate.nodes.logger import Mcap
@@ -153,7 +155,10 @@ class Replay:
                     yield Stream(stream, kind, name, graph.nodes[name].every)
 
     def _listening(self, name: str, node: Observer, streams: list[Stream]) -> ObserverSlot:
-        provenance = about(self.plan, clock="replay", replay_of=str(self.recording.path), running=self.running)
+        more: dict[str, Any] = {"replay_of": str(self.recording.path), "running": self.running}
+        if files := data_files(self.plan.graph):
+            more["files"] = files
+        provenance = about(self.plan, clock="replay", **more)
         node.listen(tuple(streams), provenance)
         jobs = {s.name: StreamJob(full_name(s.type), s.producer, s.every) for s in streams}
         return ObserverSlot(ObserverJob(name, full_name(type(node)), {}, jobs), node)

@@ -18,6 +18,7 @@ from palpate.messages import Message, MessageError, fields, unpack
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.readable import check_readable
 from palpate.records.format import mcap_append  # a constant pattern needs a dotted name
+from palpate.records.format.attached import renamed, restore_files
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION
 from palpate.records.format.mcap_file import (
     MAGIC,
@@ -100,6 +101,9 @@ class Stored:
     notes      lines for the user about the run: text, node and time [s]
     complete   False if the file is truncated or damaged: it is read up to there
     damage     position and kind of the damage; None: no damage
+    files      data files of the run, names with hashes
+    wrong      data files of the run that are missing here or have changed, with which, in words
+    moved      by name of one of these, the copy that takes its place in `about`, from the recording
 
     RecordingError: missing, not MCAP, not a recording of palpate, or of a newer version.
     """
@@ -114,6 +118,9 @@ class Stored:
         self.late: dict[str, int] = {}
         self.notes: list[tuple[str, str, float]] = []
         self.damage: Broken | None = None
+        self.files: dict[str, str] = {}
+        self.moved: dict[str, str] = {}
+        self.wrong: dict[str, str] = {}
         self.channels: dict[int, str] = {}  # number in the file -> stream
         try:
             check_readable(self.path)
@@ -179,6 +186,14 @@ class Stored:
                 f"{self.path}: an MCAP file, but not a recording of palpate ({cut}); nothing to recover"
             )
         self._check_names()
+        self._restore_files()
+
+    def _restore_files(self) -> None:
+        with report_damage(self.path, "its list of files"):
+            self.files = {str(name): str(found) for name, found in self.about.get("files", {}).items()}
+        self.moved, self.wrong = restore_files(self.path, self.files)
+        if self.moved:
+            self.about = renamed(self.about, self.moved)
 
     def _head(self) -> list[Any]:
         """Schemas, channels and metadata, from the index of a complete file, else up to the damage."""

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from palpate.compiler import kernel_cache
 from palpate.compiler.trust import make_folder, may_read, user_cache
 from palpate.physics.archive import replacing
 from palpate.physics.errors import MeshError
@@ -24,6 +26,7 @@ from palpate.physics.segmentation.region import read_region
 from palpate.physics.segmentation.surface import label_surface
 from palpate.physics.segmentation.voxels import MOST_FILE
 
+SIZE = 500_000_000  # [bytes] of all stored surfaces; the files of a run are in its recording
 VERSION = 5  # Increase it whenever the surface of a file has other numbers; stored ones are then no longer found
 
 
@@ -72,6 +75,7 @@ def store_surface(file: Path, label: int | str | None) -> StoredSurface:
         with replacing(about) as part:
             text = json.dumps({**found._asdict(), "path": None, "sha256": _hash(kept)})
             part.write_text(text, encoding="utf-8")
+        kernel_cache.remove_oldest(kept.parent, SIZE)
     except OSError as error:
         raise MeshError(f"{file}: its surface cannot be stored in {kept.parent}: {error.strerror}") from None
     return found
@@ -88,6 +92,8 @@ def _read(kept: Path, about: Path) -> StoredSurface | None:
             bone = None if stored["bone"] is None else _bone(*stored["bone"])
             near = tuple((str(name), float(away)) for name, away in stored["near"])
             notes = tuple(map(str, stored["notes"]))
+            for each in kept.parent.glob(f"{kept.stem}.*"):
+                os.utime(each)  # by which `remove_oldest` knows what is used
             return StoredSurface(kept, str(stored["name"]), notes, str(stored["organ"]), inside, bone, near)
     except (OSError, ValueError, LookupError, TypeError):
         pass  # it is made again

@@ -19,7 +19,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Header, Metadata, MetadataIndex, Schema
+from mcap.records import Attachment, Channel, Chunk, Footer, Header, Metadata, MetadataIndex, Schema
 
 from palpate.physics.readable import check_readable
 from palpate.records.format.mcap_writer import LIBRARY, MAGIC, SEAL, seal
@@ -109,6 +109,18 @@ class McapRecords:
     def chunk(self, at: int) -> bytes:
         """The contents of the chunk at this position."""
         return _open(at, _parse(at, Chunk, self._record(at)[1]))
+
+    def attachments(self) -> Iterator[tuple[str, str, bytes]]:
+        """Name, media type and content of each attachment before the first chunk. Broken: one is damaged."""
+        for at, kind in self._places():
+            if kind == Opcode.CHUNK:
+                return
+            if kind == Opcode.ATTACHMENT:
+                content = self._record(at)[1]
+                if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+                    raise Broken(at, "an attached file does not match its checksum")
+                record = _parse(at, Attachment, content)
+                yield record.name, record.media_type, record.data
 
     def _places(self) -> Iterator[tuple[int, int]]:
         """Position and kind of each record, to the end of the data, without reading the contents."""

@@ -74,6 +74,7 @@ class McapWriter:
         self._channels: list[records.Channel] = []
         self._chunks: list[records.ChunkIndex] = []
         self._metadata: list[records.MetadataIndex] = []
+        self._attachments: list[records.AttachmentIndex] = []
         self._counts: Counter[int] = Counter()
         self._declared, self._pieces = b"", list[Callable[[], Piece] | Piece]()
         self._size = 0
@@ -139,6 +140,13 @@ class McapWriter:
         self._metadata.append(records.MetadataIndex(self._at, len(record), name))
         self._write(record)
 
+    def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """Write a file after the messages so far."""
+        self.flush()
+        record = record_bytes(records.Attachment(0, 0, name, media_type, data))
+        self._attachments.append(records.AttachmentIndex(self._at, len(record), 0, 0, len(data), name, media_type))
+        self._write(record)
+
     def finish(self) -> None:
         """Write the summary, which completes the file."""
         self.flush()
@@ -160,7 +168,7 @@ class McapWriter:
 
     def _summary(self) -> Iterable[tuple[Opcode, Iterable[records.McapRecord]]]:
         statistics = records.Statistics(
-            attachment_count=0,
+            attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
             chunk_count=len(self._chunks),
@@ -175,6 +183,7 @@ class McapWriter:
         yield Opcode.STATISTICS, [statistics]
         yield Opcode.CHUNK_INDEX, self._chunks
         yield Opcode.METADATA_INDEX, self._metadata
+        yield Opcode.ATTACHMENT_INDEX, self._attachments
 
     def _write_chunk(self, declared: bytes, pieces: list[Callable[[], Piece] | Piece]) -> None:
         """Write a chunk and its index."""

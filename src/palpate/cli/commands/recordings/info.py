@@ -49,6 +49,10 @@ def _print(data: dict[str, Any]) -> None:
     console().print(table(heads, rows))
     if data["left_out"]:
         say(f"left out of the recording: {', '.join(data['left_out'])}", "dim", wrap=True)
+    for file in data["files"]:
+        copy = "the copy in the recording takes its place" if file["copy"] else "the recording has no copy of it"
+        say(f"file {file['name']}" + (f" {file['differs']}: {copy}" if file["differs"] else ""),
+            "yellow" if file["differs"] else "dim", wrap=True)  # fmt: skip
     for node, ticks in data["restarted"].items():
         say(f"{node} was started again at tick {', '.join(map(str, ticks))}", "yellow", wrap=True)
     for note in data["notes"]:
