@@ -24,10 +24,20 @@ The surfaces slide freely, so nothing is reduced by sticking. Large displacement
 and a load f_v of vertices of the areas A_v moves it by sum_v P_iv q_v n_i.f_v/A_v. (With C = P diag(q/A_v) P' the
 forces of candidates that share vertices of a coarser surface would not be determined.)
 
+*One organ on both sides* (`folded_between`): candidate i has a place p_i, and q_i on the opposite wall of the same
+organ. With the displacements and unit forces along n_i at p_i, and along -n_i at q_i, a body of 2m candidates,
+
+    C_ij = C_pi,pj + C_pi,qj + C_qi,pj + C_qi,qj
+
+is the opening of i by a pair of forces at j that pushes both walls apart; the second and third term are those by which
+the walls of one piece move each other, zero between separate pieces and for independent springs. As q pushes along -n,
+it is C_pp + C_qq - C_pq - C_qp in terms of displacements and forces along n.
+
 *A rigid plate* that is indented by force over stiffness: C_ij = (1 + d_ij)/K; d_ij = 1 for i = j is the compliance of
 the place itself, without which the forces of several candidates would not be determined.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -79,8 +89,10 @@ def condensed_between(
     local = np.zeros((count, count))
     if len(model.true.table):
         near = product(product(hats, model.true.table), hats.T)
-        local = model.true.normal * (mean_inverse(shares.place, area) - near)
-        matrix += np.maximum(product(normal, normal.T), 0.0) * local
+        facing = np.maximum(product(normal, normal.T), 0.0)
+        # opposite walls are not the surface of one half-space
+        local = np.where(facing > 0.0, model.true.normal * (mean_inverse(shares.place, area) - near), 0.0)
+        matrix += facing * local
     matrix = 0.5 * (matrix + matrix.T) / model.young
     response = np.ascontiguousarray(along.T) / model.young
     body = BetweenBody(matrix, response, model.corners, model.weights, model.retardation)
@@ -105,6 +117,44 @@ def _moved(model: CondensedModel, hats: np.ndarray, direction: np.ndarray) -> np
         for x in range(3):
             along[cell] += hats[cell, v] * direction[cell, x] * model.compliance[3 * v + x]
     return along
+
+
+def folded_between(
+    body: Callable[[Shares, np.ndarray, np.ndarray, np.ndarray], BetweenBody],
+    first: Shares,
+    second: Shares,
+    normal: np.ndarray,
+    area: np.ndarray,
+    tangents: np.ndarray = NO_TANGENTS,
+) -> BetweenBody:
+    """A body of which both walls of each candidate are part: `matrix`, `response`, `aside` and `drags` are those of the
+    opening, and of the displacement of the first wall against the second, by a pair of opposite forces on both.
+
+    body  as `condensed_between` for a body: its compliance for candidates with these shares, normals, areas, tangents
+    """
+    count = len(normal)
+    both = Shares(
+        np.concatenate([first.cells, second.cells + count]), *(
+            np.concatenate([getattr(first, name), getattr(second, name)]) for name in ("vertices", "weights", "place")
+        )
+    )  # fmt: skip
+    found = body(both, np.concatenate([normal, -normal]), np.concatenate([area, area]),
+                 np.concatenate([tangents, -tangents], axis=1))  # fmt: skip
+    matrix = _together(_together(found.matrix, count, 0), count, 1)
+    folded = found._replace(matrix=matrix, response=_together(found.response, count, 1))
+    if not tangents.size:
+        return folded
+    drags = _together(_together(found.drags, count, 0), count, 1)
+    return folded._replace(aside=_together(found.aside, count, 1), drags=drags)
+
+
+def _together(field: np.ndarray, count: int, axis: int) -> np.ndarray:
+    """The sum over both walls, along an axis that has those of `count` candidates for each direction."""
+    shape = list(field.shape)
+    shape[axis : axis + 1] = [shape[axis] // (2 * count) if count else 0, 2, count]
+    first, second = np.moveaxis(field.reshape(shape), axis + 1, 0)
+    shape[axis : axis + 3] = [field.shape[axis] // 2]
+    return np.ascontiguousarray((first + second).reshape(shape))
 
 
 def mean_inverse(place: np.ndarray, area: np.ndarray) -> np.ndarray:

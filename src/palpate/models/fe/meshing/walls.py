@@ -13,14 +13,13 @@ from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.felt.hollow import distance_to
+from palpate.physics.geometry.felt.opposite import opposite, unit
 from palpate.physics.geometry.felt.touchable import divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.pieces import parents, pieces
 
-FACING = -0.5  # [1] cosine of the angle between the normals of two walls, at most: two sides of a corner are no walls
 THINNEST = 0.01  # [1] gap over the length of a face's side, at least: that of a spring, which is stiff but not rigid
-BALLS = (0.125, 0.25, 0.5, 1.0)  # [1] radii of the balls that look for the opposite wall, over the largest
 
 
 class NearWalls(NamedTuple):
@@ -54,8 +53,8 @@ def near_walls(surface: Mesh, reach: float, longest: float) -> NearWalls | None:
     fine, _ = divide_long_edges(surface, longest)
     closest = MeshClosestPoint(surface)
     hidden = np.flatnonzero(untouchable(fine, closest, 0.5 * reach))
-    middle, normal = fine.vertices[fine.triangles[hidden]].mean(axis=1), _unit(fine.face_vectors[hidden])
-    _, other, gap = _opposite(closest, surface, middle, normal, 0.5 * reach)
+    middle, normal = fine.vertices[fine.triangles[hidden]].mean(axis=1), unit(fine.face_vectors[hidden])
+    _, other, gap = opposite(closest, surface, middle, normal, 0.5 * reach)
     walls = np.zeros(len(fine.triangles), bool)
     walls[hidden[other >= 0]] = True
     distance = np.zeros(len(walls))
@@ -91,50 +90,19 @@ def facing(mesh: TetMesh, near: NearWalls, reach: float, tolerance: float) -> Fa
     points = np.einsum("qa,fai->fqi", face_rule.VALUES, mesh.points[faces])
     at = np.argwhere(distance_to(walls, points.reshape(-1, 3)).reshape(points.shape[:2]) <= tolerance)
     face, point = at.T
-    normal = _unit(boundary.face_vectors)
+    normal = unit(boundary.face_vectors)
     radius = 0.5 * reach + tolerance
     place = points[face, point]
-    feet, other, gap = _opposite(MeshClosestPoint(boundary), boundary, place, normal[face], radius, 2.0 * tolerance)
+    feet, other, gap = opposite(MeshClosestPoint(boundary), boundary, place, normal[face], radius, 2.0 * tolerance)
     seen = (other >= 0) & (other != face)
     face, point, feet, other, gap = face[seen], point[seen], feet[seen], other[seen], gap[seen]
     sides = np.linalg.norm(np.diff(mesh.points[faces[face][:, [0, 1, 2, 0]]], axis=1), axis=2).mean(axis=1)
     values = np.concatenate([face_rule.VALUES[point], -face_rule.shape(_weights(boundary, other, feet))[0]], axis=1)
     return Facing(
-        np.concatenate([faces[face], faces[other]], axis=1), values, _unit(normal[face] - normal[other]),
+        np.concatenate([faces[face], faces[other]], axis=1), values, unit(normal[face] - normal[other]),
         0.5 * face_rule.areas(mesh.points, faces)[face, point],  # both walls have their points
         np.maximum(gap, THINNEST * sides),
     )  # fmt: skip
-
-
-def _opposite(
-    closest: MeshClosestPoint,
-    surface: Mesh,
-    points: np.ndarray,
-    normals: np.ndarray,
-    radius: float,
-    overlap: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The nearest point [m] (n,3) of a surface to the centre of a ball that touches each of its points from outside,
-    its triangle (n), -1: it does not face the point, and its distance from the tangent plane of the point [m] (n).
-
-    radius   [m] of the largest ball; smaller ones are tried first, since near a rim the centre of a large one is nearer
-             to the other side of the rim than to the wall
-    overlap  [m] by which walls may cross: a mesher moves each of them
-    """
-    feet, other, gap = points.copy(), np.full(len(points), -1), np.zeros(len(points))
-    left = np.arange(len(points))
-    for share in BALLS:
-        r, n = share * radius, normals[left]
-        centres = points[left] + r * n
-        found, _, triangles, _ = closest.find_along(centres)
-        away = np.einsum("ni,ni->n", found - points[left], n)
-        turned = np.einsum("ni,ni->n", _unit(surface.face_vectors[triangles]), n)
-        inside = np.linalg.norm(found - centres, axis=1) < r * (1.0 - 1e-3)
-        faces = inside & (turned < FACING) & (away > -overlap)
-        some = left[faces]
-        feet[some], other[some], gap[some] = found[faces], triangles[faces], away[faces]
-        left = left[~faces]
-    return feet, other, gap
 
 
 def _weights(surface: Mesh, triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -145,7 +113,3 @@ def _weights(surface: Mesh, triangles: np.ndarray, points: np.ndarray) -> np.nda
     x = np.einsum("ni,ni->n", np.cross(points - a, c - a), normal) / square
     y = np.einsum("ni,ni->n", np.cross(b - a, points - a), normal) / square
     return np.stack([x, y], axis=1)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))

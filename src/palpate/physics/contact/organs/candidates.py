@@ -68,11 +68,11 @@ def candidates(first: Mesh, second: Mesh, reach: float, most: int) -> Candidates
     one, other = _near(first, second, reach), _near(second, first, reach)
     deepest = min(one.deepest, other.deepest)
     if _finer(second, other, first, one):
-        found = _cells(second, first, other, most)
+        found = cells(second, first, other, most)
         return found._replace(
             normal=-found.normal, first=found.second, second=found.first, swapped=True, deepest=deepest
         )
-    return _cells(first, second, one, most)._replace(deepest=deepest)
+    return cells(first, second, one, most)._replace(deepest=deepest)
 
 
 def nearest_distance(first: Mesh, second: Mesh, reach: float) -> float:
@@ -82,11 +82,12 @@ def nearest_distance(first: Mesh, second: Mesh, reach: float) -> float:
     return least if least < reach else np.inf
 
 
-class _Near(NamedTuple):
-    """Vertices of a surface near another: their indices, and feet, normals, triangles and distances there; the
-    smallest distance of all vertices [m], also of those that face away."""
+class Near(NamedTuple):
+    """Vertices of a surface near another, or another part of it: their indices, areas, and feet, normals, triangles and
+    distances there; the smallest distance of all vertices [m], also of those that face away."""
 
     vertices: np.ndarray
+    areas: np.ndarray
     feet: np.ndarray
     normals: np.ndarray
     triangles: np.ndarray
@@ -94,36 +95,44 @@ class _Near(NamedTuple):
     deepest: float
 
 
-def _near(mesh: Mesh, other: Mesh, reach: float) -> _Near:
+def _near(mesh: Mesh, other: Mesh, reach: float) -> Near:
     low, high = other.vertices.min(axis=0) - reach, other.vertices.max(axis=0) + reach
     inside = np.flatnonzero(((mesh.vertices >= low) & (mesh.vertices <= high)).all(axis=1))
     feet, normals, triangles, distances = MeshClosestPoint(other).find(mesh.vertices[inside])
     facing = einsum("ij,ij->i", mesh.normals[inside], normals)
     keep = (distances < reach) & (facing < FACING) & (mesh.areas[inside] > 0.0)
     deepest = float(distances.min()) if len(distances) else np.inf
-    return _Near(inside[keep], feet[keep], normals[keep], triangles[keep], distances[keep], deepest)
+    return Near(
+        inside[keep], mesh.areas[inside[keep]], feet[keep], normals[keep], triangles[keep], distances[keep], deepest
+    )
 
 
-def _finer(mesh: Mesh, near: _Near, other: Mesh, others: _Near) -> bool:
+def _finer(mesh: Mesh, near: Near, other: Mesh, others: Near) -> bool:
     """Whether the first surface has the smaller vertices near the other. Of equal ones, the place decides."""
 
-    def key(each: Mesh, found: _Near) -> tuple[float, ...]:
+    def key(each: Mesh, found: Near) -> tuple[float, ...]:
         if not len(found.vertices):
             return (np.inf,)
-        return float(each.areas[found.vertices].mean()), *map(float, each.vertices[found.vertices].mean(axis=0))
+        return float(found.areas.mean()), *map(float, each.vertices[found.vertices].mean(axis=0))
 
     return key(mesh, near) < key(other, others)
 
 
-def _cells(mesh: Mesh, other: Mesh, near: _Near, most: int) -> Candidates:
+def cells(mesh: Mesh, other: Mesh, near: Near, most: int, walls: np.ndarray | None = None) -> Candidates:
+    """At most `most` cells of the vertices of a surface that are near another, each on one of the `walls` (n), numbers
+    of the parts of the surface to which the vertices belong; None: all are one."""
     points = mesh.vertices[near.vertices]
+    if walls is not None:  # 1 m apart
+        points = np.concatenate([points, walls[:, None]], axis=1)
     order = np.argsort(near.distances, kind="stable")
-    areas = mesh.areas[near.vertices]
+    areas = near.areas
     spacing, centres = 0.0, order
     if len(order):
         out = near.distances - near.distances[order[0]]
         grown = 1.0 + (GRADED - 1.0) * out / max(float(out.max()), 1e-12)
         spacing = 0.5 * float(np.sqrt(areas.min()))
+        if walls is not None:  # with less there are more than `most` on flat walls, at triangles of any size
+            spacing = max(spacing, float(np.sqrt(areas.sum() / (np.pi * most))) / GRADED)
         while len(centres := _centres(points, order, spacing * grown)) > most:
             spacing *= WIDER
     count = len(centres)
