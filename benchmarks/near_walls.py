@@ -1,9 +1,9 @@
 """Stiffness near a cut through a block, from presses of a whole graph with ReducedFE: python benchmarks/near_walls.py
 
 A block of 60 x 64 x 24 mm on stiff ground is cut in two, the pieces are moved apart, and a finger presses 9.5 mm near
-the cut, with `tissue.walls` of 1 mm and 0. The ratio is that of the stiffness (contact force over indentation) to the
-uncut block at the same place, next to that of linear elements (32 000 unknowns, trilinear bricks with mean dilatation,
-60 x 60 x 24 mm, patch of 8 mm) whose walls are free, or tied along their normal.
+the cut, with `tissue.walls` of 1 mm and 0, and with walls that touch (`folds`). The ratio is that of the stiffness
+(contact force over indentation) to the uncut block at the same place, next to that of linear elements (32 000 unknowns,
+trilinear bricks with mean dilatation, 60 x 60 x 24 mm, patch of 8 mm) whose walls are free, or tied along their normal.
 """
 
 import tempfile
@@ -18,7 +18,11 @@ from palpate.physics.geometry.mesh import Mesh, write_ply
 
 SIZE, TOP = (0.060, 0.064, 0.024), 0.105  # [m]
 PLACES = (0.0, 1e-3, 3e-3, 8e-3, 15e-3)  # [m] from the middle of the cut
-CASES = ((0.0, 1e-3), (2e-4, 1e-3), (5e-4, 1e-3), (9e-4, 1e-3), (2e-3, 0.0))  # [m] gap and `walls`
+CASES = (
+    (0.0, 1e-3, 0.0), (2e-4, 1e-3, 0.0), (5e-4, 1e-3, 0.0), (9e-4, 1e-3, 0.0), (2e-3, 0.0, 0.0), (1e-3, 0.0, 4e-3),
+    (2e-3, 0.0, 4e-3), (3e-3, 0.0, 4e-3),
+)  # fmt: skip
+"""[m] Gap, `walls`, and `reach` of the contact of the walls with each other, 0: none (scene key `folds`)."""
 TIED, FREE = (1.000, 0.971, 0.836, 0.876, 0.987), (0.712, 0.705, 0.673, 0.817, 0.971)  # those elements
 
 
@@ -49,7 +53,7 @@ def cut(gap: float) -> Mesh:
     return Mesh(np.concatenate([one.vertices, other.vertices]), triangles)
 
 
-def stiffness(file: Path, walls: float) -> np.ndarray:
+def stiffness(file: Path, walls: float, reach: float) -> np.ndarray:
     """Force over indentation [N/m] (n) at the end of a press at each of `PLACES`."""
     body = ReducedFE(surface=str(file), bed=1e4, walls=walls, position=(0.0, 0.0, 0.0))
     if body.find_stored(basis_store.cache()) is None:
@@ -65,6 +69,7 @@ def stiffness(file: Path, walls: float) -> np.ndarray:
         sets=[
             "collision.use=collision.Mesh", "tissue.use=deformation.ReducedFE", "tissue.bed=1e4",
             f"tissue.walls={walls}", f"scene.surface.surface={file}", "scene.surface.position=[0, 0, 0]",
+            *([f"scene.folds={{tissue: {{reach: {reach}}}}}"] if reach else []),
         ],
     ).run(quiet=True)  # fmt: skip
     return np.asarray(found["contact.force"])[:, -1] / np.asarray(found["tissue.previous_indentation"])[:, -1]
@@ -74,11 +79,12 @@ def main() -> None:
     print("mm from the cut    " + "".join(f"{1e3 * y:7.0f}" for y in PLACES))
     whole = np.ones(len(PLACES))
     with tempfile.TemporaryDirectory() as folder:
-        for gap, walls in CASES:
+        for gap, walls, reach in CASES:
             write_ply(Path(folder) / f"cut{1e3 * gap:g}.ply", cut(gap))
-            found = stiffness(Path(folder) / f"cut{1e3 * gap:g}.ply", walls)
+            found = stiffness(Path(folder) / f"cut{1e3 * gap:g}.ply", walls, reach)
             whole = found if gap == 0.0 else whole
-            name = "uncut" if gap == 0.0 else f"gap {1e3 * gap:g}, walls {1e3 * walls:g} mm"
+            how = f"folds {1e3 * reach:g}" if reach else f"walls {1e3 * walls:g}"
+            name = "uncut" if gap == 0.0 else f"gap {1e3 * gap:g}, {how} mm"
             print(f"{name:19}" + "".join(f"{ratio:7.3f}" for ratio in found / whole), flush=True)
     for name, ratios in (("elements, tied", TIED), ("elements, free", FREE)):
         print(f"{name:19}" + "".join(f"{ratio:7.3f}" for ratio in ratios))

@@ -19,6 +19,7 @@ SCENES = GRAPHS / "scenes"
 PLACES = GRAPHS / "place"
 ORGAN = "organ"  # key of a scene: a mesh file instead of its organ
 MOTIONS, FOUNDATIONS = "motions", "foundations"  # keys of a scene: organs that move (launch/load/checks/carried.py)
+FOLDS = "folds"  # key of a scene: organs that touch themselves (launch/load/checks/folds.py)
 IDEAL = ("hand", "ideal")  # keys of a scene: hands without imperfections (launch/load/checks/ideal.py)
 TOP = ("rate", "wanted")
 """Values without a path that can be overridden."""
@@ -213,7 +214,7 @@ def apply(overrides: list[Override], graph: YamlSource, scene: YamlSource, fault
 
 
 def _set_scene(override: Override, rest: list[str], scene: YamlSource, faults: Faults) -> None:
-    if rest in ([ORGAN], [MOTIONS], [FOUNDATIONS]) or tuple(rest) == IDEAL:  # any scene may have these
+    if rest in ([ORGAN], [MOTIONS], [FOUNDATIONS], [FOLDS]) or tuple(rest) == IDEAL:  # any scene may have these
         scene.put(tuple(rest), override.value)
         return
     data = scene.data

@@ -17,6 +17,7 @@ from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.checks.agreeing import agree
 from palpate.launch.load.checks.carried import add_motions
 from palpate.launch.load.checks.floating import place_fingers
+from palpate.launch.load.checks.folds import add_folds
 from palpate.launch.load.checks.ideal import remove_imperfections
 from palpate.launch.load.checks.islands import place_islands
 from palpate.launch.load.checks.overlapping import overlaps
@@ -165,6 +166,7 @@ def _repeat_for_organs(
     several = has_marks(source)
     pairs, apart = pairs_in_reach(organs or [], scene, faults) if several else ([], {})
     off = repeat_lines(source, organs, pairs, apart, faults)
+    add_folds(source, scene, faults)
     notes = (*notes, *add_motions(source, scene, faults))
     apply([change for change in changes if change not in of_scene], source, scene, faults)
     if organs and not several:

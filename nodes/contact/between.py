@@ -209,6 +209,13 @@ def balance_late(own, out):
     out.generated, out.dissipated = own.lost, lost + own.lost
 
 
+class GivenBody(NamedTuple):
+    """A body, and its surface."""
+
+    body: Any
+    mesh: Mesh
+
+
 def _body(name: str) -> Any:
     """The class of a shipped body. SettingError: it is none; the name comes from a graph, a job or a recording."""
     from palpate.nodes import deformation
@@ -245,6 +252,8 @@ class Between(CompiledNode):
     first_organs: Annotated[int, "1", msgspec.Meta(ge=0, le=ROOM)] = 0
     second_organs: Annotated[int, "1", msgspec.Meta(ge=0, le=ROOM)] = 0
 
+    of_one_body = False
+
     State = {
         "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide), "rub": form(Rubbing),
         "normals": TABLE, "areas": ARRAY, "borders": TABLE, "strips": ARRAY,
@@ -278,29 +287,24 @@ class Between(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        found, bodies, meshes = self._meet()
+        sides = self._sides()
+        found = self._candidates(sides)
         count = len(found.gap)
         normal, area = np.ascontiguousarray(found.normal), np.ascontiguousarray(found.area)
         tangents = tangents_of(normal) if self.friction > 0.0 or self.viscous > 0.0 else NO_TANGENTS
-        one, two = (
-            body.between(size, shares, normal, area, tangents)
-            for (body, size), shares in zip(bodies, (found.first, found.second), strict=True)
-        )
-        # forces on the second body are along -n
-        signs = np.repeat((-1.0, 1.0, 1.0), tangents.shape[1])[:, None] if tangents.size else 1.0
+        one, two = self._answers(sides, found, normal, area, tangents)
         self.hold("rub", rubbing(
-            tangents, one.drags, signs * two.drags, self.friction, self.bristle_stiffness, self.viscous
+            tangents, one.drags, two.drags, self.friction, self.bristle_stiffness, self.viscous
         ))  # fmt: skip
         self.hold("slid", np.zeros(2 * tangents.shape[1]))
         self.hold("pair", contact.pair(found.gap, one.matrix, two.matrix, (one.retardation, two.retardation)))
-        # opening by a displacement of the second body along n is negative
         self.hold("one", _side(one, found.first, count))
-        self.hold("two", _side(two._replace(response=-two.response), found.second, count))
+        self.hold("two", _side(two, found.second, count))
         self._hold_cells(found, normal, area)
         self.hold("carried", np.zeros(1))
         self.hold("others", np.zeros((2, count)))
         self.resize([self.first_organs, self.second_organs])
-        self._hold_ride(count, meshes)
+        self._hold_ride(count, [sides[0].mesh, sides[-1].mesh])
         self.own["normal"] = (0.0, 0.0, 1.0)
         self.own["allowed"] = found.spacing, self.reach
         if count:
@@ -309,23 +313,51 @@ class Between(CompiledNode):
             self.own["normal"] = normal[nearest]
             self.own["point"] = 0.5 * (found.first.place[nearest] + found.second.place[nearest])
             self.own["penetrates"][1] = 1e-4
-        else:
+        self._remark(sides, found, bool(tangents.size))
+
+    def _candidates(self, sides: list[GivenBody]) -> Candidates:
+        """SettingError: the bodies overlap."""
+        found = candidates(sides[0].mesh, sides[1].mesh, self.reach, self.cells)
+        if found.deepest < -OVERLAP:
+            raise SettingError(
+                f"the bodies overlap by {-1e3 * found.deepest:.3g} mm at the start, expected a gap: move one of them "
+                "(`position`)"
+            )
+        return found
+
+    def _answers(
+        self, sides: list[GivenBody], found: Candidates, normal: np.ndarray, area: np.ndarray, tangents: np.ndarray
+    ) -> tuple[BetweenBody, BetweenBody]:
+        """Compliances of both bodies for the opening of the candidates."""
+        one, two = (
+            side.body.between(len(side.mesh.vertices), shares, normal, area, tangents)
+            for side, shares in zip(sides, (found.first, found.second), strict=True)
+        )
+        # forces on the second body are along -n, and its displacement along n closes
+        signs = np.repeat((-1.0, 1.0, 1.0), tangents.shape[1])[:, None] if tangents.size else 1.0
+        return one, two._replace(response=-two.response, drags=signs * two.drags)
+
+    def _remark(self, sides: list[GivenBody], found: Candidates, rubs: bool) -> None:
+        if not len(found.gap):
             self._notes.append(
                 f"Between: the bodies are farther apart than {1e3 * self.reach:.3g} mm (`reach`), so they do not touch"
             )
-        if found.spacing > COARSE:
-            self._notes.append(
-                f"Between: the candidates are {1e3 * found.spacing:.2g} mm apart, so that patches narrower than "
-                f"{4e3 * found.spacing:.2g} mm are too stiff: more `cells`, or a shorter `reach`"
-            )
-        how = "" if tangents.size else "slide on each other without friction, and "
+        self._remark_spacing(found)
+        how = "" if rubs else "slide on each other without friction, and "
         self._notes.append(
             f"Between: the organs {how}are linear where they touch: large displacement acts under fingers only"
         )
-        if local := sorted({type(body).__name__ for body, _ in bodies if not hasattr(body, "basis")}):
+        if local := sorted({type(side.body).__name__ for side in sides if not hasattr(side.body, "basis")}):
             self._notes.append(
                 f"Between: {' and '.join(local)}: a finger moves only the surface under its patch, so that it does not "
                 "press the organ into its neighbour from the other side, as with deformation.ReducedFE"
+            )
+
+    def _remark_spacing(self, found: Candidates) -> None:
+        if found.spacing > COARSE:
+            self._notes.append(
+                f"{type(self).__name__}: the candidates are {1e3 * found.spacing:.2g} mm apart, so that patches "
+                f"narrower than {4e3 * found.spacing:.2g} mm are too stiff: more `cells`, or a shorter `reach`"
             )
 
     def _hold_cells(self, found: Candidates, normal: np.ndarray, area: np.ndarray) -> None:
@@ -356,13 +388,12 @@ class Between(CompiledNode):
         self.hold("yields", np.zeros((one, one)))
         self.hold("returns", np.zeros((two, two)))
 
-    def _meet(self) -> tuple[Candidates, list[tuple[Any, int]], list[Mesh]]:
-        """The candidates, each body with the number of vertices of its surface, and these surfaces. SettingError: they
-        overlap, or a body or surface cannot be used."""
+    def _sides(self) -> list[GivenBody]:
+        """The bodies of `bodies`. SettingError: a body or surface cannot be used."""
         if not self.bodies:
             raise SettingError("setting 'bodies': empty; a graph that is loaded finds them by its contact.Side")
         try:
-            given, bodies = json.loads(self.bodies), []
+            given, found = json.loads(self.bodies), []
         except ValueError:
             raise SettingError(
                 "setting 'bodies': found no JSON; leave it out, it is set when the graph is loaded"
@@ -374,14 +405,8 @@ class Between(CompiledNode):
                     f"surface {surface.surface!r}: thinned to {1e3 * surface.spacing:.3g} mm, expected all vertices "
                     "where organs touch: scene.surface.spacing: 0, or a coarser mesh"
                 )
-            bodies.append((_body(each["use"])(**each["settings"]), len(surface.mesh().vertices)))
-        found = candidates(surfaces[0].mesh(), surfaces[1].mesh(), self.reach, self.cells)
-        if found.deepest < -OVERLAP:
-            raise SettingError(
-                f"the bodies overlap by {-1e3 * found.deepest:.3g} mm at the start, expected a gap: move one of them "
-                "(`position`)"
-            )
-        return found, bodies, [surface.mesh() for surface in surfaces]
+            found.append(GivenBody(_body(each["use"])(**each["settings"]), surface.mesh()))
+        return found
 
     @ieee_kernel
     def compute(

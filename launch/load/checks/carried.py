@@ -15,18 +15,16 @@ without these keys is unchanged.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from palpate.engine.faults import Faults, Location, choices
+from palpate.launch.load.checks.graph_lines import Line, lines_of, names_in, put_line, touches_itself
 from palpate.launch.load.checks.islands import USES, check_size, islands_of
-from palpate.launch.load.classes import ClassError, find_class
 from palpate.launch.load.files import FOUNDATIONS, MOTIONS
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Contact, Contacts, Force, Friction, Ledger, Load, Message, Pose, Proximity, Surface
 from palpate.messages.contact import OrganContact
 from palpate.messages.wording import written
-from palpate.nodes.base import Node, Observer, inputs, outputs
 from palpate.nodes.base.carrier import Carrier
 
 KINDS = {MOTIONS: "support.Moving", FOUNDATIONS: "support.Foundation"}
@@ -40,29 +38,6 @@ Frames = frozenset[str | None]
 """Motions of the organs that a contact belongs to; None: an organ that does not move."""
 
 
-@dataclass
-class _Line:
-    """A node of the graph file: class, and the senders of each input as written."""
-
-    name: str
-    cls: type[Node]
-    data: dict[str, Any]
-
-    def senders(self, kind: type[Message]) -> list[str]:
-        """Names of the senders at the inputs of this type."""
-        return [node for port in self.ports(kind) for node in _names(self.given(port))]
-
-    def ports(self, kind: type[Message]) -> list[str]:
-        return [port.name for port in inputs(self.cls) if issubclass(port.type, kind)]
-
-    def given(self, port: str) -> Any:
-        inside = self.data.get("in")
-        return inside.get(port) if isinstance(inside, dict) else None
-
-    def sends(self, *kinds: type[Message]) -> bool:
-        return bool(set(outputs(self.cls)) & set(kinds))
-
-
 def add_motions(graph: YamlSource, scene: YamlSource, faults: Faults) -> list[str]:
     """Add the motions and foundations of a scene to a graph. Returns notes."""
     nodes = graph.data.get("nodes")
@@ -72,7 +47,7 @@ def add_motions(graph: YamlSource, scene: YamlSource, faults: Faults) -> list[st
             scene.data.pop(key, None)
     if not any(given.values()) or not isinstance(nodes, dict):
         return []
-    lines = {line.name: line for line in _lines(nodes)}
+    lines = {line.name: line for line in lines_of(nodes)}
     moved: dict[str, str] = {}
     for key, named in given.items():
         if named and not isinstance(named, dict):
@@ -85,7 +60,7 @@ def add_motions(graph: YamlSource, scene: YamlSource, faults: Faults) -> list[st
 
 
 def _add_motion(
-    key: str, name: str, motion: Any, moved: dict[str, str], lines: Mapping[str, _Line], graph: YamlSource,
+    key: str, name: str, motion: Any, moved: dict[str, str], lines: Mapping[str, Line], graph: YamlSource,
     place: Location, faults: Faults,
 ) -> None:  # fmt: skip
     """Add a motion or foundation to a graph, and to `moved` for each of its bodies."""
@@ -100,7 +75,7 @@ def _add_motion(
             faults.add(f"{key}: {body!r} is moved by {moved[body]!r} and {name!r}", "One motion or foundation for each "
                        "body: a motion has both a wave and a `path`.", place)  # fmt: skip
     if key == MOTIONS:  # a foundation follows all that holds its last message, see `_Wiring.connect`
-        _put(graph, name, {"use": KINDS[key], "with": f"${key}.{name}"}, place)
+        put_line(graph, name, {"use": KINDS[key], "with": f"${key}.{name}"}, place)
 
 
 def _use(line: Any) -> Any:
@@ -108,7 +83,7 @@ def _use(line: Any) -> Any:
 
 
 def _bodies(
-    key: str, name: str, motion: Any, lines: Mapping[str, _Line], place: Location, faults: Faults
+    key: str, name: str, motion: Any, lines: Mapping[str, Line], place: Location, faults: Faults
 ) -> Iterator[str]:
     """The bodies that a motion or foundation moves. A fault for each that the graph lacks, and for several on one."""
     moves = motion.get("moves") if isinstance(motion, dict) else None
@@ -127,26 +102,6 @@ def _bodies(
             faults.add(text, choices("Bodies", str(body), known), place)
 
 
-def _lines(nodes: Mapping[str, Any]) -> Iterator[_Line]:
-    """The nodes whose classes are found; the loader reports the others."""
-    for name, data in nodes.items():
-        if not (isinstance(data, dict) and isinstance(data.get("use"), str)):
-            continue
-        try:
-            cls = find_class(data["use"])
-        except ClassError:
-            continue
-        if not issubclass(cls, Observer):
-            yield _Line(name, cls, data)
-
-
-def _names(value: Any) -> list[str]:
-    """The nodes that are named as senders of an input."""
-    several = value if isinstance(value, list) else [value]
-    named = (one.get("from") if isinstance(one, dict) else one for one in several)
-    return [name.partition(".")[0] for name in named if isinstance(name, str)]
-
-
 def _renamed(value: Any, old: str, new: str) -> Any:
     """A sender as written, with another node."""
     if isinstance(value, dict):
@@ -155,14 +110,10 @@ def _renamed(value: Any, old: str, new: str) -> Any:
     return new + dot + stream if head == old else value
 
 
-def _put(graph: YamlSource, name: str, line: dict[str, Any], place: Location) -> None:
-    graph.put(("nodes", name), YamlSource(line, {(): place}))
-
-
 class _Wiring:
     """Connects motions and foundations to a graph. moved: the motion or foundation of each body that moves."""
 
-    def __init__(self, graph: YamlSource, lines: dict[str, _Line], moved: dict[str, str], scene: YamlSource) -> None:
+    def __init__(self, graph: YamlSource, lines: dict[str, Line], moved: dict[str, str], scene: YamlSource) -> None:
         self.graph, self.lines, self.moved = graph, lines, moved
         self.foundations = set(scene.data.get(FOUNDATIONS) or ()).intersection(moved.values())
         rotated = {
@@ -202,10 +153,10 @@ class _Wiring:
                     self._turn_force(line, str(*frames))
             if line.sends(Contact) and line.senders(Contact):
                 self._add_in_world(line)
-            if line.sends(OrganContact) and line.name not in coupled:
+            if line.sends(OrganContact) and line.name not in coupled and not touches_itself(line.cls):
                 self._support_sides(line)
             if line.sends(Ledger):
-                for motion in {self.moved.get(self._origin(body)) for body in _names(line.given("body"))} - {None}:
+                for motion in {self.moved.get(self._origin(body)) for body in names_in(line.given("body"))} - {None}:
                     self._set(line, "support", self._support(str(motion)))
         for body, name in self.moved.items():
             if name in self.foundations:
@@ -225,6 +176,8 @@ class _Wiring:
         for load in self.lines[body].senders(Load):
             line = self.lines.get(self._origin(load))
             contact, touching = (line.senders(kind) if line else [] for kind in (Contact, OrganContact))
+            if any(name in self.lines and touches_itself(self.lines[name].cls) for name in touching):
+                continue  # its forces on the organ are in equilibrium
             if line is None or not (contact or touching):
                 faults.add(f"{FOUNDATIONS}: {foundation!r} moves {body!r}, on which {load!r} presses, which is neither "
                            "a finger nor a contact of organs",
@@ -238,7 +191,7 @@ class _Wiring:
         if organs:
             given = (given if contacts else {"body": body}) | {"organs": organs}
         use = KINDS[FOUNDATIONS] if contacts or not organs else UNTOUCHED
-        _put(self.graph, foundation, {"use": use, "in": given, "with": f"${FOUNDATIONS}.{foundation}"}, self.place)
+        put_line(self.graph, foundation, {"use": use, "in": given, "with": f"${FOUNDATIONS}.{foundation}"}, self.place)
 
     def _poses(self, contact: str) -> list[Any]:
         """The pose, as written, that the collision of a contact reads: in the frame of its organ."""
@@ -246,22 +199,22 @@ class _Wiring:
         collisions = [self.lines[self._origin(name)] for name in near[:1] if self._origin(name) in self.lines]
         return [line.given(port) for line in collisions for port in line.ports(Pose)[:1]]
 
-    def _turn_force(self, line: _Line, foundation: str) -> None:
+    def _turn_force(self, line: Line, foundation: str) -> None:
         """Give the readers of a force in the frame of an organ that rotates, except energy balances, that of the
         world."""
         name = f"{line.name}-world"
         given = {"force": line.name, "support": self._support(foundation)}
-        _put(self.graph, name, {"use": "support.Absolute", "in": given}, self.place)
+        put_line(self.graph, name, {"use": "support.Absolute", "in": given}, self.place)
         for reader in self.lines.values():
             if reader.sends(Ledger):
                 continue
             for port, given in list((reader.data.get("in") or {}).items()):
                 several = given if isinstance(given, list) else [given]
-                if line.name in _names(several):
+                if line.name in names_in(several):
                     seen = [_renamed(one, line.name, name) for one in several]
                     self._set(reader, port, seen if isinstance(given, list) else seen[0])
 
-    def _add_in_world(self, line: _Line) -> None:
+    def _add_in_world(self, line: Line) -> None:
         """Give a node that adds contacts of organs which rotate differently each of them, with its friction, in the
         axes of the world."""
         frames = {name: self.frames(name) for name in line.senders(Contact)}
@@ -277,7 +230,7 @@ class _Wiring:
     def _in_world(self, sender: Any, kind: type[Message], frames: dict[str, Frames]) -> Any:
         """The node that turns a contact or its friction, a sender as written, into the world; itself if its organ does
         not rotate."""
-        name = next(iter(_names([sender])), "")
+        name = next(iter(names_in([sender])), "")
         rubbed = self.lines.get(self._origin(name)) if kind is Friction else None
         contact = next(iter(rubbed.senders(Contact)), "") if rubbed else name
         motion = next(iter(frames.get(contact, {None})))
@@ -287,7 +240,7 @@ class _Wiring:
         data = self.graph.data["nodes"].get(turned)
         if data is None:
             given = {"contact": contact, "support": self._support(str(motion))}
-            _put(self.graph, turned, {"use": "support.World", "in": given}, self.place)
+            put_line(self.graph, turned, {"use": "support.World", "in": given}, self.place)
         if kind is Friction:
             self.graph.put(("nodes", turned, "in", "friction"), YamlSource(sender, {(): self.place}))
         return turned
@@ -305,7 +258,7 @@ class _Wiring:
             self._frames[name] = of_bodies or frozenset().union(*map(self.frames, solvers))
         return self._frames[name]
 
-    def _of_collision(self, line: _Line) -> Frames:
+    def _of_collision(self, line: Line) -> Frames:
         """The motions of the organs whose contacts read a collision."""
         readers = (
             each.name for each in self.lines.values()
@@ -318,10 +271,10 @@ class _Wiring:
         seen = set[str]()
         while name in self.lines and issubclass(self.lines[name].cls, Carrier) and name not in seen:
             seen.add(name)
-            name = next(iter(_names(self.lines[name].given("message"))), name)
+            name = next(iter(names_in(self.lines[name].given("message"))), name)
         return name
 
-    def _see_from(self, line: _Line, motion: str | None) -> None:
+    def _see_from(self, line: Line, motion: str | None) -> None:
         """Replace the poses that a node reads by those in the frame of a motion."""
         for port in line.ports(Pose):
             given = line.given(port)
@@ -331,19 +284,19 @@ class _Wiring:
 
     def _relative(self, pose: Any, motion: str) -> str:
         """The node that sends a pose, as written, in the frame of a motion."""
-        name = f"{_names(pose)[0]}-{motion}"
+        name = f"{names_in(pose)[0]}-{motion}"
         if name not in self.graph.data["nodes"]:
             line = {"use": "support.Relative", "in": {"pose": pose, "support": self._support(motion)}}
-            _put(self.graph, name, line, self.place)
+            put_line(self.graph, name, line, self.place)
         return name
 
-    def _support_sides(self, line: _Line) -> None:
+    def _support_sides(self, line: Line) -> None:
         """Give a contact of organs the motions of its bodies."""
         for side, body in self._sides(line):
             if body in self.moved:
                 self._set(line, f"{side}_support", self._support(self.moved[body]))
 
-    def _sides(self, line: _Line) -> Iterator[tuple[str, str]]:
+    def _sides(self, line: Line) -> Iterator[tuple[str, str]]:
         """Each body of a contact of organs, with its side."""
         for side in self.lines.values():
             if side.sends(Load) and line.name in side.senders(OrganContact):
@@ -378,5 +331,5 @@ class _Wiring:
                 self._set(self.lines[name], "supports", [self._support(each) for each in dict.fromkeys(moving)])
         return {name for island in found for name in island}
 
-    def _set(self, line: _Line, port: str, sender: Any) -> None:
+    def _set(self, line: Line, port: str, sender: Any) -> None:
         self.graph.put(("nodes", line.name, "in", port), YamlSource(sender, {(): self.place}))

@@ -6,6 +6,7 @@ from typing import Any
 
 from palpate.engine.faults import Faults
 from palpate.engine.graph import NodeSpec
+from palpate.launch.load.checks.graph_lines import touches_itself
 from palpate.launch.load.contact_paths import MESH
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, Ledger, Load
@@ -37,13 +38,37 @@ def place_bodies(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faul
         sides = [side for side in sides if _is_side(nodes[side].cls)]
         found = [_side(name, which, sides, nodes, wires, faults) for which in SIDES]
         if None not in found:
-            spec.settings["bodies"] = json.dumps(found, sort_keys=True)
+            spec.settings["bodies"] = json.dumps(_of_one(name, sides, found, nodes, wires, faults), sort_keys=True)
     for name in nodes:
         loads = [w.producer for w in wires if w.consumer == name and issubclass(w.port.type, Load)]
         sides = [sender for sender in loads if _is_side(nodes[sender].cls)]
         if sides and not _solves(nodes[name].cls):
             _check_fingers(name, sides, nodes, wires, faults)
     _check_balances(nodes, wires, faults)
+
+
+def _of_one(
+    name: str, sides: list[str], found: list[Any], nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults
+) -> list[Any]:
+    """The bodies of a contact: one, if it is that of an organ with itself. A fault if it is, but not by its class, or
+    the other way round."""
+    spec, bodies = nodes[name], {body for side in sides for body in _bodies(side, nodes, wires)}
+    alone = touches_itself(spec.cls)
+    if alone == (len(bodies) == 1):
+        return found[:1] if alone else found
+    use = "contact.Between" if alone else "contact.Folds"
+    faults.add(
+        f"a {spec.use} whose sides load {_list(sorted(bodies))}, expected {'one body' if alone else 'two bodies'}",
+        f"`{name}: {{use: {use}}}`, or a contact.Side of {'the same' if alone else 'another'} body.", spec.place,
+        node=name,
+    )  # fmt: skip
+    return found
+
+
+def _bodies(side: str, nodes: dict[str, NodeSpec], wires: list[Wire]) -> list[str]:
+    """The bodies that bear the load of a side."""
+    readers = [w.consumer for w in wires if w.producer == side and issubclass(w.port.type, Load)]
+    return [reader for reader in readers if not _solves(nodes[reader].cls)]
 
 
 def _count_organs(nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> None:
@@ -81,8 +106,7 @@ def _side(
         )  # fmt: skip
         return None
     side = named[0]
-    bodies = [w.consumer for w in wires if w.producer == side and issubclass(w.port.type, Load)]
-    bodies = [body for body in bodies if not _solves(nodes[body].cls)]
+    bodies = _bodies(side, nodes, wires)
     if len(bodies) != 1:
         faults.add(
             f"its Load is read by {len(bodies)} bodies, expected 1",
@@ -90,7 +114,7 @@ def _side(
         )  # fmt: skip
         return None
     body = nodes[bodies[0]]
-    _check_loads(name, which, side, bodies[0], nodes, wires, faults)
+    _check_loads(name, which, sides, side, bodies[0], nodes, wires, faults)
     if not _can_touch(body):
         faults.add(
             f"{bodies[0]!r} is a {body.use}, which has no contact with other bodies",
@@ -103,11 +127,16 @@ def _side(
 
 
 def _check_loads(
-    name: str, which: str, side: str, body: str, nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults
-) -> None:
-    """A fault unless a contact of organs gets all other loads of a body, in the order of the body."""
+    name: str, which: str, sides: list[str], side: str, body: str, nodes: dict[str, NodeSpec], wires: list[Wire],
+    faults: Faults,
+) -> None:  # fmt: skip
+    """A fault unless a contact of organs gets all other loads of a body, in the order of the body; that of an organ
+    with itself gets them as the first ones."""
     expected = [w.producer for w in wires if w.consumer == body and issubclass(w.port.type, Load)]
-    expected.remove(side)
+    if touches_itself(nodes[name].cls):
+        expected = [load for load in expected if load not in sides] if which == SIDES[0] else []
+    else:
+        expected.remove(side)
     found = [w.producer for w in wires if w.consumer == name and w.port.name == which]
     if found != expected:
         faults.add(
