@@ -128,6 +128,19 @@ def test_a_linear_body_stores_half_the_work_and_cycles_generate_no_energy():
     assert held[0].stored() == approx(0.5 * np.dot([0.4, 0.5, 0.2], depths), rel=5e-3)
 
 
+@pytest.mark.parametrize("force", [0.05, 0.4])
+def test_an_organ_whose_load_a_finger_pushes_back_stores_half_the_work_of_both(force):
+    """Another organ pulls the surface up next to a finger that presses it down: the energy of its load is negative, or
+    would be zero where the finger wins, and then that of the finger alone."""
+    many = slab("linear").under(2)
+    many.own.contacts[1].organ = True
+    loads = [load(slab("linear"), (0.0, 0.0), 1.0), load(slab("linear"), (0.010, 0.0), force, (0.0, 0.0, -1.0))]
+    for _ in range(3):
+        depths = [law[2] for law in many.steps(loads, 1e3)]
+    assert (depths[1] < 0.0) == (force == 0.05)
+    assert many.stored() == approx(0.5 * np.dot([1.0, force], depths), rel=1e-6)
+
+
 def test_the_slope_is_the_gradient_of_the_indentation_by_other_contacts():
     body, step = slab("linear"), 2e-4
     many = body.under(2)

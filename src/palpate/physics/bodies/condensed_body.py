@@ -210,8 +210,10 @@ def is_still(body: CondensedBody):
 @ieee_kernel
 def patch_energy(body: CondensedBody):
     """Energy [J] stored under the patches of the last step, V(s) of `place_energy`, of each contact in proportion to
-    its part of the effective force. For a linear body this is f.C f/2. The energy of tangential loads and of former
-    patches is not included."""
+    its part of the effective force. The load y of another organ stores y (s + t)/2: s is the displacement of its place,
+    negative where other loads push that outwards, and t the part of it by friction, for y t is the work of the friction
+    on the displacement by y (E. Betti 1872). For a linear body without tangential loads this is f.C f/2. The energy of
+    other tangential loads and of former patches is not included."""
     if len(body.contacts) == 1 and len(body.model.area.forces) == 0:
         return _stored_under(body.model, body.contacts[0])
     total, bears = 0.0, np.empty(len(body.contacts))
@@ -219,6 +221,10 @@ def patch_energy(body: CondensedBody):
         bears[i] = body.contacts[i].course.value
     for i in range(len(bears)):
         acting = bears[i] + row_times(body.cross[i], bears) / max(body.contacts[i].self_compliance, 1e-300)
+        if body.contacts[i].organ:
+            now, normal = body.contacts[i].now, body.contacts[i].self_compliance * acting
+            total += 0.5 * bears[i] * (now + (now - normal))
+            continue
         if len(body.model.area.forces) > 0:
             press, own = body.contacts[0].press if len(bears) == 1 else bears[i], body.contacts[i].self_compliance
             linear = own * (acting - bears[i] + press) - step.fixed_part(body.model, body.contacts[i]) * press
