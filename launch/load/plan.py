@@ -10,11 +10,11 @@ from dataclasses import replace
 from heapq import heappop, heappush
 
 from palpate.engine.faults import Fault, GraphError
-from palpate.engine.graph import Edge, Graph
+from palpate.engine.graph import Edge, Graph, NodeSpec
 from palpate.engine.plan import Plan
 from palpate.launch.load.classes import body
 from palpate.launch.load.effects import trim_fields
-from palpate.nodes.base import SettingError, inputs
+from palpate.nodes.base import SettingError, effects, inputs
 
 
 def plan(graph: Graph) -> Plan:
@@ -112,9 +112,11 @@ def missing_senders(graph: Graph) -> list[Fault]:
             driving = index == 0 and not spec.cls.paced
             if edge.producer in running or (port.optional and not driving):
                 continue
-            if driving and port.optional and any(e.producer in running for e in spec.edges if e.port == port.name):
+            if driving and port.optional and _has_sender(spec, port.name, running):
                 continue
             sender = graph.nodes[edge.producer]
+            if port.many and _is_effect(graph.nodes[edge.producer]) and _has_sender(spec, port.name, running):
+                continue
             need = "drives this node" if driving else "is not optional"
             without = f"{port.name}: {replace(port, optional=True).expects}"
             cure = f"Give node {name!r} the condition `when: {sender.when}` as well"
@@ -122,6 +124,15 @@ def missing_senders(graph: Graph) -> list[Fault]:
             text = f"{need}, but its sender {sender.name!r} does not run: {sender.off}"
             faults.append(Fault(text, cure, spec.place, node=name, port=edge.port))
     return faults
+
+
+def _has_sender(spec: NodeSpec, port: str, running: set[str]) -> bool:
+    return any(edge.producer in running for edge in spec.edges if edge.port == port)
+
+
+def _is_effect(sender: NodeSpec) -> bool:
+    """Whether a node as a whole is an effect, so that a list of several senders does without it."""
+    return any(effect.how == "node" for effect in effects(sender.cls))
 
 
 def _running(graph: Graph) -> set[str]:

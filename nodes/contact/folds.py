@@ -16,8 +16,9 @@ class Folds(Between):
     """A `contact.Between` of an organ with itself: of the walls of a cut, a fissure or a fold that close under a load
     (docs/equations/between.md).
 
-    `first` are all loads on the body but those of its two `contact.Wall`, in the order of the body's loads. Walls that
-    the body's basis couples (`walls` of ReducedFE) are left out. The scene's key `folds` adds this node to a graph.
+    `first` are the loads of fingers on the body, `second` those of other organs, without its two `contact.Wall`, in the
+    order of the body's loads. Walls that the body's basis couples (`walls` of ReducedFE) are left out. The scene's key
+    `folds` adds this node to a graph.
 
     reach   largest gap of walls that have candidates
     """
@@ -34,7 +35,7 @@ class Folds(Between):
     def _answers(
         self, sides: list[GivenBody], found: Candidates, normal: np.ndarray, area: np.ndarray, tangents: np.ndarray
     ) -> tuple[BetweenBody, BetweenBody]:
-        """Compliance of the body for the opening of the candidates, and none of a second one."""
+        """Compliance of the body for the opening of the candidates; as the second body it only has other loads."""
         ((body, mesh),) = sides
         between = partial(body.between, len(mesh.vertices))
         one = folded_between(between, found.first, found.second, normal, area, tangents)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from palpate.engine.faults import Faults, Location, choices
-from palpate.launch.load.checks.graph_lines import Line, lines_of, put_line
+from palpate.launch.load.checks.graph_lines import Line, lines_of, names_in, put_line
 from palpate.launch.load.contact_paths import MESH
 from palpate.launch.load.files import FOLDS
 from palpate.launch.load.values.source import YamlSource
@@ -57,7 +57,10 @@ def _add(name: str, body: Line, lines: Mapping[str, Line], graph: YamlSource, pl
     """Add the contact of a body with itself, and connect it."""
     port = body.ports(Load)[0]
     loads, walls = _listed(body.given(port)), [f"{side}-wall-{body.name}" for side in SIDES]
-    put_line(graph, name, {"use": USE, "in": {"first": loads, "second": []}, "with": f"${FOLDS}.{body.name}"}, place)
+    organs = [load for load in loads if any(lines[n].ports(OrganContact) for n in names_in(load) if n in lines)]
+    first = [load for load in loads if load not in organs] or organs
+    given = {"first": first, "second": [load for load in loads if load not in first]}
+    put_line(graph, name, {"use": USE, "in": given, "with": f"${FOLDS}.{body.name}"}, place)
     surface = {key: body.data[key] for key in ("with", *MESH) if key in body.data}
     for side, wall in zip(SIDES, walls, strict=True):
         put_line(graph, wall, {"use": WALL, "in": {"contact": name}, "side": side, **surface}, place)

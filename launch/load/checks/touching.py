@@ -131,10 +131,13 @@ def _check_loads(
     faults: Faults,
 ) -> None:  # fmt: skip
     """A fault unless a contact of organs gets all other loads of a body, in the order of the body; that of an organ
-    with itself gets them as the first ones."""
+    with itself gets those of fingers as `first`, and those of other organs, which it may influence in turn, as
+    `second`."""
     expected = [w.producer for w in wires if w.consumer == body and issubclass(w.port.type, Load)]
     if touches_itself(nodes[name].cls):
-        expected = [load for load in expected if load not in sides] if which == SIDES[0] else []
+        others = [load for load in expected if load not in sides]
+        first = [load for load in others if not _is_side(nodes[load].cls)] or others
+        expected = first if which == SIDES[0] else [load for load in others if load not in first]
     else:
         expected.remove(side)
     found = [w.producer for w in wires if w.consumer == name and w.port.name == which]
