@@ -1,11 +1,11 @@
 """Slides across gaps and grooves: how fast the force on the hand changes, against the same body without them.
 
-    python benchmarks/slides.py [SURFACE ...] [--body MassSpring] [--exact] [--json]
+    python benchmarks/slides.py [SURFACE ...] [--body MassSpring] [--folds REACH] [--exact] [--json]
 
 Surfaces are those of the zoo of `palpate bench organs` that have a gap across y = 0. For each the largest change of the
 force on the hand in a tick, over 1.5 times that of the uncut body + 0.01 N, which is the limit; and the same for what
 changes while the foot is less than `NEAR` from the middle of the gap. Beyond it slides begin and end: there the changes
-are steps of the encoders of 10 to 20 um, which `--exact` leaves out.
+are steps of the encoders of 10 to 20 um, which `--exact` leaves out. With `--folds` walls nearer than REACH [mm] touch.
 
 The block is 24 mm thick, so the layers of BeamBundle are thinner and softer there by the same factor, which keeps their
 compliance. A basis of ReducedFE that is not stored is built, for 20 to 60 s.
@@ -43,11 +43,18 @@ def layers_of(body: str, surface: str) -> tuple[str, ...]:
     return tuple(f"tissue.{name}={[THINNER * value for value in values]}" for name, values in LAYERS.items())
 
 
-def changes(name: str, touches: list[Touch], folder: Path, silent: bool) -> tuple[np.ndarray, np.ndarray]:
+def folds_of(reach: float) -> tuple[str, ...]:
+    """The values of `--set` with which walls nearer than a reach [mm] touch; 0: none do."""
+    return (f"scene.folds={{tissue: {{reach: {reach:g} mm}}}}", "scene.surface.spacing=0") if reach else ()
+
+
+def changes(
+    name: str, touches: list[Touch], folder: Path, silent: bool, more: tuple[str, ...] = ()
+) -> tuple[np.ndarray, np.ndarray]:
     """Largest change of the force on the hand in a tick [N] of each touch, and the largest one near the gap [N]."""
     placed = [on(touch, name) for touch in touches]
     body = placed[0].setting.body
-    extra = layers_of(body, name)
+    extra = (*layers_of(body, name), *more)
     build_missing(launch(placed[0].setting, folder, placed[0].duration, extra).load(), silent)
     traces = run(placed, folder, extra=extra)[0]
     if traces.failed:
@@ -61,6 +68,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("surfaces", nargs="*", default=SURFACES)
     parser.add_argument("--body", default="MassSpring")
+    parser.add_argument("--folds", type=float, default=0.0, metavar="REACH", help="[mm] of walls that touch")
     parser.add_argument("--exact", action="store_true", help="a device without encoder steps")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
@@ -73,7 +81,7 @@ def main() -> None:
         report = bars.begin("slides")
         for k, name in enumerate(given.surfaces):
             report(k / len(given.surfaces), name)
-            change, near = changes(name, touches, Path(folder), given.json)
+            change, near = changes(name, touches, Path(folder), given.json, folds_of(given.folds))
             uncut, _ = changes(WHOLE.get(name, "block"), touches, Path(folder), given.json)
             limit = MORE * uncut + LIGHT
             found[name] = {
@@ -82,7 +90,7 @@ def main() -> None:
             }  # fmt: skip
         report(1.0, "")
     if given.json:
-        print(json.dumps({"body": given.body, "exact": given.exact, "surfaces": found}))
+        print(json.dumps({"body": given.body, "folds [mm]": given.folds, "exact": given.exact, "surfaces": found}))
         return
     for name, row in found.items():
         over, near, most, least = row.values()

@@ -129,7 +129,7 @@ def test_two_pieces_of_one_body_have_the_compliance_of_two_bodies(poisson):
 
 
 def slotted_mesh(gap, cells=(4, 9, 10)):
-    """A block of 20 x 20 x 15 mm, with a slot from its top, 9 mm deep, in the middle of y."""
+    """A block of 20 x 20 x 15 mm, with a slot from its top, 9 mm deep, in the middle of y, `gap` [m] wide."""
     whole = box((0.02, 0.02, 0.015), cells)
     place = whole.points[whole.elements[:, :4]].mean(axis=1)
     width = 0.02 / cells[1]
@@ -147,9 +147,9 @@ def slotted_mesh(gap, cells=(4, 9, 10)):
 
 
 def test_lobes_of_one_piece_press_on_each_other_as_in_full_finite_elements():
-    """A load on the outer side of a lobe closes the slot: force between the walls, and the motion of the load, of
-    finite elements with contact (`fe.Pair`), and of the condensed block with candidates. Displacements are 1 % of the
-    depth of the slot. Without the compliance of one wall by forces on the other the force is wrong by 10 % and more."""
+    """A load on the outer side of a lobe closes the slot towards the other lobe, which is held: force between walls, and
+    the motion of the load, of finite elements with contact (`fe.Pair`), and of the condensed block with candidates.
+    Without the compliance of one wall by forces on the other the force is wrong by more than 10 %."""
     gap, push = 0.005 * MM, 0.0003
     mesh, law = slotted_mesh(gap), {0: neo_hooke(YOUNG, POISSON)}
     held = (mesh.points[:, 2] < 1e-9) & (mesh.points[:, 1] > 0.0122)  # the lobe that is not pushed
