@@ -218,6 +218,9 @@ def test_a_printed_yaml_block_loads(folder, where, text):
     elif all("use" in line for line in data.values()):
         (folder / "page.yaml").write_text(yaml.safe_dump({"extends": "kidney", "nodes": data}))
         find("page.yaml").plan()
+    elif list(data) == ["folds"]:
+        (folder / "page.yaml").write_text(f"extends: kidney\n{text}")
+        assert "folds-tissue" in find("kidney").but(scene=folder / "page.yaml").plan().order
     elif list(data) == ["foundations"]:
         (folder / "page.yaml").write_text(f"extends: pinch\n{text}")
         find("pinch").but(scene=folder / "page.yaml").plan()

@@ -147,7 +147,7 @@ def slotted_mesh(gap, cells=(4, 9, 10)):
 
 
 def test_lobes_of_one_piece_press_on_each_other_as_in_full_finite_elements():
-    """A load on the outer side of a lobe closes the slot towards the other lobe, which is held: force between walls, and
+    """A load on the outer side of a lobe closes the slot towards the other lobe, which is held: force on the walls, and
     the motion of the load, of finite elements with contact (`fe.Pair`), and of the condensed block with candidates.
     Without the compliance of one wall by forces on the other the force is wrong by more than 10 %."""
     gap, push = 0.005 * MM, 0.0003
