@@ -11,6 +11,7 @@ takes 20 % of the bytes. A sampled basis consists of numbers of half precision t
 import math
 import struct
 import zlib
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -25,18 +26,29 @@ LARGEST = np.float32(3e4)  # the largest number of half precision
 APART = 3  # [1] entries from a vertex to the next one
 
 
-def packed(data: bytes) -> bytes:
-    """The shortest form of memory, compressed (gzip)."""
+def shortest(data: bytes) -> bytes:
+    """The form of memory that is the shortest one when compressed."""
     matrix = symmetric(data) if len(data) >= SAMPLE else None
     if matrix is not None:
-        return _squeezed(matrix)
+        return matrix
     half = halves(data) if len(data) >= SAMPLE else None
-    return min(map(_squeezed, [*_forms(data), *([half] if half is not None else [])]), key=len)
+    forms = [*_forms(data), *([half] if half is not None else [])]
+    return min(forms, key=lambda form: len(squeezed(form))) if len(forms) > 1 else forms[0]
 
 
-def _squeezed(form: bytes) -> bytes:
+def squeezed(data: bytes) -> bytes:
+    """Bytes compressed with gzip."""
     squeeze = zlib.compressobj(9, zlib.DEFLATED, 31)
-    return squeeze.compress(form) + squeeze.flush()
+    return squeeze.compress(data) + squeeze.flush()
+
+
+def joined(forms: Mapping[bytes, bytes]) -> bytes:
+    """The content of a file: the number of forms, for each the SHA-256 of its memory and its length, then the forms.
+
+    forms  by the SHA-256 of their memory
+    """
+    heads = (key + struct.pack("<I", len(form)) for key, form in forms.items())
+    return struct.pack("<I", len(forms)) + b"".join(heads) + b"".join(forms.values())
 
 
 def _forms(data: bytes) -> list[bytes]:

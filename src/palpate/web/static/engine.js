@@ -26,12 +26,14 @@ export function connect({ told, came }) {
   let chosen = site.variants.find(({ first }) => first), running = chosen, switching = 0, alive = false; // the variant asked for last, and the one that came
   let used = null, after = null, halted = false; // the device, what follows when its exchange has ended, whether its run has stopped
 
-  const ask = (order, key) => new Promise((resolve) => { waiting.set(key, resolve); worker.postMessage(order); });
-  const had = new Set();
-  async function bring(hash) {
-    if (had.has(hash)) return;
-    had.add(hash);
-    try { await ask({ file: { hash, text: await load(hash) } }, `have ${hash}`); } catch (error) { had.delete(hash); throw error; }
+  const give = (file) => new Promise((resolve) => { waiting.set(file.hash, resolve); worker.postMessage({ file }); });
+  // A file that the worker has, or that is on its way.
+  const files = new Map();
+  function bring(hash) {
+    if (!files.has(hash)) files.set(hash, load(hash).then((text) => give({ hash, text })).then(({ why }) => {
+      if (why) throw new Error(`the file ${hash} of this folder is damaged: ${why}`);
+    }).catch((error) => { files.delete(hash); throw error; }));
+    return files.get(hash);
   }
 
   // Start a variant, after its files have come. device: what the worker opens for it.
@@ -43,9 +45,7 @@ export function connect({ told, came }) {
     if (used && !variant.device) { after = () => begin(variant, recording); worker.postMessage({ device: null }); return; }
     say("loading");
     try {
-      await Promise.all([bring(variant.hash), bring(site.code)]);
-      const { hashes } = await ask({ needs: { hash: variant.hash } }, `needs ${variant.hash}`);
-      await Promise.all(hashes.map(bring));
+      await Promise.all(variant.files.map(bring));
       if (mine !== switching) return;
       running = variant;
       worker.postMessage({ begin: { hash: variant.hash, code: site.code, recording, device } });
@@ -112,7 +112,7 @@ export function connect({ told, came }) {
     else if (data.came) { came(data.came); requestAnimationFrame(() => worker.postMessage({ drawn: true })); }
     else if (data.file) save(data.file);
     else if (data.ended !== undefined) detached(data.ended);
-    else { const key = data.have ? `have ${data.have}` : `needs ${data.needs}`; waiting.get(key)?.(data); waiting.delete(key); }
+    else { waiting.get(data.have)(data); waiting.delete(data.have); }
   };
   worker.onerror = ({ message }) => say(`stopped: ${message}`);
   document.addEventListener("visibilitychange", () => worker.postMessage({ hidden: document.hidden }));

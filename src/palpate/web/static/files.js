@@ -3,14 +3,27 @@
 import { sha256 } from "/sha256.js";
 import { restored } from "/unpack.js";
 
-// The content of a file, whose compressed bytes must have the hash in its name.
+const KEY = 32; // [bytes] of the hash of data
+
+// The data in a file by their hashes, as `joined` in web/packing.py; its compressed bytes must have the hash in its name.
 export async function unpacked(hash, text) {
   const letters = atob(text), packed = new Uint8Array(letters.length);
   for (let k = 0; k < packed.length; k++) packed[k] = letters.charCodeAt(k);
   if (sha256(packed) !== hash) throw new Error("it does not have the hash in its name");
   const { readable, writable } = new DecompressionStream("gzip"), writer = writable.getWriter();
   for (const done of [writer.write(packed), writer.close()]) done.catch(() => {}); // reading fails too
-  return restored(new Uint8Array(await new Response(readable).arrayBuffer()));
+  return parted(new Uint8Array(await new Response(readable).arrayBuffer()));
+}
+
+function parted(bytes) {
+  const view = new DataView(bytes.buffer), count = view.getUint32(0, true), found = new Map();
+  for (let k = 0, head = 4, at = 4 + (KEY + 4) * count; k < count; k++, head += KEY + 4) {
+    const key = Array.from(bytes.subarray(head, head + KEY), (byte) => byte.toString(16).padStart(2, "0")).join("");
+    const end = at + view.getUint32(head + KEY, true);
+    found.set(key, restored(bytes.slice(at, end)));
+    at = end;
+  }
+  return found;
 }
 
 // The text in a script of data.

@@ -21,13 +21,13 @@ export async function load(folder, { scene, organ, body, effects = {}, hard = nu
   const fits = (one) => last(one.body) === last(body ?? first.body) && one.case === hard && !one.device && Object.entries(wish).every(([name, on]) => one.effects[name] === on);
   const variant = here.find(fits);
   if (!variant) throw new Error(`no such variant; this folder has ${site.variants.map((one) => `${[one.scene, one.organ, one.case].filter(Boolean).map((name) => `${name} `).join("")}${one.body} ${JSON.stringify(one.effects)}`).join(", ")}`);
-  const file = async (hash) => {
+  const data = new Map();
+  await Promise.all(variant.files.map(async (hash) => {
     const name = `data/${hash}.js`;
-    try { return await unpacked(hash, quoted(await read(name))); } catch (error) { throw new Error(`${name}: ${error.message}`); }
-  };
-  const about = JSON.parse(new TextDecoder().decode(await file(variant.hash)));
-  const parts = new Map(await Promise.all(about.parts.map(async ({ hash }) => [hash, await file(hash)])));
-  return new Touch(about, await WebAssembly.compile(await file(site.code)), parts, await file(about.mesh), variant);
+    try { for (const [key, bytes] of await unpacked(hash, quoted(await read(name)))) data.set(key, bytes); } catch (error) { throw new Error(`${name}: ${error.message}`); }
+  }));
+  const about = JSON.parse(new TextDecoder().decode(data.get(variant.hash)));
+  return new Touch(about, await WebAssembly.compile(data.get(site.code)), data, data.get(about.mesh), variant);
 }
 
 export class Touch {

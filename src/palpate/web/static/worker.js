@@ -12,7 +12,7 @@ const BACKLOG = 100; // [ticks] that a turn runs at most; if more are due, all b
 const FRAME = 1000 / 30; // [ms] between frames, at least
 const FADING = 500; // [ms] that a hidden page goes on, while the finger that it has lifted leaves the organ; later ticks are left out
 const COUNTED = 500; // [ticks] over which the time of a tick is averaged; the clock of a worker has steps of 0.1 ms
-const known = new Map(); // parts and modules by their hash
+const known = new Map(); // data and modules by their hash
 
 let device = null, port = null, halted = false; // the raw-HID device and its connection, while it is open; whether its run has ended
 let replay = null; // the recording that runs again
@@ -25,15 +25,14 @@ const say = (text) => postMessage({ told: { kind: "status", text, keep: true, pa
 
 const orders = {
   async file({ hash, text }) {
-    try { known.set(hash, await unpacked(hash, text)); } catch (error) { known.set(hash, null); say(`stopped: the file ${hash} of this folder is damaged: ${error.message}`); }
-    postMessage({ have: hash });
+    try {
+      for (const [key, data] of await unpacked(hash, text)) known.set(key, data);
+      postMessage({ have: hash });
+    } catch ({ message }) { postMessage({ have: hash, why: message }); }
   },
-  // Start a variant whose files have come.
+  // Start a variant whose files are known.
   async begin({ hash, code, recording, device: wanted }) {
-    if ([hash, code].some((one) => !known.get(one))) return;
     about = JSON.parse(new TextDecoder().decode(known.get(hash)));
-    const needed = about.parts.map((part) => part.hash);
-    if ([...needed, about.mesh].some((one) => !known.get(one))) return;
     if (known.get(code) instanceof Uint8Array) known.set(code, await WebAssembly.compile(known.get(code)));
     module = known.get(code);
     tick = new Tick(about, module, known);
@@ -63,12 +62,6 @@ const orders = {
     postMessage({ file: { name: about.name, parts } }, parts.map((part) => part.buffer).filter((buffer, k, all) => all.indexOf(buffer) === k));
     follow(); say(tick.failed ? failure() : "running");
   },
-};
-
-// The files of a variant that have not come. Asked for by the page before `begin`.
-orders.needs = ({ hash }) => {
-  const text = known.get(hash) && JSON.parse(new TextDecoder().decode(known.get(hash)));
-  postMessage({ needs: hash, hashes: text ? [...text.parts.map((part) => part.hash), text.mesh].filter((one) => !known.has(one)) : [] });
 };
 
 function point([sample, place, buttons], { finger }) {
